@@ -1,0 +1,1 @@
+"""Kinetostatic calibration of a SCARA robot by touch."""

@@ -1,0 +1,65 @@
+"""Every error this package raises on purpose, under one root; each carries its data.
+
+The command line turns them into exit statuses in one place (`cli.main`), the
+nodes into a failed service answer; nothing else catches the root.
+
+- `InputError` and its kin (exit status 2): a file, a key, an option is wrong;
+  the message names it and says what to do.
+- `UnsupportedDataError` (exit status 3): the inputs are well-formed, but the
+  data cannot support a calibration.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class ScaraKinetostaticError(Exception):
+    """Root of all errors of this package."""
+
+
+class InputError(ScaraKinetostaticError):
+    """An input is wrong. The message is one line: where, what, and what to do.
+
+    Args:
+        where: the file, topic, option or parameter at fault.
+        problem: what is wrong with it ("expected X, got Y").
+        remedy: what the user can do about it.
+    """
+
+    def __init__(self, where: str | Path, problem: str, remedy: str = '') -> None:
+        self.where = str(where)
+        self.problem = problem
+        self.remedy = remedy
+        text = f'{where}: {problem}' + (f'; {remedy}' if remedy else '')
+        super().__init__(' '.join(text.split()))
+
+
+class CellError(InputError):
+    """A cell description that cannot be read or makes no sense."""
+
+
+class RecordingError(InputError):
+    """A recording that cannot be read, or lacks what is needed."""
+
+
+class OutputError(InputError):
+    """A place that cannot be written to."""
+
+
+class ParameterError(InputError):
+    """A parameter name or value that makes no sense."""
+
+
+class UnsupportedDataError(ScaraKinetostaticError):
+    """The data cannot support a calibration (too few touches, no contact, …).
+
+    Args:
+        problem: what is lacking.
+        remedy: which data would do.
+    """
+
+    def __init__(self, problem: str, remedy: str = '') -> None:
+        self.problem = problem
+        self.remedy = remedy
+        super().__init__(' '.join((problem + (f'; {remedy}' if remedy else '')).split()))

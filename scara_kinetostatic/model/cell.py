@@ -1,0 +1,104 @@
+"""The cell: the robot's nominal model, the discs, the sensor, the noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.model.parameters import Parameters
+
+
+class GripperSign(str, Enum):
+    """Sign of the gripper law (7): as physics has it, or as the paper printed it."""
+
+    PHYSICAL = 'physical'
+    PAPER = 'paper'
+
+
+class SensorFrame(str, Enum):
+    """Frame in which the wrench is reported: the base, or the one carried by link 2."""
+
+    BASE = 'base'
+    TOOL = 'tool'
+
+
+class SensorSign(str, Enum):
+    """Whose force the sensor reports: the robot's on the object, or the reaction on the robot."""
+
+    ON_OBJECT = 'on_object'
+    ON_ROBOT = 'on_robot'
+
+
+class Disc(NamedTuple):
+    """A calibration object.
+
+    Attributes:
+        name: unique in the cell.
+        x: centre in the base frame, m.
+        y: centre in the base frame, m.
+        radius: from the disc's centre to the tip's centre in contact, m.
+    """
+
+    name: str
+    x: float
+    y: float
+    radius: float
+
+
+class Sensor(NamedTuple):
+    """The two topics and how the wrench is to be read."""
+
+    joint_states: str = '/joint_states'
+    wrench: str = '/wrench'
+    frame: SensorFrame = SensorFrame.BASE
+    sign: SensorSign = SensorSign.ON_OBJECT
+
+
+class Noise(NamedTuple):
+    """Repeatability of one touch, one standard deviation: joint angle in rad, force component in N."""
+
+    joint: float
+    force: float
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What is known about the cell before the calibration (`cell.yaml`).
+
+    Attributes:
+        nominal: L̄n.
+        discs: the calibration objects, at least one.
+        joint_names: names of q1 and q2 in `JointState`.
+        sensor: topics, frame and sign of the sensor.
+        noise: None where it is to be estimated from the residuals.
+        gripper_sign: sign of (7).
+    """
+
+    nominal: Parameters
+    discs: tuple[Disc, ...]
+    joint_names: tuple[str, str] = ('joint1', 'joint2')
+    sensor: Sensor = field(default_factory=Sensor)
+    noise: Noise | None = None
+    gripper_sign: GripperSign = GripperSign.PHYSICAL
+
+    @property
+    def centers(self) -> NDArray[np.float64]:
+        """Centres of the discs, shape (m, 2), m."""
+        return np.array([[disc.x, disc.y] for disc in self.discs])
+
+    @property
+    def radii(self) -> NDArray[np.float64]:
+        """Radii of the discs, shape (m,), m."""
+        return np.array([disc.radius for disc in self.discs])
+
+
+PAPER_DISCS = (
+    Disc('disc_1', -0.25, 0.30, 0.15),
+    Disc('disc_2', 0.20, 0.40, 0.05),
+    Disc('disc_3', 0.05, 0.25, 0.08),
+)
+"""The three discs of figure 3."""

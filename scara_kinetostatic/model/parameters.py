@@ -1,0 +1,140 @@
+"""The twelve parameters L̄ of table 1: names, units, order, values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scara_kinetostatic.errors import ParameterError
+
+UNITS = {
+    'x0': 'm',
+    'y0': 'm',
+    'theta1': 'rad',
+    'l1': 'm',
+    'theta2': 'rad',
+    'l2': 'm',
+    'p_ee': 'm/N',
+    'p1': 'rad/Nm',
+    'p2': 'rad/Nm',
+    'g_ee': 'm',
+    'g1': 'rad',
+    'g2': 'rad',
+}
+NAMES = tuple(UNITS)
+DESCRIPTIONS = {
+    'x0': 'base offset along x',
+    'y0': 'base offset along y',
+    'theta1': 'offset of joint 1',
+    'l1': 'length of link 1',
+    'theta2': 'offset of joint 2',
+    'l2': 'length of link 2',
+    'p_ee': 'compliance of the gripper',
+    'p1': 'compliance of joint 1',
+    'p2': 'compliance of joint 2',
+    'g_ee': 'backlash of the gripper, half the gap',
+    'g1': 'backlash of joint 1, half the gap',
+    'g2': 'backlash of joint 2, half the gap',
+}
+X0, Y0, THETA1, L1, THETA2, L2, P_EE, P1, P2, G_EE, G1, G2 = range(12)
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """One set of values of L̄ = [L, L_c, L_g] (4), SI units, in the order of table 1.
+
+    Estimates may be negative where noise makes them so; a description of a
+    real robot may not: `check_physical` tells.
+
+    Raises:
+        ParameterError: a value is not a finite number.
+    """
+
+    x0: float = 0.0
+    y0: float = 0.0
+    theta1: float = 0.0
+    l1: float = 0.33
+    theta2: float = 0.0
+    l2: float = 0.33
+    p_ee: float = 1e-5
+    p1: float = 1e-5
+    p2: float = 1e-5
+    g_ee: float = 0.0
+    g1: float = 0.0
+    g2: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
+                raise ParameterError(field.name, f'expected a number, got {value!r}')
+            if not np.isfinite(value):
+                raise ParameterError(field.name, f'expected a finite number, got {value}')
+            object.__setattr__(self, field.name, float(value))
+
+    @classmethod
+    def from_array(cls, values: ArrayLike) -> Parameters:
+        """From the 12 values in the order of `NAMES`."""
+        return cls(*np.asarray(values, dtype=float).tolist())
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, float], where: str = 'parameters') -> Parameters:
+        """From a mapping that names every parameter once.
+
+        Raises:
+            ParameterError: a name is missing or unknown, or a value is no finite number.
+        """
+        unknown = [str(name) for name in values if name not in UNITS]
+        missing = [name for name in NAMES if name not in values]
+        if unknown:
+            raise ParameterError(where, f'unknown parameter {unknown[0]!r}', f'the names are {" ".join(NAMES)}')
+        if missing:
+            raise ParameterError(where, f'parameter {missing[0]!r} is missing', 'give all twelve')
+        return cls(**{name: values[name] for name in NAMES})
+
+    def as_array(self) -> NDArray[np.float64]:
+        """The 12 values in the order of `NAMES`, shape (12,)."""
+        return np.array(astuple(self))
+
+    def as_dict(self) -> dict[str, float]:
+        """The values by name, in the order of `NAMES`."""
+        return dict(zip(NAMES, astuple(self), strict=True))
+
+    def replace(self, **changes: float) -> Parameters:
+        """The same with some values changed."""
+        return replace(self, **changes)
+
+    def check_physical(self, where: str = 'parameters') -> None:
+        """Whether a robot can have these values.
+
+        Raises:
+            ParameterError: a link of no length, a negative compliance or backlash.
+        """
+        for name in ('l1', 'l2'):
+            if getattr(self, name) <= 0:
+                raise ParameterError(f'{where}: {name}', f'expected a positive length, got {getattr(self, name)}')
+        for name in ('p_ee', 'p1', 'p2', 'g_ee', 'g1', 'g2'):
+            if getattr(self, name) < 0:
+                raise ParameterError(f'{where}: {name}', f'expected a value of 0 or more, got {getattr(self, name)}')
+
+
+PAPER_NOMINAL = Parameters()
+"""L̄n of table 1."""
+
+PAPER_ACTUAL = Parameters(
+    x0=2.5e-3, y0=-2.2e-3, theta1=-1.7e-3, l1=0.3302, theta2=7.0e-4, l2=0.3298,
+    p_ee=1.1e-5, p1=1.1e-5, p2=1.1e-5, g_ee=9.5e-5, g1=2.9e-4, g2=2.9e-4,
+)  # fmt: skip
+"""L̄a, the "actual" values of table 2."""
+
+PAPER_MEASURED = PAPER_ACTUAL.replace(
+    p_ee=3.76e-5, p1=3.23e-5, p2=1.08e-4, g_ee=1.299e-4, g1=2.64e-4, g2=2.68e-4
+)
+"""Compliances and backlashes measured on the real robot, figure 4(d).
+
+The geometry is that of table 2, since the paper measured none; g_ee is the
+middle of the measured range 5.49e-5 … 2.05e-4 m.
+"""

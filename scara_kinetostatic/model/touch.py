@@ -1,0 +1,93 @@
+"""Touches: what one settled contact gives, and many of them as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TouchSet:
+    """n touches, as read-only arrays. All but the first four have a default.
+
+    Attributes:
+        joints: measured joint angles Q, (n, 2), rad.
+        force: force of the robot on the object, sensor zero removed and sign
+            put right, in the frame the sensor reports in, (n, 2), N.
+        disc: index of the touched disc in the cell, (n,).
+        posture: elbow posture, +1 where sin(q2 + theta2) > 0, else -1, (n,).
+        time: middle of the hold since the start of the recording, (n,), s.
+        index: number of the touch in the recording (or of all recordings in
+            turn), 0-based, rejected ones counted, (n,).
+        approach: joint motion from free to the hold, (n, 2), rad; its sign is
+            the sense in which each joint came to the touch.
+        joint_scatter: standard deviation of the samples in the hold, (n, 2), rad.
+        force_scatter: the same of the force, (n, 2), N.
+        samples: number of force samples in the hold, (n,).
+
+    Raises:
+        ValueError: shapes that do not fit, or values that are not finite.
+    """
+
+    joints: Floats
+    force: Floats
+    disc: NDArray[np.intp]
+    posture: NDArray[np.intp]
+    time: Floats = None  # type: ignore[assignment]
+    index: NDArray[np.intp] = None  # type: ignore[assignment]
+    approach: Floats = None  # type: ignore[assignment]
+    joint_scatter: Floats = None  # type: ignore[assignment]
+    force_scatter: Floats = None  # type: ignore[assignment]
+    samples: NDArray[np.intp] = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        n = len(self.joints)
+        defaults = {
+            'time': np.arange(n, dtype=float),
+            'index': np.arange(n),
+            'approach': np.zeros((n, 2)),
+            'joint_scatter': np.zeros((n, 2)),
+            'force_scatter': np.zeros((n, 2)),
+            'samples': np.ones(n, dtype=np.intp),
+        }
+        for item in fields(self):
+            value = getattr(self, item.name)
+            value = defaults[item.name] if value is None else value
+            pair = item.name in ('joints', 'force', 'approach', 'joint_scatter', 'force_scatter')
+            whole = item.name in ('disc', 'posture', 'index', 'samples')
+            array = np.array(value, dtype=np.intp if whole else float)
+            expected = (n, 2) if pair else (n,)
+            if array.shape != expected:
+                raise ValueError(f'{item.name}: expected shape {expected}, got {array.shape}')
+            if not np.all(np.isfinite(array)):
+                raise ValueError(f'{item.name}: expected finite values')
+            array.flags.writeable = False
+            object.__setattr__(self, item.name, array)
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    def select(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> TouchSet:
+        """The touches that a mask or an array of positions picks."""
+        return TouchSet(**{item.name: getattr(self, item.name)[which] for item in fields(self)})
+
+    def replace(self, **changes: object) -> TouchSet:
+        """The same with some arrays changed."""
+        return replace(self, **changes)  # type: ignore[arg-type]
+
+    @classmethod
+    def concatenate(cls, sets: list[TouchSet]) -> TouchSet:
+        """All touches of several sets, in turn."""
+        return cls(**{item.name: np.concatenate([getattr(s, item.name) for s in sets]) for item in fields(cls)})
+
+
+@dataclass(frozen=True)
+class Rejection:
+    """A touch that is not used, and why."""
+
+    index: int
+    reason: str
