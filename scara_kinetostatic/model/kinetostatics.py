@@ -1,0 +1,133 @@
+"""The deformable robot: direct and inverse kinetostatics H̄ and Ḡ (4), from (6), (7) and (8).
+
+sign(c) in (6) is set-valued at c = 0: inside its backlash the joint floats and
+q - q* is anywhere in [-g, g]. Where a torque vanishes, `slack` in [-1, 1] says
+where in the dead band the joint is, 0 being its middle.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scara_kinetostatic.model import kinematics
+from scara_kinetostatic.model.cell import GripperSign
+from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.statics import gripper_stretch
+
+Floats = NDArray[np.float64]
+
+TORQUE_ROUNDING = 1e-13
+"""A torque below this part of force times arm length is rounding error: zero."""
+
+
+def joint_deflection(parameters: Parameters, torques: ArrayLike, slack: ArrayLike = 0.0) -> Floats:
+    """q - q* = p c + g sign(c) (6).
+
+    Args:
+        parameters: L̄.
+        torques: C, (n, 2), Nm.
+        slack: place in the dead band where a torque is zero, in [-1, 1].
+
+    Returns:
+        q - q*, (n, 2), rad.
+    """
+    torques = np.asarray(torques, dtype=float)
+    sign = np.where(torques == 0, slack, np.sign(torques))
+    return (parameters.p1, parameters.p2) * torques + (parameters.g1, parameters.g2) * sign
+
+
+def gripper_deflection(
+    parameters: Parameters, force: ArrayLike, gripper_sign: GripperSign = GripperSign.PHYSICAL
+) -> Floats:
+    """S - S* (7) of the isotropic gripper; zero, the middle of its dead band, where there is no force.
+
+    Args:
+        parameters: L̄.
+        force: F on the object, base frame, (n, 2), N.
+        gripper_sign: sign of (7).
+
+    Returns:
+        S - S*, (n, 2), m.
+    """
+    force = np.asarray(force, dtype=float)
+    magnitude = np.hypot(force[..., 0], force[..., 1])
+    loaded = magnitude > 0
+    unit = force / np.where(loaded, magnitude, 1.0)[..., None]
+    return unit * gripper_stretch(parameters, magnitude, gripper_sign)[..., None]
+
+
+def joint_torques(parameters: Parameters, links: ArrayLike, force: ArrayLike) -> Floats:
+    """C = JᵀF (2) (8), with J at the link angles Q*; rounding error is made an exact zero.
+
+    Args:
+        parameters: L̄.
+        links: Q*, (n, 2), rad.
+        force: F on the object, base frame, (n, 2), N.
+
+    Returns:
+        C, (n, 2), Nm.
+    """
+    force = np.asarray(force, dtype=float)
+    torques = np.einsum('...ij,...i->...j', kinematics.jacobian(parameters, links), force)
+    scale = (parameters.l1 + parameters.l2) * np.hypot(force[..., 0], force[..., 1])
+    return np.where(np.abs(torques) <= TORQUE_ROUNDING * scale[..., None], 0.0, torques)
+
+
+def inverse_kinetostatics(
+    parameters: Parameters,
+    tip: ArrayLike,
+    force: ArrayLike,
+    posture: ArrayLike,
+    gripper_sign: GripperSign = GripperSign.PHYSICAL,
+    slack: ArrayLike = 0.0,
+) -> tuple[Floats, Floats]:
+    """Ḡ: the actuator angles and torques that hold a tip at a place under a force (4).
+
+    Args:
+        parameters: L̄.
+        tip: S, (n, 2), m.
+        force: F on the object, base frame, (n, 2), N.
+        posture: +1 or -1, the sign of sin(q2* + theta2), (n,) or one for all.
+        gripper_sign: sign of (7).
+        slack: place in the dead band where a torque is zero, in [-1, 1].
+
+    Returns:
+        Q, (n, 2), rad, NaN where the place is out of reach, and C, (n, 2), Nm.
+    """
+    rigid_tip = np.asarray(tip, dtype=float) - gripper_deflection(parameters, force, gripper_sign)
+    links = kinematics.inverse(parameters, rigid_tip, posture)
+    torques = joint_torques(parameters, links, force)
+    return links + joint_deflection(parameters, torques, slack), torques
+
+
+def direct_kinetostatics(
+    parameters: Parameters,
+    joints: ArrayLike,
+    torques: ArrayLike,
+    gripper_sign: GripperSign = GripperSign.PHYSICAL,
+    slack: ArrayLike = 0.0,
+) -> tuple[Floats, Floats]:
+    """H̄: the tip's place and the force from actuator angles and torques (4).
+
+    Args:
+        parameters: L̄.
+        joints: Q, (n, 2), rad.
+        torques: C, (n, 2), Nm.
+        gripper_sign: sign of (7).
+        slack: place in the dead band where a torque is zero, in [-1, 1].
+
+    Returns:
+        S, (n, 2), m, and F on the object in the base frame, (n, 2), N; not finite
+        where the arm is exactly stretched or folded and J has no inverse.
+    """
+    torques = np.asarray(torques, dtype=float)
+    links = np.asarray(joints, dtype=float) - joint_deflection(parameters, torques, slack)
+    link1, link2 = kinematics.link_vectors(parameters, links)
+    # F = J⁻ᵀ C: the torques fix F's moment about both axes, hence along both links
+    moment1, moment2 = torques[..., 0] - torques[..., 1], torques[..., 1]
+    with np.errstate(divide='ignore', invalid='ignore'):
+        area = link1[..., 0] * link2[..., 1] - link1[..., 1] * link2[..., 0]
+        force = (link2 * moment1[..., None] - link1 * moment2[..., None]) / area[..., None]
+    tip = link1 + link2 + (parameters.x0, parameters.y0) + gripper_deflection(parameters, force, gripper_sign)
+    return tip, force

@@ -1,0 +1,98 @@
+"""Building blocks: the arm seen along a direction of force, and the laws of joints and gripper.
+
+With n the unit vector of the force on the object and t = R90 n, with e and k the
+vectors from the axes of joint 1 and joint 2 to the rigid tip,
+
+- the lever arms a = (e × n, k × n) give the torques C = JᵀF = f a (8);
+- b = (e · n, k · n) are the moves of the tip along t per angle.
+
+Turning the joints by dq moves the tip by a·dq along n and b·dq along t, and
+changes the arms by da1 = -b1 dq1 - b2 dq2, da2 = -b2 (dq1 + dq2); turning the
+force by dφ changes them by b dφ. Everything below follows from these four numbers.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.model.cell import GripperSign
+from scara_kinetostatic.model.parameters import Parameters
+
+Floats = NDArray[np.float64]
+
+
+class Arm(NamedTuple):
+    """The arm at link angles Q*, seen along a force direction; all (n,).
+
+    Attributes:
+        ux: unit vector of link 1, x.
+        uy: the same, y.
+        vx: unit vector of link 2, x.
+        vy: the same, y.
+        nx: unit vector of the force on the object, x.
+        ny: the same, y.
+        a1: lever arm of joint 1, m.
+        a2: lever arm of joint 2, m.
+        b1: move of the tip along t per angle of joint 1, m.
+        b2: the same of joint 2, m.
+    """
+
+    ux: Floats
+    uy: Floats
+    vx: Floats
+    vy: Floats
+    nx: Floats
+    ny: Floats
+    a1: Floats
+    a2: Floats
+    b1: Floats
+    b2: Floats
+
+
+def view_arm(parameters: Parameters, link1: Floats, link2: Floats, direction: Floats) -> Arm:
+    """The arm seen along a force.
+
+    Args:
+        parameters: L̄.
+        link1: link angle q1*, (n,), rad.
+        link2: link angle q2*, (n,), rad.
+        direction: angle φ of the force on the object in the base frame, (n,), rad.
+
+    Returns:
+        Unit vectors, lever arms and their companions.
+    """
+    first = link1 + parameters.theta1
+    second = first + link2 + parameters.theta2
+    ux, uy, vx, vy = np.cos(first), np.sin(first), np.cos(second), np.sin(second)
+    nx, ny = np.cos(direction), np.sin(direction)
+    a2 = parameters.l2 * (vx * ny - vy * nx)
+    b2 = parameters.l2 * (vx * nx + vy * ny)
+    a1 = parameters.l1 * (ux * ny - uy * nx) + a2
+    b1 = parameters.l1 * (ux * nx + uy * ny) + b2
+    return Arm(ux, uy, vx, vy, nx, ny, a1, a2, b1, b2)
+
+
+def gripper_stretch(parameters: Parameters, magnitude: Floats, sign: GripperSign) -> Floats:
+    """The gripper's law (7) for the isotropic gripper: S - S* = γ n.
+
+    Pushed by -F, the tip yields along -F: γ = -(p_ee f + g_ee). As the paper
+    printed it, γ = p_ee f - g_ee. For f < 0, the continuation to a tip that
+    pulls at the disc, γ stays the same straight line.
+
+    Args:
+        parameters: L̄.
+        magnitude: f, (n,), N.
+        sign: which of the two.
+
+    Returns:
+        γ, (n,), m.
+    """
+    return gripper_slope(parameters, sign) * magnitude - parameters.g_ee
+
+
+def gripper_slope(parameters: Parameters, sign: GripperSign) -> float:
+    """dγ/df of `gripper_stretch`, m/N."""
+    return parameters.p_ee if sign is GripperSign.PAPER else -parameters.p_ee
