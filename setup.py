@@ -1,0 +1,56 @@
+"""Builds the package for both worlds: `pip install .` and, as an ament_python package, `colcon build`."""
+
+from glob import glob
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = 'scara_kinetostatic'
+ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
+TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy']
+README = Path('README.md')
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='Kinetostatic calibration of a SCARA robot by touch',
+    long_description=README.read_text(encoding='utf-8') if README.is_file() else '',
+    long_description_content_type='text/markdown',
+    author='scara_kinetostatic maintainers',
+    license='Apache-2.0',
+    classifiers=[
+        'Intended Audience :: Science/Research',
+        'Operating System :: POSIX :: Linux',
+        'Programming Language :: Python :: 3',
+        'Topic :: Scientific/Engineering',
+    ],
+    python_requires='>=3.10',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    package_data={f'{NAME}.report': ['templates/*']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/launch', sorted(glob('launch/*.launch.py'))),
+        (f'share/{NAME}/config', sorted(glob('config/*.yaml'))),
+    ],
+    install_requires=[
+        'numpy>=1.26',
+        'scipy>=1.11',
+        'pyyaml',
+        'jinja2',
+        'matplotlib',
+        'rich',
+        'rosbags>=0.10',
+        'mcap',
+    ],
+    extras_require={'ros': ROS, 'test': TEST, 'bench': ['mujoco']},
+    zip_safe=False,
+    entry_points={
+        'console_scripts': [
+            f'scara-kinetostatic = {NAME}.cli.main:main',
+            f'contact_simulator = {NAME}.nodes.contact_simulator:main',
+            f'collector = {NAME}.nodes.collector:main',
+            f'calibrator = {NAME}.nodes.calibrator:main',
+        ],
+    },
+)
