@@ -1,1 +1,1 @@
-
+"""The simulated cell: plan, motion, sensors, streams."""

@@ -1,0 +1,146 @@
+"""The plan of a recording: which disc is touched where, with which elbow, how hard.
+
+The default plan mixes everything with everything: neighbouring points of a disc
+get different force levels, the two postures of a point as well, and the order in
+time jumps over the discs and around them, so that neither a drift in time nor one
+force level can pass for one direction, disc or posture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from math import gcd
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.errors import CellError, ParameterError
+from scara_kinetostatic.model.cell import Cell
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+REACH_MARGIN = 0.03
+"""Distance of the tip from the stretched and from the folded arm, m: the true arm may be shorter."""
+BASE_MARGIN = 0.08
+"""Distance of the tip from the first axis, m."""
+CLEARANCE = 0.018
+"""Distance of the free pose from the disc, m; see `simulation.trajectory`."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """m touches in the order of time, as read-only arrays.
+
+    Attributes:
+        disc: index of the disc in the cell, (m,).
+        angle: place on the disc: direction from its centre to the contact, (m,), rad.
+        posture: elbow posture, +1 or -1, (m,).
+        force: force of the hold, (m,), N.
+
+    Raises:
+        ParameterError: shapes that do not fit, a posture other than +1 or -1, a force not above 0.
+    """
+
+    disc: NDArray[np.intp]
+    angle: Floats
+    posture: NDArray[np.intp]
+    force: Floats
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            array = np.array(getattr(self, item.name), dtype=np.intp if item.name in ('disc', 'posture') else float)
+            if array.shape != (len(self.disc),):
+                raise ParameterError(f'plan: {item.name}', f'expected shape {(len(self.disc),)}, got {array.shape}')
+            array.flags.writeable = False
+            object.__setattr__(self, item.name, array)
+        if not np.all(np.abs(self.posture) == 1):
+            raise ParameterError('plan: posture', 'expected +1 or -1')
+        if not np.all(np.isfinite(self.force) & (self.force > 0)):
+            raise ParameterError('plan: force', 'expected forces above 0 N')
+        if not np.all(np.isfinite(self.angle)):
+            raise ParameterError('plan: angle', 'expected finite angles')
+
+    def __len__(self) -> int:
+        return len(self.disc)
+
+    def normal(self) -> Floats:
+        """Outward normal of the disc at each contact, (m, 2)."""
+        return np.column_stack([np.cos(self.angle), np.sin(self.angle)])
+
+    def contact(self, cell: Cell) -> Floats:
+        """Where the tip touches, (m, 2), m, base frame."""
+        return cell.centers[self.disc] + cell.radii[self.disc, None] * self.normal()
+
+    def select(self, which: Mask | NDArray[np.intp]) -> Plan:
+        """The touches that a mask or an array of positions picks."""
+        return Plan(self.disc[which], self.angle[which], self.posture[which], self.force[which])
+
+
+def default_plan(
+    cell: Cell,
+    per_disc: int = 12,
+    levels: Sequence[float] = (10.0, 25.0, 40.0),
+    postures: Sequence[int] = (1, -1),
+) -> Plan:
+    """Evenly spaced points around every disc, each in every posture, the force levels in turn.
+
+    Points that the nominal arm reaches only nearly stretched, nearly folded or
+    close to its base are left out, and those before which another disc stands.
+
+    Args:
+        cell: the cell; its nominal parameters decide on the reach.
+        per_disc: points around each disc.
+        levels: force levels, N.
+        postures: elbow postures, +1 or -1.
+
+    Raises:
+        CellError: a disc has no point within reach.
+        ParameterError: no points, levels or postures, or senseless ones.
+    """
+    if per_disc < 1 or not len(levels) or not len(postures):
+        raise ParameterError('plan', 'expected at least one point per disc, one force level and one posture')
+    step, disc, side = (
+        axis.ravel()
+        for axis in np.meshgrid(
+            np.arange(per_disc), np.arange(len(cell.discs)), np.arange(len(postures)), indexing='ij'
+        )
+    )
+    point = step * _stride(per_disc) % per_disc
+    plan = Plan(
+        disc=disc,
+        angle=2.0 * np.pi * point / per_disc,
+        posture=np.array(postures)[side],
+        force=np.array(levels, dtype=float)[(point + disc + side) % len(levels)],
+    )
+    reachable = within_reach(cell, plan)
+    for number, described in enumerate(cell.discs):
+        if not np.any(reachable & (plan.disc == number)):
+            raise CellError(
+                f'objects: {described.name}',
+                f'no point of the disc is within reach with a margin of {REACH_MARGIN * 1e3:.0f} mm',
+                'move the disc, or correct its centre and radius or the link lengths',
+            )
+    return plan.select(reachable)
+
+
+def within_reach(cell: Cell, plan: Plan) -> Mask:
+    """Which touches the nominal arm reaches with a margin, free of the other discs, (m,)."""
+    nominal = cell.nominal
+    reachable = np.ones(len(plan), dtype=bool)
+    for distance in (0.0, CLEARANCE):
+        tip = plan.contact(cell) + distance * plan.normal()
+        radius = np.hypot(tip[:, 0] - nominal.x0, tip[:, 1] - nominal.y0)
+        folded = max(abs(nominal.l1 - nominal.l2) + REACH_MARGIN, BASE_MARGIN)
+        reachable &= (radius >= folded) & (radius <= nominal.l1 + nominal.l2 - REACH_MARGIN)
+        apart = np.linalg.norm(tip[:, None] - cell.centers[None], axis=2) - cell.radii
+        apart[np.arange(len(plan)), plan.disc] = np.inf
+        reachable &= apart.min(axis=1) > CLEARANCE / 2
+    return reachable
+
+
+def _stride(count: int) -> int:
+    """A step near the golden section of the circle that visits each of `count` points once."""
+    start = max(1, round(0.382 * count))
+    return next(stride for stride in range(start, start + count + 1) if gcd(stride, count) == 1)

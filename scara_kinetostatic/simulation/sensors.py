@@ -1,0 +1,123 @@
+"""What encoders and force sensor make of a motion: noise, bias, frame, sign, stamps.
+
+Two kinds of noise are told apart. The noise of one touch (`Noise`, `cell.noise`)
+is its repeatability: an error that stays the same while the touch lasts, so that
+no averaging takes it away. It belongs to the contact: its force part grows with
+the contact force, else the zero taken before the touch would remove it. The noise
+of the samples is white.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
+from scara_kinetostatic.model.kinematics import rotate
+from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.simulation.trajectory import TRAVEL, Instant
+
+Floats = NDArray[np.float64]
+
+TYPICAL_NOISE = Noise(joint=1e-5, force=0.3)
+"""Repeatability of a touch where neither the sensors nor the cell give one."""
+
+
+@dataclass(frozen=True)
+class SensorModel:
+    """Encoders and force sensor.
+
+    Attributes:
+        touch_noise: repeatability of one touch; None: that of the cell.
+        joint_noise: white noise of the joint samples, rad.
+        force_noise: white noise of the force samples, N.
+        bias: what the force sensor reads without force, in its own frame and sign, N.
+        resolution: step of the encoders, rad; 0 for none.
+        joint_rate: joint states per second.
+        wrench_rate: wrenches per second.
+        jitter: 1-sigma of a stamp's lateness, in periods; also makes rare gaps of a few periods.
+        offset: lateness of the first wrench after the first joint state, s.
+
+    Raises:
+        ParameterError: a negative noise, a rate that is not above 0.
+    """
+
+    touch_noise: Noise | None = None
+    joint_noise: float = 0.0
+    force_noise: float = 0.05
+    bias: tuple[float, float] = (1.2, -0.8)
+    resolution: float = 1e-6
+    joint_rate: float = 80.0
+    wrench_rate: float = 98.0
+    jitter: float = 0.1
+    offset: float = 0.0037
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            lowest = -np.inf if item.name == 'bias' else 0.0
+            if value is not None and not np.all(np.isfinite(value) & (np.asarray(value) >= lowest)):
+                raise ParameterError(f'sensors: {item.name}', f'expected a finite value of 0 or more, got {value}')
+        if self.joint_rate == 0 or self.wrench_rate == 0:
+            raise ParameterError('sensors: rate', 'expected a rate above 0 Hz')
+
+    @classmethod
+    def ideal(cls, rate: float = 100.0) -> SensorModel:
+        """Sensors without any error, both at one even rate."""
+        return cls(Noise(0.0, 0.0), 0.0, 0.0, (0.0, 0.0), 0.0, rate, rate, 0.0, 0.0)
+
+    def touch_errors(self, cell: Cell, count: int, random: np.random.Generator) -> tuple[Floats, Floats]:
+        """One error of the joint angles and one of the force per touch, (count, 2) each, rad and N."""
+        noise = self.touch_noise or cell.noise or TYPICAL_NOISE
+        joint, force = random.standard_normal((2, count, 2))
+        return noise.joint * joint, noise.force * force
+
+    def read_joints(self, instant: Instant, errors: Floats, random: np.random.Generator) -> Floats:
+        """Joint angles as the encoders report them, (k, 2), rad.
+
+        Args:
+            instant: the cell at the k stamps.
+            errors: of each touch, (m, 2), rad; from one touch to the next they change during the travel.
+            random: source of the white noise.
+        """
+        before = np.where((instant.phase == TRAVEL) & (instant.touch > 0), instant.touch - 1, instant.touch)
+        share = np.where(instant.phase == TRAVEL, instant.progress, 1.0)[:, None]
+        error = (1.0 - share) * errors[before] + share * errors[instant.touch]
+        read = instant.joints + error + self.joint_noise * random.standard_normal(error.shape)
+        return np.round(read / self.resolution) * self.resolution if self.resolution else read
+
+    def read_force(
+        self, cell: Cell, truth: Parameters, instant: Instant, errors: Floats, random: np.random.Generator
+    ) -> Floats:
+        """Forces as the sensor reports them: its frame, its sign, its zero, (k, 2), N.
+
+        Args:
+            cell: frame and sign of the sensor.
+            truth: its theta1 and theta2 place the tool frame.
+            instant: the cell at the k stamps.
+            errors: of each touch in the hold, base frame, (m, 2), N.
+            random: source of the white noise.
+        """
+        force = instant.force + instant.level[:, None] * errors[instant.touch]
+        reported = in_sensor_frame(cell, truth, instant.joints, force)
+        reported *= -1.0 if cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
+        return reported + self.bias + self.force_noise * random.standard_normal(force.shape)
+
+    def stamps(self, duration: float, rate: float, offset: float, random: np.random.Generator) -> NDArray[np.int64]:
+        """Stamps of one topic from `offset` to `duration`, increasing, (k,), ns since the start."""
+        count = max(2, int(np.floor((duration - offset) * rate)) + 1)
+        lateness = np.abs(random.standard_normal(count)) * self.jitter
+        lateness += (random.random(count) < 0.01) * self.jitter * 20.0
+        due = (np.arange(count) + lateness) / rate + offset
+        stamps = np.maximum.accumulate(np.round(due * 1e9).astype(np.int64))
+        return np.unique(stamps[stamps <= round(duration * 1e9)])
+
+
+def in_sensor_frame(cell: Cell, truth: Parameters, joints: Floats, force: Floats) -> Floats:
+    """A force in the base frame, (k, 2), N, as seen from the frame the sensor reports in."""
+    if cell.sensor.frame is SensorFrame.BASE:
+        return force
+    return rotate(force, -(joints.sum(axis=1) + truth.theta1 + truth.theta2))

@@ -1,0 +1,88 @@
+"""A simulated recording: whole streams, or only the touches that streams would give."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scara_kinetostatic.model.cell import Cell, Noise
+from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.recording.streams import JointStream, Streams, WrenchStream
+from scara_kinetostatic.simulation.plan import Plan
+from scara_kinetostatic.simulation.sensors import SensorModel, in_sensor_frame
+from scara_kinetostatic.simulation.trajectory import Motion, Timing
+
+START = 1_700_000_000_000_000_000
+"""Stamp of the start of a simulated recording, ns."""
+
+
+def simulate_streams(
+    cell: Cell,
+    truth: Parameters,
+    plan: Plan,
+    *,
+    timing: Timing | None = None,
+    sensors: SensorModel | None = None,
+    seed: int = 0,
+    start: int = START,
+) -> Streams:
+    """Both streams of one pass through a plan.
+
+    Args:
+        cell: discs, sensor and noise of a touch.
+        truth: the parameters of the simulated robot.
+        plan: the touches.
+        timing: how long the phases last.
+        sensors: noise, bias and rates.
+        seed: of all random numbers.
+        start: stamp of the start, ns.
+
+    Raises:
+        UnsupportedDataError: the simulated robot cannot reach a touch.
+    """
+    sensors = sensors or SensorModel()
+    motion = Motion(cell, truth, plan, timing)
+    joint_errors, force_errors = sensors.touch_errors(cell, len(plan), np.random.default_rng([seed, 0]))
+    random = np.random.default_rng([seed, 1])
+    joint_stamps = sensors.stamps(motion.duration, sensors.joint_rate, 0.0, random)
+    wrench_stamps = sensors.stamps(motion.duration, sensors.wrench_rate, sensors.offset, random)
+    position = sensors.read_joints(motion.instant(1e-9 * joint_stamps), joint_errors, random)
+    force = sensors.read_force(cell, truth, motion.instant(1e-9 * wrench_stamps), force_errors, random)
+    return Streams(
+        source='simulation',
+        joints=JointStream(joint_stamps + start, position),
+        wrench=WrenchStream(wrench_stamps + start, force),
+    )
+
+
+def simulate_touches(
+    cell: Cell, truth: Parameters, plan: Plan, noise: Noise | None = None, seed: int = 0
+) -> TouchSet:
+    """The touches of a plan without streams: Ḡ and the noise of one touch.
+
+    The same seed gives the same noise of the touches as in `simulate_streams`.
+
+    Args:
+        cell: discs and sensor.
+        truth: the parameters of the simulated robot.
+        plan: the touches.
+        noise: repeatability; None: that of the cell; Noise(0, 0) for exact touches.
+        seed: of the noise.
+
+    Returns:
+        One touch per row of the plan, force in the frame of the sensor.
+
+    Raises:
+        UnsupportedDataError: the simulated robot cannot reach a touch.
+    """
+    motion = Motion(cell, truth, plan)
+    sensors = SensorModel(touch_noise=noise)
+    joint_errors, force_errors = sensors.touch_errors(cell, len(plan), np.random.default_rng([seed, 0]))
+    return TouchSet(
+        joints=motion.hold_joints + joint_errors,
+        force=in_sensor_frame(cell, truth, motion.hold_joints, motion.hold_force + force_errors),
+        disc=plan.disc,
+        posture=plan.posture,
+        time=motion.hold_time,
+        approach=motion.hold_joints - motion.contact_joints,
+    )
