@@ -1,0 +1,64 @@
+"""Starts a whole cell: simulated robot, collector, calibrator.
+
+With a real robot (`simulate:=false`) the first is left out. Then calibrate by
+`ros2 service call /calibrator/calibrate std_srvs/srv/Trigger`.
+"""
+
+from __future__ import annotations
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+PACKAGE = 'scara_kinetostatic'
+SHARE = FindPackageShare(PACKAGE)
+
+
+def generate_launch_description() -> LaunchDescription:
+    """The arguments and the three nodes."""
+    return LaunchDescription([*_arguments(), *_nodes()])
+
+
+def _arguments() -> list[DeclareLaunchArgument]:
+    def argument(name: str, default: object, description: str, **more: object) -> DeclareLaunchArgument:
+        return DeclareLaunchArgument(name, default_value=default, description=description, **more)
+
+    switch = {'choices': ['true', 'false']}
+    return [
+        argument('cell', PathJoinSubstitution([SHARE, 'config', 'cell.yaml']), 'cell description'),
+        argument('params', PathJoinSubstitution([SHARE, 'config', 'nodes.yaml']), 'parameters of the nodes'),
+        argument('simulate', 'true', 'play the robot, too', **switch),
+        argument('plan', '', 'simulator: plan of touches; empty: all over the discs'),
+        argument('time_factor', '1.0', 'simulator: simulated seconds per second'),
+        argument('seed', '0', 'simulator: seed of the noise'),
+        argument('autostart', 'true', 'collector: record at once', **switch),
+        argument('recordings', 'recordings', 'collector: folder for the recordings'),
+        argument('output', '', 'calibrator: folder for the results; empty: beside the recording'),
+    ]
+
+
+def _nodes() -> list[Node]:
+    def node(name: str, values: dict[str, object], **more: object) -> Node:
+        parameters = [LaunchConfiguration('params'), {'cell': _value('cell', str), **values}]
+        return Node(package=PACKAGE, executable=name, name=name, output='screen', parameters=parameters, **more)
+
+    simulator = {
+        'plan': _value('plan', str),
+        'time_factor': _value('time_factor', float),
+        'seed': _value('seed', int),
+    }
+    collector = {'autostart': _value('autostart', bool), 'output': _value('recordings', str)}
+    return [
+        node('contact_simulator', simulator, condition=IfCondition(LaunchConfiguration('simulate'))),
+        node('collector', collector),
+        node('calibrator', {'output': _value('output', str)}),
+    ]
+
+
+def _value(argument: str, kind: type) -> ParameterValue:
+    """The argument as a parameter of that type, whatever it looks like."""
+    return ParameterValue(LaunchConfiguration(argument), value_type=kind)

@@ -1,0 +1,169 @@
+"""Node `calibrator`: turns a recording into the twelve parameters, on the service `~/calibrate`.
+
+The recording is the one that the parameter `recording` names or, if that is
+empty, the one that the collector has announced last on `collector/recording`.
+The results become parameters of the node and files in the folder `output`. A
+calibration runs in a thread of its own, so that the node answers meanwhile;
+there is only one at a time. One that fails leaves the former results alone.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from scara_kinetostatic.errors import ParameterError, ScaraKinetostaticError
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.nodes import declare
+from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN, Condition, DiagnosticsPublisher
+from scara_kinetostatic.nodes.qos import LATCHED
+from scara_kinetostatic.nodes.results import ResultParameters
+from scara_kinetostatic.nodes.runtime import run
+from scara_kinetostatic.nodes.summary import details, one_line
+from scara_kinetostatic.pipeline import calibrate_recordings
+from scara_kinetostatic.recording.cell_file import load_cell
+from scara_kinetostatic.recording.reader import embedded_cell
+from scara_kinetostatic.report.write import write_results
+
+THREADS = 3
+"""One calibrates, one refuses a second call, one serves parameters and timers."""
+
+
+class ShutDownError(ScaraKinetostaticError):
+    """The node ended before the calibration did."""
+
+
+class Calibrator(Node):
+    """Calibrates on request.
+
+    Raises:
+        CellError: the cell description cannot be read, or makes no sense.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('calibrator')
+        cell = 'cell description (YAML file); empty: the one that the recording carries'
+        _check_cell(declare.text(self, 'cell', '', cell, read_only=False))
+        recording = 'recording to calibrate from; empty: what the collector has announced last'
+        declare.text(self, 'recording', '', recording, read_only=False)
+        output = 'folder for the results; empty: beside the recording, with _calibration after its name'
+        declare.text(self, 'output', '', output, read_only=False)
+        self._results = ResultParameters(self)
+        self.add_on_set_parameters_callback(_check_parameters)
+        self._announced = ''
+        self._running = threading.Lock()
+        self._condition = Condition(OK, 'no calibration yet', {})
+        self._subscription = self.create_subscription(String, 'collector/recording', self._note_recording, LATCHED)
+        self._service = self.create_service(
+            Trigger, '~/calibrate', self._calibrate, callback_group=ReentrantCallbackGroup()
+        )
+        self._diagnostics = DiagnosticsPublisher(self, 'calibration', lambda: self._condition)
+
+    def close(self) -> None:
+        """Nothing to put away: results are written all or nothing."""
+
+    def _note_recording(self, message: String) -> None:
+        self._announced = message.data
+
+    def _calibrate(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self._running.acquire(blocking=False):
+            response.message = 'a calibration is running already; call again when it is done'
+            return response
+        try:
+            response.message = self._run()
+            response.success = True
+            self.get_logger().info(response.message)
+        except ScaraKinetostaticError as error:
+            response.message = str(error)
+        except Exception as error:  # The node stays up, whatever happens in a calibration.
+            response.message = f'internal error: {type(error).__name__}: {error}'
+            self.get_logger().debug(traceback.format_exc())
+        finally:
+            self._running.release()
+        if not response.success:
+            self._condition = Condition(ERROR, response.message, {})
+            self.get_logger().error(response.message)
+        return response
+
+    def _run(self) -> str:
+        """One calibration, from the recording to the parameters.
+
+        Returns:
+            What came out, in one line.
+
+        Raises:
+            ScaraKinetostaticError: it did not come to a result.
+        """
+        recording = self._recording()
+        self._condition = Condition(WARN, f'calibrating from {recording}', {})
+        outcome = calibrate_recordings([recording], self._cell(recording), progress=self._progress)
+        files = write_results(outcome, self._output(recording))
+        calibration = outcome.calibration
+        self._results.publish(calibration.parameters.as_array(), calibration.std)
+        message = f'{one_line(outcome)}; written to {files.folder}'
+        self._condition = Condition(OK, message, details(outcome))
+        return message
+
+    def _progress(self, stage: str, share: float) -> None:
+        """Ends a calibration whose node is being shut down."""
+        if not self.context.ok():
+            raise ShutDownError('the node is being shut down')
+
+    def _recording(self) -> Path:
+        named = str(self.get_parameter('recording').value) or self._announced
+        if not named:
+            raise ParameterError(
+                'parameter recording', 'no recording is named, and no collector has announced one', 'set it'
+            )
+        return Path(named).expanduser()
+
+    def _cell(self, recording: Path) -> Cell:
+        named = str(self.get_parameter('cell').value)
+        if named:
+            return load_cell(Path(named).expanduser())
+        cell = embedded_cell(recording)
+        if cell is None:
+            raise ParameterError('parameter cell', f'{recording} carries no cell description', 'set the parameter')
+        return cell
+
+    def _output(self, recording: Path) -> Path:
+        named = str(self.get_parameter('output').value)
+        if named:
+            return Path(named).expanduser()
+        return recording.absolute().with_name(f'{recording.absolute().name}_calibration')
+
+
+def _check_cell(path: str) -> None:
+    if path:
+        load_cell(Path(path).expanduser())
+
+
+def _check_parameters(parameters: list[Parameter]) -> SetParametersResult:
+    """Refuses a cell description that cannot be used."""
+    try:
+        for parameter in parameters:
+            if parameter.name == 'cell':
+                _check_cell(str(parameter.value))
+    except ScaraKinetostaticError as error:
+        return SetParametersResult(successful=False, reason=str(error))
+    return SetParametersResult(successful=True)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Runs the node; see `runtime.run` for the exit status."""
+    return run(Calibrator, args, lambda: MultiThreadedExecutor(num_threads=THREADS))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

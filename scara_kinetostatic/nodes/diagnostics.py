@@ -1,0 +1,63 @@
+"""What a node tells on `/diagnostics`, once a second."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+from scara_kinetostatic.nodes.qos import DIAGNOSTICS
+
+OK = DiagnosticStatus.OK
+WARN = DiagnosticStatus.WARN
+ERROR = DiagnosticStatus.ERROR
+PERIOD = 1.0
+"""Between two reports, s."""
+
+
+class Condition(NamedTuple):
+    """How a node is.
+
+    Attributes:
+        level: `OK`, `WARN` or `ERROR`.
+        message: one line.
+        values: details by name.
+    """
+
+    level: bytes
+    message: str
+    values: dict[str, str]
+
+
+class DiagnosticsPublisher:
+    """Publishes the condition of a node.
+
+    Args:
+        node: on which to publish.
+        title: of the status, after the node's name.
+        examine: gives the condition; called once a second.
+    """
+
+    def __init__(self, node: Node, title: str, examine: Callable[[], Condition]) -> None:
+        self._node = node
+        self._name = f'{node.get_name()}: {title}'
+        self._examine = examine
+        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS)
+        self._timer = node.create_timer(PERIOD, self.publish)
+
+    def publish(self) -> None:
+        """Publishes the condition as it is now."""
+        condition = self._examine()
+        values = [KeyValue(key=key, value=value) for key, value in condition.values.items()]
+        status = DiagnosticStatus(
+            level=condition.level,
+            name=self._name,
+            message=condition.message,
+            hardware_id='scara_kinetostatic',
+            values=values,
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(array)

@@ -1,0 +1,121 @@
+"""The parameters of the contact simulator, declared and turned into what the simulation takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import TypeVar
+
+from rclpy.node import Node
+
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
+from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, PAPER_ACTUAL, UNITS, Parameters
+from scara_kinetostatic.nodes import declare
+from scara_kinetostatic.nodes.cell_parameter import cell_or_example
+from scara_kinetostatic.nodes.declare import Range
+from scara_kinetostatic.recording.plan_file import load_plan
+from scara_kinetostatic.simulation.plan import Plan, default_plan
+from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, SensorModel
+
+TRUTH_RANGES = {
+    'x0': Range(-0.1, 0.1), 'y0': Range(-0.1, 0.1),
+    'theta1': Range(-0.2, 0.2), 'l1': Range(0.01, 10.0), 'theta2': Range(-0.2, 0.2), 'l2': Range(0.01, 10.0),
+    'p_ee': Range(0.0, 1e-2), 'p1': Range(0.0, 1e-2), 'p2': Range(0.0, 1e-2),
+    'g_ee': Range(0.0, 1e-2), 'g1': Range(0.0, 0.1), 'g2': Range(0.0, 0.1),
+}  # fmt: skip
+RATES = Range(1.0, 2000.0)
+_E = TypeVar('_E', bound=Enum)
+
+
+@dataclass(frozen=True)
+class SimulatorSettings:
+    """What is simulated.
+
+    Attributes:
+        cell: with the frame and the sign that the simulated sensor really has.
+        plan: the touches.
+        truth: the parameters of the simulated robot.
+        sensors: noise, bias and rates.
+        seed: of all random numbers.
+        wait_for_subscribers: subscribers that both topics need before the play begins.
+    """
+
+    cell: Cell
+    plan: Plan
+    truth: Parameters
+    sensors: SensorModel
+    seed: int
+    wait_for_subscribers: int
+
+
+def declare_simulator(node: Node) -> SimulatorSettings:
+    """Declares all parameters but those that may change while the node runs.
+
+    Raises:
+        InputError: the cell or the plan cannot be read, or a value makes no sense.
+    """
+    cell = _cell(node)
+    plan_file = declare.text(node, 'plan', '', 'plan of touches (CSV file); empty: a plan over all discs of the cell')
+    return SimulatorSettings(
+        cell=cell,
+        plan=load_plan(plan_file, cell) if plan_file else default_plan(cell),
+        truth=_truth(node),
+        sensors=_sensors(node, cell),
+        seed=declare.whole(node, 'seed', 0, 'seed of the noise', Range(0, 2**31 - 1)),
+        wait_for_subscribers=declare.whole(
+            node, 'wait_for_subscribers', 0, 'subscribers that both topics need before the play begins', Range(0, 100)
+        ),
+    )
+
+
+def _cell(node: Node) -> Cell:
+    cell = cell_or_example(node)
+    frame = declare.text(node, 'frame', '', 'frame of the simulated sensor, base or tool; empty: as the cell says')
+    sign = declare.text(node, 'sign', '', 'sign of the simulated sensor, on_object or on_robot; empty: as the cell says')
+    sensor = cell.sensor._replace(
+        frame=_choice('frame', frame, cell.sensor.frame, SensorFrame),
+        sign=_choice('sign', sign, cell.sensor.sign, SensorSign),
+    )
+    return replace(cell, sensor=sensor)
+
+
+def _choice(name: str, value: str, default: _E, choices: type[_E]) -> _E:
+    try:
+        return choices(value) if value else default
+    except ValueError:
+        expected = ' or '.join(str(choice.value) for choice in choices)
+        raise ParameterError(f'parameter {name}', f'expected {expected}, got {value!r}') from None
+
+
+def _truth(node: Node) -> Parameters:
+    values = {
+        name: declare.number(
+            node, f'truth.{name}', default, f'true {DESCRIPTIONS[name]}, {UNITS[name]}', TRUTH_RANGES[name]
+        )
+        for name, default in zip(NAMES, PAPER_ACTUAL.as_array().tolist(), strict=True)
+    }
+    return Parameters(**values)
+
+
+def _sensors(node: Node, cell: Cell) -> SensorModel:
+    usual = SensorModel()
+    noise = cell.noise or TYPICAL_NOISE
+
+    def number(name: str, default: float, description: str, bounds: Range) -> float:
+        return declare.number(node, name, default, description, bounds)
+
+    return SensorModel(
+        touch_noise=Noise(
+            number('noise.joint', noise.joint, 'repeatability of the joint angles from touch to touch, rad', Range(0, 0.1)),
+            number('noise.force', noise.force, 'repeatability of the force from touch to touch, N', Range(0, 100)),
+        ),
+        joint_noise=number('noise.joint_sample', usual.joint_noise, 'white noise of the joint samples, rad', Range(0, 0.1)),
+        force_noise=number('noise.force_sample', usual.force_noise, 'white noise of the force samples, N', Range(0, 100)),
+        bias=(
+            number('bias.x', usual.bias[0], 'what the force sensor reads along x without force, N', Range(-100, 100)),
+            number('bias.y', usual.bias[1], 'what the force sensor reads along y without force, N', Range(-100, 100)),
+        ),
+        joint_rate=number('joint_rate', usual.joint_rate, 'joint states per simulated second, Hz', RATES),
+        wrench_rate=number('wrench_rate', usual.wrench_rate, 'wrenches per simulated second, Hz', RATES),
+    )

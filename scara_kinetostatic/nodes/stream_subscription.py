@@ -1,0 +1,68 @@
+"""A subscription to raw messages: matches reliable and best-effort publishers alike, and keeps up with 1 kHz."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, qos_policy_name_from_kind
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+
+from scara_kinetostatic.nodes.qos import BEST_EFFORT_STREAM, RELIABLE_STREAM
+
+MOST_AT_ONCE = 200
+"""Messages taken in one go, so that services and timers get their turn."""
+
+
+class StreamSubscription:
+    """Asks for a reliable stream; on meeting a publisher that offers best effort only, asks for that.
+
+    The middleware tells of such a publisher by an "incompatible QoS" event.
+    Best effort matches reliable publishers, too, so one step down is enough.
+
+    An executor takes one message per round, and a round costs three times
+    what a message does. So each round empties the queue.
+
+    Args:
+        node: on which to subscribe.
+        message_type: of the topic.
+        topic: its name.
+        callback: gets each message as its serialized bytes (CDR).
+    """
+
+    def __init__(self, node: Node, message_type: type, topic: str, callback: Callable[[bytes], None]) -> None:
+        self._node = node
+        self._message_type = message_type
+        self._topic = topic
+        self._callback = callback
+        self._retry: Timer | None = None
+        self._subscription = self._subscribe(RELIABLE_STREAM, SubscriptionEventCallbacks(incompatible_qos=self._notice))
+
+    def _subscribe(self, profile: QoSProfile, events: SubscriptionEventCallbacks | None = None) -> Subscription:
+        return self._node.create_subscription(
+            self._message_type, self._topic, self._receive, profile, event_callbacks=events, raw=True
+        )
+
+    def _receive(self, message: bytes) -> None:
+        self._callback(message)
+        with self._subscription.handle:
+            for _ in range(MOST_AT_ONCE):
+                taken = self._subscription.handle.take_message(self._message_type, True)
+                if taken is None:
+                    return
+                self._callback(taken[0])
+
+    def _notice(self, event: Any) -> None:
+        policy = qos_policy_name_from_kind(event.last_policy_kind)
+        self._node.get_logger().info(f'{self._topic}: a publisher offers another {policy}; asking for best effort')
+        if self._retry is None:  # Not here: the executor still holds the subscription whose event this is.
+            self._retry = self._node.create_timer(0.0, self._step_down)
+
+    def _step_down(self) -> None:
+        if self._retry is not None:
+            self._retry.cancel()
+        self._node.destroy_subscription(self._subscription)
+        self._subscription = self._subscribe(BEST_EFFORT_STREAM)
