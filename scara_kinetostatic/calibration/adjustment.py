@@ -1,0 +1,230 @@
+"""One linearised adjustment of all touches: the Gauss–Helmert model.
+
+Q and F are both measured, both with noise, and every touch ties them by two
+conditions h(Q, F, L̄) = 0, in metres (`model.equations`). Nothing has to be solved inside, and
+the conditions are nearly linear in L̄, so they lead from 20 mm and 3° off as well
+as from nearby. Weighting and the treatment of the noise follow the Gauss–Helmert
+model of adjustment theory: linearised at the *adjusted* observations (Q̂, F̂),
+
+    h(Q̂, F̂, L̄) + B [Q - Q̂; F - F̂] + h_L̄ ΔL̄ + B v = 0,   B = [h_Q h_F],   v ~ (0, Σ),
+
+the misclosure w = h + B [Q - Q̂; F - F̂] has the covariance V = σ_q² h_Q h_Qᵀ + σ_f² h_F h_Fᵀ,
+different for every touch. To first order h = -h_F (F - A(Q, L̄)), so this is the weighted fit of the force
+(9) (10) with residual covariance Σ_F + A_Q Σ_Q A_Qᵀ. Beyond first order it is better: derivatives
+taken at adjusted, not at noisy, observations do not correlate with the noise,
+which would draw the compliances to one side as touches get many.
+
+Sources: Mikhail and Ackermann, Observations and Least Squares (1976); Neitzel,
+J. Geodesy 84 (2010) 751, on where to linearise.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.model.cell import GripperSign, Noise, SensorFrame
+from scara_kinetostatic.model.equations import (
+    State,
+    free_state,
+    parameter_derivative,
+    settle_links,
+    touch_equations,
+)
+from scara_kinetostatic.model.parameters import THETA1, THETA2, Parameters
+
+Floats = NDArray[np.float64]
+
+GROSS = 50.0
+"""A touch whose squared distance is beyond this keeps its observations as measured."""
+
+
+class Observations(NamedTuple):
+    """What n touches measured and where: the data of the adjustment.
+
+    Attributes:
+        joints: Q, (n, 2), rad.
+        force: F on the object in the sensor's frame, (n, 2), N.
+        centers: centre of each touch's disc, (n, 2), m.
+        radii: its radius, (n,), m.
+        frame: the sensor's frame.
+        sign: sign of (7).
+    """
+
+    joints: Floats
+    force: Floats
+    centers: Floats
+    radii: Floats
+    frame: SensorFrame
+    sign: GripperSign
+
+    def select(self, which: NDArray) -> Observations:
+        """The touches that a mask or positions pick."""
+        return self._replace(
+            joints=self.joints[which], force=self.force[which], centers=self.centers[which], radii=self.radii[which]
+        )
+
+
+class Adjusted(NamedTuple):
+    """Where the equations are linearised.
+
+    Attributes:
+        joints: Q̂, (n, 2), rad.
+        force: F̂ in the sensor's frame, (n, 2), N.
+        state: link angles and modes that go with them.
+    """
+
+    joints: Floats
+    force: Floats
+    state: State
+
+
+class Linearisation(NamedTuple):
+    """The adjustment's equations at a point; before whitening.
+
+    Attributes:
+        misclosure: w, (n, 2), m, along and across the force.
+        derivative: h_L̄, (n, 2, 12).
+        by_joints: h_Q, (n, 2, 2), m/rad.
+        by_force: h_F in radial and tangential components of F̂, (n, 2, 2), m/N.
+    """
+
+    misclosure: Floats
+    derivative: Floats
+    by_joints: Floats
+    by_force: Floats
+
+
+class Whitened(NamedTuple):
+    """The same in units of standard deviations.
+
+    Attributes:
+        residual: (n, 2).
+        derivative: (n, 2, 12).
+        root: lower Cholesky factor of V, as (l11, l21, l22), (n,) each.
+    """
+
+    residual: Floats
+    derivative: Floats
+    root: tuple[Floats, Floats, Floats]
+
+
+def first_guess(observations: Observations, parameters: Parameters) -> Adjusted:
+    """Start: the observations as measured."""
+    o = observations
+    state = place_force(o, parameters, o.joints, o.force, free_state(parameters, o.joints, o.centers))
+    for _ in range(3):
+        state = settle_links(parameters, o.joints, state)
+    return Adjusted(o.joints, o.force, state)
+
+
+def place_force(
+    observations: Observations, parameters: Parameters, joints: Floats, force: Floats, state: State
+) -> State:
+    """The state with magnitude and base-frame direction of a force given in the sensor's frame."""
+    direction = np.arctan2(force[:, 1], force[:, 0])
+    if observations.frame is SensorFrame.TOOL:
+        direction = direction + joints[:, 0] + joints[:, 1] + parameters.theta1 + parameters.theta2
+    return state._replace(magnitude=np.hypot(force[:, 0], force[:, 1]), direction=direction)
+
+
+def linearise(observations: Observations, parameters: Parameters, adjusted: Adjusted) -> Linearisation:
+    """The equations and their derivatives at the adjusted observations."""
+    o = observations
+    state = place_force(o, parameters, adjusted.joints, adjusted.force, adjusted.state)
+    e = touch_equations(parameters, adjusted.joints, o.centers, o.radii, state, o.sign)
+    derivative = parameter_derivative(parameters, state, e, o.sign)
+    by_joints = derivative[:, :, [THETA1, THETA2]]
+    turned = np.stack([e.normal_d, e.tangent_d], axis=-1)
+    if o.frame is SensorFrame.TOOL:  # the sensor turns with link 2, so the force does
+        by_joints = by_joints + turned[:, :, None]
+        derivative[:, :, THETA1] += turned
+        derivative[:, :, THETA2] += turned
+    by_force = np.empty_like(by_joints)
+    by_force[:, 0, 0], by_force[:, 1, 0] = e.normal_f, e.tangent_f
+    by_force[:, :, 1] = turned / state.magnitude[:, None]
+    off_joints = o.joints - adjusted.joints
+    off_force = along_and_across(o.force - adjusted.force, adjusted.force)
+    misclosure = np.stack([e.normal, e.tangent], axis=-1)
+    misclosure += np.einsum('nij,nj->ni', by_joints, off_joints) + np.einsum('nij,nj->ni', by_force, off_force)
+    return Linearisation(misclosure, derivative, by_joints, by_force)
+
+
+def along_and_across(vectors: Floats, force: Floats) -> Floats:
+    """Components of vectors (n, 2) along and across forces (n, 2)."""
+    x, y = np.moveaxis(force / np.hypot(force[:, 0], force[:, 1])[:, None], -1, 0)
+    return np.stack([vectors[:, 0] * x + vectors[:, 1] * y, vectors[:, 1] * x - vectors[:, 0] * y], axis=-1)
+
+
+def covariance_of(linear: Linearisation, noise: Noise) -> Floats:
+    """V of each touch's misclosure, (n, 3): the entries 11, 21, 22, m²."""
+    return noise.joint**2 * outer(linear.by_joints) + noise.force**2 * outer(linear.by_force)
+
+
+def outer(matrices: Floats) -> Floats:
+    """B Bᵀ of (n, 2, 2) matrices, (n, 3): the entries 11, 21, 22."""
+    first, second = matrices[:, 0], matrices[:, 1]
+    return np.stack([(first * first).sum(-1), (first * second).sum(-1), (second * second).sum(-1)], axis=-1)
+
+
+def whiten(linear: Linearisation, noise: Noise) -> Whitened:
+    """Divide by the Cholesky root of V, touch by touch."""
+    v11, v21, v22 = np.moveaxis(covariance_of(linear, noise), -1, 0)
+    l11 = np.sqrt(v11)
+    l21 = v21 / l11
+    l22 = np.sqrt(np.maximum(v22 - l21 * l21, 1e-12 * v22))
+    root = (l11, l21, l22)
+    return Whitened(_divide(linear.misclosure, root), _divide(linear.derivative, root), root)
+
+
+def _divide(array: Floats, root: tuple[Floats, Floats, Floats]) -> Floats:
+    l11, l21, l22 = (part.reshape((-1,) + (1,) * (array.ndim - 2)) for part in root)
+    out = np.empty_like(array)
+    out[:, 0] = array[:, 0] / l11
+    out[:, 1] = (array[:, 1] - l21 * out[:, 0]) / l22
+    return out
+
+
+def squared_distance(whitened: Whitened) -> Floats:
+    """Squared Mahalanobis distance of each touch, (n,); chi-square of 2 degrees where all is well."""
+    return (whitened.residual**2).sum(axis=-1)
+
+
+def adjust(
+    observations: Observations,
+    parameters: Parameters,
+    adjusted: Adjusted,
+    linear: Linearisation,
+    whitened: Whitened,
+    step: Floats,
+    noise: Noise,
+) -> Adjusted:
+    """Adjusted observations after a step ΔL̄: [Q̂; F̂] = [Q; F] - Σ Bᵀ V⁻¹ (w + h_L̄ ΔL̄).
+
+    Touches that are grossly off keep what they measured.
+
+    Args:
+        observations: the data.
+        parameters: L̄ after the step.
+        adjusted: the point of linearisation.
+        linear: the equations there.
+        whitened: the same, whitened.
+        step: ΔL̄, (12,).
+        noise: σ_q and σ_f.
+    """
+    l11, l21, l22 = whitened.root
+    left = whitened.residual + whitened.derivative @ step
+    close = ((left**2).sum(axis=-1) < GROSS)[:, None]
+    second = left[:, 1] / l22
+    multiplier = np.stack([(left[:, 0] - l21 * second) / l11, second], axis=-1)
+    o = observations
+    off_joints = noise.joint**2 * np.einsum('nij,ni->nj', linear.by_joints, multiplier)
+    off = noise.force**2 * np.einsum('nij,ni->nj', linear.by_force, multiplier)
+    x, y = np.moveaxis(adjusted.force / np.hypot(adjusted.force[:, 0], adjusted.force[:, 1])[:, None], -1, 0)
+    off_force = np.stack([off[:, 0] * x - off[:, 1] * y, off[:, 0] * y + off[:, 1] * x], axis=-1)
+    joints = o.joints - np.where(close, off_joints, 0.0)
+    force = o.force - np.where(close, off_force, 0.0)
+    state = place_force(o, parameters, joints, force, adjusted.state)
+    return Adjusted(joints, force, settle_links(parameters, joints, settle_links(parameters, joints, state)))
