@@ -55,9 +55,7 @@ def simulate_streams(
     )
 
 
-def simulate_touches(
-    cell: Cell, truth: Parameters, plan: Plan, noise: Noise | None = None, seed: int = 0
-) -> TouchSet:
+def simulate_touches(cell: Cell, truth: Parameters, plan: Plan, noise: Noise | None = None, seed: int = 0) -> TouchSet:
     """The touches of a plan without streams: Ḡ and the noise of one touch.
 
     The same seed gives the same noise of the touches as in `simulate_streams`.

@@ -1,0 +1,169 @@
+"""The settled parts of one contact: joints at rest, force steady.
+
+At every wrench sample the mean of either topic over the time `HALF` before it is
+compared with the mean over the same time after it. Where both agree within the noise, the
+contact is settled. A contact may hold several plateaus (a force raised in steps);
+each is a touch. Plateaus that agree are one, disturbed in between.
+
+A motion so slow that it passes does no harm: angles and force are averaged over the
+same time, and in between the contact is in equilibrium.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.recording.signals import Floats, Signals, Topic, robust_mean, runs, white_noise
+from scara_kinetostatic.recording.zero import Zero
+
+HALF = 0.03
+"""Time over which neighbouring means are taken, s, if the rates allow."""
+SHORTEST_HOLD = 0.2
+"""A hold shorter than this is no touch, s."""
+SIGMAS = 5.0
+STEADY_FORCE = 0.004
+"""Change of the force between neighbouring means that is no change, of the force."""
+STEADY_JOINT = 1e-3
+"""Speed of a joint that is no motion, rad/s."""
+HIGHEST_JOINT_NOISE = 1e-4
+"""Joint readings noisier than this are not at rest, rad."""
+SAME_FORCE = 0.01
+"""Plateaus closer than this are one, of the force."""
+SAME_JOINT = 5e-5
+"""Plateaus closer than this are one, rad."""
+
+
+class Plateau(NamedTuple):
+    """A settled part of a contact.
+
+    Attributes:
+        intervals: the stretches of time that are averaged, (k, 2), s.
+        begin: where it begins, s.
+        end: where it ends, s.
+        joints: mean angles, (2,), rad.
+        force: mean force in the frame and sign of the sensor, its zero removed, (2,), N.
+    """
+
+    intervals: Floats
+    begin: float
+    end: float
+    joints: Floats
+    force: Floats
+
+    @property
+    def duration(self) -> float:
+        """How long it lasts, s."""
+        return self.end - self.begin
+
+
+class Settling(NamedTuple):
+    """How a contact settles.
+
+    Attributes:
+        plateaus: those long enough, in the order of time.
+        longest: duration of the longest settled part, long enough or not, s.
+        parts: number of settled parts.
+        at_rest: part of the contact with the joints at rest.
+        steady: part of the contact with a steady force.
+    """
+
+    plateaus: tuple[Plateau, ...]
+    longest: float
+    parts: int
+    at_rest: float
+    steady: float
+
+
+def settle(signals: Signals, zero: Zero, end: float) -> Settling:
+    """The settled parts of the contact that begins at `zero.contact` and ends at `end`, s."""
+    joints, wrench = signals.joints, signals.wrench
+    half = max(HALF, 2.5 * joints.period, 2.5 * wrench.period)
+    inside = wrench.stretch(zero.contact, end)
+    time = wrench.time[inside]
+    if len(time) < 2:
+        return Settling((), 0.0, 0, 0.0, 0.0)
+    force = wrench.value[inside] - zero.force
+    force_step, load = _steps(wrench, time, half)
+    load = np.hypot(*(load - zero.force).T)
+    force_noise = max(zero.noise, white_noise(force))
+    force_limit = SIGMAS * _of_step(force_noise, wrench, half)
+    joint_noise = min(white_noise(joints.value[joints.stretch(zero.contact, end)]), HIGHEST_JOINT_NOISE)
+    joint_limit = STEADY_JOINT * half + SIGMAS * _of_step(joint_noise, joints, half)
+    steady = np.hypot(*force_step.T) <= np.maximum(force_limit, STEADY_FORCE * load)
+    at_rest = np.abs(_steps(joints, time, half)[0]).max(axis=1) <= joint_limit
+    found = _plateaus(signals, zero, time, steady & at_rest, half, force_noise)
+    shortest = SHORTEST_HOLD - 1.5 * max(joints.period, wrench.period)
+    loaded = load > 0.5 * load.max()
+    return Settling(
+        plateaus=tuple(plateau for plateau in found if plateau.duration >= shortest),
+        longest=max((plateau.duration for plateau in found), default=0.0),
+        parts=len(found),
+        at_rest=float(at_rest[loaded].mean()),
+        steady=float(steady[loaded].mean()),
+    )
+
+
+def _steps(topic: Topic, time: Floats, half: float) -> tuple[Floats, Floats]:
+    """Mean over `half` after each time minus the mean before it, and the mean of both, (k, 2) each."""
+    near = topic.stretch(time[0] - half - 2 * topic.gap_limit, time[-1] + half + 2 * topic.gap_limit)
+    stamps, values = topic.time[near], topic.value[near]
+    if len(stamps) < 2:
+        return np.full((len(time), 2), np.inf), np.zeros((len(time), 2))
+    area = np.diff(stamps)[:, None] * 0.5 * (values[1:] + values[:-1])
+    integral = np.concatenate([np.zeros((1, 2)), np.cumsum(area, axis=0)])
+    low, mid, high = (
+        np.column_stack([np.interp(time + side, stamps, column) for column in integral.T])
+        for side in (-half, 0.0, half)
+    )
+    return (high - 2.0 * mid + low) / half, (high - low) / (2.0 * half)
+
+
+def _of_step(noise: float, topic: Topic, half: float) -> float:
+    """Standard deviation of the difference of two neighbouring means."""
+    return noise * float(np.sqrt(2.0 * topic.period / half))
+
+
+def _plateaus(
+    signals: Signals, zero: Zero, time: Floats, settled: NDArray[np.bool_], half: float, noise: float
+) -> list[Plateau]:
+    """Settled parts, those that agree with the one before joined to it."""
+    found: list[Plateau] = []
+    for first, last in zip(*runs(settled), strict=True):
+        begin, end = float(time[first]), float(time[last])
+        if end - begin + 2 * half < min(0.1, 3 * half):
+            continue
+        inner = _inner(begin, end, half)
+        plateau = _plateau(signals, zero, np.array([inner]), begin - half, end + half)
+        if plateau is None:
+            continue
+        if found and _agree(found[-1], plateau, noise):
+            before = found.pop()
+            both = np.vstack([before.intervals, plateau.intervals])
+            joined = _plateau(signals, zero, both, before.begin, plateau.end)
+            plateau = joined or plateau
+        found.append(plateau)
+    return found
+
+
+def _inner(begin: float, end: float, half: float) -> tuple[float, float]:
+    """The stretch to average: without the time the means look ahead, unless little would be left."""
+    short = max(0.0, 0.5 * (SHORTEST_HOLD / 2 - (end - begin)))
+    more = min(short, half)
+    return begin - more, end + more
+
+
+def _plateau(signals: Signals, zero: Zero, intervals: Floats, begin: float, end: float) -> Plateau | None:
+    joints, force = signals.joints.during(intervals), signals.wrench.during(intervals)
+    if len(joints) < 2 or len(force) < 2:
+        return None
+    return Plateau(intervals, begin, end, robust_mean(joints), robust_mean(force) - zero.force)
+
+
+def _agree(one: Plateau, other: Plateau, noise: float) -> bool:
+    """Whether two plateaus are the same one, disturbed in between."""
+    limit = max(SIGMAS * noise / 3.0, SAME_FORCE * float(np.hypot(*one.force)))
+    same_force = np.hypot(*(one.force - other.force)) <= limit
+    return bool(same_force and np.abs(one.joints - other.joints).max() <= SAME_JOINT)

@@ -1,0 +1,147 @@
+"""Both topics on one time axis in seconds, sorted and finite, with the tools to look at a stretch of one.
+
+The topics are never resampled: each keeps its own stamps. What is compared between
+them are means over the same stretch of time, so that their rates need not agree.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.recording.streams import Streams
+
+Floats = NDArray[np.float64]
+
+SHORTEST_GAP = 0.1
+"""A pause of a topic up to this long is never called a gap, s."""
+GAP_PERIODS = 5.0
+"""Nor is one of up to this many periods."""
+
+
+class Topic(NamedTuple):
+    """One topic.
+
+    Attributes:
+        name: of the topic.
+        time: since the first stamp of the recording, (n,), s, increasing.
+        value: joint angles or force, (n, 2), rad or N.
+        period: median distance of two stamps, s.
+    """
+
+    name: str
+    time: Floats
+    value: Floats
+    period: float
+
+    @property
+    def gap_limit(self) -> float:
+        """Longest pause within a touch, s."""
+        return max(SHORTEST_GAP, GAP_PERIODS * self.period)
+
+    def stretch(self, begin: float, end: float) -> slice:
+        """The samples from `begin` to `end`."""
+        first, last = np.searchsorted(self.time, [begin, end], side='left')
+        return slice(int(first), int(last))
+
+    def during(self, intervals: Floats) -> Floats:
+        """The samples within intervals (k, 2) of time, (n, 2)."""
+        return np.concatenate([self.value[self.stretch(begin, end)] for begin, end in intervals])
+
+    def at(self, time: float) -> Floats:
+        """The value at a time, by linear interpolation, (2,)."""
+        near = self.stretch(time - 10 * self.period, time + 10 * self.period)
+        near = slice(max(near.start - 1, 0), near.stop + 1)
+        return np.array([np.interp(time, self.time[near], column) for column in self.value[near].T])
+
+    def longest_pause(self, begin: float, end: float) -> float:
+        """Longest time between two samples that overlaps a stretch, s; past the ends of the topic as well."""
+        first = max(int(np.searchsorted(self.time, begin, side='right')) - 1, 0)
+        last = int(np.searchsorted(self.time, end, side='left')) + 1
+        inside = self.time[first:last]
+        bounds = np.concatenate([np.minimum(inside[:1], begin), inside, np.maximum(inside[-1:], end)])
+        return float(np.diff(bounds).max()) if len(inside) else end - begin
+
+
+class Signals(NamedTuple):
+    """Both topics of one recording.
+
+    Attributes:
+        joints: joint angles, rad.
+        wrench: force, N, as the sensor reports it.
+        start: first stamp of the recording, ns.
+        warnings: what was left out, one sentence each.
+    """
+
+    joints: Topic
+    wrench: Topic
+    start: int
+    warnings: tuple[str, ...]
+
+
+def as_signals(streams: Streams, cell: Cell) -> Signals | None:
+    """Streams on one time axis; None where a topic holds fewer than two samples."""
+    pairs = (
+        (cell.sensor.joint_states, streams.joints.stamp, streams.joints.position),
+        (cell.sensor.wrench, streams.wrench.stamp, streams.wrench.force),
+    )
+    if min(len(stamp) for _, stamp, _ in pairs) < 2:
+        return None
+    start = min(int(np.min(stamp)) for _, stamp, _ in pairs)
+    topics, warnings = [], []
+    for name, stamp, value in pairs:
+        time, value, left_out = _in_order(1e-9 * (np.asarray(stamp) - start), np.asarray(value, dtype=float))
+        if left_out:
+            warnings.append(f'{name}: {left_out} samples are not finite or repeat a stamp; left out')
+        if len(time) < 2:
+            return None
+        topics.append(Topic(name, time, value, float(np.median(np.diff(time)))))
+    return Signals(topics[0], topics[1], start, tuple(warnings))
+
+
+def _in_order(time: Floats, value: Floats) -> tuple[Floats, Floats, int]:
+    """Finite samples in the order of time, one per stamp, and how many were left out."""
+    count = len(time)
+    finite = np.isfinite(value).all(axis=1)
+    if not finite.all():
+        time, value = time[finite], value[finite]
+    steps = np.diff(time)
+    if np.any(steps <= 0):
+        order = np.argsort(time, kind='stable')
+        time, value = time[order], value[order]
+        fresh = np.append(True, np.diff(time) > 0)
+        time, value = time[fresh], value[fresh]
+    return time, value, count - len(time)
+
+
+def white_noise(values: Floats) -> float:
+    """Standard deviation of the white part of samples (n, 2), from the differences of neighbours.
+
+    The median of the differences' size does not see the few that belong to a
+    motion; a steady motion is taken off.
+    """
+    if len(values) < 4:
+        return 0.0
+    steps = np.diff(values, axis=0)
+    steps -= np.median(steps, axis=0)
+    return float(1.4826 * np.median(np.abs(steps), axis=0).max() / np.sqrt(2.0))
+
+
+def robust_mean(values: Floats) -> Floats:
+    """Mean of samples (n, 2) without spikes: what lies far outside the middle of the samples is left out."""
+    center = np.median(values, axis=0)
+    spread = np.zeros(2)
+    for outer in (16.0, 2.5):
+        low, high = np.percentile(values, [outer, 100.0 - outer], axis=0)
+        spread = np.where(spread > 0, spread, high - low)
+    near = np.abs(values - center) <= np.where(spread > 0, 4.0 * spread, np.inf)
+    return np.array([column[keep].mean() for column, keep in zip(values.T, near.T, strict=True)])
+
+
+def runs(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """First and last position of every run of True."""
+    edges = np.diff(np.concatenate([[0], mask.view(np.int8), [0]]))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
