@@ -1,0 +1,195 @@
+"""What the data can show of L̄, and what they cannot: rank, condition, confounded groups.
+
+A direction of L̄ counts as unseen for either of two reasons.
+
+- **It hardly moves the predictions**: a change along it by the whole range a robot's
+  parameter can plausibly have (`SCALES`) moves them by less than one standard deviation.
+- **What seems to show it is noise**: the Jacobian is evaluated at measured quantities. With one
+  force level, the columns of p_ee and g_ee are proportional but for the noise of the
+  measured force, and a fit happily separates the two by that noise. The part ρ of the
+  information along a direction that the noise of the observations alone would
+  produce is worked out from the derivatives of the Jacobian; 1 - ρ is the
+  reliability ratio of errors-in-variables regression. Above `NOISE_SHARE` the direction is unseen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.calibration.adjustment import Adjusted, Observations, linearise, place_force, whiten_by
+from scara_kinetostatic.calibration.solver import Point
+from scara_kinetostatic.calibration.steps import compress
+from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.equations import settle_links
+from scara_kinetostatic.model.parameters import NAMES, UNITS
+
+Floats = NDArray[np.float64]
+
+SCALES = np.array([0.02, 0.02, 0.05, 0.02, 0.05, 0.02, 1e-4, 1e-3, 1e-3, 1e-3, 5e-3, 5e-3])
+"""Plausible range of each parameter about its nominal value, in its unit; also the solver's scaling."""
+NOISE_SHARE = 0.25
+MEMBER = 0.05
+"""A parameter belongs to a group if its part of the unseen direction, in `SCALES`, is at least this."""
+
+
+class Combination(NamedTuple):
+    """A sum of confounded parameters that the data do determine.
+
+    Attributes:
+        text: such as ``g_ee + 40.0 p_ee``.
+        value: its estimate.
+        std: its standard deviation.
+        unit: its unit.
+    """
+
+    text: str
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """What the data show.
+
+    Attributes:
+        rank: number of independent combinations of the free parameters seen.
+        condition: condition number of the weighted Jacobian with unit columns, over what is seen.
+        confounded: groups of parameters that only together are determined, by name;
+            a group of one is a parameter not seen at all.
+        combinations: what of each pair is determined all the same.
+        advice: which touches would cure it; empty where nothing is confounded.
+    """
+
+    rank: int
+    condition: float
+    confounded: tuple[tuple[str, ...], ...] = ()
+    combinations: tuple[Combination, ...] = ()
+    advice: str = ''
+
+
+def unseen_directions(observations: Observations, point: Point, free: NDArray[np.intp], noise: Noise) -> Floats:
+    """The directions of L̄ that the data do not show.
+
+    Args:
+        observations: the used touches.
+        point: the fit there.
+        free: positions of the parameters that are not fixed, (k,).
+        noise: σ_q and σ_f.
+
+    Returns:
+        (k, d) orthonormal columns in units of `SCALES`; d = 0 where all is seen.
+    """
+    scaled = point.whitened.derivative[:, :, free] * SCALES[free]
+    system = compress(scaled, point.whitened.residual)
+    weak = system.values < 1.0
+    seen, values = system.right[:, ~weak], system.values[~weak]
+    by_noise = np.concatenate(_noise_derivatives(observations, point, noise))[:, :, free] * SCALES[free]
+    triangle = np.linalg.qr(by_noise.reshape(-1, len(free)), mode='r')
+    _, shares, directions = np.linalg.svd(triangle @ (seen / values), full_matrices=False)
+    noisy = (seen / values) @ directions[shares**2 > NOISE_SHARE].T
+    together = np.concatenate([system.right[:, weak], noisy / np.linalg.norm(noisy, axis=0)], axis=1)
+    return np.linalg.qr(together)[0] if together.size else np.empty((len(free), 0))
+
+
+def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -> list[Floats]:
+    """How the whitened Jacobian changes by one standard deviation of what noise is left in F̂, (n, 2, 12) twice."""
+    a, o = point.adjusted, observations
+    l11, l21, l22 = point.whitened.root
+    b = point.linear.by_force
+    magnitude = np.hypot(a.force[:, 0], a.force[:, 1])[:, None]
+    along = a.force / magnitude
+    changes = []
+    for k, direction in enumerate((along, np.stack([-along[:, 1], along[:, 0]], axis=-1))):
+        first = b[:, 0, k] / l11
+        second = (b[:, 1, k] - l21 * first) / l22
+        left = noise.force * np.sqrt(np.clip(1 - noise.force**2 * (first**2 + second**2), 0.0, 1.0))
+        shifted = []
+        for sign in (1, -1):
+            force = a.force + sign * left[:, None] * direction
+            state = settle_links(point.parameters, a.joints, place_force(o, point.parameters, a.joints, force, a.state))
+            linear = linearise(o, point.parameters, Adjusted(a.joints, force, state))
+            shifted.append(whiten_by(linear.derivative, point.whitened.root))
+        changes.append((shifted[0] - shifted[1]) / 2)
+    return changes
+
+
+def group_names(directions: Floats, free: NDArray[np.intp]) -> tuple[tuple[str, ...], ...]:
+    """The groups of parameters that unseen directions tie together, by name."""
+    groups = []
+    for row in _sparse_rows(directions.T):
+        members = np.abs(row) >= MEMBER * np.abs(row).max()
+        groups.append(tuple(NAMES[j] for j in free[members]))
+    return tuple(groups)
+
+
+def _sparse_rows(rows: Floats) -> Floats:
+    """Gauss–Jordan elimination with full pivoting: a basis of the same space with few entries per row."""
+    rows = rows.copy()
+    todo = set(range(len(rows)))
+    while todo:
+        left = sorted(todo)
+        i, j = np.unravel_index(np.argmax(np.abs(rows[left])), (len(left), rows.shape[1]))
+        pivot = left[int(i)]
+        rows[pivot] /= rows[pivot, j]
+        for other in range(len(rows)):
+            if other != pivot:
+                rows[other] -= rows[other, j] * rows[pivot]
+        todo.remove(pivot)
+    return rows
+
+
+def condition_number(derivative: Floats) -> float:
+    """Largest over smallest singular value of a Jacobian (n, 2, k) whose columns are made unit."""
+    flat = derivative.reshape(-1, derivative.shape[2])
+    norms = np.linalg.norm(flat, axis=0)
+    values = np.linalg.svd(np.linalg.qr(flat / np.where(norms > 0, norms, 1.0), mode='r'), compute_uv=False)
+    return float(values[0] / values[-1]) if values[-1] > 0 else float('inf')
+
+
+def determined_pairs(
+    directions: Floats, free: NDArray[np.intp], values: Floats, covariance: Floats
+) -> tuple[Combination, ...]:
+    """For each unseen direction that ties two parameters, the sum of the two that is determined."""
+    found = []
+    for row in _sparse_rows(directions.T):
+        members = np.flatnonzero(np.abs(row) >= MEMBER * np.abs(row).max())
+        if len(members) != 2:
+            continue
+        # moving along `row` leaves u + c v as it is for c = -du/dv
+        v, u = (int(free[m]) for m in members)
+        du, dv = row[members[1]] * SCALES[u], row[members[0]] * SCALES[v]
+        factor = -du / dv
+        weights = np.zeros(len(values))
+        weights[u], weights[v] = 1.0, factor
+        text = f'{NAMES[u]} {"-" if factor < 0 else "+"} {abs(factor):.4g} {NAMES[v]}'
+        std = float(np.sqrt(weights @ covariance @ weights))
+        found.append(Combination(text, float(weights @ values), std, UNITS[NAMES[u]]))
+    return tuple(found)
+
+
+def advise(groups: tuple[tuple[str, ...], ...], mean_force: float) -> str:
+    """Which further touches would separate the groups, in one or a few sentences."""
+    sentences = []
+    for group in groups:
+        names = ' and '.join(group)
+        if set(group) == {'p_ee', 'g_ee'}:
+            sentences.append(
+                f'{names} cannot be told apart because every touch has nearly the same force; add touches at '
+                f'another level, {mean_force / 2:.0f} N for instance'
+            )
+        elif len(group) == 1:
+            sentences.append(f'{names} is not seen by these touches; touch where it matters more, or fix it')
+        elif set(group) <= {'p1', 'g1', 'p2', 'g2', 'p_ee', 'g_ee'}:
+            sentences.append(
+                f'{names} cannot be told apart; add touches at other force levels and with other lever arms'
+            )
+        else:
+            sentences.append(
+                f'{names} cannot be told apart; add touches on other discs, from other sides and in both postures'
+            )
+    return '. '.join(sentences)

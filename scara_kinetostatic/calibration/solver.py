@@ -1,0 +1,202 @@
+"""The accept/reject loop of the adjustment: Gauss–Newton, damped where a step fails.
+
+In scaled parameters a start 20 mm and 3° off takes five or six steps. Each stage is
+one run of the loop: coarse, with observations as measured and Cauchy's loss; robust, with adjusted
+observations and the same loss, to find its way among wrong touches; final, the sum
+of squares over those that are used.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.calibration import steps
+from scara_kinetostatic.calibration.adjustment import (
+    Adjusted,
+    Linearisation,
+    Observations,
+    Whitened,
+    adjust,
+    as_measured,
+    direction_variance,
+    linearise,
+    squared_distance,
+    whiten,
+)
+from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.parameters import Parameters
+
+Floats = NDArray[np.float64]
+
+MAX_ITERATIONS = 60
+STEP_TOLERANCE = 1e-14
+"""A step shorter than this in scaled parameters is rounding error."""
+STALL_TOLERANCE = 1e-9
+MAX_DAMPING = 1e12
+
+
+class Termination(Enum):
+    """How the loop ended."""
+
+    CONVERGED = 'converged'
+    STALLED = 'stalled'
+    ITERATION_LIMIT = 'iteration limit'
+
+    @property
+    def advice(self) -> str:
+        """What it means for the user."""
+        return {
+            Termination.CONVERGED: 'the estimate is at the optimum',
+            Termination.STALLED: 'no step lowers the error any more, short of the optimum; '
+            'look at the rejected touches and at the cell file',
+            Termination.ITERATION_LIMIT: 'the estimate had not settled; check disc places, sensor frame and sign',
+        }[self]
+
+
+class Stage(NamedTuple):
+    """One run of the loop.
+
+    Attributes:
+        adjusts: whether observations are adjusted or taken as measured.
+        robust: Cauchy's loss instead of the sum of squares.
+        tolerance: a step that moves all predictions together by fewer standard
+            deviations than this ends the run.
+    """
+
+    adjusts: bool
+    robust: bool
+    tolerance: float
+
+
+COARSE = Stage(adjusts=False, robust=True, tolerance=0.3)
+ROBUST = Stage(adjusts=True, robust=True, tolerance=1e-2)
+FINAL = Stage(adjusts=True, robust=False, tolerance=1e-6)
+
+
+class Subspace(NamedTuple):
+    """Which changes of L̄ the fit may make: L̄ = origin + basis y.
+
+    Attributes:
+        origin: (12,).
+        basis: (12, k); its columns carry the scale of each change.
+    """
+
+    origin: Floats
+    basis: Floats
+
+    def project(self, parameters: Parameters) -> Parameters:
+        """The nearest L̄ that the subspace holds, in scaled terms."""
+        y = np.linalg.lstsq(self.basis, parameters.as_array() - self.origin, rcond=None)[0]
+        return Parameters.from_array(self.origin + self.basis @ y)
+
+
+class Point(NamedTuple):
+    """The adjustment evaluated at one L̄."""
+
+    parameters: Parameters
+    adjusted: Adjusted
+    linear: Linearisation
+    whitened: Whitened
+    distance: Floats
+
+
+class Fit(NamedTuple):
+    """Where the loop ended, and how.
+
+    Attributes:
+        point: the last accepted point.
+        system: the compressed system there, in y.
+        iterations: steps tried.
+        history: robust or plain cost after each step.
+        termination: how it ended.
+    """
+
+    point: Point
+    system: steps.Compressed
+    iterations: int
+    history: tuple[float, ...]
+    termination: Termination
+
+
+def evaluate(
+    observations: Observations, parameters: Parameters, adjusted: Adjusted, noise: Noise, stage: Stage = FINAL
+) -> Point:
+    """Linearise and whiten at one L̄."""
+    linear = linearise(observations, parameters, adjusted)
+    extra = 0.0 if stage.adjusts else direction_variance(observations, noise)
+    whitened = whiten(linear, noise, extra)
+    return Point(parameters, adjusted, linear, whitened, squared_distance(whitened))
+
+
+def minimise(
+    observations: Observations,
+    start: Parameters,
+    adjusted: Adjusted,
+    subspace: Subspace,
+    noise: Noise,
+    stage: Stage,
+    max_iterations: int = MAX_ITERATIONS,
+) -> Fit:
+    """Find the L̄ of least cost in a subspace.
+
+    Args:
+        observations: the touches.
+        start: L̄ to start from.
+        adjusted: adjusted observations to start from (`first_guess`, or those of an earlier run).
+        subspace: the changes allowed.
+        noise: σ_q and σ_f.
+        stage: which run this is.
+        max_iterations: steps at most.
+
+    Returns:
+        The fit; how it ended is in `termination`, nothing is raised.
+    """
+    point = evaluate(observations, start, adjusted, noise, stage)
+    system, scale = _system(point, subspace, stage)
+    damping, history, termination, iteration = 0.0, [], Termination.ITERATION_LIMIT, 0
+    for iteration in range(1, max_iterations + 1):
+        step = steps.damped_step(system, damping)
+        trial = _move(observations, point, subspace.basis @ step, noise, stage)
+        cost, trial_cost = _cost(point, scale, stage), _cost(trial, scale, stage)
+        shift = steps.predicted_shift(system, step)
+        settled = shift < stage.tolerance or float(np.abs(step).max(initial=0.0)) < STEP_TOLERANCE
+        if np.isfinite(trial_cost) and (settled or shift < 1e-3 or trial_cost <= cost * (1 + STALL_TOLERANCE)):
+            point, damping = trial, damping / 10 if damping > 1e-6 else 0.0
+            history.append(trial_cost)
+            system, scale = _system(point, subspace, stage)
+            if settled:
+                termination = Termination.CONVERGED
+                break
+        else:
+            largest = float(system.values[0]) ** 2
+            damping = max(10 * damping, 1e-10 * largest)
+            if damping > MAX_DAMPING * largest:
+                termination = Termination.STALLED
+                break
+    return Fit(point, system, iteration, tuple(history), termination)
+
+
+def _move(observations: Observations, point: Point, change: Floats, noise: Noise, stage: Stage) -> Point:
+    parameters = Parameters.from_array(point.parameters.as_array() + change)
+    with np.errstate(all='ignore'):
+        if stage.adjusts:
+            adjusted = adjust(
+                observations, parameters, point.adjusted, point.linear, point.whitened, change, noise
+            )
+        else:
+            adjusted = as_measured(observations, parameters, point.adjusted.state)
+        return evaluate(observations, parameters, adjusted, noise, stage)
+
+
+def _system(point: Point, subspace: Subspace, stage: Stage) -> tuple[steps.Compressed, float]:
+    scale = steps.typical_scale(point.distance)
+    weights = steps.robust_weights(point.distance, scale) if stage.robust else None
+    return steps.compress(point.whitened.derivative @ subspace.basis, point.whitened.residual, weights), scale
+
+
+def _cost(point: Point, scale: float, stage: Stage) -> float:
+    return steps.robust_cost(point.distance, scale) if stage.robust else float(point.distance.sum())

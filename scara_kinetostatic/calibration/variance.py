@@ -1,0 +1,92 @@
+"""The two noise levels estimated from the residuals: variance components by REML.
+
+The covariance of a misclosure is V = σ_q² V_q + σ_f² V_f with known V_q = h_Q h_Qᵀ
+and V_f = h_F h_Fᵀ. Restricted maximum likelihood finds both levels from the residuals of the fit,
+accounting for the parameters fitted. One round solves
+
+    Σ_l tr(P V_k P V_l) σ_l² = rᵀ V⁻¹ V_k V⁻¹ r,   P = V⁻¹ - V⁻¹ J C Jᵀ V⁻¹,
+
+and rounds are repeated with the fit until nothing moves. The two are well told apart: along the
+force both act, across it the force's noise alone.
+
+Source: Förstner's and Helmert's variance component estimation; Koch, Parameter
+Estimation and Hypothesis Testing in Linear Models (1999), section 3.6.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.calibration.adjustment import Linearisation, Whitened, outer
+from scara_kinetostatic.model.cell import Noise
+
+Floats = NDArray[np.float64]
+
+FLOOR = Noise(joint=1e-9, force=1e-6)
+"""The least that a noise level is ever taken to be: joint readings may repeat to the last bit."""
+LARGEST_CHANGE = 10.0
+FEWEST_FREEDOMS = 10
+"""With fewer degrees of freedom the ratio of the two levels is kept and only their size estimated."""
+
+
+def estimate_noise(linear: Linearisation, whitened: Whitened, covariance: Floats, noise: Noise) -> Noise:
+    """One round of REML at a fit.
+
+    Args:
+        linear: the equations of the used touches.
+        whitened: the same, whitened with `noise`.
+        covariance: C of the parameters in the scale of `whitened.derivative`, (12, 12).
+        noise: the levels so far.
+
+    Returns:
+        The levels that the residuals call for, each within a factor of 10 of before.
+    """
+    parts = [_whiten_matrix(outer(b), whitened.root) for b in (linear.by_joints, linear.by_force)]
+    r, jacobian = whitened.residual, whitened.derivative
+    freedoms = r.size - int(np.linalg.matrix_rank(covariance))
+    if freedoms < FEWEST_FREEDOMS:
+        factor = np.sqrt(float((r**2).sum()) / max(freedoms, 1))
+        return _bounded(noise, Noise(noise.joint * factor, noise.force * factor))
+    weighted = [np.einsum('nij,njk->nik', part, jacobian) for part in parts]
+    normals = [np.einsum('nik,nil->kl', jacobian, w) @ covariance for w in weighted]
+    matrix, vector = np.empty((2, 2)), np.empty(2)
+    for k in range(2):
+        vector[k] = np.einsum('ni,nij,nj->', r, parts[k], r)
+        for j in range(2):
+            crossed = np.einsum('nik,nil->kl', weighted[k], weighted[j]) @ covariance
+            matrix[k, j] = (
+                np.einsum('nij,nij->', parts[k], parts[j]) - 2 * np.trace(crossed) + np.trace(normals[k] @ normals[j])
+            )
+    variances = _nonnegative(matrix, vector)
+    return _bounded(noise, Noise(*np.sqrt(variances).tolist()))
+
+
+def _nonnegative(matrix: Floats, vector: Floats) -> Floats:
+    """Solve for two variances; where one would be negative, it is zero and the other is alone."""
+    solution = np.linalg.solve(matrix, vector)
+    if (solution >= 0).all():
+        return solution
+    kept = int(np.argmax(solution))
+    alone = np.zeros(2)
+    alone[kept] = vector[kept] / matrix[kept, kept]
+    return alone
+
+
+def _bounded(old: Noise, new: Noise) -> Noise:
+    return Noise(
+        *(
+            max(floor, min(max(after, before / LARGEST_CHANGE), before * LARGEST_CHANGE))
+            for before, after, floor in zip(old, new, FLOOR, strict=True)
+        )
+    )
+
+
+def _whiten_matrix(entries: Floats, root: tuple[Floats, Floats, Floats]) -> Floats:
+    """L⁻¹ V L⁻ᵀ for symmetric (n, 3) entries 11, 21, 22, as (n, 2, 2)."""
+    l11, l21, l22 = root
+    v11, v21, v22 = np.moveaxis(entries, -1, 0)
+    a11 = v11 / l11**2
+    a21 = (v21 - l21 * v11 / l11) / (l11 * l22)
+    a22 = (v22 - 2 * l21 * v21 / l11 + (l21 / l11) ** 2 * v11) / l22**2
+    return np.stack([np.stack([a11, a21], axis=-1), np.stack([a21, a22], axis=-1)], axis=-2)
