@@ -34,7 +34,8 @@ ZERO_CHANGE = 1.0
 """A change of the sensor's zero within a recording that is worth a warning, N."""
 
 
-class Episode(NamedTuple):
+@dataclass(frozen=True)
+class Episode:
     """Where one touch lies in the recording, used or rejected; times in s since its first stamp.
 
     Attributes:
@@ -74,12 +75,14 @@ class Detection:
 
 
 class _Candidate(NamedTuple):
-    """A touch before its disc is known."""
+    """A contact or a settled part of one, on its way to a touch."""
 
     contact: tuple[float, float]
     zero: Zero | None
     plateau: Plateau | None
     reason: str
+    disc: int = -1
+    posture: int = 0
 
 
 def find_touches(streams: Streams, cell: Cell) -> Detection:
@@ -97,7 +100,7 @@ def find_touches(streams: Streams, cell: Cell) -> Detection:
         return Detection(no_touches())
     contacts = find_contacts(signals)
     candidates = _candidates(signals, contacts)
-    candidates, advice = _with_discs_known(candidates, cell)
+    candidates, advice = _with_discs(candidates, cell)
     episodes = tuple(_episode(number, candidate) for number, candidate in enumerate(candidates))
     return Detection(
         touches=_touch_set(signals, candidates, cell),
@@ -195,22 +198,21 @@ def _flickers(signals: Signals, zero: Zero) -> bool:
     return bool(np.all(np.median(steps, axis=0) > 0))
 
 
-def _with_discs_known(candidates: list[_Candidate], cell: Cell) -> tuple[list[_Candidate], tuple[str, ...]]:
-    """The candidates, those that touch no disc rejected, and advice."""
+def _with_discs(candidates: list[_Candidate], cell: Cell) -> tuple[list[_Candidate], tuple[str, ...]]:
+    """The candidates with their discs, those that touch none rejected, and advice."""
     good = [number for number, candidate in enumerate(candidates) if not candidate.reason]
     if not good:
         return candidates, ()
-    joints, force = _means([candidates[number] for number in good], cell)
-    assignment = assign(joints, force, cell)
+    assignment = assign(*_means([candidates[number] for number in good], cell), cell)
     hint = f': {assignment.advice}' if assignment.advice else ''
     for place, number in enumerate(good):
-        if not assignment.known[place]:
-            name, miss = cell.discs[assignment.disc[place]].name, 1e3 * assignment.miss[place]
-            reason = f'touches nothing known: {miss:.0f} mm off the nearest disc, {name!r}{hint}'
-            candidates[number] = candidates[number]._replace(reason=reason)
+        disc, miss = int(assignment.disc[place]), 1e3 * assignment.miss[place]
+        reason = f'touches nothing known: {miss:.0f} mm off the nearest disc, {cell.discs[disc].name!r}{hint}'
+        reason = '' if assignment.known[place] else reason
+        side = int(assignment.posture[place])
+        candidates[number] = candidates[number]._replace(disc=disc, posture=side, reason=reason)
     lost = int(np.sum(~assignment.known))
-    advice = (f'{lost} of {len(good)} touches meet no disc{hint}',) if assignment.advice else ()
-    return candidates, advice
+    return candidates, (f'{lost} of {len(good)} touches meet no disc{hint}',) if hint else ()
 
 
 def _means(candidates: list[_Candidate], cell: Cell) -> tuple[Floats, Floats]:
@@ -226,14 +228,13 @@ def _touch_set(signals: Signals, candidates: list[_Candidate], cell: Cell) -> To
         return no_touches()
     kept = [candidates[number] for number in index]
     joints, force = _means(kept, cell)
-    assignment = assign(joints, force, cell)
     intervals = [candidate.plateau.intervals for candidate in kept if candidate.plateau is not None]
     before = [signals.joints.at(candidate.contact[0] - BEFORE_CONTACT) for candidate in kept]
     return TouchSet(
         joints=joints,
         force=force,
-        disc=assignment.disc,
-        posture=assignment.posture,
+        disc=np.array([candidate.disc for candidate in kept]),
+        posture=np.array([candidate.posture for candidate in kept]),
         time=np.array([0.5 * (stretch[0, 0] + stretch[-1, 1]) for stretch in intervals]),
         index=np.array(index),
         approach=joints - np.array(before),

@@ -91,15 +91,20 @@ def as_signals(streams: Streams, cell: Cell) -> Signals | None:
     if min(len(stamp) for _, stamp, _ in pairs) < 2:
         return None
     start = min(int(np.min(stamp)) for _, stamp, _ in pairs)
-    topics, warnings = [], []
+    topics: list[Topic] = []
+    warnings: list[str] = []
     for name, stamp, value in pairs:
-        time, value, left_out = _in_order(1e-9 * (np.asarray(stamp) - start), np.asarray(value, dtype=float))
+        time, value, left_out = _in_order(_seconds(stamp, start), np.asarray(value, dtype=float))
         if left_out:
             warnings.append(f'{name}: {left_out} samples are not finite or repeat a stamp; left out')
         if len(time) < 2:
             return None
         topics.append(Topic(name, time, value, float(np.median(np.diff(time)))))
     return Signals(topics[0], topics[1], start, tuple(warnings))
+
+
+def _seconds(stamp: NDArray[np.int64], start: int) -> Floats:
+    return 1e-9 * (np.asarray(stamp) - start).astype(np.float64)
 
 
 def _in_order(time: Floats, value: Floats) -> tuple[Floats, Floats, int]:
