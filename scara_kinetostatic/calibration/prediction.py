@@ -1,0 +1,46 @@
+"""What the model predicts for touches: A(Q, L̄), the residual F - A, the index e_f (10)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.calibration.adjustment import Observations
+from scara_kinetostatic.model.cell import Cell, SensorFrame
+from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.kinematics import rotate
+from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.touch import TouchSet
+
+Floats = NDArray[np.float64]
+
+
+def observe(touches: TouchSet, cell: Cell) -> Observations:
+    """The touches as the adjustment takes them."""
+    return Observations(
+        touches.joints,
+        touches.force,
+        cell.centers[touches.disc],
+        cell.radii[touches.disc],
+        cell.sensor.frame,
+        cell.gripper_sign,
+    )
+
+
+def base_force(observations: Observations, parameters: Parameters) -> Floats:
+    """The measured forces in the base frame, (n, 2), N; the tool frame turns with q1 + theta1 + q2 + theta2."""
+    if observations.frame is SensorFrame.BASE:
+        return observations.force
+    return rotate(observations.force, observations.joints.sum(axis=1) + parameters.theta1 + parameters.theta2)
+
+
+def force_residual(observations: Observations, parameters: Parameters) -> Floats:
+    """F - A(Q, L̄) with the contact unilateral, as (10) takes it, (n, 2), N."""
+    o = observations
+    measured = base_force(o, parameters)
+    return measured - contact(parameters, o.joints, o.centers, o.radii, o.sign, near=measured).force
+
+
+def force_error(residual: Floats) -> float:
+    """e_f (10): the mean length of the residuals, N."""
+    return float(np.hypot(residual[:, 0], residual[:, 1]).mean())
