@@ -13,7 +13,6 @@ Stricter than `yaml.safe_load`, so that a slip is an error and not a surprise:
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Hashable
 from pathlib import Path
@@ -32,11 +31,10 @@ Problem = type[InputError]
 class _Loader(yaml.SafeLoader):
     """Safe loader with the core schema of YAML 1.2 and no tags, anchors, aliases or repeated keys."""
 
-    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}
     depth = 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        event = self.peek_event()
+        event = self.peek_event()  # type: ignore[no-untyped-call]
         if isinstance(event, yaml.AliasEvent) or getattr(event, 'anchor', None) is not None:
             raise yaml.MarkedYAMLError(problem='anchors and aliases are not allowed', problem_mark=event.start_mark)
         if getattr(event, 'tag', None) is not None:
@@ -73,6 +71,7 @@ _CORE_SCHEMA = (
     ('int', r'[-+]?[0-9]+', '-+0123456789'),
     ('float', r'[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.inf|\.nan', '-+.0123456789'),
 )
+_Loader.yaml_implicit_resolvers = {}
 for _name, _pattern, _first in _CORE_SCHEMA:
     _starts = [*_first, ''] if _name == 'null' else list(_first)
     _Loader.add_implicit_resolver(f'tag:yaml.org,2002:{_name}', re.compile(rf'(?:{_pattern})\Z'), _starts)
@@ -97,8 +96,9 @@ def read_text(path: str | Path, problem: Problem) -> str:
             raise problem(path, 'there is no such file', 'check the path')
         if not path.is_file():
             raise problem(path, 'expected a file, got ' + ('a folder' if path.is_dir() else 'something else'))
-        if os.stat(path).st_size > MAX_BYTES:
-            raise problem(path, f'expected at most {MAX_BYTES // 1024} KiB of YAML, got {os.stat(path).st_size} bytes')
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise problem(path, f'expected at most {MAX_BYTES // 1024} KiB of YAML, got {size} bytes')
         return path.read_bytes().decode('utf-8-sig')
     except UnicodeDecodeError as error:
         raise problem(path, f'not UTF-8 text (byte {error.start})', 'save it as UTF-8') from error

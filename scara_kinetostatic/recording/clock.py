@@ -1,0 +1,113 @@
+"""One clock for both streams: header stamps where they can be trusted, else the times of recording.
+
+The two topics are brought together by their stamps, so both must be on one
+clock. Header stamps are not to be trusted where they are missing or stand
+still, where they run back by more than `RESET` (a simulation restarted, a bag
+played in a loop), or where the two topics' clocks disagree. The times of
+recording then serve for both topics, if they are sound.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.recording.decoding import Samples
+
+RESET = 1_000_000_000
+"""A step back larger than this is no disorder but another clock, ns."""
+
+DISAGREEMENT = 250_000_000
+"""Two clocks this far apart would put a force beside the wrong joint angles, ns."""
+
+
+class Timed(NamedTuple):
+    """Samples in the order of their stamps, each stamp once: (n,) ns and (n, 2)."""
+
+    stamp: NDArray[np.int64]
+    values: NDArray[np.float64]
+
+
+def on_one_clock(source: str, streams: dict[str, Samples], warnings: list[str]) -> list[Timed]:
+    """Both streams in order on one clock.
+
+    Args:
+        source: the recording, for messages.
+        streams: by topic, at least one sample each.
+        warnings: what was mended is added here.
+
+    Raises:
+        RecordingError: neither header stamps nor times of recording make sense.
+    """
+    streams = {topic: _without_unstamped(topic, samples, warnings) for topic, samples in streams.items()}
+    complaint = _complaint(streams, 'stamp') or _disagreement(streams)
+    use = 'stamp'
+    if complaint:
+        if _complaint(streams, 'log_time'):
+            remedy = 'record the robot in one go, with stamps set from one clock'
+            raise RecordingError(source, f'{complaint}, and so do the times of recording', remedy)
+        use = 'log_time'
+        warnings.append(f'{complaint}: the times of recording were used instead')
+    return [_in_order(topic, getattr(samples, use), samples.values, warnings) for topic, samples in streams.items()]
+
+
+def _without_unstamped(topic: str, samples: Samples, warnings: list[str]) -> Samples:
+    """Drop the few messages without a stamp, where most have one."""
+    stamped = samples.stamp != 0
+    missing = len(stamped) - int(np.sum(stamped))
+    if missing == 0 or missing > len(stamped) // 2:
+        return samples
+    warnings.append(f'{topic}: {missing} messages without a stamp were dropped')
+    return samples._replace(
+        stamp=samples.stamp[stamped], log_time=samples.log_time[stamped], values=samples.values[stamped]
+    )
+
+
+def _complaint(streams: dict[str, Samples], use: str) -> str:
+    """Why the times of a kind cannot be used; empty where they can."""
+    for topic, samples in streams.items():
+        times: NDArray[np.int64] = getattr(samples, use)
+        if np.all(times == 0):
+            return f'the stamps of {topic} are all zero'
+        if len(times) > 2 and np.all(times == times[0]):
+            return f'the stamps of {topic} stand still'
+        step = int(np.min(np.diff(times), initial=0))
+        if step < -RESET:
+            return f'the stamps of {topic} jump back by {-step / 1e9:.3g} s'
+    return ''
+
+
+def _disagreement(streams: dict[str, Samples]) -> str:
+    """Whether the clocks of the two topics are apart, judged by a steady lag against the times of recording."""
+    if _complaint(streams, 'log_time'):
+        return ''
+    lags = []
+    for samples in streams.values():
+        lag = samples.stamp - samples.log_time
+        low, middle, high = np.percentile(lag - lag[0], [5, 50, 95])
+        if high - low > DISAGREEMENT:
+            return ''
+        lags.append(int(lag[0]) + int(middle))
+    apart = max(lags) - min(lags)
+    if apart < DISAGREEMENT:
+        return ''
+    return f'the stamps of {" and ".join(streams)} come from clocks that are {apart / 1e9:.3g} s apart'
+
+
+def _in_order(topic: str, stamp: NDArray[np.int64], values: NDArray[np.float64], warnings: list[str]) -> Timed:
+    """Sort what is out of order and keep the first of equal stamps."""
+    backwards = int(np.sum(np.diff(stamp) < 0))
+    if backwards:
+        warnings.append(f'{topic}: the stamps run backwards in {backwards} places, sorted')
+        order = np.argsort(stamp, kind='stable')
+        stamp, values = stamp[order], values[order]
+    repeated = np.concatenate([[False], np.diff(stamp) == 0])
+    if np.any(repeated):
+        warnings.append(f'{topic}: {int(np.sum(repeated))} messages with the stamp of another were dropped')
+        stamp, values = stamp[~repeated], values[~repeated]
+    stamp.flags.writeable = False
+    values.flags.writeable = False
+    return Timed(stamp, values)

@@ -1,0 +1,99 @@
+"""Messages as they lie in a file: bytes, not yet decoded, many at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Generator, Sequence
+from typing import NamedTuple, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+WRENCH_STAMPED = 'geometry_msgs/msg/WrenchStamped'
+STRING = 'std_msgs/msg/String'
+
+BATCH = 8192
+"""Messages per batch where the source does not set its own portion."""
+
+
+class Topic(NamedTuple):
+    """A topic of a recording.
+
+    Attributes:
+        name: with a leading slash.
+        msgtype: as ROS 2 writes it, `package/msg/Name`.
+        encoding: `cdr` (ROS 2), `ros1`, or whatever the file says.
+    """
+
+    name: str
+    msgtype: str
+    encoding: str
+
+
+class Batch(NamedTuple):
+    """Consecutive messages of one topic.
+
+    Attributes:
+        topic: their topic.
+        log_time: when each was recorded, (n,), ns.
+        buffer: bytes that hold all payloads, (any,), uint8.
+        start: where each payload starts in the buffer, (n,).
+        length: how many bytes it has, (n,).
+    """
+
+    topic: Topic
+    log_time: NDArray[np.int64]
+    buffer: NDArray[np.uint8]
+    start: NDArray[np.int64]
+    length: NDArray[np.int64]
+
+    @classmethod
+    def from_payloads(cls, topic: Topic, log_time: Sequence[int], payloads: Sequence[bytes]) -> Batch:
+        """From payloads that lie apart."""
+        length = np.fromiter(map(len, payloads), np.int64, len(payloads))
+        return cls(
+            topic,
+            np.array(log_time, dtype=np.int64),
+            np.frombuffer(b''.join(payloads), np.uint8),
+            np.concatenate([[0], np.cumsum(length)[:-1]]).astype(np.int64),
+            length,
+        )
+
+    def payload(self, index: int) -> bytes:
+        """The bytes of one message."""
+        start = int(self.start[index])
+        return self.buffer[start : start + int(self.length[index])].tobytes()
+
+    def payloads(self) -> list[bytes]:
+        """The bytes of every message."""
+        return [self.payload(index) for index in range(len(self.start))]
+
+
+Batches: TypeAlias = Generator[Batch, None, None]
+
+
+class Source(Protocol):
+    """A recording, of whatever form.
+
+    Attributes:
+        warnings: what was found damaged and how it was mended, complete once `batches` has run out.
+    """
+
+    warnings: list[str]
+
+    def batches(self, wanted: Collection[str]) -> Batches:
+        """The messages of the wanted topics, in the order of their recording, within each topic."""
+
+    def topics(self) -> list[Topic]:
+        """Every topic of the recording, complete once `batches` has run out."""
+
+
+def ros_topic(name: str) -> str:
+    """The name of a topic with its leading slash (old recordings lack it)."""
+    return '/' + name.lstrip('/')
+
+
+def ros2_type(name: str) -> str:
+    """The name of a type as ROS 2 writes it: `std_msgs/String` becomes `std_msgs/msg/String`."""
+    parts = name.split('/')
+    return f'{parts[0]}/msg/{parts[1]}' if len(parts) == 2 else name

@@ -1,0 +1,110 @@
+"""Any supported recording to `Streams`.
+
+A recording is a rosbag2 folder (MCAP or SQLite, split, compressed or not), a
+bare `.mcap` or `.db3` file, or a ROS 1 `.bag`. From the cell's two topics come
+arrays; what cannot be used is dropped and counted in the warnings, what cannot
+be mended is a `RecordingError` that says what to do.
+"""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+
+from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.recording.cell_file import CELL_TOPIC, parse_cell
+from scara_kinetostatic.recording.clock import on_one_clock
+from scara_kinetostatic.recording.decoding import Decoder, Samples, decode_string
+from scara_kinetostatic.recording.raw import JOINT_STATE, STRING, WRENCH_STAMPED, Source, Topic
+from scara_kinetostatic.recording.sources import open_recording, reading
+from scara_kinetostatic.recording.streams import JointStream, Streams, WrenchStream
+
+_ENCODINGS = ('cdr', 'ros1')
+
+
+def read_streams(path: str | Path, cell: Cell) -> Streams:
+    """Read the joint angles and forces of a recording.
+
+    Args:
+        path: the recording.
+        cell: names its topics and joints.
+
+    Returns:
+        Both streams in the order of their header stamps; each stamp once.
+
+    Raises:
+        RecordingError: there is no such recording, it cannot be read, or it lacks what is needed.
+    """
+    types = {cell.sensor.joint_states: JOINT_STATE, cell.sensor.wrench: WRENCH_STAMPED}
+    decoders = {cell.sensor.joint_states: Decoder(cell.joint_names), cell.sensor.wrench: Decoder()}
+    with reading(path):
+        source = open_recording(path)
+        for batch in source.batches(types):
+            if batch.topic.msgtype == types[batch.topic.name] and batch.topic.encoding in _ENCODINGS:
+                decoders[batch.topic.name].add(batch)
+        warnings = list(source.warnings)
+        streams = {topic: decoder.samples() for topic, decoder in decoders.items()}
+        for topic, samples in streams.items():
+            if len(samples.stamp) == 0:
+                raise _nothing_usable(path, source, topic, types[topic], samples, cell)
+            warnings += [f'{topic}: {count} messages {why} were dropped' for why, count in samples.dropped.items()]
+        joints, wrench = on_one_clock(str(path), streams, warnings)
+        return Streams(str(path), JointStream(*joints), WrenchStream(*wrench), tuple(warnings))
+
+
+def embedded_cell(path: str | Path) -> Cell | None:
+    """The cell description that travels in a recording, None where it carries none.
+
+    Raises:
+        RecordingError: there is no such recording, or it cannot be read.
+        CellError: what the recording carries is no cell description.
+    """
+    with reading(path), closing(open_recording(path).batches({CELL_TOPIC})) as batches:
+        for batch in batches:
+            if batch.topic.msgtype == STRING and batch.topic.encoding in _ENCODINGS:
+                text = decode_string(batch.payload(0), batch.topic.encoding)
+                return parse_cell(text, f'{path}: {CELL_TOPIC}')
+    return None
+
+
+def _nothing_usable(
+    path: str | Path, source: Source, topic: str, msgtype: str, samples: Samples, cell: Cell
+) -> RecordingError:
+    """Why a topic gave no samples."""
+    topics = source.topics()
+    here = [item for item in topics if item.name == topic]
+    if not here:
+        return _missing(path, topic, msgtype, topics, source.warnings)
+    if all(item.msgtype != msgtype for item in here):
+        problem = f'topic {topic} carries {here[0].msgtype}, expected {msgtype}'
+        return RecordingError(path, problem, _suggestion(topics, msgtype, topic))
+    if all(item.encoding not in _ENCODINGS for item in here):
+        return RecordingError(path, f'topic {topic} is serialized as {here[0].encoding!r}, expected cdr', 'convert it')
+    if samples.names and not any(name in samples.names for name in cell.joint_names):
+        problem = f'topic {topic} has no joints {" and ".join(cell.joint_names)}, only {_some(sorted(samples.names))}'
+        return RecordingError(path, problem, 'put the right names into robot.joint_names of the cell description')
+    if samples.dropped:
+        reasons = ', '.join(f'{count} {why}' for why, count in samples.dropped.most_common())
+        return RecordingError(path, f'no message of {topic} can be used: {reasons}', 'check what publishes the topic')
+    return RecordingError(path, f'topic {topic} has no messages', 'record while the driver publishes')
+
+
+def _missing(path: str | Path, topic: str, msgtype: str, topics: list[Topic], warnings: list[str]) -> RecordingError:
+    if not topics:
+        damage = f' ({warnings[0]})' if warnings else ''
+        return RecordingError(path, f'the recording has no topics{damage}', f'record {topic} ({msgtype})')
+    return RecordingError(path, f'the recording has no topic {topic}', _suggestion(topics, msgtype, topic))
+
+
+def _suggestion(topics: list[Topic], msgtype: str, topic: str) -> str:
+    right = [item.name for item in topics if item.msgtype == msgtype and item.encoding in _ENCODINGS]
+    key = 'sensor.joint_states' if msgtype == JOINT_STATE else 'sensor.wrench'
+    if right:
+        return f'{msgtype} is on {_some(right)}: put that into {key} of the cell description'
+    return f'it has {_some([f"{item.name} ({item.msgtype})" for item in topics])}: record {topic} ({msgtype})'
+
+
+def _some(names: list[str], most: int = 8) -> str:
+    more = f' and {len(names) - most} more' if len(names) > most else ''
+    return ', '.join(names[:most]) + more

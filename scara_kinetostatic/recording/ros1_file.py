@@ -1,0 +1,58 @@
+"""A `.bag` file of ROS 1, read by `rosbags`."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
+from rosbags.interfaces import Connection
+from rosbags.rosbag1 import Reader, ReaderError
+
+from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.recording.raw import BATCH, Batch, Batches, Topic, ros2_type, ros_topic
+
+
+class Ros1File:
+    """A bag of format 2.0, plain or compressed chunk by chunk; a `Source`."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.warnings: list[str] = []
+        self._topics: dict[int, Topic] = {}
+
+    def topics(self) -> list[Topic]:
+        """Every topic of the file."""
+        return list(dict.fromkeys(self._topics.values()))
+
+    def batches(self, wanted: Collection[str]) -> Batches:
+        """The messages of the wanted topics, in the order of their recording."""
+        try:
+            with Reader(self.path) as reader:
+                for item in reader.connections:
+                    self._topics[item.id] = Topic(ros_topic(item.topic), ros2_type(item.msgtype), 'ros1')
+                for name in wanted:
+                    connections = [item for item in reader.connections if self._topics[item.id].name == name]
+                    if connections:
+                        yield from self._messages(reader, connections)
+        except ReaderError as error:
+            remedy = 'run "rosbag reindex" on it' if 'not indexed' in str(error) else 'copy or record it again'
+            raise RecordingError(self.path, f'the bag cannot be read: {error}', remedy) from error
+
+    def _messages(self, reader: Reader, connections: list[Connection]) -> Iterator[Batch]:
+        times: list[int] = []
+        payloads: list[bytes] = []
+        previous = None
+        try:
+            for connection, time, payload in reader.messages(connections):
+                topic = self._topics[connection.id]
+                if topic != previous or len(times) == BATCH:
+                    if previous is not None:
+                        yield Batch.from_payloads(previous, times, payloads)
+                    previous, times, payloads = topic, [], []
+                times.append(time)
+                payloads.append(payload)
+        except (ReaderError, AssertionError, ArithmeticError, LookupError, OSError, RuntimeError, ValueError) as error:
+            name = connections[0].topic
+            self.warnings.append(f'{self.path.name} is damaged ({error}): messages of {name} may be missing')
+        if previous is not None and times:
+            yield Batch.from_payloads(previous, times, payloads)

@@ -1,0 +1,127 @@
+"""Which form a recording has, told by its first bytes, and its source."""
+
+from __future__ import annotations
+
+import shutil
+import stat
+import tempfile
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, cast
+
+import zstandard
+
+from scara_kinetostatic.errors import RecordingError, ScaraKinetostaticError
+from scara_kinetostatic.recording.bag_folder import BagFolder
+from scara_kinetostatic.recording.inflate import ZSTD_MAGIC
+from scara_kinetostatic.recording.mcap_file import MAGIC as MCAP_MAGIC
+from scara_kinetostatic.recording.mcap_file import McapFile
+from scara_kinetostatic.recording.raw import Batches, Source, Topic
+from scara_kinetostatic.recording.ros1_file import Ros1File
+from scara_kinetostatic.recording.sqlite_file import SqliteFile
+
+SQLITE_MAGIC = b'SQLite format 3\0'
+ROS1_MAGIC = b'#ROSBAG V'
+_FORMS = 'a rosbag2 folder, an .mcap or .db3 file, or a ROS 1 .bag'
+
+
+@contextmanager
+def reading(path: str | Path) -> Iterator[None]:
+    """Everything that goes wrong inside leaves as a `RecordingError`; the only place where that is done."""
+    try:
+        yield
+    except ScaraKinetostaticError:
+        raise
+    except Exception as error:
+        reason = (error.strerror if isinstance(error, OSError) else str(error)) or type(error).__name__
+        raise RecordingError(path, f'cannot be read: {reason[:200]}', 'check the file, or record it again') from error
+
+
+def open_recording(path: str | Path) -> Source:
+    """The source of a recording.
+
+    Args:
+        path: a rosbag2 folder, an `.mcap` or `.db3` file, plain or `.zstd`, or a ROS 1 `.bag`.
+
+    Raises:
+        RecordingError: there is none, or it is of no known form.
+    """
+    path = Path(path)
+    with reading(path):
+        if not path.exists():
+            raise RecordingError(path, 'there is no such recording', 'check the path')
+        if path.is_dir():
+            return BagFolder(path, open_file)
+        return open_file(path)
+
+
+def open_file(path: Path) -> Source:
+    """The source of a single file.
+
+    Raises:
+        RecordingError: it is empty or of no known form.
+    """
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise RecordingError(path, 'neither a file nor a folder', f'give {_FORMS}')
+    with path.open('rb') as stream:
+        start = stream.read(16)
+    if not start:
+        raise RecordingError(path, 'the file is empty', 'the recorder may not have been closed; record again')
+    if start.startswith(ZSTD_MAGIC):
+        return _open_compressed(path)
+    source = _plain(path, start)
+    if source is None:
+        remedy = f'give the folder {path.parent}' if path.name == 'metadata.yaml' else f'give {_FORMS}'
+        raise RecordingError(path, 'not a recording', remedy)
+    return source
+
+
+def _plain(path: Path, start: bytes) -> Source | None:
+    if start.startswith(MCAP_MAGIC):
+        return McapFile(path)
+    if start.startswith(SQLITE_MAGIC):
+        return SqliteFile(path)
+    if start.startswith(ROS1_MAGIC):
+        return Ros1File(path)
+    return None
+
+
+def _open_compressed(path: Path) -> Source:
+    """A file compressed as a whole (rosbag2's compression mode `file`)."""
+    with zstandard.open(path, 'rb') as stream:
+        start = stream.read(16)
+    if start.startswith(MCAP_MAGIC):
+        return McapFile(path, cast('IO[bytes]', zstandard.open(path, 'rb')))
+    if start.startswith((SQLITE_MAGIC, ROS1_MAGIC)):
+        return _Unpacked(path)
+    raise RecordingError(path, 'holds no recording once decompressed', f'give {_FORMS}')
+
+
+class _Unpacked:
+    """A compressed file whose reader must seek: unpacked into a temporary folder while it is read; a `Source`."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.warnings: list[str] = []
+        self._topics: list[Topic] = []
+
+    def topics(self) -> list[Topic]:
+        """Every topic of the file."""
+        return self._topics
+
+    def batches(self, wanted: Collection[str]) -> Batches:
+        """The messages of the wanted topics."""
+        with tempfile.TemporaryDirectory(prefix='scara_kinetostatic_') as folder:
+            plain = Path(folder) / self.path.stem
+            with zstandard.open(self.path, 'rb') as packed, plain.open('wb') as unpacked:
+                try:
+                    shutil.copyfileobj(packed, unpacked, 1 << 20)
+                except zstandard.ZstdError as error:
+                    self.warnings.append(f'{self.path.name} breaks off ({error}): read as far as it goes')
+            with plain.open('rb') as stream:
+                source = _plain(plain, stream.read(16))
+            assert source is not None
+            yield from source.batches(wanted)
+            self._topics = source.topics()
+            self.warnings += source.warnings

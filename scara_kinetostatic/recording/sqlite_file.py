@@ -1,0 +1,74 @@
+"""A `.db3` file: rosbag2's SQLite storage."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Collection, Iterator
+from contextlib import closing
+from pathlib import Path
+
+from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.recording.raw import BATCH, Batch, Batches, Topic, ros2_type, ros_topic
+
+
+class SqliteFile:
+    """Reads the two tables that every version of the storage has; a `Source`.
+
+    A database that is damaged in the middle gives what comes before the
+    damage, with a warning.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.warnings: list[str] = []
+        self._topics: dict[int, Topic] = {}
+
+    def topics(self) -> list[Topic]:
+        """Every topic of the file."""
+        return list(self._topics.values())
+
+    def batches(self, wanted: Collection[str]) -> Batches:
+        """The messages of the wanted topics, in the order of their arrival."""
+        with closing(self._connect()) as database:
+            self._read_topics(database)
+            for key, topic in self._topics.items():
+                if topic.name in wanted:
+                    yield from self._read_messages(database, key, topic)
+
+    def _connect(self) -> sqlite3.Connection:
+        """Open for reading alone; what a killed writer left in the write-ahead log is taken in where possible."""
+        uri = self.path.resolve().as_uri()
+        logs = [self.path.with_name(self.path.name + suffix) for suffix in ('-wal', '-journal')]
+        modes = ['mode=ro'] if any(log.exists() and log.stat().st_size for log in logs) else []
+        for mode in [*modes, 'mode=ro&immutable=1']:
+            database = sqlite3.connect(f'{uri}?{mode}', uri=True)
+            database.text_factory = lambda text: text.decode('utf-8', 'replace')
+            try:
+                database.execute('SELECT count(*) FROM sqlite_master').fetchone()
+            except sqlite3.Error as error:
+                database.close()
+                last = error
+            else:
+                return database
+        raise RecordingError(self.path, f'the database cannot be opened: {last}', 'record it again') from last
+
+    def _read_topics(self, database: sqlite3.Connection) -> None:
+        tables = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')"
+        if database.execute(tables).fetchone()[0] != 2:
+            raise RecordingError(self.path, 'this database is no recording', 'expected the tables of rosbag2')
+        rows = database.execute('SELECT id, name, type, serialization_format FROM topics ORDER BY id')
+        for key, name, msgtype, encoding in rows:
+            self._topics[key] = Topic(ros_topic(str(name)), ros2_type(str(msgtype)), str(encoding))
+
+    def _read_messages(self, database: sqlite3.Connection, key: int, topic: Topic) -> Iterator[Batch]:
+        cursor = database.execute('SELECT timestamp, data FROM messages WHERE topic_id = ? ORDER BY id', (key,))
+        while True:
+            try:
+                rows = cursor.fetchmany(BATCH)
+            except sqlite3.DatabaseError as error:
+                self.warnings.append(f'{self.path.name} is damaged ({error}): messages of {topic.name} may be missing')
+                return
+            if not rows:
+                return
+            times = [time if isinstance(time, int) else 0 for time, _ in rows]
+            yield Batch.from_payloads(topic, times, [data if isinstance(data, bytes) else b'' for _, data in rows])
