@@ -1,6 +1,5 @@
 """Builds the package for both worlds: `pip install .` and, as an ament_python package, `colcon build`."""
 
-from glob import glob
 from pathlib import Path
 
 from setuptools import find_packages, setup
@@ -9,6 +8,12 @@ NAME = 'scara_kinetostatic'
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
 TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy']
 README = Path('README.md')
+
+
+def files(folder: str, pattern: str) -> list[str]:
+    """The files of a folder that match, as setuptools wants them."""
+    return sorted(str(path) for path in Path(folder).glob(pattern))
+
 
 setup(
     name=NAME,
@@ -30,8 +35,8 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
-        (f'share/{NAME}/launch', sorted(glob('launch/*.launch.py'))),
-        (f'share/{NAME}/config', sorted(glob('config/*.yaml'))),
+        (f'share/{NAME}/launch', files('launch', '*.launch.py')),
+        (f'share/{NAME}/config', files('config', '*.yaml')),
     ],
     install_requires=[
         'numpy>=1.26',

@@ -14,6 +14,7 @@ import threading
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
+from time import sleep
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -38,6 +39,10 @@ from scara_kinetostatic.report.write import write_results
 
 THREADS = 3
 """One calibrates, one refuses a second call, one serves parameters and timers."""
+PATIENCE = 5.0
+"""Longest wait for a calibration to give up when the node is to end, s."""
+ANSWER = 0.2
+"""Left for its answer to get out, s."""
 
 
 class ShutDownError(ScaraKinetostaticError):
@@ -63,15 +68,17 @@ class Calibrator(Node):
         self.add_on_set_parameters_callback(_check_parameters)
         self._announced = ''
         self._running = threading.Lock()
+        self._closing = False
         self._condition = Condition(OK, 'no calibration yet', {})
-        self._subscription = self.create_subscription(String, 'collector/recording', self._note_recording, LATCHED)
-        self._service = self.create_service(
-            Trigger, '~/calibrate', self._calibrate, callback_group=ReentrantCallbackGroup()
-        )
-        self._diagnostics = DiagnosticsPublisher(self, 'calibration', lambda: self._condition)
+        self.create_subscription(String, 'collector/recording', self._note_recording, LATCHED)
+        self.create_service(Trigger, '~/calibrate', self._calibrate, callback_group=ReentrantCallbackGroup())
+        DiagnosticsPublisher(self, 'calibration', lambda: self._condition)
 
     def close(self) -> None:
-        """Nothing to put away: results are written all or nothing."""
+        """Gives up a calibration that is under way; results are written all or nothing."""
+        self._closing = True
+        if self._running.locked() and self._running.acquire(timeout=PATIENCE):
+            sleep(ANSWER)
 
     def _note_recording(self, message: String) -> None:
         self._announced = message.data
@@ -116,8 +123,8 @@ class Calibrator(Node):
         return message
 
     def _progress(self, stage: str, share: float) -> None:
-        """Ends a calibration whose node is being shut down."""
-        if not self.context.ok():
+        """Ends a calibration whose node is to end."""
+        if self._closing:
             raise ShutDownError('the node is being shut down')
 
     def _recording(self) -> Path:

@@ -1,11 +1,19 @@
-"""Declaring ROS parameters: each with a description, a range where it is a number, and whether it may change."""
+"""Declaring ROS parameters: each with a description, a range where it is a number, and whether it may change.
+
+All functions raise `ParameterError` if the node was started with a value that does not do.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
+
+from scara_kinetostatic.errors import ParameterError
+
+_KINDS = {str: 'a string', bool: 'true or false', float: 'a number with a decimal point', int: 'a whole number'}
 
 
 class Range(NamedTuple):
@@ -18,26 +26,33 @@ class Range(NamedTuple):
 def text(node: Node, name: str, default: str, description: str, *, read_only: bool = True) -> str:
     """Declares a parameter that is a string, and gives its value."""
     descriptor = ParameterDescriptor(description=description, read_only=read_only)
-    return str(node.declare_parameter(name, default, descriptor).value)
+    return str(_declare(node, name, default, descriptor))
 
 
 def switch(node: Node, name: str, default: bool, description: str, *, read_only: bool = True) -> bool:
     """Declares a parameter that is true or false, and gives its value."""
     descriptor = ParameterDescriptor(description=description, read_only=read_only)
-    return bool(node.declare_parameter(name, default, descriptor).value)
+    return bool(_declare(node, name, default, descriptor))
 
 
-def number(
-    node: Node, name: str, default: float, description: str, bounds: Range, *, read_only: bool = True
-) -> float:
+def number(node: Node, name: str, default: float, description: str, bounds: Range, *, read_only: bool = True) -> float:
     """Declares a parameter that is a real number, and gives its value."""
     span = FloatingPointRange(from_value=float(bounds.low), to_value=float(bounds.high))
     descriptor = ParameterDescriptor(description=description, read_only=read_only, floating_point_range=[span])
-    return float(node.declare_parameter(name, float(default), descriptor).value)
+    return float(_declare(node, name, float(default), descriptor))
 
 
 def whole(node: Node, name: str, default: int, description: str, bounds: Range, *, read_only: bool = True) -> int:
     """Declares a parameter that is a whole number, and gives its value."""
     span = IntegerRange(from_value=int(bounds.low), to_value=int(bounds.high), step=1)
     descriptor = ParameterDescriptor(description=description, read_only=read_only, integer_range=[span])
-    return int(node.declare_parameter(name, int(default), descriptor).value)
+    return int(_declare(node, name, int(default), descriptor))
+
+
+def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> Any:
+    try:
+        return node.declare_parameter(name, default, descriptor).value
+    except InvalidParameterTypeException as error:
+        raise ParameterError(f'parameter {name}', f'expected {_KINDS[type(default)]} ({error})') from error
+    except InvalidParameterValueException as error:
+        raise ParameterError(f'parameter {name}', str(error)) from error

@@ -1,9 +1,9 @@
 """How every node starts, spins and stops: one process, one exit status.
 
-Ctrl-C and SIGTERM are the ordinary way to end a node: `rclpy` shuts the
-context down, the executor returns, the node is closed and the status is 0. A
-second Ctrl-C while the node closes its files must not break into that, so
-Python's own handler is replaced by one that only takes note.
+Ctrl-C and SIGTERM are the ordinary way to end a node. Left to itself, `rclpy`
+takes the context away in the middle of whatever callback runs then. Here the
+signals only take note; the node ends between two callbacks, with everything at
+hand to close its files, and a second Ctrl-C cannot break into that.
 """
 
 from __future__ import annotations
@@ -15,20 +15,24 @@ from types import FrameType
 from typing import Protocol
 
 import rclpy
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
+from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
 
 from scara_kinetostatic.errors import ScaraKinetostaticError
 
 EXIT_DONE = 0
 EXIT_WRONG_INPUT = 2
+WAKE_UP = 0.2
+"""Longest time from a signal to its effect, s."""
 
 
 class Stoppable(Protocol):
     """A node that has something to put away before it goes."""
 
     def close(self) -> None:
-        """Put it away; called once, after the last callback."""
+        """Put it away; called once, after the last callback has begun."""
 
     def destroy_node(self) -> None:
         """Leave the ROS graph."""
@@ -50,40 +54,37 @@ def run(
         Exit status: 0 after Ctrl-C or SIGTERM, 2 if a parameter, a file or a
         ROS argument is wrong (one line on stderr says which).
     """
-    stopped = _note_signals()
+    signals = _note_signals()
     try:
-        rclpy.init(args=args)
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
-    except (ScaraKinetostaticError, InvalidParameterTypeException, InvalidParameterValueException) as error:
+    except (ScaraKinetostaticError, ParameterException) as error:
         return _refuse(str(error))
-    except Exception as error:
-        if isinstance(error, ExternalShutdownException) or stopped:
-            return EXIT_DONE
-        if type(error).__module__.startswith('rclpy'):
-            return _refuse(f'{type(error).__name__}: {error}')
-        raise
+    except (RCLError, UnknownROSArgsError) as error:
+        return _refuse(f'ROS arguments: {error}')
+    executor = make_executor()
+    executor.add_node(node)
     try:
-        if not stopped:
-            _spin(node, make_executor())
+        while not signals and rclpy.ok():
+            executor.spin_once(timeout_sec=WAKE_UP)
+    except ExternalShutdownException:
+        pass
     finally:
         node.close()
+        executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
     return EXIT_DONE
 
 
-def _spin(node: Stoppable, executor: Executor) -> None:
-    executor.add_node(node)
-    try:
-        executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        executor.shutdown()
+def _refuse(message: str) -> int:
+    print(' '.join(message.split()), file=sys.stderr)
+    rclpy.try_shutdown()
+    return EXIT_WRONG_INPUT
 
 
 def _note_signals() -> list[int]:
-    """Replaces Python's handlers by one that fills the returned list; `rclpy` does the rest."""
+    """Replaces Python's handlers by one that fills the returned list."""
     seen: list[int] = []
 
     def note(number: int, _: FrameType | None) -> None:
@@ -92,9 +93,3 @@ def _note_signals() -> list[int]:
     signal.signal(signal.SIGINT, note)
     signal.signal(signal.SIGTERM, note)
     return seen
-
-
-def _refuse(message: str) -> int:
-    print(' '.join(message.split()), file=sys.stderr)
-    rclpy.try_shutdown()
-    return EXIT_WRONG_INPUT

@@ -71,8 +71,8 @@ def declare_simulator(node: Node) -> SimulatorSettings:
 
 def _cell(node: Node) -> Cell:
     cell = cell_or_example(node)
-    frame = declare.text(node, 'frame', '', 'frame of the simulated sensor, base or tool; empty: as the cell says')
-    sign = declare.text(node, 'sign', '', 'sign of the simulated sensor, on_object or on_robot; empty: as the cell says')
+    frame = declare.text(node, 'frame', '', 'frame of the sensor, base or tool; empty: as the cell says')
+    sign = declare.text(node, 'sign', '', 'sign of the sensor, on_object or on_robot; empty: as the cell says')
     sensor = cell.sensor._replace(
         frame=_choice('frame', frame, cell.sensor.frame, SensorFrame),
         sign=_choice('sign', sign, cell.sensor.sign, SensorSign),
@@ -101,20 +101,21 @@ def _truth(node: Node) -> Parameters:
 def _sensors(node: Node, cell: Cell) -> SensorModel:
     usual = SensorModel()
     noise = cell.noise or TYPICAL_NOISE
+    angle, force, bias = Range(0, 0.1), Range(0, 100), Range(-100, 100)
 
     def number(name: str, default: float, description: str, bounds: Range) -> float:
         return declare.number(node, name, default, description, bounds)
 
     return SensorModel(
         touch_noise=Noise(
-            number('noise.joint', noise.joint, 'repeatability of the joint angles from touch to touch, rad', Range(0, 0.1)),
-            number('noise.force', noise.force, 'repeatability of the force from touch to touch, N', Range(0, 100)),
+            number('noise.joint', noise.joint, 'repeatability of a joint angle from touch to touch, rad', angle),
+            number('noise.force', noise.force, 'repeatability of the force from touch to touch, N', force),
         ),
-        joint_noise=number('noise.joint_sample', usual.joint_noise, 'white noise of the joint samples, rad', Range(0, 0.1)),
-        force_noise=number('noise.force_sample', usual.force_noise, 'white noise of the force samples, N', Range(0, 100)),
+        joint_noise=number('noise.joint_sample', usual.joint_noise, 'white noise of the joint samples, rad', angle),
+        force_noise=number('noise.force_sample', usual.force_noise, 'white noise of the force samples, N', force),
         bias=(
-            number('bias.x', usual.bias[0], 'what the force sensor reads along x without force, N', Range(-100, 100)),
-            number('bias.y', usual.bias[1], 'what the force sensor reads along y without force, N', Range(-100, 100)),
+            number('bias.x', usual.bias[0], 'what the force sensor reads along x without force, N', bias),
+            number('bias.y', usual.bias[1], 'what the force sensor reads along y without force, N', bias),
         ),
         joint_rate=number('joint_rate', usual.joint_rate, 'joint states per simulated second, Hz', RATES),
         wrench_rate=number('wrench_rate', usual.wrench_rate, 'wrenches per simulated second, Hz', RATES),

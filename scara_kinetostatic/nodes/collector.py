@@ -1,0 +1,182 @@
+"""Node `collector`: records the two topics of a cell and counts the touches.
+
+Every message goes into the bag as it came. The same messages go through the
+touch detection; a touch is counted on `~/touches` only when the bag holds it
+durably. Services `~/start` and `~/stop` begin and end a recording, each in a
+new folder, which is announced on `~/recording`. A full or vanished disk ends
+the recording, not the node.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String, UInt32
+from std_srvs.srv import Trigger
+
+from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.nodes import declare
+from scara_kinetostatic.nodes.cell_parameter import cell_or_example
+from scara_kinetostatic.nodes.conversion import Sample, UnusableMessageError, joint_sample, wrench_sample
+from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN, Condition, DiagnosticsPublisher
+from scara_kinetostatic.nodes.qos import LATCHED
+from scara_kinetostatic.nodes.runtime import run
+from scara_kinetostatic.nodes.session import Session, Stream
+from scara_kinetostatic.nodes.stream_monitor import StreamMonitor
+from scara_kinetostatic.nodes.stream_subscription import StreamSubscription
+
+POLL = 0.1
+"""Between two looks for finished touches, s."""
+
+
+class Collector(Node):
+    """Records on request.
+
+    Raises:
+        InputError: a parameter or the cell makes no sense, or the folder cannot be written to (with `autostart`).
+    """
+
+    def __init__(self) -> None:
+        super().__init__('collector')
+        self._cell = cell_or_example(self)
+        output = 'folder in which each recording gets a folder of its own'
+        declare.text(self, 'output', 'recordings', output, read_only=False)
+        autostart = declare.switch(self, 'autostart', False, 'begin to record at once')
+        sensor = self._cell.sensor
+        self._monitors = {
+            Stream.JOINTS: StreamMonitor(sensor.joint_states),
+            Stream.WRENCH: StreamMonitor(sensor.wrench),
+        }
+        self._session: Session | None = None
+        self._failure = ''
+        self._touches = self.create_publisher(UInt32, '~/touches', LATCHED)
+        self._recording = self.create_publisher(String, '~/recording', LATCHED)
+        StreamSubscription(self, JointState, sensor.joint_states, partial(self._receive, Stream.JOINTS))
+        StreamSubscription(self, WrenchStamped, sensor.wrench, partial(self._receive, Stream.WRENCH))
+        self.create_service(Trigger, '~/start', self._start)
+        self.create_service(Trigger, '~/stop', self._stop)
+        self.create_timer(POLL, self._poll)
+        DiagnosticsPublisher(self, 'recording', self._examine)
+        if autostart:
+            self.get_logger().info(self._begin())
+
+    def close(self) -> None:
+        """Ends the recording, so that the bag is complete."""
+        if self._session is not None:
+            self.get_logger().info(self._end())
+
+    def _start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._session is not None:
+            response.message = f'recording already, to {self._session.folder}; call ~/stop first'
+            return response
+        try:
+            response.message = self._begin()
+            response.success = True
+            self.get_logger().info(response.message)
+        except ScaraKinetostaticError as error:
+            self._fail(error)
+            response.message = str(error)
+        return response
+
+    def _stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._session is None:
+            response.message = self._failure or 'nothing is being recorded; call ~/start first'
+            return response
+        response.message = self._end()
+        response.success = not self._failure
+        self.get_logger().info(response.message)
+        return response
+
+    def _begin(self) -> str:
+        parent = Path(str(self.get_parameter('output').value)).expanduser().absolute()
+        self._session = Session(parent, self._cell)
+        self._failure = ''
+        self._touches.publish(UInt32(data=0))
+        self._recording.publish(String(data=str(self._session.folder)))
+        return f'recording to {self._session.folder}'
+
+    def _end(self) -> str:
+        """Completes the bag and says what is in it."""
+        session, self._session = self._session, None
+        assert session is not None
+        try:
+            self._tell(session.close())
+        except ScaraKinetostaticError as error:
+            self._fail(error)
+            return f'{session.folder}: {error}'
+        self._touches.publish(UInt32(data=session.touches))
+        return f'{session.touches} touches ({session.rejected} more rejected) in {session.folder}'
+
+    def _fail(self, error: Exception) -> None:
+        """Gives up the recording, keeps the node."""
+        self._session = None
+        self._failure = ' '.join(str(error).split())
+        self.get_logger().error(f'recording ended: {self._failure}')
+
+    def _receive(self, stream: Stream, message: bytes) -> None:
+        """Takes a message in: all go into the bag, the usable ones to the touch detection, too."""
+        try:
+            sample = self._convert(stream, message)
+            self._monitors[stream].accept()
+        except UnusableMessageError as error:
+            sample = None
+            self._monitors[stream].refuse(str(error))
+        if self._session is not None:
+            try:
+                self._session.take(stream, message, self._now(), sample)
+            except ScaraKinetostaticError as error:
+                self._fail(error)
+
+    def _convert(self, stream: Stream, message: bytes) -> Sample:
+        if stream is Stream.JOINTS:
+            return joint_sample(message, self._cell.joint_names)
+        return wrench_sample(message)
+
+    def _now(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+    def _poll(self) -> None:
+        if self._session is None:
+            return
+        try:
+            news = self._session.poll()
+        except ScaraKinetostaticError as error:
+            self._fail(error)
+            return
+        if news:
+            self._tell(news)
+            self._touches.publish(UInt32(data=self._session.touches))
+
+    def _tell(self, lines: list[str]) -> None:
+        for line in lines:
+            self.get_logger().info(line)
+
+    def _examine(self) -> Condition:
+        values: dict[str, str] = {}
+        complaints = []
+        for monitor in self._monitors.values():
+            rate = monitor.rate()
+            values |= monitor.details(rate)
+            complaints.append(monitor.complaint(rate, expected=self._session is not None))
+        if self._session is not None:
+            values |= self._session.details()
+        if self._failure:
+            return Condition(ERROR, f'recording ended: {self._failure}', values)
+        if any(complaints):
+            return Condition(WARN, '; '.join(filter(None, complaints)), values)
+        return Condition(OK, 'idle' if self._session is None else f'recording to {self._session.folder}', values)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Runs the node; see `runtime.run` for the exit status."""
+    return run(Collector, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,191 @@
+"""A whole cell on this machine: starts the three nodes, follows the play, calls the services, reads the result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from time import monotonic
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import rclpy
+from numpy.typing import NDArray
+from rcl_interfaces.srv import GetParameters
+from rclpy.client import Client
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from std_msgs.msg import Bool, String, UInt32
+from std_srvs.srv import Trigger
+
+from scara_kinetostatic.errors import InputError, UnsupportedDataError
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
+from scara_kinetostatic.nodes.processes import NodeProcesses, free_domain
+from scara_kinetostatic.nodes.qos import LATCHED
+from scara_kinetostatic.nodes.results import DEVIATION, VALUE
+from scara_kinetostatic.recording.cell_file import dump_cell
+
+START_UP = 30.0
+"""Longest wait for the nodes to find each other, s."""
+STANDSTILL = 20.0
+"""Longest time without a new touch, s of wall time."""
+CALIBRATION = 120.0
+"""Longest calibration, report included, s."""
+WAIT = 0.1
+
+Progress = Callable[[str, int], None]
+
+
+@dataclass(frozen=True)
+class DemoResult:
+    """What came out of a demonstration.
+
+    Attributes:
+        message: the calibrator's answer.
+        estimate: the twelve parameters, (12,).
+        std: their standard deviations, NaN where there is none, (12,).
+        recording: folder of the bag.
+        results: folder of the report.
+    """
+
+    message: str
+    estimate: NDArray[np.float64]
+    std: NDArray[np.float64]
+    recording: Path
+    results: Path
+
+
+class DemoClient:
+    """A node that watches the cell and calls its services. A context manager.
+
+    Args:
+        domain: ROS domain of the cell.
+        check: raises if a node of the cell is gone; called while waiting.
+    """
+
+    def __init__(self, domain: int, check: Callable[[], None]) -> None:
+        self._check = check
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node('demo', context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self.recording = ''
+        self.touches = 0
+        self.finished = False
+        self._subscriptions = (
+            self._node.create_subscription(String, '/collector/recording', self._note_recording, LATCHED),
+            self._node.create_subscription(UInt32, '/collector/touches', self._note_touches, LATCHED),
+            self._node.create_subscription(Bool, '/contact_simulator/finished', self._note_finished, LATCHED),
+        )
+
+    def __enter__(self) -> DemoClient:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def wait(self, what: str, until: Callable[[], bool], timeout: float) -> None:
+        """Waits for a condition.
+
+        Raises:
+            InputError: it did not come true in time, or a node is gone.
+        """
+        end = monotonic() + timeout
+        while not until():
+            self._check()
+            if monotonic() > end:
+                raise InputError('demo', f'waited {timeout:.0f} s for {what} in vain', 'is the machine overloaded?')
+            self._executor.spin_once(timeout_sec=WAIT)
+
+    def wait_for_news(self, timeout: float) -> None:
+        """Waits for another touch or the end of the play."""
+        known = self.touches
+        self.wait('a touch', lambda: self.finished or self.touches != known, timeout)
+
+    def call(self, service: str, service_type: type, request: Any, timeout: float) -> Any:
+        """Calls a service and gives its answer.
+
+        Raises:
+            InputError: there was none in time.
+        """
+        client: Client = self._node.create_client(service_type, service)
+        self.wait(f'the service {service}', client.service_is_ready, START_UP)
+        future: Future = client.call_async(request)
+        self.wait(f'an answer of {service}', future.done, timeout)
+        return future.result()
+
+    def _note_recording(self, message: String) -> None:
+        self.recording = message.data
+
+    def _note_touches(self, message: UInt32) -> None:
+        self.touches = message.data
+
+    def _note_finished(self, message: Bool) -> None:
+        self.finished = message.data
+
+
+def run_demo(folder: Path, settings: Mapping[str, object], progress: Progress) -> DemoResult:
+    """Plays, records and calibrates the example cell.
+
+    Args:
+        folder: where everything goes; must not exist.
+        settings: further parameters of the simulator.
+        progress: told what is going on and how many touches have been recorded.
+
+    Raises:
+        InputError: a node did not start or did not answer; the message says which and where its output is.
+        UnsupportedDataError: the calibrator could not calibrate.
+    """
+    domain = free_domain()
+    with NodeProcesses(domain, folder / 'logs') as nodes:
+        cell = {'cell': _write_cell(folder, EXAMPLE_CELL)}
+        progress('starting the nodes', 0)
+        nodes.start('calibrator', {'output': folder / 'calibration'})
+        nodes.start('collector', {**cell, 'output': folder, 'autostart': True})
+        nodes.start('contact_simulator', {**cell, 'wait_for_subscribers': 1, **settings})
+        with DemoClient(domain, nodes.check) as client:
+            _follow(client, progress)
+            _demand(client, '/collector/stop', START_UP)
+            progress('calibrating', client.touches)
+            message = _demand(client, '/calibrator/calibrate', CALIBRATION)
+            estimate, std = _results(client)
+            return DemoResult(message, estimate, std, Path(client.recording), folder / 'calibration')
+
+
+def _write_cell(folder: Path, cell: Cell) -> Path:
+    path = folder / 'cell.yaml'
+    path.write_text(dump_cell(cell), encoding='utf-8')
+    return path
+
+
+def _follow(client: DemoClient, progress: Progress) -> None:
+    """Waits for the end of the play, as long as touches keep coming."""
+    client.wait('the collector to record', lambda: bool(client.recording), START_UP)
+    while not client.finished:
+        client.wait_for_news(STANDSTILL)
+        progress('touching', client.touches)
+
+
+def _demand(client: DemoClient, service: str, timeout: float) -> str:
+    """Calls a Trigger service that has to succeed."""
+    answer = client.call(service, Trigger, Trigger.Request(), timeout)
+    if not answer.success:
+        raise UnsupportedDataError(f'{service}: {answer.message}')
+    return str(answer.message)
+
+
+def _results(client: DemoClient) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    names = [f'{group}.{name}' for group in (VALUE, DEVIATION) for name in NAMES]
+    answer = client.call('/calibrator/get_parameters', GetParameters, GetParameters.Request(names=names), START_UP)
+    values = np.array([value.double_value for value in answer.values])
+    return values[: len(NAMES)], values[len(NAMES) :]

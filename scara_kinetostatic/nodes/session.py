@@ -1,0 +1,109 @@
+"""One recording while it is made: every message into the bag, every touch counted once the bag holds it."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+
+import numpy as np
+
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.nodes.conversion import Sample
+from scara_kinetostatic.recording.detection import Detection
+from scara_kinetostatic.recording.live import LiveDetector
+from scara_kinetostatic.recording.writer import BagWriter, fresh_folder
+
+
+class Stream(Enum):
+    """The two topics."""
+
+    JOINTS = 'joints'
+    WRENCH = 'wrench'
+
+
+class Session:
+    """Writes a bag and finds the touches in it.
+
+    Args:
+        parent: folder in which a new one is made.
+        cell: the cell description, which travels in the bag.
+
+    Attributes:
+        folder: the bag.
+        touches: touches found and durably recorded.
+        rejected: the same of touches that will not be used.
+        news: last touch or warning, one line; empty before the first.
+
+    Raises:
+        OutputError: the folder cannot be made or written to; also in every method.
+    """
+
+    def __init__(self, parent: Path, cell: Cell) -> None:
+        self.folder = fresh_folder(parent, 'touches')
+        self.touches = 0
+        self.rejected = 0
+        self.news = ''
+        self._cell = cell
+        self._writer = BagWriter(self.folder, cell)
+        self._detector = LiveDetector(cell)
+
+    def take(self, stream: Stream, message: bytes, log_time: int, sample: Sample | None) -> None:
+        """Takes a message in.
+
+        Args:
+            stream: where it came from.
+            message: as it came, CDR.
+            log_time: when it came, ns.
+            sample: its numbers; None if it cannot be used.
+        """
+        if stream is Stream.JOINTS:
+            self._writer.write_joint_state(message, log_time)
+        else:
+            self._writer.write_wrench(message, log_time)
+        if sample is None:
+            return
+        if stream is Stream.JOINTS:
+            self._detector.add_joint_state(sample.stamp_ns, (sample.first, sample.second))
+        else:
+            self._detector.add_wrench(sample.stamp_ns, (sample.first, sample.second))
+
+    def poll(self) -> list[str]:
+        """Looks for touches that have ended since the last call; the bag holds them when this returns.
+
+        Returns:
+            One line for each.
+        """
+        return self._secure(self._detector.poll())
+
+    def close(self) -> list[str]:
+        """Completes the bag; a touch still under way counts.
+
+        Returns:
+            One line for each touch not yet told.
+        """
+        try:
+            return self._secure(self._detector.finish())
+        finally:
+            self._writer.close()
+
+    def details(self) -> dict[str, str]:
+        """The figures of the recording by name."""
+        return {'touches': str(self.touches), 'rejected': str(self.rejected), 'last touch': self.news or 'none yet'}
+
+    def _secure(self, new: Detection) -> list[str]:
+        if not new.found:
+            return []
+        self._writer.checkpoint()
+        self.touches += len(new.touches)
+        self.rejected += len(new.rejected)
+        lines = self._describe(new)
+        self.news = lines[-1]
+        return lines
+
+    def _describe(self, new: Detection) -> list[str]:
+        """One line for each touch, in the order of time."""
+        touches = new.touches
+        lines = {rejection.index: f'touch {rejection.index} rejected: {rejection.reason}' for rejection in new.rejected}
+        for index, disc, force in zip(touches.index, touches.disc, touches.force, strict=True):
+            lines[int(index)] = f'touch {index}: {self._cell.discs[disc].name}, {np.hypot(*force):.1f} N'
+        return [lines[index] for index in sorted(lines)]

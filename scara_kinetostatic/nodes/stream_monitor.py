@@ -1,0 +1,64 @@
+"""How well a topic comes in: how many messages, how often, what is wrong with them."""
+
+from __future__ import annotations
+
+from time import monotonic
+
+
+class StreamMonitor:
+    """Counts the messages of one topic.
+
+    Args:
+        topic: its name.
+
+    Attributes:
+        topic: its name.
+        count: messages so far.
+        unusable: messages so far that did not hold what is needed.
+        problem: what the last of these lacked; empty once a good message has come.
+    """
+
+    def __init__(self, topic: str) -> None:
+        self.topic = topic
+        self.count = 0
+        self.unusable = 0
+        self.problem = ''
+        self._counted = 0
+        self._since = monotonic()
+
+    def accept(self) -> None:
+        """Notes a good message."""
+        self.count += 1
+        self.problem = ''
+
+    def refuse(self, problem: str) -> None:
+        """Notes a message that cannot be used."""
+        self.count += 1
+        self.unusable += 1
+        self.problem = problem
+
+    def rate(self) -> float:
+        """Messages per second since the last call."""
+        now = monotonic()
+        rate = (self.count - self._counted) / max(now - self._since, 1e-9)
+        self._counted, self._since = self.count, now
+        return rate
+
+    def details(self, rate: float) -> dict[str, str]:
+        """The figures of the topic by name."""
+        return {
+            f'{self.topic}: rate [Hz]': f'{rate:.1f}',
+            f'{self.topic}: messages': str(self.count),
+            f'{self.topic}: unusable': str(self.unusable),
+        }
+
+    def complaint(self, rate: float, expected: bool) -> str:
+        """What is wrong with the topic; empty if nothing.
+
+        Args:
+            rate: messages per second.
+            expected: whether there ought to be messages.
+        """
+        if self.problem:
+            return f'{self.topic}: {self.problem}'
+        return f'{self.topic}: no messages' if expected and not rate else ''
