@@ -8,14 +8,16 @@ killed collector left unlisted are read, too, see `recording.bag_writer`.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import yaml
 
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.recording.raw import Batch, Batches, Source, Topic
+from scara_kinetostatic.recording.raw import Batch, Batches, Source, Topic, reading, ros_topic
 
 METADATA = 'metadata.yaml'
 MAX_METADATA = 1 << 26
@@ -39,6 +41,8 @@ class BagFolder:
         self.warnings: list[str] = []
         self._open_file = open_file
         self._topics: list[Topic] = []
+        self._counts: dict[str, int] = {}
+        self._read_counts: Counter[str] = Counter()
         listed = self._listed_files()
         self._files = self._all_files() if listed is None else listed
         self._left_over = [] if listed is None else self._left_over_files()
@@ -53,33 +57,41 @@ class BagFolder:
         """The messages of all files in turn, then what left-over files add."""
         for path in self._files:
             yield from self._read(path, wanted)
+        self._compare_counts(wanted)
         for path in self._left_over:
             yield from self._read_left_over(path, wanted)
 
     def _read(self, path: Path, wanted: Collection[str]) -> Iterator[Batch]:
         try:
-            source = self._open_file(path)
+            with reading(path):
+                source = self._open_file(path)
+                for batch in source.batches(wanted):
+                    self._read_counts[batch.topic.name] += len(batch.start)
+                    yield batch
         except RecordingError as error:
             if len(self._files) == 1:
                 raise
             self.warnings.append(f'{path.name} was left out: {error.problem}')
             return
-        yield from source.batches(wanted)
         self._topics += source.topics()
         self.warnings += source.warnings
 
     def _read_left_over(self, path: Path, wanted: Collection[str]) -> Iterator[Batch]:
         """What a file that a kill left behind holds; that it breaks off is no news."""
-        try:
-            source = self._open_file(path)
-        except RecordingError:
-            return
         count = 0
-        for batch in source.batches(wanted):
-            count += len(batch.start)
-            yield batch
+        with suppress(RecordingError), reading(path):
+            for batch in self._open_file(path).batches(wanted):
+                count += len(batch.start)
+                yield batch
         if count:
             self.warnings.append(f'{count} messages after the last checkpoint were recovered from {path.name}')
+
+    def _compare_counts(self, wanted: Collection[str]) -> None:
+        """Whether as much was read as the metadata counts; a damaged database loses messages without a word."""
+        for topic in wanted:
+            lost = self._counts.get(topic, 0) - self._read_counts[topic]
+            if lost > 0 and not self.warnings:
+                self.warnings.append(f'{topic}: {METADATA} counts {lost} more messages than the files hold')
 
     def _listed_files(self) -> list[Path] | None:
         """The files that the metadata lists; None where they have to be looked for."""
@@ -87,8 +99,8 @@ class BagFolder:
         if not metadata.exists():
             return None
         try:
-            names = _relative_paths(metadata)
-        except (yaml.YAMLError, LookupError, OSError, RecursionError, TypeError, ValueError) as error:
+            names, self._counts = _contents(metadata)
+        except (yaml.YAMLError, AttributeError, LookupError, OSError, RecursionError, TypeError, ValueError) as error:
             reason = ' '.join(str(error).split())[:80] or type(error).__name__
             self.warnings.append(f'{METADATA} cannot be read ({reason}): the files of the folder were read in order')
             return None
@@ -132,14 +144,16 @@ class BagFolder:
         return RecordingError(self.path, 'no recording in this folder', remedy)
 
 
-def _relative_paths(metadata: Path) -> list[str]:
-    """File names in the metadata (old versions prefix the folder)."""
+def _contents(metadata: Path) -> tuple[list[str], dict[str, int]]:
+    """File names in the metadata (old versions prefix the folder) and the number of messages by topic."""
     if metadata.stat().st_size > MAX_METADATA:
         raise ValueError('too large')
     loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
     data: Any = yaml.load(metadata.read_text('utf-8'), Loader=loader)
-    names = data['rosbag2_bagfile_information']['relative_file_paths']
-    return [PurePosixPath(name).name for name in names]
+    data = data['rosbag2_bagfile_information']
+    names = [PurePosixPath(name).name for name in data['relative_file_paths']]
+    topics = data['topics_with_message_count']
+    return names, {ros_topic(item['topic_metadata']['name']): int(item['message_count']) for item in topics}
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

@@ -20,6 +20,9 @@ from scara_kinetostatic.recording.decoding import Samples
 RESET = 1_000_000_000
 """A step back larger than this is no disorder but another clock, ns."""
 
+STRAY = 60_000_000_000
+"""A single stamp this far from the others is a slip, ns."""
+
 DISAGREEMENT = 250_000_000
 """Two clocks this far apart would put a force beside the wrong joint angles, ns."""
 
@@ -42,27 +45,28 @@ def on_one_clock(source: str, streams: dict[str, Samples], warnings: list[str]) 
     Raises:
         RecordingError: neither header stamps nor times of recording make sense.
     """
-    streams = {topic: _without_unstamped(topic, samples, warnings) for topic, samples in streams.items()}
+    streams = {topic: _without_strays(topic, samples, warnings) for topic, samples in streams.items()}
     complaint = _complaint(streams, 'stamp') or _disagreement(streams)
     use = 'stamp'
     if complaint:
         if _complaint(streams, 'log_time'):
-            remedy = 'record the robot in one go, with stamps set from one clock'
-            raise RecordingError(source, f'{complaint}, and so do the times of recording', remedy)
+            remedy = 'record the robot in one go, with stamps from one clock'
+            raise RecordingError(source, f'{complaint}, and the times of recording are no better', remedy)
         use = 'log_time'
         warnings.append(f'{complaint}: the times of recording were used instead')
     return [_in_order(topic, getattr(samples, use), samples.values, warnings) for topic, samples in streams.items()]
 
 
-def _without_unstamped(topic: str, samples: Samples, warnings: list[str]) -> Samples:
-    """Drop the few messages without a stamp, where most have one."""
-    stamped = samples.stamp != 0
-    missing = len(stamped) - int(np.sum(stamped))
-    if missing == 0 or missing > len(stamped) // 2:
+def _without_strays(topic: str, samples: Samples, warnings: list[str]) -> Samples:
+    """Drop the few messages whose stamp is missing or a minute off, where the others are sound."""
+    lag = samples.stamp - samples.log_time
+    stray = (samples.stamp == 0) | (np.abs(lag - np.median(lag)) > STRAY)
+    number = int(np.sum(stray))
+    if number == 0 or number > max(1, len(stray) // 20):
         return samples
-    warnings.append(f'{topic}: {missing} messages without a stamp were dropped')
+    warnings.append(f'{topic}: {counted(number)} with a stamp far off dropped')
     return samples._replace(
-        stamp=samples.stamp[stamped], log_time=samples.log_time[stamped], values=samples.values[stamped]
+        stamp=samples.stamp[~stray], log_time=samples.log_time[~stray], values=samples.values[~stray]
     )
 
 
@@ -101,13 +105,18 @@ def _in_order(topic: str, stamp: NDArray[np.int64], values: NDArray[np.float64],
     """Sort what is out of order and keep the first of equal stamps."""
     backwards = int(np.sum(np.diff(stamp) < 0))
     if backwards:
-        warnings.append(f'{topic}: the stamps run backwards in {backwards} places, sorted')
+        warnings.append(f'{topic}: stamps run backwards ({backwards} times), sorted')
         order = np.argsort(stamp, kind='stable')
         stamp, values = stamp[order], values[order]
     repeated = np.concatenate([[False], np.diff(stamp) == 0])
     if np.any(repeated):
-        warnings.append(f'{topic}: {int(np.sum(repeated))} messages with the stamp of another were dropped')
+        warnings.append(f'{topic}: {counted(int(np.sum(repeated)))} with the stamp of another dropped')
         stamp, values = stamp[~repeated], values[~repeated]
     stamp.flags.writeable = False
     values.flags.writeable = False
     return Timed(stamp, values)
+
+
+def counted(number: int) -> str:
+    """So many messages, in words that fit."""
+    return f'{number} message' if number == 1 else f'{number} messages'

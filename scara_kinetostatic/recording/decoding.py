@@ -77,7 +77,7 @@ class Decoder:
             values[where] = layout.values(rows)
             good[where] = True
         finite = np.all(np.abs(values) < _ABSURD, axis=1)  # false for NaN, too
-        self._count('values that are not finite', int(np.sum(good & ~finite)))
+        self._count('with values that are not finite', int(np.sum(good & ~finite)))
         good &= finite
         self._parts.append((stamp[good], batch.log_time[good], values[good]))
 

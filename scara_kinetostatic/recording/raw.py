@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Generator, Sequence
+from collections.abc import Collection, Generator, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+from scara_kinetostatic.errors import RecordingError, ScaraKinetostaticError
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 WRENCH_STAMPED = 'geometry_msgs/msg/WrenchStamped'
@@ -86,6 +90,18 @@ class Source(Protocol):
 
     def topics(self) -> list[Topic]:
         """Every topic of the recording, complete once `batches` has run out."""
+
+
+@contextmanager
+def reading(path: str | Path) -> Iterator[None]:
+    """Everything that goes wrong inside leaves as a `RecordingError`; the only place where that is done."""
+    try:
+        yield
+    except ScaraKinetostaticError:
+        raise
+    except Exception as error:
+        reason = (error.strerror if isinstance(error, OSError) else str(error)) or type(error).__name__
+        raise RecordingError(path, f'cannot be read: {reason[:200]}', 'check the file, or record it again') from error
 
 
 def ros_topic(name: str) -> str:

@@ -14,10 +14,10 @@ from pathlib import Path
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.recording.cell_file import CELL_TOPIC, parse_cell
-from scara_kinetostatic.recording.clock import on_one_clock
+from scara_kinetostatic.recording.clock import counted, on_one_clock
 from scara_kinetostatic.recording.decoding import Decoder, Samples, decode_string
-from scara_kinetostatic.recording.raw import JOINT_STATE, STRING, WRENCH_STAMPED, Source, Topic
-from scara_kinetostatic.recording.sources import open_recording, reading
+from scara_kinetostatic.recording.raw import JOINT_STATE, STRING, WRENCH_STAMPED, Source, Topic, reading
+from scara_kinetostatic.recording.sources import open_recording
 from scara_kinetostatic.recording.streams import JointStream, Streams, WrenchStream
 
 _ENCODINGS = ('cdr', 'ros1')
@@ -48,7 +48,7 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
         for topic, samples in streams.items():
             if len(samples.stamp) == 0:
                 raise _nothing_usable(path, source, topic, types[topic], samples, cell)
-            warnings += [f'{topic}: {count} messages {why} were dropped' for why, count in samples.dropped.items()]
+            warnings += [f'{topic}: {counted(number)} {why} dropped' for why, number in samples.dropped.items()]
         joints, wrench = on_one_clock(str(path), streams, warnings)
         return Streams(str(path), JointStream(*joints), WrenchStream(*wrench), tuple(warnings))
 
@@ -74,8 +74,11 @@ def _nothing_usable(
     """Why a topic gave no samples."""
     topics = source.topics()
     here = [item for item in topics if item.name == topic]
+    if source.warnings and not samples.dropped:
+        problem = f'nothing is left of topic {topic}: {"; ".join(source.warnings[:2])}'
+        return RecordingError(path, problem, 'copy the file again, or record again')
     if not here:
-        return _missing(path, topic, msgtype, topics, source.warnings)
+        return _missing(path, topic, msgtype, topics)
     if all(item.msgtype != msgtype for item in here):
         problem = f'topic {topic} carries {here[0].msgtype}, expected {msgtype}'
         return RecordingError(path, problem, _suggestion(topics, msgtype, topic))
@@ -85,15 +88,14 @@ def _nothing_usable(
         problem = f'topic {topic} has no joints {" and ".join(cell.joint_names)}, only {_some(sorted(samples.names))}'
         return RecordingError(path, problem, 'put the right names into robot.joint_names of the cell description')
     if samples.dropped:
-        reasons = ', '.join(f'{count} {why}' for why, count in samples.dropped.most_common())
+        reasons = ', '.join(f'{number} {why}' for why, number in samples.dropped.most_common())
         return RecordingError(path, f'no message of {topic} can be used: {reasons}', 'check what publishes the topic')
     return RecordingError(path, f'topic {topic} has no messages', 'record while the driver publishes')
 
 
-def _missing(path: str | Path, topic: str, msgtype: str, topics: list[Topic], warnings: list[str]) -> RecordingError:
+def _missing(path: str | Path, topic: str, msgtype: str, topics: list[Topic]) -> RecordingError:
     if not topics:
-        damage = f' ({warnings[0]})' if warnings else ''
-        return RecordingError(path, f'the recording has no topics{damage}', f'record {topic} ({msgtype})')
+        return RecordingError(path, 'the recording has no topics', f'record {topic} ({msgtype})')
     return RecordingError(path, f'the recording has no topic {topic}', _suggestion(topics, msgtype, topic))
 
 

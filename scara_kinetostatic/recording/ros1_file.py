@@ -35,7 +35,8 @@ class Ros1File:
                     if connections:
                         yield from self._messages(reader, connections)
         except ReaderError as error:
-            remedy = 'run "rosbag reindex" on it' if 'not indexed' in str(error) else 'copy or record it again'
+            indexed = 'index' not in str(error)
+            remedy = 'copy it or record it again' if indexed else 'copy it again, or run "rosbag reindex" on it'
             raise RecordingError(self.path, f'the bag cannot be read: {error}', remedy) from error
 
     def _messages(self, reader: Reader, connections: list[Connection]) -> Iterator[Batch]:

@@ -5,37 +5,24 @@ from __future__ import annotations
 import shutil
 import stat
 import tempfile
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from collections.abc import Collection
 from pathlib import Path
 from typing import IO, cast
 
 import zstandard
 
-from scara_kinetostatic.errors import RecordingError, ScaraKinetostaticError
+from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.recording.bag_folder import BagFolder
 from scara_kinetostatic.recording.inflate import ZSTD_MAGIC
 from scara_kinetostatic.recording.mcap_file import MAGIC as MCAP_MAGIC
 from scara_kinetostatic.recording.mcap_file import McapFile
-from scara_kinetostatic.recording.raw import Batches, Source, Topic
+from scara_kinetostatic.recording.raw import Batches, Source, Topic, reading
 from scara_kinetostatic.recording.ros1_file import Ros1File
 from scara_kinetostatic.recording.sqlite_file import SqliteFile
 
 SQLITE_MAGIC = b'SQLite format 3\0'
 ROS1_MAGIC = b'#ROSBAG V'
 _FORMS = 'a rosbag2 folder, an .mcap or .db3 file, or a ROS 1 .bag'
-
-
-@contextmanager
-def reading(path: str | Path) -> Iterator[None]:
-    """Everything that goes wrong inside leaves as a `RecordingError`; the only place where that is done."""
-    try:
-        yield
-    except ScaraKinetostaticError:
-        raise
-    except Exception as error:
-        reason = (error.strerror if isinstance(error, OSError) else str(error)) or type(error).__name__
-        raise RecordingError(path, f'cannot be read: {reason[:200]}', 'check the file, or record it again') from error
 
 
 def open_recording(path: str | Path) -> Source:
@@ -119,9 +106,13 @@ class _Unpacked:
                     shutil.copyfileobj(packed, unpacked, 1 << 20)
                 except zstandard.ZstdError as error:
                     self.warnings.append(f'{self.path.name} breaks off ({error}): read as far as it goes')
-            with plain.open('rb') as stream:
-                source = _plain(plain, stream.read(16))
-            assert source is not None
+            yield from self._read(plain, wanted)
+
+    def _read(self, plain: Path, wanted: Collection[str]) -> Batches:
+        try:
+            source = open_file(plain)
             yield from source.batches(wanted)
-            self._topics = source.topics()
-            self.warnings += source.warnings
+        except RecordingError as error:
+            raise RecordingError(self.path, error.problem, error.remedy) from error
+        self._topics = source.topics()
+        self.warnings += source.warnings

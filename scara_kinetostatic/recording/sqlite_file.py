@@ -29,11 +29,21 @@ class SqliteFile:
 
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of the wanted topics, in the order of their arrival."""
+        self._check_size()
         with closing(self._connect()) as database:
             self._read_topics(database)
             for key, topic in self._topics.items():
                 if topic.name in wanted:
                     yield from self._read_messages(database, key, topic)
+
+    def _check_size(self) -> None:
+        """SQLite itself says nothing about lost pages that it does not come across."""
+        with self.path.open('rb') as stream:
+            head = stream.read(100)
+        page_size, pages = int.from_bytes(head[16:18], 'big'), int.from_bytes(head[28:32], 'big')
+        expected = (65536 if page_size == 1 else page_size) * pages
+        if head[24:28] == head[92:96] and self.path.stat().st_size < expected:
+            self.warnings.append(f'{self.path.name} is cut off: expected {expected} bytes, read as far as it goes')
 
     def _connect(self) -> sqlite3.Connection:
         """Open for reading alone; what a killed writer left in the write-ahead log is taken in where possible."""
