@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from scara_kinetostatic.calibration import outliers, steps
-from scara_kinetostatic.calibration.adjustment import Observations, adjust, first_guess
+from scara_kinetostatic.calibration.adjustment import Observations, first_guess
 from scara_kinetostatic.calibration.identifiability import (
     SCALES,
     Identifiability,
@@ -21,18 +21,15 @@ from scara_kinetostatic.calibration.identifiability import (
     unseen_directions,
 )
 from scara_kinetostatic.calibration.plausibility import check_plausible
-from scara_kinetostatic.calibration.prediction import force_error, force_residual, observe, base_force
+from scara_kinetostatic.calibration.prediction import base_force, force_error, force_residual, observe
+from scara_kinetostatic.calibration.projection import project, select
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import (
     COARSE,
     FINAL,
     ROBUST,
     Fit,
-    Point,
-    Stage,
     Subspace,
-    Termination,
-    evaluate,
     minimise,
 )
 from scara_kinetostatic.calibration.variance import estimate_noise
@@ -47,7 +44,6 @@ USUAL_NOISE = Noise(joint=1e-5, force=0.3)
 """Where the noise is to be estimated, the first guess."""
 ROUNDS = 20
 NOISE_TOLERANCE = 1e-3
-PROJECTIONS = 5
 MISFIT = 1e-3
 """p-value of chi-square below which the stated noise does not cover the residuals and sigmas are enlarged."""
 
@@ -117,14 +113,14 @@ def _estimate(observations: Observations, cell: Cell, start: Parameters, free: N
     stage = ROBUST
     for _ in range(ROUNDS):
         kept = observations.select(used)
-        adjusted = _project(kept, fit.point.parameters, noise).adjusted
+        adjusted = project(kept, fit.point.parameters, noise).adjusted
         fit = minimise(kept, fit.point.parameters, adjusted, subspace, noise, stage)
         iterations += fit.iterations
         renewed = noise if cell.noise else _renew_noise(fit, basis, noise)
-        everyone = _project(observations, fit.point.parameters, renewed)
+        everyone = project(observations, fit.point.parameters, renewed)
         distance = outliers.studentised(everyone.whitened, _covariance(fit, subspace), used)
         good = outliers.find_good(distance)
-        now_unseen = unseen_directions(observations.select(good), _select(everyone, good), free, renewed)
+        now_unseen = unseen_directions(observations.select(good), select(everyone, good), free, renewed)
         if stage is FINAL and _same(good, used) and now_unseen.shape == unseen.shape and _close(noise, renewed):
             break
         if now_unseen.shape != unseen.shape:
@@ -135,41 +131,11 @@ def _estimate(observations: Observations, cell: Cell, start: Parameters, free: N
     return _Progress(fit, used, noise, subspace, unseen, distance, iterations)
 
 
-def _project(observations: Observations, parameters: Parameters, noise: Noise) -> Point:
-    """Adjust the observations alone, L̄ held."""
-    still = np.zeros(len(NAMES))
-    with np.errstate(all='ignore'):
-        point = evaluate(observations, parameters, first_guess(observations, parameters), noise, COARSE)
-        far = evaluate(observations, parameters, point.adjusted, noise)
-        # the first adjustment turns every force radial: measured directions are not good enough to linearise at
-        distant = far.whitened._replace(residual=far.whitened.residual + 1e3)
-        adjusted = adjust(observations, parameters, far.adjusted, far.linear, distant, still, noise)
-        for _ in range(PROJECTIONS):
-            point = evaluate(observations, parameters, adjusted, noise)
-            adjusted = adjust(observations, parameters, point.adjusted, point.linear, point.whitened, still, noise)
-        return evaluate(observations, parameters, adjusted, noise)
-
-
-def _select(point: Point, which: NDArray[np.bool_]) -> Point:
-    a, w = point.adjusted, point.whitened
-    state = type(a.state)(*(part[which] for part in a.state))
-    return point._replace(
-        adjusted=a._replace(joints=a.joints[which], force=a.force[which], state=state),
-        linear=type(point.linear)(*(part[which] for part in point.linear)),
-        whitened=w._replace(
-            residual=w.residual[which],
-            derivative=w.derivative[which],
-            root=(w.root[0][which], w.root[1][which], w.root[2][which]),
-        ),
-        distance=point.distance[which],
-    )
-
-
 def _renew_noise(fit: Fit, basis: Floats, noise: Noise) -> Noise:
     point = fit.point
     good = outliers.find_good(point.distance)
     if good.sum() > basis.shape[1] // 2 + 1:
-        point = _select(point, good)
+        point = select(point, good)
     system = steps.compress(point.whitened.derivative @ basis, point.whitened.residual)
     return estimate_noise(point.linear, point.whitened, basis @ steps.covariance(system) @ basis.T, noise)
 
@@ -221,6 +187,7 @@ def _finish(
     return Calibration(
         cell=cell,
         fixed=dict(fixed),
+        subspace=progress.subspace,
         parameters=parameters,
         covariance=covariance,
         std=std,

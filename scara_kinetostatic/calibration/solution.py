@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.identifiability import Identifiability
-from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.calibration.solver import Subspace, Termination
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import Rejection, TouchSet
@@ -24,6 +24,7 @@ class Calibration:
     Attributes:
         cell: the cell it is about.
         fixed: parameters that were held at a given value.
+        subspace: the changes of L̄ that the fit could make: without what is fixed or unseen.
         parameters: L̄.
         covariance: of the twelve, (12, 12), in their units; zero rows where fixed, and no
             statement about what is confounded.
@@ -50,6 +51,7 @@ class Calibration:
 
     cell: Cell
     fixed: Mapping[str, float]
+    subspace: Subspace
     parameters: Parameters
     covariance: Floats
     std: Floats

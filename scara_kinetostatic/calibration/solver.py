@@ -65,16 +65,19 @@ class Stage(NamedTuple):
         robust: Cauchy's loss instead of the sum of squares.
         tolerance: a step that moves all predictions together by fewer standard
             deviations than this ends the run.
+        damping: least damping. A direction of L̄ whose full plausible range the data
+            hardly show (singular value below 1) is left alone before it is judged.
     """
 
     adjusts: bool
     robust: bool
     tolerance: float
+    damping: float
 
 
-COARSE = Stage(adjusts=False, robust=True, tolerance=0.3)
-ROBUST = Stage(adjusts=True, robust=True, tolerance=1e-2)
-FINAL = Stage(adjusts=True, robust=False, tolerance=1e-6)
+COARSE = Stage(adjusts=False, robust=True, tolerance=0.3, damping=1.0)
+ROBUST = Stage(adjusts=True, robust=True, tolerance=1e-2, damping=1.0)
+FINAL = Stage(adjusts=True, robust=False, tolerance=1e-6, damping=0.0)
 
 
 class Subspace(NamedTuple):
@@ -157,7 +160,7 @@ def minimise(
     """
     point = evaluate(observations, start, adjusted, noise, stage)
     system, scale = _system(point, subspace, stage)
-    damping, history, termination, iteration = 0.0, [], Termination.ITERATION_LIMIT, 0
+    damping, history, termination, iteration = stage.damping, [], Termination.ITERATION_LIMIT, 0
     for iteration in range(1, max_iterations + 1):
         step = steps.damped_step(system, damping)
         trial = _move(observations, point, subspace.basis @ step, noise, stage)
@@ -165,7 +168,7 @@ def minimise(
         shift = steps.predicted_shift(system, step)
         settled = shift < stage.tolerance or float(np.abs(step).max(initial=0.0)) < STEP_TOLERANCE
         if np.isfinite(trial_cost) and (settled or shift < 1e-3 or trial_cost <= cost * (1 + STALL_TOLERANCE)):
-            point, damping = trial, damping / 10 if damping > 1e-6 else 0.0
+            point, damping = trial, max(stage.damping, damping / 10 if damping > 1e-6 else 0.0)
             history.append(trial_cost)
             system, scale = _system(point, subspace, stage)
             if settled:

@@ -1,0 +1,52 @@
+"""Touches adjusted to a given L̄: how far each is from what the model allows."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.calibration.adjustment import Observations, adjust, first_guess
+from scara_kinetostatic.calibration.solver import COARSE, Point, evaluate
+from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.parameters import NAMES, Parameters
+
+ROUNDS = 5
+FAR = 1e3
+"""A residual that no touch has: it makes `adjust` treat every touch as grossly off."""
+
+
+def project(observations: Observations, parameters: Parameters, noise: Noise) -> Point:
+    """Adjust the observations alone, L̄ held: the nearest point of the model to each touch.
+
+    Args:
+        observations: any touches, good or bad.
+        parameters: L̄.
+        noise: σ_q and σ_f, the measure of distance.
+    """
+    still = np.zeros(len(NAMES))
+    with np.errstate(all='ignore'):
+        point = evaluate(observations, parameters, first_guess(observations, parameters), noise, COARSE)
+        # first turn every force radial: measured directions are not good enough to linearise at
+        distant = point.whitened._replace(residual=point.whitened.residual + FAR)
+        adjusted = adjust(observations, parameters, point.adjusted, point.linear, distant, still, noise)
+        for _ in range(ROUNDS):
+            point = evaluate(observations, parameters, adjusted, noise)
+            adjusted = adjust(observations, parameters, point.adjusted, point.linear, point.whitened, still, noise)
+        return evaluate(observations, parameters, adjusted, noise)
+
+
+def select(point: Point, which: NDArray[np.bool_]) -> Point:
+    """The touches of a point that a mask picks."""
+    a, w = point.adjusted, point.whitened
+    return point._replace(
+        adjusted=a._replace(
+            joints=a.joints[which], force=a.force[which], state=type(a.state)(*(part[which] for part in a.state))
+        ),
+        linear=type(point.linear)(*(part[which] for part in point.linear)),
+        whitened=w._replace(
+            residual=w.residual[which],
+            derivative=w.derivative[which],
+            root=(w.root[0][which], w.root[1][which], w.root[2][which]),
+        ),
+        distance=point.distance[which],
+    )

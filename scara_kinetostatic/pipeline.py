@@ -1,0 +1,135 @@
+"""From recordings to the outcome: what the command and the calibrator node both run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.held_out import HeldOut, held_out_force_error
+from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.diagnosis.diagnose import Diagnosis, diagnose
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.touch import Rejection, TouchSet
+from scara_kinetostatic.recording.detection import Detection, find_touches
+from scara_kinetostatic.recording.reader import read_streams
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and how much of all is done, 0 to 1."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """All that a calibration of recordings gives.
+
+    Attributes:
+        calibration: L̄ and its uncertainty.
+        held_out: force error on touches not used in the fit.
+        diagnosis: whether the model is enough.
+        found: touches in the recordings, rejected ones included.
+        rejected: all that were not used, by index: by the detection and by the fit.
+        sources: the recordings.
+        warnings: what is odd about them, one sentence each.
+    """
+
+    calibration: Calibration
+    held_out: HeldOut
+    diagnosis: Diagnosis
+    found: int
+    rejected: tuple[Rejection, ...]
+    sources: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress | None = None) -> Detection:
+    """The touches of several recordings, numbered on from one to the next.
+
+    Raises:
+        RecordingError: a recording cannot be read.
+    """
+    parts: list[Detection] = []
+    found = 0
+    for number, path in enumerate(paths):
+        _tell(progress, f'reading {path}', number / len(paths))
+        streams = read_streams(path, cell)
+        part = _renumbered(find_touches(streams, cell), found)
+        said = (*streams.warnings, *part.warnings)
+        parts.append(replace(part, warnings=tuple(_with_source(path, text, paths) for text in said)))
+        found += part.found
+    _tell(progress, f'{found} touches found', 1.0)
+    return Detection(
+        touches=TouchSet.concatenate([part.touches for part in parts]),
+        rejected=tuple(item for part in parts for item in part.rejected),
+        found=found,
+        warnings=tuple(text for part in parts for text in part.warnings),
+        episodes=tuple(item for part in parts for item in part.episodes),
+        start=parts[0].start,
+    )
+
+
+def _renumbered(part: Detection, first: int) -> Detection:
+    return replace(
+        part,
+        touches=part.touches.replace(index=part.touches.index + first),
+        rejected=tuple(replace(item, index=item.index + first) for item in part.rejected),
+        episodes=tuple(replace(item, index=item.index + first) for item in part.episodes),
+    )
+
+
+def _with_source(path: str | Path, text: str, paths: Sequence[str | Path]) -> str:
+    return text if len(paths) == 1 or text.startswith(str(path)) else f'{path}: {text}'
+
+
+def calibrate_recordings(
+    paths: Sequence[str | Path],
+    cell: Cell,
+    *,
+    fixed: Mapping[str, float] | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Read recordings, find their touches, calibrate, diagnose.
+
+    Args:
+        paths: the recordings.
+        cell: the cell.
+        fixed: parameters to hold, by name.
+        progress: told what is being done.
+
+    Raises:
+        RecordingError: a recording cannot be read.
+        UnsupportedDataError: no touches, or too few.
+        ParameterError: `fixed` names no parameter.
+    """
+    detection = gather_touches(paths, cell, progress)
+    if not len(detection.touches):
+        raise UnsupportedDataError(_no_touches(paths, detection), 'see what `inspect` says about the recording')
+    _tell(progress, f'fitting {len(detection.touches)} touches', 0.0)
+    calibration = calibrate(detection.touches, cell, fixed=fixed)
+    _tell(progress, 'predicting held-out touches', 0.5)
+    held_out = held_out_force_error(calibration)
+    diagnosis = diagnose(calibration)
+    _tell(progress, 'done', 1.0)
+    rejected = sorted((*detection.rejected, *calibration.rejected), key=lambda item: item.index)
+    return Outcome(
+        calibration=calibration,
+        held_out=held_out,
+        diagnosis=diagnosis,
+        found=detection.found,
+        rejected=tuple(rejected),
+        sources=tuple(str(path) for path in paths),
+        warnings=detection.warnings,
+    )
+
+
+def _no_touches(paths: Sequence[str | Path], detection: Detection) -> str:
+    names = ', '.join(str(path) for path in paths)
+    if not detection.found:
+        return f'{names}: no contact anywhere in the recording'
+    return f'{names}: none of {detection.found} touches can be used: {detection.rejected[0].reason}'
+
+
+def _tell(progress: Progress | None, what: str, part: float) -> None:
+    if progress is not None:
+        progress(what, part)
