@@ -75,7 +75,7 @@ def assign(joints: Floats, force: Floats, cell: Cell) -> Assignment:
         if np.sum(close) >= max(FEWEST, len(joints) / 2):
             disc, miss = fitted_disc, fitted_miss
             known = miss <= max(FARTHEST_FITTED, 6.0 * float(np.median(miss)))
-    advice = '' if known.sum() * 2 > len(known) else _other_convention(joints, force, cell, int(known.sum()))
+    advice = '' if known.mean() > 0.8 else _other_convention(joints, force, cell)
     return Assignment(disc, posture(cell.nominal, joints), miss, known, advice)
 
 
@@ -128,13 +128,15 @@ def _miss_jacobian(parameters: Parameters, joints: Floats, lever: Floats, sensor
     return np.stack(columns, axis=-1)
 
 
-def _other_convention(joints: Floats, force: Floats, cell: Cell, known: int) -> str:
-    """Advice, if another frame or sign of the sensor would make most touches meet a disc."""
+def _other_convention(joints: Floats, force: Floats, cell: Cell) -> str:
+    """Advice, if another frame or sign of the sensor would make nearly all touches meet a disc."""
     for frame in SensorFrame:
         for sign in SensorSign:
+            if (frame, sign) == (cell.sensor.frame, cell.sensor.sign):
+                continue
             turned = force if sign is cell.sensor.sign else -force
             other = Cell(cell.nominal, cell.discs, sensor=cell.sensor._replace(frame=frame, sign=sign))
             meet = int(np.sum(_nearest(cell.nominal, joints, turned, other)[1] <= FARTHEST_NOMINAL))
-            if meet >= max(3, 0.8 * len(joints), 2 * known):
+            if meet >= max(3, 0.9 * len(joints)):
                 return f'with sensor frame {frame.value!r} and sign {sign.value!r} {meet} of {len(joints)} would'
     return ''

@@ -56,13 +56,17 @@ class LiveDetector:
 
     def add_joint_state(self, stamp_ns: int, joints: Sequence[float]) -> None:
         """One sample of q1, q2, rad, with its header stamp, ns."""
+        self._mind_the_clock(stamp_ns, self._joints.newest)
         self._joints.append(stamp_ns, joints)
 
     def add_wrench(self, stamp_ns: int, force: Sequence[float]) -> None:
         """One sample of fx, fy as the sensor reports them, N, with its header stamp, ns."""
-        if stamp_ns < self._wrench.newest - CLOCK_JUMP:
-            self._forget()
+        self._mind_the_clock(stamp_ns, self._wrench.newest)
         self._wrench.append(stamp_ns, force)
+
+    def _mind_the_clock(self, stamp: int, newest: int) -> None:
+        if stamp < newest - CLOCK_JUMP:
+            self._forget()
 
     def poll(self) -> Detection:
         """The touches completed since the last poll: `index` runs on, `found` counts the new ones."""
@@ -89,7 +93,7 @@ class LiveDetector:
         if self._zero is None:
             return waited > SHORTEST_WAIT
         self._touched |= bool(np.any(_deviation(fresh, self._zero) > ON))
-        last = wrench.values[wrench.stamps > wrench.newest - CLEAR].mean(axis=0)
+        last = wrench.values[wrench.stamps > wrench.newest - 4 * CLEAR // 3].mean(axis=0)
         back = bool(_deviation(last, self._zero) < OFF_PART * ON)
         return self._touched and (waited > PATIENCE or (back and waited > SHORTEST_WAIT))
 
@@ -100,12 +104,11 @@ class LiveDetector:
             JointStream(self._joints.stamps, self._joints.values),
             WrenchStream(self._wrench.stamps, self._wrench.values),
         )
-        self._looked, self._touched = self._wrench.newest, False
+        self._looked = self._wrench.newest
         signals = as_signals(streams, self._cell)
         if signals is None:
             return Detection(no_touches())
         self._zero = coarse_zero(signals)[-1]
-        self._touched = bool(_deviation(self._wrench.values[-1], self._zero) > OFF_PART * ON)
         latest = min(self._wrench.newest - CLEAR, self._joints.newest)
         new = self._new(find_touches(streams, self._cell), np.iinfo(np.int64).max if open_too else latest)
         self._joints.drop_before(self._wrench.newest - self._horizon)
@@ -116,11 +119,8 @@ class LiveDetector:
         """The part of a detection that has not been reported and was over at `latest`, ns."""
         ends = [detection.start + round(1e9 * episode.contact[1]) for episode in detection.episodes]
         begins = [detection.start + round(1e9 * episode.contact[0]) for episode in detection.episodes]
-        new = [
-            number
-            for number, (begin, end) in enumerate(zip(begins, ends, strict=True))
-            if begin > self._reported and end <= latest
-        ]
+        self._touched = any(end > latest for end in ends)
+        new = [n for n, begin in enumerate(begins) if begin > self._reported and ends[n] <= latest]
         self._reported = max([self._reported, *(ends[number] for number in new)])
         number_of = {old: self._found + place for place, old in enumerate(new)}
         self._found += len(new)

@@ -77,7 +77,7 @@ def _entry(entry: Any, cell: Cell, where: str) -> tuple[int, float, int, float]:
     if entry['disc'] not in names:
         raise PlanError(where, f'unknown disc {entry["disc"]!r}', f'the discs of the cell are {", ".join(names)}')
     posture = entry['posture']
-    if isinstance(posture, (bool, float)) or posture not in POSTURES:
+    if type(posture) not in (int, str) or posture not in POSTURES:
         raise PlanError(where, f'posture: expected left, right, 1 or -1, got {posture!r}')
     angle, force = (_number(entry, key, where) for key in ('angle_deg', 'force'))
     if not 0 < force <= LARGEST_FORCE:

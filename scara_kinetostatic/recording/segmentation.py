@@ -3,7 +3,7 @@
 The sensor's zero is unknown and may be larger than a light touch. It shows while the
 arm moves freely: the force stays while the joints go a long way. In contact the
 joints hardly move. So the densest place of the force, every sample weighted with the
-way of the joints, is the zero; taken afresh every half minute, it follows a drift.
+way of the joints, is the zero; taken afresh every few seconds, it follows a drift.
 It serves to find the contacts only; each touch then takes its own zero (`zero`).
 """
 
@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.recording.signals import Floats, Signals, Topic, runs, white_noise
+from scara_kinetostatic.recording.signals import Floats, Signals, Topic, median_of_three, runs, white_noise
 
 MOVING = 0.01
 """A way of the joints beyond this within a cell of the grid counts no more, rad."""
 CELL = 0.025
 """Grid on which the zero is looked for, s."""
-BLOCK = 30.0
+BLOCK = 10.0
 """The zero is taken afresh this often, s."""
 SMOOTHING = 0.03
 """The force is averaged over this long before it is compared, s."""
@@ -53,7 +53,7 @@ def find_contacts(signals: Signals) -> Contacts:
     """All contacts in the order of time."""
     wrench = signals.wrench
     width = 2 * round(0.5 * SMOOTHING / wrench.period) + 1
-    smooth = moving_mean(wrench.value, width)
+    smooth = moving_mean(signals.calm.value, width)
     smooth -= coarse_zero(signals)
     deviation = np.hypot(smooth[:, 0], smooth[:, 1])
     on = max(ON, ON_SIGMAS * white_noise(wrench.value) / np.sqrt(width))
@@ -86,7 +86,7 @@ def moving_mean(values: Floats, width: int) -> Floats:
 def coarse_zero(signals: Signals) -> Floats:
     """What the sensor reads without force, at every wrench sample, (n, 2), N."""
     wrench = signals.wrench
-    time, force, way = _on_grid(signals.joints, wrench)
+    time, force, way = _on_grid(signals.joints, signals.calm)
     block = (time // BLOCK).astype(np.intp)
     whole = weighted_mode(force, way)
     enough = 0.05 * way.sum() / (block[-1] + 1)
@@ -98,7 +98,7 @@ def coarse_zero(signals: Signals) -> Floats:
             zeros.append(weighted_mode(force[part], way[part]))
     if not zeros:
         return np.broadcast_to(whole, wrench.value.shape)
-    course = _median_of_three(np.array(zeros))
+    course = median_of_three(np.array(zeros))
     return np.column_stack([np.interp(wrench.time, centers, column) for column in course.T])
 
 
@@ -142,12 +142,6 @@ def weighted_mode(values: Floats, weight: Floats) -> Floats:
         values, weight, axis = values[keep], weight[keep], 1 - axis
     mode: Floats = np.average(values, axis=0, weights=np.maximum(weight, 1e-300))
     return mode
-
-
-def _median_of_three(values: Floats) -> Floats:
-    padded = np.concatenate([values[:1], values, values[-1:]])
-    median: Floats = np.median(np.stack([padded[:-2], padded[1:-1], padded[2:]]), axis=0)
-    return median
 
 
 def _equal_runs(labels: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -26,10 +26,16 @@ SHORTEST_HOLD = 0.2
 SIGMAS = 5.0
 STEADY_FORCE = 0.004
 """Change of the force between neighbouring means that is no change, of the force."""
+ROUGH_CONTACT = 0.02
+"""In contact the force may be noisier than before, up to this part of it."""
 STEADY_JOINT = 1e-3
 """Speed of a joint that is no motion, rad/s."""
 HIGHEST_JOINT_NOISE = 1e-4
 """Joint readings noisier than this are not at rest, rad."""
+FARTHEST_JOINT = 5e-3
+"""A joint that goes farther than this, rad,"""
+SOFTEST = 3e-4
+"""and farther than this by the change of the force, rad/N, slides."""
 SAME_FORCE = 0.01
 """Plateaus closer than this are one, of the force."""
 SAME_JOINT = 5e-5
@@ -45,6 +51,9 @@ class Plateau(NamedTuple):
         end: where it ends, s.
         joints: mean angles, (2,), rad.
         force: mean force in the frame and sign of the sensor, its zero removed, (2,), N.
+        joint_scatter: standard deviation of the angles, (2,), rad.
+        force_scatter: standard deviation of the force, (2,), N.
+        samples: number of force samples.
     """
 
     intervals: Floats
@@ -52,6 +61,9 @@ class Plateau(NamedTuple):
     end: float
     joints: Floats
     force: Floats
+    joint_scatter: Floats
+    force_scatter: Floats
+    samples: int
 
     @property
     def duration(self) -> float:
@@ -66,29 +78,31 @@ class Settling(NamedTuple):
         plateaus: those long enough, in the order of time.
         longest: duration of the longest settled part, long enough or not, s.
         parts: number of settled parts.
-        at_rest: part of the contact with the joints at rest.
-        steady: part of the contact with a steady force.
+        loaded: time from the first to the last sample with more than half of the largest force, s.
+        steady: part of that time with a steady force.
+        slides: whether the joints go farther meanwhile than the force can bend them.
     """
 
-    plateaus: tuple[Plateau, ...]
-    longest: float
-    parts: int
-    at_rest: float
-    steady: float
+    plateaus: tuple[Plateau, ...] = ()
+    longest: float = 0.0
+    parts: int = 0
+    loaded: float = 0.0
+    steady: float = 0.0
+    slides: bool = False
 
 
 def settle(signals: Signals, zero: Zero, end: float) -> Settling:
     """The settled parts of the contact that begins at `zero.contact` and ends at `end`, s."""
-    joints, wrench = signals.joints, signals.wrench
+    joints, wrench = signals.joints, signals.calm
     half = max(HALF, 2.5 * joints.period, 2.5 * wrench.period)
     inside = wrench.stretch(zero.contact, end)
     time = wrench.time[inside]
     if len(time) < 2:
-        return Settling((), 0.0, 0, 0.0, 0.0)
+        return Settling()
     force = wrench.value[inside] - zero.force
     force_step, load = _steps(wrench, time, half)
     load = np.hypot(*(load - zero.force).T)
-    force_noise = max(zero.noise, white_noise(force))
+    force_noise = max(zero.noise, min(white_noise(force), ROUGH_CONTACT * float(np.median(load))))
     force_limit = SIGMAS * _of_step(force_noise, wrench, half)
     joint_noise = min(white_noise(joints.value[joints.stretch(zero.contact, end)]), HIGHEST_JOINT_NOISE)
     joint_limit = STEADY_JOINT * half + SIGMAS * _of_step(joint_noise, joints, half)
@@ -96,14 +110,23 @@ def settle(signals: Signals, zero: Zero, end: float) -> Settling:
     at_rest = np.abs(_steps(joints, time, half)[0]).max(axis=1) <= joint_limit
     found = _plateaus(signals, zero, time, steady & at_rest, half, force_noise)
     shortest = SHORTEST_HOLD - 1.5 * max(joints.period, wrench.period)
-    loaded = load > 0.5 * load.max()
+    loaded = np.flatnonzero(load > 0.5 * load.max())
+    span = slice(int(loaded[0]), int(loaded[-1]) + 1)
     return Settling(
         plateaus=tuple(plateau for plateau in found if plateau.duration >= shortest),
         longest=max((plateau.duration for plateau in found), default=0.0),
         parts=len(found),
-        at_rest=float(at_rest[loaded].mean()),
-        steady=float(steady[loaded].mean()),
+        loaded=float(time[span][-1] - time[span][0]),
+        steady=float(steady[span].mean()),
+        slides=_slides(joints.value[joints.stretch(time[span][0], time[span][-1])], load[span], at_rest[span]),
     )
+
+
+def _slides(joints: Floats, load: Floats, at_rest: NDArray[np.bool_]) -> bool:
+    """Whether joints that hardly rest go farther than a change of the force can bend them."""
+    if at_rest.mean() > 0.5 or not len(joints):
+        return False
+    return bool(np.ptp(joints, axis=0).max() > FARTHEST_JOINT + SOFTEST * np.ptp(load))
 
 
 def _steps(topic: Topic, time: Floats, half: float) -> tuple[Floats, Floats]:
@@ -149,9 +172,11 @@ def _plateaus(
 
 
 def _inner(begin: float, end: float, half: float) -> tuple[float, float]:
-    """The stretch to average: without the time the means look ahead, unless little would be left."""
-    short = max(0.0, 0.5 * (SHORTEST_HOLD / 2 - (end - begin)))
-    more = min(short, half)
+    """The stretch to average: a settled part without its beginning, which may still creep, and without its end."""
+    extra = end - begin - SHORTEST_HOLD / 2
+    if extra > 0:
+        return begin + 0.25 * extra, end - 0.1 * extra
+    more = min(-0.5 * extra, half)
     return begin - more, end + more
 
 
@@ -159,7 +184,8 @@ def _plateau(signals: Signals, zero: Zero, intervals: Floats, begin: float, end:
     joints, force = signals.joints.during(intervals), signals.wrench.during(intervals)
     if len(joints) < 2 or len(force) < 2:
         return None
-    return Plateau(intervals, begin, end, robust_mean(joints), robust_mean(force) - zero.force)
+    angles, load = robust_mean(joints), robust_mean(force)
+    return Plateau(intervals, begin, end, angles.mean, load.mean - zero.force, angles.scatter, load.scatter, len(force))
 
 
 def _agree(one: Plateau, other: Plateau, noise: float) -> bool:

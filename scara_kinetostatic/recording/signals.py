@@ -72,12 +72,14 @@ class Signals(NamedTuple):
     Attributes:
         joints: joint angles, rad.
         wrench: force, N, as the sensor reports it.
+        calm: the force without spikes of a single sample.
         start: first stamp of the recording, ns.
         warnings: what was left out, one sentence each.
     """
 
     joints: Topic
     wrench: Topic
+    calm: Topic
     start: int
     warnings: tuple[str, ...]
 
@@ -100,7 +102,8 @@ def as_signals(streams: Streams, cell: Cell) -> Signals | None:
         if len(time) < 2:
             return None
         topics.append(Topic(name, time, value, float(np.median(np.diff(time)))))
-    return Signals(topics[0], topics[1], start, tuple(warnings))
+    joints, wrench = topics
+    return Signals(joints, wrench, wrench._replace(value=median_of_three(wrench.value)), start, tuple(warnings))
 
 
 def _seconds(stamp: NDArray[np.int64], start: int) -> Floats:
@@ -122,6 +125,15 @@ def _in_order(time: Floats, value: Floats) -> tuple[Floats, Floats, int]:
     return time, value, count - len(time)
 
 
+def median_of_three(values: Floats) -> Floats:
+    """Every sample replaced by the median of itself and its two neighbours, (n, 2)."""
+    before, after = values[:-2], values[2:]
+    calm = values.copy()
+    low, high = np.minimum(before, after), np.maximum(before, after)
+    np.clip(values[1:-1], low, high, out=calm[1:-1])
+    return calm
+
+
 def white_noise(values: Floats) -> float:
     """Standard deviation of the white part of samples (n, 2), from the differences of neighbours.
 
@@ -135,15 +147,27 @@ def white_noise(values: Floats) -> float:
     return float(1.4826 * np.median(np.abs(steps), axis=0).max() / np.sqrt(2.0))
 
 
-def robust_mean(values: Floats) -> Floats:
+class Middle(NamedTuple):
+    """Mean and standard deviation of samples without spikes, (2,) each."""
+
+    mean: Floats
+    scatter: Floats
+
+
+def robust_mean(values: Floats) -> Middle:
     """Mean of samples (n, 2) without spikes: what lies far outside the middle of the samples is left out."""
-    center = np.median(values, axis=0)
-    spread = np.zeros(2)
-    for outer in (16.0, 2.5):
-        low, high = np.percentile(values, [outer, 100.0 - outer], axis=0)
-        spread = np.where(spread > 0, spread, high - low)
-    near = np.abs(values - center) <= np.where(spread > 0, 4.0 * spread, np.inf)
-    return np.array([column[keep].mean() for column, keep in zip(values.T, near.T, strict=True)])
+    ordered, last = np.sort(values, axis=0), len(values) - 1
+    center = ordered[last // 2]
+    spread = ordered[round(0.84 * last)] - ordered[round(0.16 * last)]
+    if not spread.all():
+        spread = np.where(spread > 0, spread, ordered[round(0.975 * last)] - ordered[round(0.025 * last)])
+    off = values - center
+    off[np.abs(off) > np.where(spread > 0, 4.0 * spread, np.inf)] = np.nan
+    kept = np.isfinite(off)
+    count, off = kept.sum(axis=0), np.where(kept, off, 0.0)
+    mean = off.sum(axis=0) / count
+    scatter = np.sqrt((np.where(kept, off - mean, 0.0) ** 2).sum(axis=0) / count)
+    return Middle(center + mean, scatter)
 
 
 def runs(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

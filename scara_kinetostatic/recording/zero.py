@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.recording.segmentation import SMOOTHING, moving_mean
-from scara_kinetostatic.recording.signals import Floats, Topic, robust_mean, white_noise
+from scara_kinetostatic.recording.signals import Floats, Signals, robust_mean, white_noise
 
 LONGEST_FREE = 2.0
 """Only this much of the free motion before a contact is used, s."""
@@ -35,23 +35,24 @@ class Zero(NamedTuple):
     contact: float
 
 
-def zero_before(wrench: Topic, begin: float, previous_end: float) -> Zero | None:
+def zero_before(signals: Signals, begin: float, previous_end: float) -> Zero | None:
     """The zero of a contact; None where the free motion before it is too short.
 
     Args:
-        wrench: the force.
+        signals: the recording.
         begin: first sample that is clearly in contact, s.
         previous_end: last sample of the contact before, s, or -inf.
     """
+    wrench = signals.wrench
     earliest = max(previous_end + AFTER_CONTACT, begin - LONGEST_FREE)
     free = wrench.stretch(earliest, begin)
     time, force = wrench.time[free], wrench.value[free]
     if len(time) < 5 or begin - max(earliest, time[0]) < SHORTEST_FREE:
         return None
     noise = white_noise(force)
-    contact = _first_contact(time, force, noise, wrench.period)
+    contact = _first_contact(time, signals.calm.value[free], noise, wrench.period)
     before = force[time < contact - BEFORE_CONTACT]
-    return Zero(robust_mean(before if len(before) >= 3 else force[:3]), noise, contact)
+    return Zero(robust_mean(before if len(before) >= 3 else force[:3]).mean, noise, contact)
 
 
 def _first_contact(time: Floats, force: Floats, noise: float, period: float) -> float:

@@ -1,0 +1,123 @@
+"""The settled parts of all contacts, each with what speaks against it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from scara_kinetostatic.recording.segmentation import Contacts
+from scara_kinetostatic.recording.settling import SHORTEST_HOLD, Plateau, Settling, settle
+from scara_kinetostatic.recording.signals import Floats, Signals, white_noise
+from scara_kinetostatic.recording.zero import AFTER_CONTACT, SHORTEST_FREE, Zero, zero_before
+
+LARGEST_DRIFT = 0.03
+"""Change of the force from the first to the last third of a hold, of the force."""
+FASTEST_DRIFT = 0.1
+"""The same per second."""
+LARGEST_SLIDE = 3e-4
+"""Change of the joint angles from the first to the last third of a hold, rad."""
+LARGEST_SCATTER = 0.1
+"""Standard deviation of the force in a hold, of the force."""
+
+
+class Candidate(NamedTuple):
+    """A contact or a settled part of one, on its way to a touch."""
+
+    contact: tuple[float, float]
+    zero: Zero | None
+    plateau: Plateau | None
+    reason: str
+    disc: int = -1
+    posture: int = 0
+
+
+def find_candidates(signals: Signals, contacts: Contacts) -> list[Candidate]:
+    """Every settled part of every contact, and one for each contact without."""
+    found = []
+    previous = -np.inf
+    for begin, end in zip(contacts.begin.tolist(), contacts.end.tolist(), strict=True):
+        zero = zero_before(signals, begin, previous)
+        if zero is None:
+            free = max(0.0, begin - max(previous + AFTER_CONTACT, float(signals.wrench.time[0])))
+            reason = f'no free motion before it: {free:.2f} s, expected {SHORTEST_FREE} s or more, so no force zero'
+            found.append(Candidate((begin, end), None, None, reason))
+        else:
+            found += _settled_parts(signals, zero, end)
+        previous = end
+    return found
+
+
+def _settled_parts(signals: Signals, zero: Zero, end: float) -> list[Candidate]:
+    """The settled parts of one contact; a single rejected candidate where there is none without fault."""
+    settling = settle(signals, zero, end)
+    contact = (zero.contact, end)
+    parts = []
+    for plateau in settling.plateaus:
+        spoilt = _gap(signals, zero.contact, plateau.end) or _frozen(signals, zero, plateau)
+        parts.append((spoilt, Candidate(contact, zero, plateau, spoilt or _unrest(signals, zero, plateau))))
+    if any(not part.reason for _, part in parts):
+        return [part for spoilt, part in parts if spoilt or not part.reason]
+    if parts:
+        return [parts[0][1]]
+    reason = _gap(signals, zero.contact, end) or _why_unsettled(settling)
+    return [Candidate(contact, zero, None, reason)]
+
+
+def _gap(signals: Signals, begin: float, end: float) -> str:
+    """Which topic pauses too long between two times; empty if neither does."""
+    for topic in (signals.joints, signals.wrench):
+        pause = topic.longest_pause(begin, end)
+        if pause > topic.gap_limit:
+            return f'straddles a gap of {pause:.2f} s in {topic.name}, expected {topic.gap_limit:.2f} s at most'
+    return ''
+
+
+def _why_unsettled(settling: Settling) -> str:
+    """Why a contact has no settled part that is long enough."""
+    if settling.loaded < SHORTEST_HOLD:
+        return f'hold too short: under load for {settling.loaded:.2f} s, expected {SHORTEST_HOLD} s at rest'
+    if settling.slides:
+        return 'slides: the joints keep moving while in contact'
+    if settling.parts == 1 and settling.longest > 0.05:
+        return f'hold too short: at rest for {settling.longest:.2f} s, expected {SHORTEST_HOLD} s'
+    return f'never settles: the force is steady during {100 * settling.steady:.0f} % of the contact only'
+
+
+def _unrest(signals: Signals, zero: Zero, plateau: Plateau) -> str:
+    """What still changes slowly in a settled part; empty if nothing does."""
+    joints, force = signals.joints.during(plateau.intervals), signals.wrench.during(plateau.intervals)
+    load, noise = float(np.hypot(*plateau.force)), max(zero.noise, white_noise(force))
+    scatter = float(plateau.force_scatter.max())
+    slide = _drift(joints)
+    if slide > LARGEST_SLIDE:
+        return f'slides: the joints move by {slide:.1e} rad during the hold'
+    drift = _drift(force)
+    apart = 2.0 / 3.0 * float(plateau.intervals[-1, 1] - plateau.intervals[0, 0])
+    allowed = load * min(LARGEST_DRIFT, FASTEST_DRIFT * apart)
+    if drift > max(allowed, 6.0 * noise / np.sqrt(max(len(force) / 3, 1.0))):
+        return f'never settles: the force changes by {drift:.2f} N during the hold'
+    if scatter > max(LARGEST_SCATTER * load, 4.0 * zero.noise):
+        return f'never settles: the force scatters by {scatter:.2f} N during the hold'
+    return ''
+
+
+def _frozen(signals: Signals, zero: Zero, plateau: Plateau) -> str:
+    """Whether the force reads the same number all along, though it is noisy elsewhere."""
+    force = signals.wrench.during(plateau.intervals)
+    if len(force) > 5 and not np.any(np.diff(force, axis=0)) and _flickers(signals, zero):
+        return f'the force reading is frozen or saturated: {len(force)} equal samples'
+    return ''
+
+
+def _drift(values: Floats) -> float:
+    """Change from the first to the last third, the larger of both components."""
+    third = max(len(values) // 3, 1)
+    return float(np.abs(np.median(values[-third:], axis=0) - np.median(values[:third], axis=0)).max())
+
+
+def _flickers(signals: Signals, zero: Zero) -> bool:
+    """Whether the free force before a contact shows more noise than the step of its digits could hide."""
+    free = signals.wrench.value[signals.wrench.stretch(zero.contact - 1.0, zero.contact)]
+    steps = np.abs(np.diff(free, axis=0))
+    return bool(np.all(np.median(steps, axis=0) > 0))

@@ -1,0 +1,115 @@
+"""Plans mix what must be mixed, keep to the reach and say what is wrong with them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scara_kinetostatic.errors import CellError, InputError, ParameterError
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Disc
+from scara_kinetostatic.model.kinematics import inverse
+from scara_kinetostatic.model.parameters import PAPER_NOMINAL
+from scara_kinetostatic.recording.plan_file import load_plan
+from scara_kinetostatic.simulation.plan import CLEARANCE, REACH_MARGIN, Plan, default_plan
+
+CELL = Cell(PAPER_NOMINAL, PAPER_DISCS)
+
+
+def test_default_plan_of_the_paper_cell():
+    plan = default_plan(CELL)
+    assert len(plan) == 72
+    for disc in range(3):
+        for posture in (1, -1):
+            here = (plan.disc == disc) & (plan.posture == posture)
+            angles = np.sort(np.rad2deg(plan.angle[here]))
+            np.testing.assert_allclose(angles, 30.0 * np.arange(12), atol=1e-9)
+            assert np.unique(plan.force[here], return_counts=True)[1].tolist() == [4, 4, 4]
+
+
+def test_levels_do_not_follow_order_or_direction():
+    plan = default_plan(CELL)
+    level = plan.force - plan.force.mean()
+    for other in (np.arange(len(plan)), np.cos(plan.angle), np.sin(plan.angle), plan.posture, plan.disc):
+        assert abs(np.corrcoef(level, other)[0, 1]) < 0.2
+    for one in (np.cos(plan.angle), np.sin(plan.angle), plan.disc):
+        assert abs(np.corrcoef(np.arange(len(plan)), one)[0, 1]) < 0.25
+
+
+def test_points_out_of_reach_are_left_out():
+    far = replace(CELL, discs=(Disc('far', 0.5, 0.3, 0.1), Disc('near', 0.12, 0.0, 0.08)))
+    plan = default_plan(far)
+    assert 0 < np.sum(plan.disc == 0) < 24
+    assert 0 < np.sum(plan.disc == 1) < 24
+    away = np.linalg.norm(plan.contact(far), axis=1)
+    assert np.all(away <= 0.66 - REACH_MARGIN)
+    clear = plan.contact(far) + CLEARANCE * plan.normal()
+    assert np.all(np.isfinite(inverse(far.nominal, clear, plan.posture)))
+
+
+def test_points_behind_another_disc_are_left_out():
+    close = replace(CELL, discs=(Disc('one', 0.2, 0.3, 0.05), Disc('two', 0.31, 0.3, 0.05)))
+    plan = default_plan(close)
+    assert not np.any((plan.disc == 0) & (np.abs(plan.angle) < 0.1))
+    assert not np.any((plan.disc == 1) & (np.abs(plan.angle - np.pi) < 0.1))
+
+
+def test_disc_without_reachable_point():
+    with pytest.raises(CellError, match=r'objects: lost.*no point of the disc is within reach'):
+        default_plan(replace(CELL, discs=(*PAPER_DISCS, Disc('lost', 0.66, 0.02, 0.01))))
+
+
+@pytest.mark.parametrize('change', [{'posture': [0]}, {'force': [0.0]}, {'force': [1.0, 2.0]}, {'angle': [np.nan]}])
+def test_senseless_plan(change):
+    with pytest.raises(ParameterError, match=next(iter(change))):
+        Plan(**{'disc': [0], 'angle': [0.0], 'posture': [1], 'force': [10.0], **change})
+
+
+def test_plan_file(tmp_path):
+    path = tmp_path / 'plan.yaml'
+    path.write_text(
+        '- {disc: disc_2, angle_deg: 90, posture: left, force: 12.5}\n'
+        '- {disc: disc_1, angle_deg: -45, posture: -1, force: 40}\n'
+    )
+    plan = load_plan(path, CELL)
+    assert plan.disc.tolist() == [1, 0]
+    assert plan.posture.tolist() == [1, -1]
+    np.testing.assert_allclose(plan.angle, np.deg2rad([90.0, -45.0]))
+    np.testing.assert_allclose(plan.force, [12.5, 40.0])
+
+
+@pytest.mark.parametrize(
+    ('text', 'problem'),
+    [
+        ('', 'expected a list of touches'),
+        ('disc: disc_1', 'expected a list of touches'),
+        ('- 3', 'touch 0: expected a mapping'),
+        ('- {disc: disc_1, angle_deg: 0, posture: left}', "touch 0: the key 'force' is missing"),
+        ('- {disc: disc_1, angle_deg: 0, posture: left, force: 1, colour: red}', "touch 0: unknown key 'colour'"),
+        ('- {disc: disc_9, angle_deg: 0, posture: left, force: 1}', "touch 0: unknown disc 'disc_9'; .*disc_1, disc_2"),
+        ('- {disc: disc_1, angle_deg: 0, posture: up, force: 1}', 'touch 0: posture: expected left'),
+        ('- {disc: disc_1, angle_deg: 0, posture: [1], force: 1}', 'touch 0: posture: expected left'),
+        ('- {disc: disc_1, angle_deg: 0, posture: left, force: -3}', 'touch 0: force: expected N above 0'),
+        ('- {disc: disc_1, angle_deg: north, posture: left, force: 3}', 'touch 0: angle_deg: expected a number'),
+        ('- {disc: disc_1, angle_deg: .nan, posture: left, force: 3}', 'touch 0: angle_deg: expected a number'),
+        ('- {disc: [1], angle_deg: 0, posture: left, force: 3}', 'touch 0: unknown disc'),
+        ('[', 'not valid YAML'),
+    ],
+)
+def test_wrong_plan_file(tmp_path, text, problem):
+    path = tmp_path / 'plan.yaml'
+    path.write_text(text)
+    with pytest.raises(InputError, match=problem) as raised:
+        load_plan(path, CELL)
+    assert str(path) in str(raised.value)
+    assert '\n' not in str(raised.value)
+
+
+def test_plan_file_out_of_reach(tmp_path):
+    path = tmp_path / 'plan.yaml'
+    path.write_text('- {disc: far, angle_deg: 0, posture: left, force: 3}')
+    with pytest.raises(InputError, match='touch 0: the arm does not reach it'):
+        load_plan(path, replace(CELL, discs=(Disc('far', 0.5, 0.3, 0.1),)))
+    with pytest.raises(InputError, match='no such file'):
+        load_plan(tmp_path / 'none.yaml', CELL)

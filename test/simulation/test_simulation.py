@@ -1,0 +1,142 @@
+"""The simulated cell obeys the model at every instant; its sensors do what they say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, GripperSign, Noise, SensorFrame, SensorSign
+from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.kinematics import forward, posture, rotate
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.sensors import SensorModel
+from scara_kinetostatic.simulation.streams import START, simulate_streams, simulate_touches
+from scara_kinetostatic.simulation.trajectory import APPROACH, HOLD, PRESS, RELEASE, RETRACT, Motion, Timing
+
+CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3))
+PLAN = default_plan(CELL)
+SMALL = PLAN.select(np.arange(12))
+
+
+@pytest.mark.parametrize('truth', [PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL], ids=['actual', 'measured', 'nominal'])
+def test_force_is_that_of_the_model_all_along(truth):
+    motion = Motion(CELL, truth, PLAN)
+    instant = motion.instant(np.sort(np.random.default_rng(0).uniform(0, motion.duration, 4000)))
+    near = instant.phase >= APPROACH
+    disc = PLAN.disc[instant.touch[near]]
+    expected = contact(truth, instant.joints[near], CELL.centers[disc], CELL.radii[disc]).force
+    np.testing.assert_allclose(instant.force[near], expected, rtol=0, atol=5e-6)
+    assert np.all(instant.force[~near] == 0)
+
+
+@pytest.mark.parametrize('sign', list(GripperSign))
+def test_motion_is_continuous_and_rises_steadily(sign):
+    motion = Motion(replace(CELL, gripper_sign=sign), PAPER_MEASURED, PLAN)
+    time = np.linspace(-0.1, motion.duration + 0.1, 200_000)
+    instant = motion.instant(time)
+    assert np.abs(np.diff(instant.joints, axis=0)).max() < 9.0 * (time[1] - time[0])
+    assert np.abs(np.diff(instant.force, axis=0)).max() < 500.0 * (time[1] - time[0])
+    load = np.hypot(*instant.force.T)
+    same = np.diff(instant.touch) == 0
+    assert np.all(np.diff(load)[same & (instant.phase[1:] == PRESS)] >= -1e-9)
+    assert np.all(np.diff(load)[same & (instant.phase[1:] == RELEASE)] <= 1e-9)
+    assert np.all(load[(instant.phase == APPROACH) | (instant.phase == RETRACT)] == 0)
+
+
+def test_holds_are_as_planned():
+    motion = Motion(CELL, PAPER_ACTUAL, PLAN)
+    joints, force = motion.at(motion.hold_time)
+    np.testing.assert_allclose(np.linalg.norm(force, axis=1), PLAN.force, rtol=1e-12)
+    np.testing.assert_array_equal(joints, motion.hold_joints)
+    np.testing.assert_array_equal(posture(PAPER_ACTUAL, joints), PLAN.posture)
+    np.testing.assert_allclose(force / PLAN.force[:, None], -PLAN.normal(), atol=1e-12)
+    assert np.all(motion.instant(motion.hold_time).phase == HOLD)
+    free = forward(PAPER_ACTUAL, motion.free_joints) - CELL.centers[PLAN.disc]
+    np.testing.assert_allclose(np.linalg.norm(free, axis=1), CELL.radii[PLAN.disc] + 0.018, atol=1e-9)
+
+
+def test_unreachable_for_the_simulated_robot():
+    with pytest.raises(UnsupportedDataError, match='cannot reach touch'):
+        Motion(CELL, PAPER_ACTUAL.replace(l2=0.1), PLAN)
+    with pytest.raises(UnsupportedDataError, match='no touch'):
+        Motion(CELL, PAPER_ACTUAL, PLAN.select(np.zeros(len(PLAN), dtype=bool)))
+
+
+@pytest.mark.parametrize('wrong', [{'hold': 0.0}, {'press': -1.0}, {'speed': np.inf}])
+def test_senseless_timing(wrong):
+    with pytest.raises(ParameterError, match=next(iter(wrong))):
+        Timing(**wrong)
+
+
+@pytest.mark.parametrize('wrong', [{'joint_rate': 0.0}, {'force_noise': -1.0}, {'bias': (np.nan, 0.0)}])
+def test_senseless_sensors(wrong):
+    with pytest.raises(ParameterError, match='sensors'):
+        SensorModel(**wrong)
+
+
+def test_stamps_are_irregular_and_increase():
+    streams = simulate_streams(CELL, PAPER_ACTUAL, SMALL)
+    for stamp, rate in ((streams.joints.stamp, 80.0), (streams.wrench.stamp, 98.0)):
+        steps = 1e-9 * np.diff(stamp)
+        assert stamp.dtype == np.int64
+        assert stamp[0] >= START
+        assert np.all(steps > 0)
+        assert np.median(steps) == pytest.approx(1 / rate, rel=0.05)
+        assert np.std(steps) > 0.05 / rate
+        assert 2.0 / rate < steps.max() < 0.1
+    assert not np.any(np.isin(streams.joints.stamp, streams.wrench.stamp))
+
+
+def test_joints_at_rest_repeat_to_the_last_bit():
+    streams = simulate_streams(CELL, PAPER_ACTUAL, SMALL)
+    motion = Motion(CELL, PAPER_ACTUAL, SMALL)
+    instant = motion.instant(1e-9 * (streams.joints.stamp - START))
+    held = streams.joints.position[(instant.phase == HOLD) & (instant.touch == 5)]
+    assert len(held) > 30
+    assert np.all(held == held[0])
+
+
+def test_seed_decides():
+    one, same, other = (simulate_streams(CELL, PAPER_ACTUAL, SMALL, seed=seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(one.wrench.force, same.wrench.force)
+    np.testing.assert_array_equal(one.joints.stamp, same.joints.stamp)
+    assert not np.array_equal(one.wrench.force[:100], other.wrench.force[:100])
+
+
+def test_repeatability_is_the_noise_of_the_touches():
+    errors = []
+    exact = simulate_touches(CELL, PAPER_ACTUAL, PLAN, Noise(0.0, 0.0))
+    for seed in range(20):
+        noisy = simulate_touches(CELL, PAPER_ACTUAL, PLAN, seed=seed)
+        errors.append(np.hstack([noisy.joints - exact.joints, noisy.force - exact.force]))
+    scatter = np.concatenate(errors).std(axis=0)
+    np.testing.assert_allclose(scatter, [1e-5, 1e-5, 0.3, 0.3], rtol=0.06)
+
+
+@pytest.mark.parametrize('frame', list(SensorFrame))
+@pytest.mark.parametrize('sign', list(SensorSign))
+def test_frame_and_sign(frame, sign):
+    cell = replace(CELL, sensor=CELL.sensor._replace(frame=frame, sign=sign))
+    sensors = SensorModel(Noise(0, 0), force_noise=0.0, bias=(0.7, -0.4), jitter=0.0)
+    force = simulate_streams(cell, PAPER_MEASURED, SMALL, sensors=sensors).wrench.force - (0.7, -0.4)
+    reference = simulate_streams(CELL, PAPER_MEASURED, SMALL, sensors=sensors)
+    expected = reference.wrench.force - (0.7, -0.4)
+    if frame is SensorFrame.TOOL:
+        motion = Motion(CELL, PAPER_MEASURED, SMALL)
+        q, _ = motion.at(1e-9 * (reference.wrench.stamp - START))
+        expected = rotate(expected, -(q.sum(axis=1) + PAPER_MEASURED.theta1 + PAPER_MEASURED.theta2))
+    np.testing.assert_allclose(force, -expected if sign is SensorSign.ON_ROBOT else expected, atol=1e-9)
+
+
+def test_touches_agree_with_the_streams_they_stand_for():
+    touches = simulate_touches(CELL, PAPER_MEASURED, SMALL, seed=3)
+    streams = simulate_streams(CELL, PAPER_MEASURED, SMALL, sensors=SensorModel(bias=(0, 0), force_noise=0), seed=3)
+    for joints, force, time in zip(touches.joints, touches.force, touches.time, strict=True):
+        at_joint = np.argmin(np.abs(streams.joints.stamp - START - 1e9 * time))
+        at_force = np.argmin(np.abs(streams.wrench.stamp - START - 1e9 * time))
+        np.testing.assert_allclose(streams.joints.position[at_joint], joints, atol=1e-6)
+        np.testing.assert_allclose(streams.wrench.force[at_force], force, atol=1e-9)
