@@ -115,9 +115,11 @@ class Collector(Node):
 
     def _fail(self, error: Exception) -> None:
         """Gives up the recording, keeps the node."""
+        if self._session is not None:
+            self._session.abandon()
         self._session = None
         self._failure = ' '.join(str(error).split())
-        self.get_logger().error(f'recording ended: {self._failure}')
+        self.get_logger().error(f'recording failed: {self._failure}')
 
     def _receive(self, stream: Stream, message: bytes) -> None:
         """Takes a message in: all go into the bag, the usable ones to the touch detection, too."""
@@ -167,7 +169,7 @@ class Collector(Node):
         if self._session is not None:
             values |= self._session.details()
         if self._failure:
-            return Condition(ERROR, f'recording ended: {self._failure}', values)
+            return Condition(ERROR, f'recording failed: {self._failure}', values)
         if any(complaints):
             return Condition(WARN, '; '.join(filter(None, complaints)), values)
         return Condition(OK, 'idle' if self._session is None else f'recording to {self._session.folder}', values)

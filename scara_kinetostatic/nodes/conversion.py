@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 from typing import NamedTuple
 
 from builtin_interfaces.msg import Time
@@ -55,7 +56,7 @@ def joint_sample(serialized: bytes, names: Sequence[str]) -> Sample:
         names: of q1 and q2.
 
     Raises:
-        UnusableMessageError: a joint is missing, or has no position.
+        UnusableMessageError: a joint is missing, or has no position, or none that is a finite number.
     """
     message = deserialize_message(serialized, JointState)
     position = dict(zip(message.name, message.position, strict=False))
@@ -65,7 +66,7 @@ def joint_sample(serialized: bytes, names: Sequence[str]) -> Sample:
             f'expected positions of {" and ".join(names)}, got {len(message.position)} positions of '
             f'{" ".join(message.name) or "no joints"}'
         )
-    return Sample(_nanoseconds(message.header.stamp), position[names[0]], position[names[1]])
+    return _finite(Sample(_nanoseconds(message.header.stamp), position[names[0]], position[names[1]]))
 
 
 def wrench_sample(serialized: bytes) -> Sample:
@@ -73,9 +74,18 @@ def wrench_sample(serialized: bytes) -> Sample:
 
     Args:
         serialized: a `WrenchStamped` as it came over the wire.
+
+    Raises:
+        UnusableMessageError: the force is not finite.
     """
     message = deserialize_message(serialized, WrenchStamped)
-    return Sample(_nanoseconds(message.header.stamp), message.wrench.force.x, message.wrench.force.y)
+    return _finite(Sample(_nanoseconds(message.header.stamp), message.wrench.force.x, message.wrench.force.y))
+
+
+def _finite(sample: Sample) -> Sample:
+    if not (isfinite(sample.first) and isfinite(sample.second)):
+        raise UnusableMessageError(f'expected finite numbers, got {sample.first} and {sample.second}')
+    return sample
 
 
 def _nanoseconds(stamp: Time) -> int:

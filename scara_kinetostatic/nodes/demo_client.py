@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +26,7 @@ from scara_kinetostatic.errors import InputError, UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
-from scara_kinetostatic.nodes.processes import NodeProcesses, free_domain
+from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain
 from scara_kinetostatic.nodes.qos import LATCHED
 from scara_kinetostatic.nodes.results import DEVIATION, VALUE
 from scara_kinetostatic.recording.cell_file import dump_cell
@@ -63,6 +64,8 @@ class DemoResult:
 class DemoClient:
     """A node that watches the cell and calls its services. A context manager.
 
+    From here on this process looks for other nodes on this machine only.
+
     Args:
         domain: ROS domain of the cell.
         check: raises if a node of the cell is gone; called while waiting.
@@ -70,6 +73,7 @@ class DemoClient:
 
     def __init__(self, domain: int, check: Callable[[], None]) -> None:
         self._check = check
+        os.environ.update(THIS_MACHINE)
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
         self._node = rclpy.create_node('demo', context=self._context)

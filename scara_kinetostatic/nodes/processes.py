@@ -16,6 +16,8 @@ from scara_kinetostatic.errors import InputError
 
 PATIENCE = 10.0
 """Longest wait for a node to end after the signal, s."""
+THIS_MACHINE = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+"""Environment of nodes that look for others on this machine only."""
 DOMAINS = range(1, 100)
 """ROS domains whose ports lie below those that Linux hands out."""
 
@@ -29,11 +31,7 @@ class NodeProcesses:
     """
 
     def __init__(self, domain: int, logs: Path) -> None:
-        self._environment = os.environ | {
-            'ROS_DOMAIN_ID': str(domain),
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-            'PYTHONUNBUFFERED': '1',
-        }
+        self._environment = os.environ | THIS_MACHINE | {'ROS_DOMAIN_ID': str(domain), 'PYTHONUNBUFFERED': '1'}
         self._logs = logs
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from enum import Enum
 from pathlib import Path
 
 import numpy as np
 
+from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.recording.detection import Detection
@@ -84,6 +86,11 @@ class Session:
         try:
             return self._secure(self._detector.finish())
         finally:
+            self._writer.close()
+
+    def abandon(self) -> None:
+        """Lets go of a bag that cannot be written to any more; what was secured stays."""
+        with suppress(OutputError):
             self._writer.close()
 
     def details(self) -> dict[str, str]:

@@ -1,0 +1,78 @@
+"""Every test in a ROS domain of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from threading import Event, Thread
+
+import pytest
+
+rclpy = pytest.importorskip('rclpy')
+
+from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor  # noqa: E402
+from rclpy.node import Node  # noqa: E402
+from rclpy.signals import SignalHandlerOptions  # noqa: E402
+
+from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL  # noqa: E402
+from scara_kinetostatic.nodes.demo_client import DemoClient  # noqa: E402
+from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain  # noqa: E402
+from scara_kinetostatic.recording.cell_file import dump_cell  # noqa: E402
+
+
+@pytest.fixture
+def domain() -> int:
+    return free_domain()
+
+
+@pytest.fixture
+def cell_file(tmp_path: Path) -> Path:
+    path = tmp_path / 'cell.yaml'
+    path.write_text(dump_cell(EXAMPLE_CELL))
+    return path
+
+
+@pytest.fixture
+def processes(domain: int, tmp_path: Path) -> Iterator[NodeProcesses]:
+    with NodeProcesses(domain, tmp_path / 'logs') as running:
+        yield running
+
+
+@pytest.fixture
+def client(domain: int, processes: NodeProcesses) -> Iterator[DemoClient]:
+    with DemoClient(domain, processes.check) as watching:
+        yield watching
+
+
+@pytest.fixture
+def spin(domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Node]]:
+    """Makes one node in this process, started with ROS arguments, and spins it in a thread."""
+    for name, value in THIS_MACHINE.items():
+        monkeypatch.setenv(name, value)
+    stop = Event()
+    started: list[Thread] = []
+    nodes: list[Node] = []
+
+    def make(kind: type[Node], *arguments: str, threads: int = 1) -> Node:
+        rclpy.init(args=list(arguments), domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+        nodes.append(kind())
+        executor = SingleThreadedExecutor() if threads == 1 else MultiThreadedExecutor(threads)
+        started.append(Thread(target=_spin, args=(executor, nodes[-1], stop)))
+        started[-1].start()
+        return nodes[-1]
+
+    yield make
+    for node in nodes:
+        node.close()
+    stop.set()
+    for thread in started:
+        thread.join()
+    rclpy.try_shutdown()
+
+
+def _spin(executor: Executor, node: Node, stop: Event) -> None:
+    executor.add_node(node)
+    while not stop.is_set():
+        executor.spin_once(timeout_sec=0.05)
+    executor.shutdown()
+    node.destroy_node()

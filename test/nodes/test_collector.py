@@ -1,0 +1,144 @@
+from __future__ import annotations
+
+import os
+import random
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from time import monotonic, sleep
+
+import pytest
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+from rclpy.qos import QoSPresetProfiles, QoSProfile
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from scara_kinetostatic.nodes import conversion
+from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
+from scara_kinetostatic.nodes.collector import Collector
+from scara_kinetostatic.nodes.conversion import Sample
+from scara_kinetostatic.nodes.demo_client import DemoClient
+from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN
+from scara_kinetostatic.nodes.processes import NodeProcesses
+from scara_kinetostatic.nodes.qos import RELIABLE_STREAM
+from scara_kinetostatic.recording.detection import find_touches
+from scara_kinetostatic.recording.reader import embedded_cell, read_streams
+
+WAIT = 15.0
+
+
+def eventually(condition: Callable[[], bool]) -> bool:
+    end = monotonic() + WAIT
+    while not condition() and monotonic() < end:
+        sleep(0.02)
+    return condition()
+
+
+def trigger(client: DemoClient, service: str) -> Trigger.Response:
+    return client.call(service, Trigger, Trigger.Request(), WAIT)
+
+
+def publish(node: Node, qos: QoSProfile, count: int, names: tuple[str, str] = ('joint1', 'joint2')) -> None:
+    """Publishes joint states and wrenches in which nothing is touched, once somebody listens."""
+    joints = node.create_publisher(JointState, '/joint_states', qos)
+    wrench = node.create_publisher(WrenchStamped, '/wrench', qos)
+    assert eventually(lambda: joints.get_subscription_count() > 0 and wrench.get_subscription_count() > 0)
+    sleep(0.3)
+    for number in range(count):
+        stamp = 1_700_000_000_000_000_000 + 10_000_000 * number
+        joints.publish(conversion.joint_state(Sample(stamp, 0.1, 0.2), names))
+        wrench.publish(conversion.wrench(Sample(stamp, 0.0, 0.0), 'base'))
+        sleep(0.002)
+
+
+def test_start_and_stop_each_make_sense_once(
+    processes: NodeProcesses, client: DemoClient, cell_file: Path, tmp_path: Path
+) -> None:
+    processes.start('collector', {'cell': cell_file, 'output': tmp_path / 'bags'})
+    assert 'nothing is being recorded' in trigger(client, '/collector/stop').message
+
+    started = trigger(client, '/collector/start')
+    assert started.success
+    client.wait('the announcement', lambda: client.recording != '', WAIT)
+    first = Path(client.recording)
+    assert str(first) in started.message
+
+    again = trigger(client, '/collector/start')
+    assert not again.success
+    assert 'recording already' in again.message
+
+    assert trigger(client, '/collector/stop').success
+    assert trigger(client, '/collector/start').success
+    client.wait('another recording', lambda: client.recording != str(first), WAIT)
+    assert embedded_cell(first) == EXAMPLE_CELL
+    assert processes.stop() == {'collector': 0}
+    assert embedded_cell(client.recording) == EXAMPLE_CELL
+
+
+def test_every_message_of_a_fast_stream_is_recorded(spin: Callable[..., Node], tmp_path: Path) -> None:
+    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
+    publish(collector, RELIABLE_STREAM, 1000)
+    assert eventually(lambda: all(monitor.count == 1000 for monitor in collector._monitors.values()))
+    collector.close()
+    (bag,) = tmp_path.iterdir()
+    streams = read_streams(bag, EXAMPLE_CELL)
+    assert len(streams.joints.stamp) == len(streams.wrench.stamp) == 1000
+
+
+def test_a_best_effort_publisher_is_heard(spin: Callable[..., Node]) -> None:
+    collector = spin(Collector)
+    publish(collector, QoSPresetProfiles.SENSOR_DATA.value, 300)
+    assert eventually(lambda: all(monitor.count > 0 for monitor in collector._monitors.values()))
+
+
+def test_diagnostics_name_what_is_wrong(spin: Callable[..., Node], tmp_path: Path) -> None:
+    collector = spin(Collector, '--ros-args', '-p', f'output:={tmp_path / "bags"}')
+    assert collector._examine().level == OK
+    publish(collector, RELIABLE_STREAM, 5, names=('shoulder', 'elbow'))
+    assert eventually(lambda: collector._examine().level == WARN)
+    assert 'expected positions of joint1 and joint2' in collector._examine().message
+    assert 'shoulder elbow' in collector._examine().message
+
+    (tmp_path / 'bags').write_text('a file where the folder should be')
+    answer = collector._start(Trigger.Request(), Trigger.Response())
+    assert not answer.success
+    assert collector._examine().level == ERROR
+    assert str(tmp_path / 'bags') in collector._examine().message
+
+    (tmp_path / 'bags').unlink()
+    assert collector._start(Trigger.Request(), Trigger.Response()).success
+
+
+def test_a_disk_that_fails_ends_the_recording_and_not_the_node(
+    spin: Callable[..., Node], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from scara_kinetostatic.errors import OutputError
+
+    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
+    folder = collector._session.folder
+
+    def full(*_: object) -> None:
+        raise OutputError(folder, 'cannot be written: No space left on device')
+
+    monkeypatch.setattr(collector._session._writer, 'write_wrench', full)
+    publish(collector, RELIABLE_STREAM, 20)
+    assert eventually(lambda: collector._session is None)
+    assert 'No space left on device' in collector._examine().message
+    answer = collector._stop(Trigger.Request(), Trigger.Response())
+    assert not answer.success
+    assert 'No space left on device' in answer.message
+
+
+@pytest.mark.parametrize('seed', [1, 2, 3])
+def test_reported_touches_survive_a_kill(
+    seed: int, processes: NodeProcesses, client: DemoClient, cell_file: Path, tmp_path: Path
+) -> None:
+    collector = processes.start('collector', {'cell': cell_file, 'output': tmp_path / 'bags', 'autostart': True})
+    processes.start('contact_simulator', {'cell': cell_file, 'wait_for_subscribers': 1, 'time_factor': 20.0})
+    enough = random.Random(seed).randint(1, 8)
+    client.wait('touches', lambda: client.touches >= enough and client.recording != '', WAIT)
+    os.kill(collector, signal.SIGKILL)
+    cell = embedded_cell(client.recording)
+    assert cell == EXAMPLE_CELL
+    assert len(find_touches(read_streams(client.recording, cell), cell).touches) >= client.touches >= enough

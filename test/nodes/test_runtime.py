@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rcl_interfaces.srv import GetParameters
+
+from scara_kinetostatic.nodes.demo_client import DemoClient
+from scara_kinetostatic.nodes.processes import NodeProcesses, free_domain
+
+NODES = ('contact_simulator', 'collector', 'calibrator')
+WAIT = 20.0
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_nodes_end_well_on_a_signal(
+    number: signal.Signals, processes: NodeProcesses, client: DemoClient, tmp_path: Path
+) -> None:
+    processes.start('calibrator', {})
+    processes.start('collector', {'autostart': True, 'output': tmp_path / 'bags'})
+    processes.start('contact_simulator', {'wait_for_subscribers': 1, 'time_factor': 20.0})
+    client.call('/calibrator/get_parameters', GetParameters, GetParameters.Request(), WAIT)
+    client.wait('a touch', lambda: client.touches > 0, WAIT)
+    running = {name: process for name, process in processes._running.items()}
+    for process in running.values():
+        os.kill(process.pid, number)
+        os.kill(process.pid, number)  # An impatient user.
+    assert {name: process.wait(WAIT) for name, process in running.items()} == dict.fromkeys(NODES, 0)
+    for name in NODES:
+        assert 'Traceback' not in processes.log(name).read_text()
+    (bag,) = (tmp_path / 'bags').iterdir()
+    assert sorted(path.name for path in bag.iterdir()) == ['metadata.yaml', f'{bag.name}_0.mcap']
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_a_wrong_cell_is_one_line_and_status_2(name: str, tmp_path: Path) -> None:
+    wrong = tmp_path / 'cell.yaml'
+    wrong.write_text('robot: {}')
+    ended = subprocess.run(
+        [sys.executable, '-m', f'scara_kinetostatic.nodes.{name}', '--ros-args', '-p', f'cell:={wrong}'],
+        env=os.environ | {'ROS_DOMAIN_ID': str(free_domain())},
+        capture_output=True,
+        text=True,
+        timeout=WAIT,
+    )
+    assert ended.returncode == 2
+    assert len(ended.stderr.splitlines()) == 1
+    assert str(wrong) in ended.stderr

@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.node import Node
+
+from scara_kinetostatic.errors import CellError, ParameterError
+from scara_kinetostatic.model.cell import SensorFrame, SensorSign
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
+from scara_kinetostatic.nodes.conversion import Sample
+from scara_kinetostatic.nodes.playback import Playback
+from scara_kinetostatic.recording.streams import JointStream, Streams, WrenchStream
+
+STREAMS = Streams(
+    source='test',
+    joints=JointStream(np.array([0, 10, 20]) * 1_000_000, np.array([[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]])),
+    wrench=WrenchStream(np.array([5, 15]) * 1_000_000, np.array([[6.0, 7.0], [8.0, 9.0]])),
+)
+
+
+def test_playback_hands_out_both_streams_in_the_order_of_time() -> None:
+    playback = Playback(STREAMS, start=100)
+    early = list(playback.advance(0.012))
+    assert [(due.is_wrench, due.sample) for due in early] == [
+        (False, Sample(100, 0.0, 1.0)),
+        (True, Sample(5_000_100, 6.0, 7.0)),
+        (False, Sample(10_000_100, 2.0, 3.0)),
+    ]
+    assert list(playback.advance(0.012)) == []
+    assert list(playback.advance(0.001)) == [], 'time does not run back'
+    assert not playback.finished
+    assert len(list(playback.advance(1.0))) == 2
+    assert playback.finished
+    assert playback.end == 20_000_100
+
+
+def test_parameters_have_descriptions_and_ranges(spin: Callable[..., Node]) -> None:
+    simulator = spin(ContactSimulator, '--ros-args', '-p', 'wait_for_subscribers:=1')
+    own = [
+        name for name in simulator._parameters if name not in ('use_sim_time', 'start_type_description_service')
+    ]
+    descriptors: list[ParameterDescriptor] = simulator.describe_parameters(own)
+    assert len(own) >= 25
+    for descriptor in descriptors:
+        assert descriptor.description, descriptor.name
+        if descriptor.type in (2, 3):
+            assert descriptor.integer_range or descriptor.floating_point_range, descriptor.name
+    changeable = {descriptor.name for descriptor in descriptors if not descriptor.read_only}
+    assert changeable == {'time_factor', 'loop'}
+    assert [simulator.get_parameter(f'truth.{name}').value for name in PAPER_ACTUAL.as_dict()] == list(
+        PAPER_ACTUAL.as_array()
+    )
+
+
+def test_frame_and_sign_can_be_other_than_the_cell_says(spin: Callable[..., Node]) -> None:
+    simulator = spin(ContactSimulator, '--ros-args', '-p', 'frame:=tool', '-p', 'sign:=on_robot')
+    assert simulator._settings.cell.sensor.frame is SensorFrame.TOOL
+    assert simulator._settings.cell.sensor.sign is SensorSign.ON_ROBOT
+
+
+@pytest.mark.parametrize(
+    ('argument', 'error', 'message'),
+    [
+        ('sign:=backwards', ParameterError, 'parameter sign: expected on_object or on_robot'),
+        ('time_factor:=2', ParameterError, 'parameter time_factor: expected a number with a decimal point'),
+        ('time_factor:=0.0', ParameterError, 'parameter time_factor'),
+        ('truth.l1:=.nan', ParameterError, 'parameter truth.l1'),
+        ('joint_rate:=1.0e+9', ParameterError, 'parameter joint_rate'),
+        ('cell:=/no/such/cell.yaml', CellError, '/no/such/cell.yaml'),
+    ],
+)
+def test_senseless_parameters_are_refused(
+    spin: Callable[..., Node], argument: str, error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        spin(ContactSimulator, '--ros-args', '-p', argument)
