@@ -1,1 +1,103 @@
-"""Kinetostatic calibration of a SCARA robot by touch."""
+"""Kinetostatic calibration of a SCARA robot by touch.
+
+The layers, from the top; each imports only from those below it (`test/test_architecture.py` holds that):
+
+    nodes, cli             thin: ROS nodes and the command line convert, delegate, publish
+    report                 an outcome as data, text, JSON, ROS parameter file, HTML
+    pipeline               from recordings to the outcome
+    recording, simulation  bags, touches in a stream; a cell that plays both topics
+    diagnosis              is anything left in the residual?
+    calibration            from touches to the twelve parameters
+    effects                physical effects that the basic model lacks
+    model                  parameters, cell, touches, kinematics, kinetostatics, contact
+    errors                 one root for all errors
+
+`rclpy` is imported under `nodes` alone, `rosbags` and `mcap` under `recording` alone, `matplotlib` under
+`report` alone. What is named here is the interface for other programs; it is loaded on first use.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from scara_kinetostatic.calibration.calibrate import calibrate
+    from scara_kinetostatic.calibration.solution import Calibration
+    from scara_kinetostatic.errors import InputError, ScaraKinetostaticError, UnsupportedDataError
+    from scara_kinetostatic.model.cell import Cell, Disc, Noise, Sensor
+    from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
+    from scara_kinetostatic.model.touch import TouchSet
+    from scara_kinetostatic.pipeline import Outcome, calibrate_recordings
+    from scara_kinetostatic.recording.cell_file import load_cell
+    from scara_kinetostatic.recording.detection import Detection, find_touches
+    from scara_kinetostatic.recording.reader import read_streams
+    from scara_kinetostatic.report.document import as_document
+    from scara_kinetostatic.report.write import write_results
+
+__version__ = '0.1.0'
+
+_HOME = {
+    'calibrate': 'calibration.calibrate',
+    'Calibration': 'calibration.solution',
+    'InputError': 'errors',
+    'ScaraKinetostaticError': 'errors',
+    'UnsupportedDataError': 'errors',
+    'Cell': 'model.cell',
+    'Disc': 'model.cell',
+    'Noise': 'model.cell',
+    'Sensor': 'model.cell',
+    'NAMES': 'model.parameters',
+    'PAPER_ACTUAL': 'model.parameters',
+    'PAPER_MEASURED': 'model.parameters',
+    'PAPER_NOMINAL': 'model.parameters',
+    'Parameters': 'model.parameters',
+    'TouchSet': 'model.touch',
+    'Outcome': 'pipeline',
+    'calibrate_recordings': 'pipeline',
+    'load_cell': 'recording.cell_file',
+    'Detection': 'recording.detection',
+    'find_touches': 'recording.detection',
+    'read_streams': 'recording.reader',
+    'as_document': 'report.document',
+    'write_results': 'report.write',
+}
+
+__all__ = [
+    'NAMES',
+    'PAPER_ACTUAL',
+    'PAPER_MEASURED',
+    'PAPER_NOMINAL',
+    'Calibration',
+    'Cell',
+    'Detection',
+    'Disc',
+    'InputError',
+    'Noise',
+    'Outcome',
+    'Parameters',
+    'ScaraKinetostaticError',
+    'Sensor',
+    'TouchSet',
+    'UnsupportedDataError',
+    '__version__',
+    'as_document',
+    'calibrate',
+    'calibrate_recordings',
+    'find_touches',
+    'load_cell',
+    'read_streams',
+    'write_results',
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    value = getattr(import_module(f'{__name__}.{_HOME[name]}'), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(set(__all__) | set(globals()))
