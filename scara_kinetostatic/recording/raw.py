@@ -59,7 +59,7 @@ class Batch(NamedTuple):
             topic,
             np.array(log_time, dtype=np.int64),
             np.frombuffer(b''.join(payloads), np.uint8),
-            np.concatenate([[0], np.cumsum(length)[:-1]]).astype(np.int64),
+            np.cumsum(length) - length,
             length,
         )
 

@@ -16,6 +16,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.recording.cell_file import CELL_TOPIC, parse_cell
 from scara_kinetostatic.recording.clock import counted, on_one_clock
 from scara_kinetostatic.recording.decoding import Decoder, Samples, decode_string
+from scara_kinetostatic.recording.inflate import inflate_messages
 from scara_kinetostatic.recording.raw import JOINT_STATE, STRING, WRENCH_STAMPED, Source, Topic, reading
 from scara_kinetostatic.recording.sources import open_recording
 from scara_kinetostatic.recording.streams import JointStream, Streams, WrenchStream
@@ -42,7 +43,7 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
         source = open_recording(path)
         for batch in source.batches(types):
             if batch.topic.msgtype == types[batch.topic.name] and batch.topic.encoding in _ENCODINGS:
-                decoders[batch.topic.name].add(batch)
+                decoders[batch.topic.name].add(inflate_messages(batch))
         warnings = list(source.warnings)
         streams = {topic: decoder.samples() for topic, decoder in decoders.items()}
         for topic, samples in streams.items():
@@ -63,7 +64,7 @@ def embedded_cell(path: str | Path) -> Cell | None:
     with reading(path), closing(open_recording(path).batches({CELL_TOPIC})) as batches:
         for batch in batches:
             if batch.topic.msgtype == STRING and batch.topic.encoding in _ENCODINGS:
-                text = decode_string(batch.payload(0), batch.topic.encoding)
+                text = decode_string(inflate_messages(batch).payload(0), batch.topic.encoding)
                 return parse_cell(text, f'{path}: {CELL_TOPIC}')
     return None
 

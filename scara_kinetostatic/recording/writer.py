@@ -6,6 +6,8 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -100,18 +102,24 @@ def _write_mcap(path: Path, name: str, streams: Streams, cell: Cell, with_cell: 
 
 
 def _write_sqlite(path: Path, streams: Streams, cell: Cell, with_cell: bool, compress: bool) -> None:
-    writer = rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3)
-    if compress:
-        writer.set_compression(rosbag2.CompressionMode.FILE, rosbag2.CompressionFormat.ZSTD)
-    with writer:
-        connections = [
-            writer.add_connection(
-                item.topic, item.msgtype, msgdef=item.definition, rihs01=item.digest, offered_qos_profiles=[item.qos]
-            )
-            for item in channels(cell)
-        ]
-        for message in _messages(streams, cell, with_cell):
-            writer.write(connections[message.channel], message.log_time, message.payload)
+    with tempfile.TemporaryDirectory(prefix='scara_kinetostatic_') as plain:  # rosbags cannot write where `#` is
+        writer = rosbag2.Writer(Path(plain) / 'bag', version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3)
+        if compress:
+            writer.set_compression(rosbag2.CompressionMode.FILE, rosbag2.CompressionFormat.ZSTD)
+        with writer:
+            connections = [
+                writer.add_connection(
+                    item.topic,
+                    item.msgtype,
+                    msgdef=item.definition,
+                    rihs01=item.digest,
+                    offered_qos_profiles=[item.qos],
+                )
+                for item in channels(cell)
+            ]
+            for message in _messages(streams, cell, with_cell):
+                writer.write(connections[message.channel], message.log_time, message.payload)
+        shutil.move(writer.path, path)
 
 
 def _write_ros1(path: Path, streams: Streams, cell: Cell, with_cell: bool) -> None:
