@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
         raise InputError('demo', f'needs ROS 2 Jazzy, and there is no module {error.name!r}', remedy) from error
     former = signal.signal(signal.SIGTERM, _interrupt)
     try:
-        result = run_demo(_new_folder(args.out), {'seed': args.seed, 'time_factor': args.time_factor}, _tell)
+        result = run_demo(_new_folder(args.out), {'seed': args.seed, 'time_factor': args.time_factor}, _Teller())
     finally:
         signal.signal(signal.SIGTERM, former)
     _print_result(result)
@@ -78,8 +78,20 @@ def _new_folder(parent: Path) -> Path:
     return folder
 
 
-def _tell(what: str, touches: int) -> None:
-    print(f'{what} …' if what != 'touching' else f'  {touches} touches recorded', flush=True)
+class _Teller:
+    """Prints what is going on, of the touches only every tenth or so."""
+
+    def __init__(self) -> None:
+        self._told = ''
+        self._next = 0
+
+    def __call__(self, what: str, touches: int) -> None:
+        if what != self._told:
+            print(f'{what} …', flush=True)
+            self._told, self._next = what, 10
+        elif touches >= self._next:
+            print(f'  {touches} touches recorded', flush=True)
+            self._next = touches + 10
 
 
 def _print_result(result: DemoResult) -> None:

@@ -40,9 +40,7 @@ def test_playback_hands_out_both_streams_in_the_order_of_time() -> None:
 
 def test_parameters_have_descriptions_and_ranges(spin: Callable[..., Node]) -> None:
     simulator = spin(ContactSimulator, '--ros-args', '-p', 'wait_for_subscribers:=1')
-    own = [
-        name for name in simulator._parameters if name not in ('use_sim_time', 'start_type_description_service')
-    ]
+    own = [name for name in simulator._parameters if name not in ('use_sim_time', 'start_type_description_service')]
     descriptors: list[ParameterDescriptor] = simulator.describe_parameters(own)
     assert len(own) >= 25
     for descriptor in descriptors:

@@ -1,0 +1,193 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from threading import Event, Thread
+
+import numpy as np
+import pytest
+import yaml
+from rcl_interfaces.srv import SetParameters
+from rclpy.exceptions import ParameterNotDeclaredException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
+from scara_kinetostatic.nodes import calibrator as module
+from scara_kinetostatic.nodes.calibrator import Calibrator
+from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
+from scara_kinetostatic.nodes.demo_client import DemoClient
+from scara_kinetostatic.nodes.diagnostics import ERROR, OK
+from scara_kinetostatic.nodes.processes import NodeProcesses
+from scara_kinetostatic.nodes.qos import LATCHED
+from scara_kinetostatic.pipeline import calibrate_recordings
+from scara_kinetostatic.recording.writer import write_streams
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_streams
+
+WAIT = 20.0
+THREADS = 3
+
+
+@pytest.fixture(scope='module')
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp('bags') / 'touches'
+    streams = simulate_streams(EXAMPLE_CELL, PAPER_ACTUAL, default_plan(EXAMPLE_CELL), seed=3)
+    write_streams(path, streams, EXAMPLE_CELL)
+    return path
+
+
+def calibrate(client: DemoClient) -> Trigger.Response:
+    return client.call('/calibrator/calibrate', Trigger, Trigger.Request(), WAIT)
+
+
+def set_parameter(client: DemoClient, name: str, value: object) -> str:
+    """Sets a parameter from outside.
+
+    Returns:
+        Why it was refused; empty if it was not.
+    """
+    request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+    (result,) = client.call('/calibrator/set_parameters', SetParameters, request, WAIT).results
+    return '' if result.successful else result.reason
+
+
+def values(node: Node, group: str) -> list[float]:
+    return [node.get_parameter(f'{group}.{name}').value for name in NAMES]
+
+
+def test_a_calibration_becomes_parameters_and_files(
+    spin: Callable[..., Node], client: DemoClient, recording: Path, tmp_path: Path
+) -> None:
+    node = spin(Calibrator, '--ros-args', '-p', f'recording:={recording}', '-p', f'output:={tmp_path}', threads=THREADS)
+    with pytest.raises(ParameterNotDeclaredException):
+        node.get_parameter('calibrated.l1')
+
+    answer = calibrate(client)
+    assert answer.success, answer.message
+    assert len(answer.message.splitlines()) == 1
+    assert '72 of 72 touches used' in answer.message
+    assert str(tmp_path) in answer.message
+    assert node._condition.level == OK
+
+    expected = calibrate_recordings([recording], EXAMPLE_CELL).calibration
+    assert values(node, 'calibrated') == list(expected.parameters.as_array())
+    assert values(node, 'calibrated_std') == list(expected.std)
+    parameters = yaml.safe_load((tmp_path / 'calibration.yaml').read_text())['/**']['ros__parameters']
+    assert list(parameters['calibrated'].values()) == values(node, 'calibrated')
+    assert (tmp_path / 'report.html').is_file()
+
+    assert 'read-only' in set_parameter(client, 'calibrated.l1', 1.0)
+    assert 'read-only' in set_parameter(client, 'calibrated_std.l1', 1.0)
+    assert values(node, 'calibrated') == list(expected.parameters.as_array())
+
+
+def test_a_parameter_file_of_results_can_be_loaded_again(
+    spin: Callable[..., Node], client: DemoClient, recording: Path, tmp_path: Path
+) -> None:
+    from scara_kinetostatic.report.write import write_results
+
+    outcome = calibrate_recordings([recording], EXAMPLE_CELL, fixed={'g_ee': 1e-4})
+    files = write_results(outcome, tmp_path / 'results')
+    node = spin(Calibrator, '--ros-args', '--params-file', str(files.parameters), threads=THREADS)
+    np.testing.assert_array_equal(values(node, 'calibrated'), outcome.calibration.parameters.as_array())
+    np.testing.assert_array_equal(values(node, 'calibrated_std'), outcome.calibration.std)
+    assert 'read-only' in set_parameter(client, 'calibrated.g_ee', 1.0)
+
+
+def test_a_failure_says_why_and_leaves_the_results(
+    spin: Callable[..., Node], client: DemoClient, recording: Path, tmp_path: Path
+) -> None:
+    node = spin(Calibrator, '--ros-args', '-p', f'output:={tmp_path}', threads=THREADS)
+    answer = calibrate(client)
+    assert not answer.success
+    assert 'no recording is named' in answer.message
+
+    assert set_parameter(client, 'recording', str(recording)) == ''
+    assert calibrate(client).success
+    former = values(node, 'calibrated')
+    files = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
+
+    assert set_parameter(client, 'recording', '/no/such/bag') == ''
+    answer = calibrate(client)
+    assert not answer.success
+    assert '/no/such/bag' in answer.message
+    assert node._condition.level == ERROR
+    assert values(node, 'calibrated') == former
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == files
+
+
+def test_a_surprise_in_a_calibration_does_not_end_the_node(
+    spin: Callable[..., Node], client: DemoClient, recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError('by zero')
+
+    spin(Calibrator, '--ros-args', '-p', f'recording:={recording}', threads=THREADS)
+    monkeypatch.setattr(module, 'calibrate_recordings', broken)
+    for _ in range(2):
+        answer = calibrate(client)
+        assert not answer.success
+        assert 'ZeroDivisionError: by zero' in answer.message
+
+
+def test_a_second_call_is_refused_while_one_runs(
+    spin: Callable[..., Node], client: DemoClient, recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    began, go_on = Event(), Event()
+
+    def slow(*_: object, **__: object) -> None:
+        began.set()
+        assert go_on.wait(WAIT)
+        raise UnsupportedDataError('too few touches')
+
+    node = spin(Calibrator, '--ros-args', '-p', f'recording:={recording}', threads=THREADS)
+    monkeypatch.setattr(module, 'calibrate_recordings', slow)
+    first = Trigger.Response()
+    running = Thread(target=node._calibrate, args=(Trigger.Request(), first))
+    running.start()
+    assert began.wait(WAIT)
+    second = calibrate(client)
+    assert set_parameter(client, 'output', 'elsewhere') == '', 'the node answers while it calibrates'
+    go_on.set()
+    running.join()
+    assert not second.success
+    assert 'running already' in second.message
+    assert first.message == 'too few touches'
+    assert calibrate(client).message == 'too few touches', 'the way is free again'
+
+
+def test_a_recording_is_taken_from_the_collector(
+    spin: Callable[..., Node], client: DemoClient, recording: Path, tmp_path: Path
+) -> None:
+    node = spin(Calibrator, '--ros-args', '-p', f'output:={tmp_path}', threads=THREADS)
+    publisher = node.create_publisher(String, '/collector/recording', LATCHED)
+    publisher.publish(String(data=str(recording)))
+    client.wait('the announcement', lambda: node._announced == str(recording), WAIT)
+    assert calibrate(client).success
+
+
+def test_a_wrong_cell_is_refused_by_name(
+    spin: Callable[..., Node], client: DemoClient, tmp_path: Path, cell_file: Path
+) -> None:
+    spin(Calibrator, threads=THREADS)
+    wrong = tmp_path / 'wrong.yaml'
+    wrong.write_text(cell_file.read_text().replace('radius: 0.15', 'radius: -0.15'))
+    assert 'radius' in set_parameter(client, 'cell', str(wrong))
+    assert 'Wrong parameter type' in set_parameter(client, 'cell', 3)
+    assert set_parameter(client, 'cell', str(cell_file)) == ''
+
+
+def test_a_calibration_gives_up_when_the_node_ends(
+    processes: NodeProcesses, client: DemoClient, recording: Path, tmp_path: Path
+) -> None:
+    processes.start('calibrator', {'recording': recording, 'output': tmp_path / 'results'})
+    call = client._node.create_client(Trigger, '/calibrator/calibrate')
+    client.wait('the service', call.service_is_ready, WAIT)
+    call.call_async(Trigger.Request())
+    client._executor.spin_once(timeout_sec=0.05)
+    assert processes.stop() == {'calibrator': 0}
+    assert 'Traceback' not in processes.log('calibrator').read_text()
