@@ -25,7 +25,7 @@ def test_nodes_end_well_on_a_signal(
     processes.start('contact_simulator', {'wait_for_subscribers': 1, 'time_factor': 20.0})
     client.call('/calibrator/get_parameters', GetParameters, GetParameters.Request(), WAIT)
     client.wait('a touch', lambda: client.touches > 0, WAIT)
-    running = {name: process for name, process in processes._running.items()}
+    running = dict(processes._running)
     for process in running.values():
         os.kill(process.pid, number)
         os.kill(process.pid, number)  # An impatient user.
