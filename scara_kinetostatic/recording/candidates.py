@@ -15,6 +15,10 @@ LARGEST_DRIFT = 0.03
 """Change of the force from the first to the last third of a hold, of the force."""
 FASTEST_DRIFT = 0.1
 """The same per second."""
+FAINT = 0.5
+"""A contact under less force than this part of the lightest settled one,"""
+FAR = 0.03
+"""in which a joint goes farther than this, rad, is none."""
 LARGEST_SLIDE = 3e-4
 """Change of the joint angles from the first to the last third of a hold, rad."""
 LARGEST_SCATTER = 0.1
@@ -32,8 +36,30 @@ class Candidate(NamedTuple):
     posture: int = 0
 
 
-def find_candidates(signals: Signals, contacts: Contacts) -> list[Candidate]:
-    """Every settled part of every contact, and one for each contact without."""
+class Candidates(NamedTuple):
+    """All candidates in the order of time, and how many faint contacts were passed over."""
+
+    found: list[Candidate]
+    faint: int
+
+
+def find_candidates(signals: Signals, contacts: Contacts) -> Candidates:
+    """Every settled part of every contact, and one for each contact without.
+
+    A contact that does not settle, under far less force than every touch that does and while
+    the joints go a long way, is no contact: the arm's acceleration made the sensor deviate.
+    """
+    found = _all_candidates(signals, contacts)
+    loads = [float(np.hypot(*c.plateau.force)) for c in found if c.plateau is not None and not c.reason]
+    settled = [c.contact[1] for c in found if c.plateau is not None]
+    faint = contacts.peak < FAINT * min(loads, default=0.0)
+    faint &= ~np.isin(contacts.end, settled) & (contacts.way > FAR)
+    if not faint.any():
+        return Candidates(found, 0)
+    return Candidates(_all_candidates(signals, contacts.select(~faint)), int(faint.sum()))
+
+
+def _all_candidates(signals: Signals, contacts: Contacts) -> list[Candidate]:
     found = []
     previous = -np.inf
     for begin, end in zip(contacts.begin.tolist(), contacts.end.tolist(), strict=True):
@@ -43,14 +69,14 @@ def find_candidates(signals: Signals, contacts: Contacts) -> list[Candidate]:
             reason = f'no free motion before it: {free:.2f} s, expected {SHORTEST_FREE} s or more, so no force zero'
             found.append(Candidate((begin, end), None, None, reason))
         else:
-            found += _settled_parts(signals, zero, end)
+            found += _settled_parts(signals, zero, begin, end)
         previous = end
     return found
 
 
-def _settled_parts(signals: Signals, zero: Zero, end: float) -> list[Candidate]:
+def _settled_parts(signals: Signals, zero: Zero, begin: float, end: float) -> list[Candidate]:
     """The settled parts of one contact; a single rejected candidate where there is none without fault."""
-    settling = settle(signals, zero, end)
+    settling = settle(signals, zero, begin, end)
     contact = (zero.contact, end)
     parts = []
     for plateau in settling.plateaus:
@@ -95,7 +121,7 @@ def _unrest(signals: Signals, zero: Zero, plateau: Plateau) -> str:
     drift = _drift(force)
     apart = 2.0 / 3.0 * float(plateau.intervals[-1, 1] - plateau.intervals[0, 0])
     allowed = load * min(LARGEST_DRIFT, FASTEST_DRIFT * apart)
-    if drift > max(allowed, 6.0 * noise / np.sqrt(max(len(force) / 3, 1.0))):
+    if drift > max(allowed, 6.0 * noise / np.sqrt(max(len(force) / 3, 1.0)), min(6.0 * zero.wander, 2.0 * allowed)):
         return f'never settles: the force changes by {drift:.2f} N during the hold'
     if scatter > max(LARGEST_SCATTER * load, 4.0 * zero.noise):
         return f'never settles: the force scatters by {scatter:.2f} N during the hold'

@@ -17,7 +17,7 @@ from scara_kinetostatic.model.cell import Cell, SensorSign
 from scara_kinetostatic.model.touch import Rejection, TouchSet
 from scara_kinetostatic.recording.assignment import assign
 from scara_kinetostatic.recording.candidates import Candidate, find_candidates
-from scara_kinetostatic.recording.segmentation import Contacts, find_contacts
+from scara_kinetostatic.recording.segmentation import find_contacts
 from scara_kinetostatic.recording.signals import Floats, Signals, as_signals
 from scara_kinetostatic.recording.streams import Streams
 
@@ -81,14 +81,14 @@ def find_touches(streams: Streams, cell: Cell) -> Detection:
     if signals is None:
         return Detection(no_touches())
     contacts = find_contacts(signals)
-    candidates = find_candidates(signals, contacts)
-    candidates, advice = _with_discs(candidates, cell)
+    found, faint = find_candidates(signals, contacts)
+    candidates, advice = _with_discs(found, cell)
     episodes = tuple(_episode(number, candidate) for number, candidate in enumerate(candidates))
     return Detection(
         touches=_touch_set(signals, candidates, cell),
         rejected=tuple(Rejection(episode.index, episode.reason) for episode in episodes if episode.reason),
         found=len(candidates),
-        warnings=(*signals.warnings, *_warnings(contacts, candidates), *advice),
+        warnings=(*signals.warnings, *_warnings(contacts.glitches, faint, candidates), *advice),
         episodes=episodes,
         start=signals.start,
     )
@@ -153,10 +153,12 @@ def _episode(number: int, candidate: Candidate) -> Episode:
     return Episode(number, candidate.contact, hold, zero, candidate.reason)
 
 
-def _warnings(contacts: Contacts, candidates: list[Candidate]) -> list[str]:
+def _warnings(glitches: int, faint: int, candidates: list[Candidate]) -> list[str]:
     warnings = []
-    if contacts.glitches:
-        warnings.append(f'{contacts.glitches} spikes of the force too short for a touch were passed over')
+    if glitches:
+        warnings.append(f'{glitches} spikes of the force too short for a touch were passed over')
+    if faint:
+        warnings.append(f'{faint} faint forces while the arm moved far were not taken for touches')
     zeros = np.array([candidate.zero.force for candidate in candidates if candidate.zero is not None])
     change = float(np.ptp(zeros, axis=0).max()) if len(zeros) else 0.0
     if change > ZERO_CHANGE:

@@ -41,12 +41,20 @@ class Contacts(NamedTuple):
     Attributes:
         begin: time of the first sample of each in contact, (m,), s.
         end: time of the last sample, (m,), s.
+        peak: largest deviation from the coarse zero in each, (m,), N.
+        way: span of the joint that goes farthest in each, (m,), rad.
         glitches: how many spikes were passed over.
     """
 
     begin: Floats
     end: Floats
+    peak: Floats
+    way: Floats
     glitches: int
+
+    def select(self, which: NDArray[np.bool_]) -> Contacts:
+        """The contacts that a mask picks."""
+        return Contacts(self.begin[which], self.end[which], self.peak[which], self.way[which], self.glitches)
 
 
 def find_contacts(signals: Signals) -> Contacts:
@@ -62,7 +70,11 @@ def find_contacts(signals: Signals) -> Contacts:
     apart = begin[1:] - end[:-1] >= BOUNCE
     begin, end = begin[np.append(True, apart)[: len(begin)]], end[np.append(apart, True)[: len(end)]]
     lasting = end - begin > max(GLITCH, (width + 1) * wrench.period)
-    return Contacts(begin[lasting], end[lasting], int(np.sum(~lasting)))
+    begin, end = begin[lasting], end[lasting]
+    peak = [deviation[wrench.stretch(b, e)].max() for b, e in zip(begin, end, strict=True)]
+    inside = [signals.joints.value[signals.joints.stretch(b, e)] for b, e in zip(begin, end, strict=True)]
+    way = [np.ptp(joints, axis=0).max() if len(joints) else 0.0 for joints in inside]
+    return Contacts(begin, end, np.array(peak), np.array(way), int(np.sum(~lasting)))
 
 
 def _with_hysteresis(deviation: Floats, on: float, off: float) -> NDArray[np.bool_]:

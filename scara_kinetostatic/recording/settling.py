@@ -1,6 +1,6 @@
 """The settled parts of one contact: joints at rest, force steady.
 
-At every wrench sample the mean of either topic over the time `HALF` before it is
+At every wrench sample the mean of either topic over a short time (`Signals.half`) before it is
 compared with the mean over the same time after it. Where both agree within the noise, the
 contact is settled. A contact may hold several plateaus (a force raised in steps);
 each is a touch. Plateaus that agree are one, disturbed in between.
@@ -16,11 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.recording.signals import Floats, Signals, Topic, robust_mean, runs, white_noise
+from scara_kinetostatic.recording.signals import Floats, Signals, Topic, mean_steps, robust_mean, runs, white_noise
 from scara_kinetostatic.recording.zero import Zero
 
-HALF = 0.03
-"""Time over which neighbouring means are taken, s, if the rates allow."""
 SHORTEST_HOLD = 0.2
 """A hold shorter than this is no touch, s."""
 SIGMAS = 5.0
@@ -28,6 +26,8 @@ STEADY_FORCE = 0.004
 """Change of the force between neighbouring means that is no change, of the force."""
 ROUGH_CONTACT = 0.02
 """In contact the force may be noisier than before, up to this part of it."""
+LARGEST_WANDER = 0.01
+"""The slow noise of the force is believed up to this part of it."""
 STEADY_JOINT = 1e-3
 """Speed of a joint that is no motion, rad/s."""
 HIGHEST_JOINT_NOISE = 1e-4
@@ -38,6 +38,10 @@ SOFTEST = 3e-4
 """and farther than this by the change of the force, rad/N, slides."""
 SAME_FORCE = 0.01
 """Plateaus closer than this are one, of the force."""
+CREEP = 0.05
+"""Plateaus that differ by less than this, of the force,"""
+CREEP_TIME = 0.1
+"""and follow each other within this time, s, are one that creeps."""
 SAME_JOINT = 5e-5
 """Plateaus closer than this are one, rad."""
 
@@ -91,24 +95,33 @@ class Settling(NamedTuple):
     slides: bool = False
 
 
-def settle(signals: Signals, zero: Zero, end: float) -> Settling:
-    """The settled parts of the contact that begins at `zero.contact` and ends at `end`, s."""
+def settle(signals: Signals, zero: Zero, begin: float, end: float) -> Settling:
+    """The settled parts of one contact.
+
+    Args:
+        signals: the recording.
+        zero: the force zero, and where the force leaves it.
+        begin: from where on the force is clearly above the zero, s.
+        end: where the contact ends, s.
+    """
     joints, wrench = signals.joints, signals.calm
-    half = max(HALF, 2.5 * joints.period, 2.5 * wrench.period)
+    half = signals.half
     inside = wrench.stretch(zero.contact, end)
     time = wrench.time[inside]
     if len(time) < 2:
         return Settling()
     force = wrench.value[inside] - zero.force
-    force_step, load = _steps(wrench, time, half)
+    force_step, load = mean_steps(wrench, time, half)
     load = np.hypot(*(load - zero.force).T)
     force_noise = max(zero.noise, min(white_noise(force), ROUGH_CONTACT * float(np.median(load))))
-    force_limit = SIGMAS * _of_step(force_noise, wrench, half)
+    wander = min(zero.wander, LARGEST_WANDER * float(load.max()))
+    force_limit = max(SIGMAS * max(_of_step(force_noise, wrench, half), wander), _digit(force))
     joint_noise = min(white_noise(joints.value[joints.stretch(zero.contact, end)]), HIGHEST_JOINT_NOISE)
     joint_limit = STEADY_JOINT * half + SIGMAS * _of_step(joint_noise, joints, half)
     steady = np.hypot(*force_step.T) <= np.maximum(force_limit, STEADY_FORCE * load)
-    at_rest = np.abs(_steps(joints, time, half)[0]).max(axis=1) <= joint_limit
-    found = _plateaus(signals, zero, time, steady & at_rest, half, force_noise)
+    at_rest = np.abs(mean_steps(joints, time, half)[0]).max(axis=1) <= joint_limit
+    settled = steady & at_rest & (time >= begin)
+    found = _plateaus(signals, zero, time, settled, half, force_noise)
     shortest = SHORTEST_HOLD - 1.5 * max(joints.period, wrench.period)
     loaded = np.flatnonzero(load > 0.5 * load.max())
     span = slice(int(loaded[0]), int(loaded[-1]) + 1)
@@ -129,19 +142,10 @@ def _slides(joints: Floats, load: Floats, at_rest: NDArray[np.bool_]) -> bool:
     return bool(np.ptp(joints, axis=0).max() > FARTHEST_JOINT + SOFTEST * np.ptp(load))
 
 
-def _steps(topic: Topic, time: Floats, half: float) -> tuple[Floats, Floats]:
-    """Mean over `half` after each time minus the mean before it, and the mean of both, (k, 2) each."""
-    near = topic.stretch(time[0] - half - 2 * topic.gap_limit, time[-1] + half + 2 * topic.gap_limit)
-    stamps, values = topic.time[near], topic.value[near]
-    if len(stamps) < 2:
-        return np.full((len(time), 2), np.inf), np.zeros((len(time), 2))
-    area = np.diff(stamps)[:, None] * 0.5 * (values[1:] + values[:-1])
-    integral = np.concatenate([np.zeros((1, 2)), np.cumsum(area, axis=0)])
-    low, mid, high = (
-        np.column_stack([np.interp(time + side, stamps, column) for column in integral.T])
-        for side in (-half, 0.0, half)
-    )
-    return (high - 2.0 * mid + low) / half, (high - low) / (2.0 * half)
+def _digit(values: Floats) -> float:
+    """The smallest change of a reading: its last digit, where that is coarse."""
+    steps = np.abs(np.diff(values, axis=0))
+    return float(np.min(steps, where=steps > 0, initial=np.inf)) if steps.any() else 0.0
 
 
 def _of_step(noise: float, topic: Topic, half: float) -> float:
@@ -165,8 +169,9 @@ def _plateaus(
         if found and _agree(found[-1], plateau, noise):
             before = found.pop()
             both = np.vstack([before.intervals, plateau.intervals])
-            joined = _plateau(signals, zero, both, before.begin, plateau.end)
-            plateau = joined or plateau
+            plateau = _plateau(signals, zero, both, before.begin, plateau.end) or plateau
+        elif found and _creeps(found[-1], plateau):
+            plateau = max(found.pop(), plateau, key=lambda one: one.duration)
         found.append(plateau)
     return found
 
@@ -186,6 +191,12 @@ def _plateau(signals: Signals, zero: Zero, intervals: Floats, begin: float, end:
         return None
     angles, load = robust_mean(joints), robust_mean(force)
     return Plateau(intervals, begin, end, angles.mean, load.mean - zero.force, angles.scatter, load.scatter, len(force))
+
+
+def _creeps(one: Plateau, other: Plateau) -> bool:
+    """Whether two plateaus follow each other so closely that the shorter is but the creeping end of the longer."""
+    nearly = np.hypot(*(one.force - other.force)) <= CREEP * np.hypot(*one.force)
+    return bool(nearly and other.begin - one.end < CREEP_TIME)
 
 
 def _agree(one: Plateau, other: Plateau, noise: float) -> bool:

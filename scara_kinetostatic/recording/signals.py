@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 
 SHORTEST_GAP = 0.1
 """A pause of a topic up to this long is never called a gap, s."""
+HALF = 0.03
+"""Time over which neighbouring means are taken, s, if the rates allow."""
 GAP_PERIODS = 5.0
 """Nor is one of up to this many periods."""
 
@@ -83,6 +85,11 @@ class Signals(NamedTuple):
     start: int
     warnings: tuple[str, ...]
 
+    @property
+    def half(self) -> float:
+        """Time over which neighbouring means are compared, s: short, but with samples enough of either topic."""
+        return max(HALF, 2.5 * self.joints.period, 2.5 * self.wrench.period)
+
 
 def as_signals(streams: Streams, cell: Cell) -> Signals | None:
     """Streams on one time axis; None where a topic holds fewer than two samples."""
@@ -123,6 +130,21 @@ def _in_order(time: Floats, value: Floats) -> tuple[Floats, Floats, int]:
         fresh = np.append(True, np.diff(time) > 0)
         time, value = time[fresh], value[fresh]
     return time, value, count - len(time)
+
+
+def mean_steps(topic: Topic, time: Floats, half: float) -> tuple[Floats, Floats]:
+    """Mean over `half` after each time minus the mean before it, and the mean of both, (k, 2) each."""
+    near = topic.stretch(time[0] - half - 2 * topic.gap_limit, time[-1] + half + 2 * topic.gap_limit)
+    stamps, values = topic.time[near], topic.value[near]
+    if len(stamps) < 2:
+        return np.full((len(time), 2), np.inf), np.zeros((len(time), 2))
+    area = np.diff(stamps)[:, None] * 0.5 * (values[1:] + values[:-1])
+    integral = np.concatenate([np.zeros((1, 2)), np.cumsum(area, axis=0)])
+    low, mid, high = (
+        np.column_stack([np.interp(time + side, stamps, column) for column in integral.T])
+        for side in (-half, 0.0, half)
+    )
+    return (high - 2.0 * mid + low) / half, (high - low) / (2.0 * half)
 
 
 def median_of_three(values: Floats) -> Floats:

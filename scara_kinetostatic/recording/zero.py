@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.recording.segmentation import SMOOTHING, moving_mean
-from scara_kinetostatic.recording.signals import Floats, Signals, robust_mean, white_noise
+from scara_kinetostatic.recording.signals import Floats, Signals, mean_steps, robust_mean, white_noise
 
 LONGEST_FREE = 2.0
 """Only this much of the free motion before a contact is used, s."""
@@ -27,11 +27,14 @@ class Zero(NamedTuple):
     Attributes:
         force: in the frame and sign of the sensor, (2,), N.
         noise: white noise of one component, N.
+        wander: standard deviation of a component of the step between neighbouring means
+            (`mean_steps`), slow noise included, N.
         contact: where the force first leaves the zero, s.
     """
 
     force: Floats
     noise: float
+    wander: float
     contact: float
 
 
@@ -51,8 +54,13 @@ def zero_before(signals: Signals, begin: float, previous_end: float) -> Zero | N
         return None
     noise = white_noise(force)
     contact = _first_contact(time, signals.calm.value[free], noise, wrench.period)
-    before = force[time < contact - BEFORE_CONTACT]
-    return Zero(robust_mean(before if len(before) >= 3 else force[:3]).mean, noise, contact)
+    before = time < contact - BEFORE_CONTACT
+    if np.sum(before) < 3:
+        before = np.arange(len(time)) < 3
+    steps, _ = mean_steps(signals.calm, time[before], signals.half)
+    # the median of the length of a vector with two normal components is 1.18 sigma
+    wander = float(np.median(np.hypot(*steps.T))) / 1.18
+    return Zero(robust_mean(force[before]).mean, noise, wander, contact)
 
 
 def _first_contact(time: Floats, force: Floats, noise: float, period: float) -> float:

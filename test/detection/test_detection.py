@@ -89,6 +89,29 @@ def test_shortest_hold_and_slow_press():
     check_against_plan(CELL, PAPER_ACTUAL, plan, SensorModel(), 0, timing=Timing(press=2.5, hold=4.0, travel=3.0))
 
 
+def test_weight_of_the_tool_in_motion_is_no_touch():
+    plan = PLAN.select(np.arange(24))
+    streams = simulate_streams(CELL, PAPER_ACTUAL, plan)
+    time = 1e-9 * (streams.joints.stamp - START)
+    speed = np.gradient(streams.joints.position, time, axis=0)
+    inertia = 0.05 * np.gradient(speed, time, axis=0)
+    at = 1e-9 * (streams.wrench.stamp - START)
+    streams.wrench.force[:] += np.column_stack([np.interp(at, time, column) for column in inertia.T])
+    assert np.abs(inertia).max() > 1.5
+    detection = find_touches(streams, CELL)
+    assert len(detection.touches) == detection.found == len(plan)
+    assert any('faint forces' in warning for warning in detection.warnings)
+
+
+def test_slow_noise_of_the_sensor():
+    streams = simulate_streams(CELL, PAPER_ACTUAL, PLAN, sensors=SensorModel(force_noise=0.0, wrench_rate=500.0))
+    noise = np.random.default_rng(0).standard_normal((len(streams.wrench.force) + 30, 2))
+    noise = np.column_stack([np.convolve(column, np.ones(31) / 31**0.5, 'valid') for column in noise.T])
+    streams.wrench.force[:] += 0.08 * noise
+    detection = find_touches(streams, CELL)
+    assert len(detection.touches) == detection.found == len(PLAN)
+
+
 def test_long_rests_do_not_pass_for_the_zero():
     scene = Scene().touch(0, 30, 25.0, hold=40.0).touch(1, 60, 10.0, hold=30.0)
     detection = find_touches(scene.streams(), CELL)
