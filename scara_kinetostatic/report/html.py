@@ -13,4 +13,5 @@ NAME = 'report.html'
 
 def html_text(outcome: Outcome, document: Document) -> str:
     """The page."""
-    return f'<!DOCTYPE html><meta charset="utf-8"><title>Calibration</title><pre>{markup.escape(json_text(document))}</pre>\n'
+    text = markup.escape(json_text(document))
+    return f'<!DOCTYPE html><meta charset="utf-8"><title>Calibration</title><pre>{text}</pre>\n'

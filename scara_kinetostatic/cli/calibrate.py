@@ -1,0 +1,126 @@
+"""`scara-kinetostatic calibrate`: from recordings to the twelve parameters."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from scara_kinetostatic.cli.arguments import Subparsers, add_verb
+from scara_kinetostatic.cli.progress import progress
+from scara_kinetostatic.errors import InputError, RecordingError
+
+if TYPE_CHECKING:
+    from scara_kinetostatic.model.cell import Cell
+
+DESCRIPTION = """\
+Finds the touches in recordings of joint angles and forces, and estimates the
+twelve parameters of the robot with their uncertainties. Writes into DIR
+
+  calibration.yaml   the result as ROS parameters, for --params-file
+  calibration.json   the result with everything about it
+  report.html        the same to look at, one self-contained page
+
+A recording is a rosbag2 folder (MCAP or SQLite, compressed or not), a bare
+.mcap file, a ROS 1 .bag, or what the collector recorded. Several are
+calibrated together, as one longer recording of the same robot and cell.
+"""
+EXAMPLE = """\
+  scara-kinetostatic calibrate monday tuesday --cell cell.yaml --out result --fix p1 --fix l1=0.3302
+"""
+
+
+def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
+    """Adds the verb."""
+    parser = add_verb(subparsers, 'calibrate', 'estimate the parameters from recordings', DESCRIPTION, EXAMPLE)
+    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='recordings of one robot in one cell')
+    parser.add_argument(
+        '--cell', type=Path, metavar='FILE', help='cell description; default: the one that the recording carries'
+    )
+    parser.add_argument(
+        '--out', type=Path, default=Path('calibration'), metavar='DIR', help='for the results (default: calibration)'
+    )
+    parser.add_argument(
+        '--fix',
+        action='append',
+        default=[],
+        type=_fixed,
+        metavar='NAME[=VALUE]',
+        help='hold a parameter at VALUE in SI units, or at its nominal value; may be given several times',
+    )
+    return parser
+
+
+def run(args: argparse.Namespace) -> int:
+    """Calibrates.
+
+    Raises:
+        InputError: a recording, the cell or an option is wrong, or DIR cannot be written.
+        UnsupportedDataError: the data cannot support a calibration.
+    """
+    _check_different(args.bags)
+    from scara_kinetostatic.pipeline import calibrate_recordings
+    from scara_kinetostatic.report.text import text_report
+    from scara_kinetostatic.report.write import write_results
+
+    cell = find_cell(args.cell, args.bags)
+    nominal = cell.nominal.as_dict()
+    fixed = {name: nominal[name] if value is None else value for name, value in args.fix}
+    with progress() as tell:
+        outcome = calibrate_recordings(args.bags, cell, fixed=fixed, progress=tell)
+        tell('writing the report', 1.0)
+        files = write_results(outcome, args.out)
+    print(text_report(outcome))
+    print('\n'.join(str(path) for path in files[1:]))
+    return 0
+
+
+def find_cell(named: Path | None, bags: list[Path]) -> Cell:
+    """The cell description that is named, or the one that the recordings carry.
+
+    Raises:
+        CellError: it cannot be read or makes no sense.
+        RecordingError: none is named, and the recordings carry none, or different ones.
+    """
+    from scara_kinetostatic.recording.cell_file import load_cell
+    from scara_kinetostatic.recording.reader import embedded_cell
+
+    if named is not None:
+        return load_cell(named)
+    carried = {bag: embedded_cell(bag) for bag in bags}
+    for bag, cell in carried.items():
+        if cell is None:
+            raise RecordingError(bag, 'carries no cell description', 'give one by --cell cell.yaml')
+        if cell != carried[bags[0]]:
+            raise RecordingError(bag, f'carries another cell description than {bags[0]}', 'say which by --cell')
+    first = carried[bags[0]]
+    assert first is not None
+    return first
+
+
+def _check_different(bags: list[Path]) -> None:
+    """A recording that is counted twice would make the result look better than it is."""
+    seen: set[Path] = set()
+    for bag in bags:
+        place = bag.resolve()
+        if place in seen:
+            raise InputError(bag, 'the recording is given twice', 'give each recording once')
+        seen.add(place)
+
+
+def _fixed(text: str) -> tuple[str, float | None]:
+    from scara_kinetostatic.model.parameters import NAMES
+
+    name, sign, value = text.partition('=')
+    if name not in NAMES:
+        raise argparse.ArgumentTypeError(f'no parameter is called {name!r}, the names are {" ".join(NAMES)}')
+    if not sign:
+        return name, None
+    try:
+        number = float(value)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'{name}: expected a number, got {value!r}') from None
+    if not math.isfinite(number):
+        raise argparse.ArgumentTypeError(f'{name}: expected a finite number, got {value}')
+    return name, number

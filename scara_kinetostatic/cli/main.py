@@ -1,0 +1,147 @@
+"""`scara-kinetostatic VERB …`: the one place where exceptions become exit statuses."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Sequence
+from importlib import import_module
+from types import FrameType
+from typing import NoReturn
+
+from scara_kinetostatic import __version__
+from scara_kinetostatic.cli.arguments import EXIT_STATUSES, Parser
+from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
+
+PROGRAM = 'scara-kinetostatic'
+VERBS = ('calibrate', 'inspect', 'simulate', 'demo')
+DONE, INTERNAL, WRONG_INPUT, UNSUPPORTED, INTERRUPTED, BROKEN_PIPE, TERMINATED = 0, 1, 2, 3, 130, 141, 143
+DEBUG = 'SCARA_KINETOSTATIC_DEBUG'
+
+DESCRIPTION = """\
+Kinetostatic calibration of a SCARA robot by touch: the robot presses against
+discs of known position while joint angles and forces are recorded; from the
+recording come its link lengths, offsets, compliances and backlashes, each with
+its uncertainty.
+"""
+EXAMPLE = """\
+try it without a robot:
+  scara-kinetostatic simulate --out recording
+  scara-kinetostatic inspect recording
+  scara-kinetostatic calibrate recording --out result
+
+"""
+
+
+class _TerminatedError(BaseException):
+    """SIGTERM came."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs the command.
+
+    Args:
+        argv: the arguments; None: those of the process.
+
+    Returns:
+        0 done; 2 the command or an input is wrong; 3 the data cannot support a calibration;
+        130 interrupted by Ctrl-C; 143 by SIGTERM; 141 the reader of stdout went away; 1 a bug.
+    """
+    _never_fail_on_a_character()
+    debug = bool(os.environ.get(DEBUG))
+    try:
+        with _Termination():
+            args = build_parser().parse_args(argv)
+            debug = debug or args.debug
+            status = int(import_module(f'scara_kinetostatic.cli.{args.verb}').run(args))
+            sys.stdout.flush()
+            return status
+    except SystemExit as end:  # from argparse: --help, --version, a wrong option
+        return _flushed(end.code if isinstance(end.code, int) else WRONG_INPUT)
+    except UnsupportedDataError as error:
+        return _complain(error, UNSUPPORTED, debug)
+    except ScaraKinetostaticError as error:
+        return _complain(error, WRONG_INPUT, debug)
+    except KeyboardInterrupt:
+        return _say('interrupted', INTERRUPTED)
+    except _TerminatedError:
+        return _say('terminated', TERMINATED)
+    except BrokenPipeError:
+        return _reader_gone()
+    except Exception as error:
+        remedy = f'please report it with what {PROGRAM} --debug … prints'
+        return _complain(f'internal error, {type(error).__name__}: {error}; {remedy}', INTERNAL, debug)
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of the whole command."""
+    parser = Parser(
+        prog=PROGRAM,
+        description=DESCRIPTION,
+        epilog=EXAMPLE + EXIT_STATUSES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('--version', action='version', version=f'{PROGRAM} {__version__}')
+    parser.add_argument('--debug', action='store_true', help='show the traceback of an error')
+    subparsers = parser.add_subparsers(dest='verb', metavar='VERB', required=True)
+    for verb in VERBS:
+        import_module(f'scara_kinetostatic.cli.{verb}').add_parser(subparsers)
+    return parser
+
+
+class _Termination:
+    """Lets SIGTERM unwind the stack, as Ctrl-C does, so that nothing half-written stays. A context manager."""
+
+    def __enter__(self) -> None:
+        self._former = None
+        if threading.current_thread() is threading.main_thread():
+            self._former = signal.signal(signal.SIGTERM, _terminate)
+
+    def __exit__(self, *_: object) -> None:
+        if self._former is not None:
+            signal.signal(signal.SIGTERM, self._former)
+
+
+def _terminate(number: int, frame: FrameType | None) -> NoReturn:
+    raise _TerminatedError
+
+
+def _never_fail_on_a_character() -> None:
+    """A terminal without ± gets a question mark, not an exception."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, 'reconfigure'):
+            stream.reconfigure(errors='replace')
+
+
+def _complain(error: object, status: int, debug: bool) -> int:
+    if debug:
+        traceback.print_exc()
+    return _say(error, status)
+
+
+def _say(what: object, status: int) -> int:
+    line = ' '.join(str(what).split())
+    print(f'{PROGRAM}: {line}', file=sys.stderr)
+    return status
+
+
+def _flushed(status: int) -> int:
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        return _reader_gone()
+    return status
+
+
+def _reader_gone() -> int:
+    """As in `… | head`: what is still to be flushed at exit goes nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return BROKEN_PIPE
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,163 @@
+"""`scara-kinetostatic simulate`: a recording of a simulated cell, without ROS."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real, whole
+from scara_kinetostatic.errors import InputError, ParameterError
+
+if TYPE_CHECKING:
+    from scara_kinetostatic.model.cell import Cell
+    from scara_kinetostatic.model.parameters import Parameters
+    from scara_kinetostatic.simulation.plan import Plan
+    from scara_kinetostatic.simulation.sensors import SensorModel
+
+DESCRIPTION = """\
+Simulates a robot that touches the discs of a cell, and records joint angles and
+forces as its sensors would report them: approach, press, hold, retract, noise,
+sensor zero, irregular rates. The same seed gives the same recording.
+"""
+EXAMPLE = """\
+  scara-kinetostatic simulate --cell cell.yaml --truth measured --seed 7 --out recording
+"""
+
+
+def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
+    """Adds the verb."""
+    parser = add_verb(subparsers, 'simulate', 'write a recording of a simulated cell', DESCRIPTION, EXAMPLE)
+    parser.add_argument(
+        '--out',
+        type=Path,
+        required=True,
+        metavar='BAG',
+        help='recording to make: a rosbag2 folder, or a file if it ends in .mcap or .bag; must not exist',
+    )
+    parser.add_argument('--cell', type=Path, metavar='FILE', help="cell description; default: the paper's cell")
+    parser.add_argument(
+        '--truth',
+        default='paper',
+        metavar='WHAT',
+        help='true parameters: "paper" (table 2, as deviations from the nominal values), "measured" (figure 4d), '
+        'or a YAML file with all twelve by name (default: paper)',
+    )
+    parser.add_argument('--seed', type=whole(0), default=0, metavar='N', help='seed of the noise (default: 0)')
+    _add_plan(parser)
+    _add_sensors(parser)
+    _add_form(parser)
+    return parser
+
+
+def _add_plan(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group('touches')
+    group.add_argument('--plan', type=Path, metavar='FILE', help='plan of touches (YAML, see docs/formats.md)')
+    group.add_argument('--per-disc', type=whole(1), metavar='N', help='points around each disc (default: 12)')
+    group.add_argument(
+        '--levels', type=real(0, above=True), nargs='+', metavar='F', help='force levels, N (default: 10 25 40)'
+    )
+
+
+def _add_sensors(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group('sensors')
+    group.add_argument(
+        '--noise-joint', type=real(0), metavar='S', help='joint angles, from touch to touch, rad (default: as the cell)'
+    )
+    group.add_argument(
+        '--noise-force', type=real(0), metavar='S', help='force, from touch to touch, N (default: as the cell)'
+    )
+    group.add_argument('--joint-rate', type=real(1), metavar='HZ', help='joint states per second (default: 80)')
+    group.add_argument('--wrench-rate', type=real(1), metavar='HZ', help='wrenches per second (default: 98)')
+    group.add_argument('--frame', choices=('base', 'tool'), help='frame of the force sensor (default: as the cell)')
+    group.add_argument('--sign', choices=('on_object', 'on_robot'), help='its sign (default: as the cell)')
+
+
+def _add_form(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group('form of the recording')
+    group.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap', help='of the folder (default: mcap)')
+    group.add_argument('--compression', choices=('zstd',), help='default: none')
+    group.add_argument(
+        '--plain', action='store_true', help='the two topics alone, as `ros2 bag record` gives them: no cell inside'
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulates.
+
+    Raises:
+        InputError: the cell, the plan, the truth or an option is wrong, or BAG exists or cannot be written.
+        UnsupportedDataError: the simulated robot cannot reach a touch.
+    """
+    if args.plan and (args.per_disc or args.levels):
+        raise InputError('--plan', 'a plan says all about the touches', 'leave --per-disc and --levels out')
+    from scara_kinetostatic.recording.writer import write_streams
+    from scara_kinetostatic.simulation.streams import simulate_streams
+
+    cell = _cell(args)
+    truth = _truth(args.truth, cell)
+    plan = _plan(args, cell)
+    streams = simulate_streams(cell, truth, plan, sensors=_sensors(args, cell), seed=args.seed)
+    write_streams(
+        args.out, streams, cell, storage=args.storage, compression=args.compression, with_cell=not args.plain
+    )
+    duration = 1e-9 * float(max(streams.joints.stamp[-1], streams.wrench.stamp[-1]) - streams.joints.stamp[0])
+    print(f'{args.out}: {len(plan)} touches in {duration:.0f} s of simulated time')
+    print('truth: ' + ', '.join(f'{name} {value:.6g}' for name, value in truth.as_dict().items()))
+    return 0
+
+
+def _cell(args: argparse.Namespace) -> Cell:
+    from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, SensorFrame, SensorSign
+    from scara_kinetostatic.model.parameters import PAPER_NOMINAL
+    from scara_kinetostatic.recording.cell_file import load_cell
+
+    if args.cell:
+        cell = load_cell(args.cell)
+    else:
+        cell = Cell(nominal=PAPER_NOMINAL, discs=PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
+    frame = SensorFrame(args.frame) if args.frame else cell.sensor.frame
+    sign = SensorSign(args.sign) if args.sign else cell.sensor.sign
+    return replace(cell, sensor=cell.sensor._replace(frame=frame, sign=sign))
+
+
+def _truth(what: str, cell: Cell) -> Parameters:
+    from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
+    from scara_kinetostatic.recording.yaml_text import parse_yaml, read_text
+
+    known = {'paper': PAPER_ACTUAL, 'measured': PAPER_MEASURED}
+    if what in known:
+        if cell.nominal == PAPER_NOMINAL:
+            return known[what]
+        deviation = known[what].as_array() - PAPER_NOMINAL.as_array()
+        return Parameters.from_array(cell.nominal.as_array() + deviation)
+    values = parse_yaml(read_text(what, ParameterError), what, ParameterError)
+    if not isinstance(values, dict):
+        raise ParameterError(what, 'expected the twelve parameters by name', 'write x0: 0.0025 and so on')
+    truth = Parameters.from_mapping(values, what)
+    truth.check_physical(what)
+    return truth
+
+
+def _plan(args: argparse.Namespace, cell: Cell) -> Plan:
+    from scara_kinetostatic.recording.plan_file import load_plan
+    from scara_kinetostatic.simulation.plan import default_plan
+
+    if args.plan:
+        return load_plan(args.plan, cell)
+    choices = {'per_disc': args.per_disc, 'levels': args.levels}
+    return default_plan(cell, **{name: value for name, value in choices.items() if value is not None})
+
+
+def _sensors(args: argparse.Namespace, cell: Cell) -> SensorModel:
+    from scara_kinetostatic.model.cell import Noise
+    from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, SensorModel
+
+    usual = cell.noise or TYPICAL_NOISE
+    noise = Noise(
+        usual.joint if args.noise_joint is None else args.noise_joint,
+        usual.force if args.noise_force is None else args.noise_force,
+    )
+    rates = {'joint_rate': args.joint_rate, 'wrench_rate': args.wrench_rate}
+    return SensorModel(touch_noise=noise, **{name: rate for name, rate in rates.items() if rate is not None})

@@ -1,0 +1,96 @@
+"""Numbers as people read them: a prefix that fits the quantity, digits that fit the uncertainty."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
+
+
+class Scale(NamedTuple):
+    """A unit with a prefix, and how many of it one SI unit is."""
+
+    unit: str
+    per_si: float
+
+
+_MILLI_METRE, _MILLI_RADIAN = Scale('mm', 1e3), Scale('mrad', 1e3)
+_MICRO_METRE, _MICRO_RADIAN = Scale('µm', 1e6), Scale('µrad', 1e6)
+SCALES = {
+    'x0': _MILLI_METRE,
+    'y0': _MILLI_METRE,
+    'theta1': _MILLI_RADIAN,
+    'l1': _MILLI_METRE,
+    'theta2': _MILLI_RADIAN,
+    'l2': _MILLI_METRE,
+    'p_ee': Scale('µm/N', 1e6),
+    'p1': Scale('µrad/Nm', 1e6),
+    'p2': Scale('µrad/Nm', 1e6),
+    'g_ee': _MICRO_METRE,
+    'g1': _MICRO_RADIAN,
+    'g2': _MICRO_RADIAN,
+}
+"""How each parameter is shown."""
+STATUS = {'estimated': '', 'fixed': 'fixed', 'confounded': 'not determined by these data'}
+"""The status of a parameter in words."""
+
+
+class Row(NamedTuple):
+    """One parameter, ready to print.
+
+    Attributes:
+        name: as everywhere.
+        nominal: where the calibration started.
+        value: the estimate, with the digits its uncertainty allows.
+        std: one standard deviation, two digits; empty where there is none.
+        unit: of all three.
+        status: ``estimated``, ``fixed`` or ``confounded``.
+        description: what it is.
+    """
+
+    name: str
+    nominal: str
+    value: str
+    std: str
+    unit: str
+    status: str
+    description: str
+
+
+def parameter_rows(c: Calibration) -> list[Row]:
+    """The twelve parameters in their order."""
+    nominal, values = c.cell.nominal.as_dict(), c.parameters.as_dict()
+    return [_row(name, nominal[name], values[name], c.std_of(name), c.status[name]) for name in NAMES]
+
+
+def _row(name: str, nominal: float, value: float, std: float, status: str) -> Row:
+    unit, per_si = SCALES[name]
+    digits = decimals(std * per_si)
+    return Row(
+        name=name,
+        nominal=f'{nominal * per_si:.6g}',
+        value=f'{value * per_si:.{digits}f}' if digits is not None else f'{value * per_si:.6g}',
+        std=f'{std * per_si:.{digits}f}' if digits is not None else '',
+        unit=unit,
+        status=status,
+        description=DESCRIPTIONS[name],
+    )
+
+
+def decimals(std: float) -> int | None:
+    """How many decimals show two digits of a standard deviation; None where there is none."""
+    if not math.isfinite(std) or std <= 0:
+        return None
+    return min(12, max(0, 1 - math.floor(math.log10(std))))
+
+
+def chance(p_value: float) -> str:
+    """A p-value in short."""
+    return f'{p_value:.2g}' if p_value >= 1e-12 else 'below 1e-12'
+
+
+def count(number: int, thing: str, things: str = '') -> str:
+    """`1 touch`, `2 touches`."""
+    return f'{number} {thing if number == 1 else things or thing + "s"}'

@@ -1,0 +1,73 @@
+"""The outcome on a terminal."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable
+
+from scara_kinetostatic.pipeline import Outcome
+from scara_kinetostatic.report import words
+from scara_kinetostatic.report.quantities import STATUS, Row, parameter_rows
+
+WIDTH = 100
+MOST_REJECTED = 12
+
+
+def text_report(outcome: Outcome) -> str:
+    """The table of parameters and what to think of it."""
+    verdict = words.verdict(outcome)
+    lines = [f'{verdict.headline}.', *_wrapped(verdict.sentences, '  '), '']
+    lines += _table(parameter_rows(outcome.calibration))
+    lines += ['', *_facts(outcome)]
+    lines += _rejected(outcome)
+    if outcome.warnings:
+        lines += ['', 'About the recording:', *_wrapped(outcome.warnings, '  ')]
+    return '\n'.join(lines) + '\n'
+
+
+def _table(rows: list[Row]) -> list[str]:
+    width = {
+        field: max(len(getattr(row, field)) for row in rows) for field in ('name', 'nominal', 'value', 'std', 'unit')
+    }
+    value, std = max(width['value'], 10), max(width['std'], 3)
+    nominal = max(width['nominal'], 7)
+    head = f'{"":{width["name"]}}  {"nominal":>{nominal}}  {"calibrated":>{value}}   {"std":<{std}}'
+    lines = [head.rstrip()]
+    for row in rows:
+        sign = '±' if row.std else ' '
+        note = f'{row.unit:{width["unit"]}}  {STATUS[row.status] or row.description}'
+        numbers = f'{row.nominal:>{nominal}}  {row.value:>{value}} {sign} {row.std:<{std}}'
+        lines.append(f'{row.name:{width["name"]}}  {numbers}  {note}'.rstrip())
+    return lines
+
+
+def _facts(outcome: Outcome) -> list[str]:
+    c = outcome.calibration
+    facts = {
+        'touches': f'{int(c.used.sum())} used of {outcome.found} found',
+        'force error': words.force_errors(outcome),
+        'chi-square': words.fit_quality(outcome),
+        'noise': words.noise(outcome),
+        'determined': ' '.join(words.identifiability(outcome)),
+    }
+    lines = []
+    for name, text in facts.items():
+        lines += textwrap.wrap(text, WIDTH, initial_indent=f'{name:13}', subsequent_indent=' ' * 13)
+    return lines
+
+
+def _rejected(outcome: Outcome) -> list[str]:
+    if not outcome.rejected:
+        return []
+    lines = ['', f'Not used ({len(outcome.rejected)}):']
+    lines += _wrapped((f'touch {item.index}: {item.reason}' for item in outcome.rejected[:MOST_REJECTED]), '  ')
+    if len(outcome.rejected) > MOST_REJECTED:
+        lines.append(f'  and {len(outcome.rejected) - MOST_REJECTED} more, see the report')
+    return lines
+
+
+def _wrapped(sentences: Iterable[str], indent: str) -> list[str]:
+    lines = []
+    for text in sentences:
+        lines += textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent=indent + '  ') or []
+    return lines
