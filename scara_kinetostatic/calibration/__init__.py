@@ -1,1 +1,1 @@
-
+"""From touches to L̄ with its uncertainty."""

@@ -66,8 +66,8 @@ class Observations(NamedTuple):
     frame: SensorFrame
     sign: GripperSign
 
-    def select(self, which: NDArray) -> Observations:
-        """The touches that a mask or positions pick."""
+    def select(self, which: NDArray[np.bool_]) -> Observations:
+        """The touches that a mask picks."""
         return self._replace(
             joints=self.joints[which], force=self.force[which], centers=self.centers[which], radii=self.radii[which]
         )

@@ -178,9 +178,7 @@ def _finish(
     confounded = {name for group in groups for name in group}
     std = np.sqrt(np.diag(covariance))
     std[[name in confounded for name in NAMES]] = np.nan
-    status = {
-        name: 'fixed' if name in fixed else 'confounded' if name in confounded else 'estimated' for name in NAMES
-    }
+    status = {name: 'fixed' if name in fixed else 'confounded' if name in confounded else 'estimated' for name in NAMES}
     residual = force_residual(observations, parameters)
     nominal = force_residual(observations, _start(cell, fixed))
     magnitude = float(np.hypot(observations.force[:, 0], observations.force[:, 1]).mean())

@@ -39,7 +39,9 @@ def check_plausible(observations: Observations, cell: Cell) -> None:
     other = SensorSign.ON_ROBOT if cell.sensor.sign is SensorSign.ON_OBJECT else SensorSign.ON_OBJECT
     if cosine < OPPOSED:
         raise CellError(
-            'sensor.sign', f'the forces point away from the discs with {cell.sensor.sign.value}', f'set it to {other.value}'
+            'sensor.sign',
+            f'the forces point away from the discs with {cell.sensor.sign.value}',
+            f'set it to {other.value}',
         )
     raise CellError(
         'sensor', 'the forces point every way but at the discs', 'check frame, sign and the axes of the sensor'

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.adjustment import Observations, adjust, first_guess
+from scara_kinetostatic.calibration.adjustment import Linearisation, Observations, adjust, first_guess
 from scara_kinetostatic.calibration.solver import COARSE, Point, evaluate
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import NAMES, Parameters
@@ -39,10 +39,8 @@ def select(point: Point, which: NDArray[np.bool_]) -> Point:
     """The touches of a point that a mask picks."""
     a, w = point.adjusted, point.whitened
     return point._replace(
-        adjusted=a._replace(
-            joints=a.joints[which], force=a.force[which], state=type(a.state)(*(part[which] for part in a.state))
-        ),
-        linear=type(point.linear)(*(part[which] for part in point.linear)),
+        adjusted=a._replace(joints=a.joints[which], force=a.force[which], state=a.state.select(which)),
+        linear=Linearisation(*(part[which] for part in point.linear)),
         whitened=w._replace(
             residual=w.residual[which],
             derivative=w.derivative[which],

@@ -160,8 +160,9 @@ def minimise(
     """
     point = evaluate(observations, start, adjusted, noise, stage)
     system, scale = _system(point, subspace, stage)
-    damping, history, termination, iteration = stage.damping, [], Termination.ITERATION_LIMIT, 0
-    for iteration in range(1, max_iterations + 1):
+    damping, history, iterations, termination = stage.damping, [], 0, Termination.ITERATION_LIMIT
+    while iterations < max_iterations:
+        iterations += 1
         step = steps.damped_step(system, damping)
         trial = _move(observations, point, subspace.basis @ step, noise, stage)
         cost, trial_cost = _cost(point, scale, stage), _cost(trial, scale, stage)
@@ -180,16 +181,14 @@ def minimise(
             if damping > MAX_DAMPING * largest:
                 termination = Termination.STALLED
                 break
-    return Fit(point, system, iteration, tuple(history), termination)
+    return Fit(point, system, iterations, tuple(history), termination)
 
 
 def _move(observations: Observations, point: Point, change: Floats, noise: Noise, stage: Stage) -> Point:
     parameters = Parameters.from_array(point.parameters.as_array() + change)
     with np.errstate(all='ignore'):
         if stage.adjusts:
-            adjusted = adjust(
-                observations, parameters, point.adjusted, point.linear, point.whitened, change, noise
-            )
+            adjusted = adjust(observations, parameters, point.adjusted, point.linear, point.whitened, change, noise)
         else:
             adjusted = as_measured(observations, parameters, point.adjusted.state)
         return evaluate(observations, parameters, adjusted, noise, stage)

@@ -45,17 +45,25 @@ def compress(derivative: Floats, residual: Floats, weights: Floats | None = None
         residual: r, (n, 2).
         weights: weight of each touch in the sum of squares, (n,); None for 1.
     """
-    n, _, k = derivative.shape
+    n, k = len(derivative), derivative.shape[2]
     triangles = []
     for start in range(0, n, BLOCK):
         part = slice(start, start + BLOCK)
         rows = np.concatenate([derivative[part], -residual[part, :, None]], axis=2)
         if weights is not None:
             rows *= np.sqrt(weights[part])[:, None, None]
-        triangles.append(np.linalg.qr(rows.reshape(-1, k + 1), mode='r'))
-    triangle = triangles[0] if len(triangles) == 1 else np.linalg.qr(np.concatenate(triangles), mode='r')
+        triangles.append(_triangle(rows.reshape(-1, k + 1)))
+    triangle = triangles[0] if len(triangles) == 1 else _triangle(np.concatenate(triangles))
     u, values, vt = np.linalg.svd(triangle[:k, :k], full_matrices=False)
     return Compressed(u.T @ triangle[:k, k], values, vt.T)
+
+
+def _triangle(rows: Floats) -> Floats:
+    """R of a QR factorisation; square even if there are fewer rows than columns."""
+    missing = rows.shape[1] - len(rows)
+    if missing > 0:
+        rows = np.concatenate([rows, np.zeros((missing, rows.shape[1]))])
+    return np.asarray(np.linalg.qr(rows, mode='r'))
 
 
 def damped_step(system: Compressed, damping: float) -> Floats:

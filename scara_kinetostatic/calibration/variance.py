@@ -64,7 +64,7 @@ def estimate_noise(linear: Linearisation, whitened: Whitened, covariance: Floats
 
 def _nonnegative(matrix: Floats, vector: Floats) -> Floats:
     """Solve for two variances; where one would be negative, it is zero and the other is alone."""
-    solution = np.linalg.solve(matrix, vector)
+    solution: Floats = np.asarray(np.linalg.solve(matrix, vector), dtype=float)
     if (solution >= 0).all():
         return solution
     kept = int(np.argmax(solution))

@@ -1,1 +1,1 @@
-
+"""Whether the model is enough, and what it lacks if not."""

@@ -58,7 +58,8 @@ def _advice(c: Calibration, found: tuple[Trace, ...]) -> str:
     if not found:
         return (
             f'the residuals are {c.reduced_chi_square**0.5:.2g} times as large as the stated noise, without a pattern: '
-            'the noise is stated too small, or touches repeat worse than assumed; leave the noise out to have it estimated'
+            'the noise is stated too small, or touches repeat worse than assumed; '
+            'leave the noise out of the cell file to have it estimated'
         )
     names = '; '.join(trace.name for trace in found[:3])
     return (
@@ -70,7 +71,7 @@ def _advice(c: Calibration, found: tuple[Trace, ...]) -> str:
 def _too_quiet(c: Calibration) -> str:
     if c.noise_source == 'given' and stats.chi2.cdf(c.chi_square, c.degrees_of_freedom) < 1e-3:
         return (
-            f'the residuals are {c.reduced_chi_square**0.5:.2g} times the stated noise: it is stated too large, and so are '
-            'the standard deviations; leave the noise out to have it estimated'
+            f'the residuals are {c.reduced_chi_square**0.5:.2g} times the stated noise: it is stated too large, '
+            'and so are the standard deviations; leave the noise out of the cell file to have it estimated'
         )
     return ''

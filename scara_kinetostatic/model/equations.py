@@ -34,8 +34,6 @@ from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.statics import Arm, Floats, gripper_slope, gripper_stretch, view_arm
 
-Modes = NDArray[np.int8]
-
 MODE_SCALE = 1e-2
 """Weight of lever arm against backlash in the choice of a mode, rad/m; any positive value is right."""
 
@@ -56,8 +54,16 @@ class State(NamedTuple):
     link2: Floats
     magnitude: Floats
     direction: Floats
-    mode1: Modes
-    mode2: Modes
+    mode1: Floats
+    mode2: Floats
+
+    def select(self, which: NDArray[np.bool_]) -> State:
+        """The touches that a mask picks."""
+        return State(*(part[which] for part in self))
+
+    def replace_where(self, where: NDArray[np.bool_], other: State) -> State:
+        """Another state's touches where a mask is true, this one's elsewhere; both of n touches."""
+        return State(*(np.where(where, new, old) for new, old in zip(other, self, strict=True)))
 
 
 class Equations(NamedTuple):
@@ -229,10 +235,10 @@ def next_modes(parameters: Parameters, joints: Floats, state: State) -> State:
     return state._replace(mode1=_mode(floats1, arm.a1, p.g1), mode2=_mode(floats2, arm.a2, p.g2))
 
 
-def _mode(pointer: Floats, arm: Floats, backlash: float) -> Modes:
+def _mode(pointer: Floats, arm: Floats, backlash: float) -> Floats:
     if backlash <= 0:
-        return np.where(arm < 0, -1, 1).astype(np.int8)
-    return np.where(np.abs(pointer) <= backlash, 0, np.sign(pointer)).astype(np.int8)
+        return np.where(arm < 0, -1.0, 1.0)
+    return np.where(np.abs(pointer) <= backlash, 0.0, np.sign(pointer))
 
 
 def free_state(parameters: Parameters, joints: Floats, centers: Floats) -> State:
@@ -242,6 +248,6 @@ def free_state(parameters: Parameters, joints: Floats, centers: Floats) -> State
     x = parameters.x0 + parameters.l1 * np.cos(first) + parameters.l2 * np.cos(second)
     y = parameters.y0 + parameters.l1 * np.sin(first) + parameters.l2 * np.sin(second)
     direction = np.arctan2(centers[:, 1] - y, centers[:, 0] - x)
-    state = State(joints[:, 0], joints[:, 1], np.zeros(len(x)), direction, *np.ones((2, len(x)), dtype=np.int8))
+    state = State(joints[:, 0], joints[:, 1], np.zeros(len(x)), direction, *np.ones((2, len(x))))
     arm = view_arm(parameters, *state[:2], direction)
     return state._replace(mode1=_mode(arm.a1, arm.a1, 0.0), mode2=_mode(arm.a2, arm.a2, 0.0))

@@ -22,7 +22,7 @@ TORQUE_ROUNDING = 1e-13
 
 
 def joint_deflection(parameters: Parameters, torques: ArrayLike, slack: ArrayLike = 0.0) -> Floats:
-    """q - q* = p c + g sign(c) (6).
+    """Law of the joints (6): q - q* = p c + g sign(c).
 
     Args:
         parameters: L̄.
@@ -34,7 +34,8 @@ def joint_deflection(parameters: Parameters, torques: ArrayLike, slack: ArrayLik
     """
     torques = np.asarray(torques, dtype=float)
     sign = np.where(torques == 0, slack, np.sign(torques))
-    return (parameters.p1, parameters.p2) * torques + (parameters.g1, parameters.g2) * sign
+    compliance, backlash = np.array([parameters.p1, parameters.p2]), np.array([parameters.g1, parameters.g2])
+    return compliance * torques + backlash * sign
 
 
 def gripper_deflection(

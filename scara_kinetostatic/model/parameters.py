@@ -130,9 +130,7 @@ PAPER_ACTUAL = Parameters(
 )  # fmt: skip
 """L̄a, the "actual" values of table 2."""
 
-PAPER_MEASURED = PAPER_ACTUAL.replace(
-    p_ee=3.76e-5, p1=3.23e-5, p2=1.08e-4, g_ee=1.299e-4, g1=2.64e-4, g2=2.68e-4
-)
+PAPER_MEASURED = PAPER_ACTUAL.replace(p_ee=3.76e-5, p1=3.23e-5, p2=1.08e-4, g_ee=1.299e-4, g1=2.64e-4, g2=2.68e-4)
 """Compliances and backlashes measured on the real robot, figure 4(d).
 
 The geometry is that of table 2, since the paper measured none; g_ee is the

@@ -1,0 +1,146 @@
+"""Equilibrium of arm and disc: the equations of a touch solved for link angles, force and modes.
+
+The equations of a touch (`equations`) are solved for the state by Newton's
+method, all touches at once; they are so nearly linear that four or five steps reach
+rounding error. A touch that does not settle, which happens only where a
+joint is about to enter or leave its dead band, is solved in each of the nine combinations of
+modes and a consistent one is kept.
+
+**Several equilibria.** Where the line of force passes close to a joint's axis, a joint with backlash
+is a toggle: as the tip slides along the disc the force turns away from the axis, so a floating joint
+is in unstable equilibrium (stable only where the axis lies inside the touched circle), and for a
+narrow range of Q the joint can rest on either flank. Which one it is depends on how it came there.
+Without further knowledge the flank is taken to which the force turns an arm that arrives in the
+middle of its dead band; where the force was measured, `near` picks the equilibrium next to it.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.model.cell import GripperSign
+from scara_kinetostatic.model.equations import Equations, State, free_state, move_links, next_modes, touch_equations
+from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.statics import view_arm
+
+Floats = NDArray[np.float64]
+
+TOLERANCE = 1e-13
+"""Residual of a solved touch, m and rad."""
+STEPS = 12
+TURN_LIMIT = 0.5
+"""Largest turn of the force in one step, rad."""
+
+
+def solve_state(
+    parameters: Parameters, joints: Floats, centers: Floats, radii: Floats, sign: GripperSign
+) -> tuple[State, NDArray[np.bool_]]:
+    """Solve the equations of n touches, tension allowed, for touches within reach of their discs.
+
+    A touch whose tip is so far outside the disc that no play in the joints brings it into
+    contact is left at its free state, with f = 0.
+
+    Returns:
+        The state and whether it is solved, (n,).
+    """
+    start = free_state(parameters, joints, centers)
+    state = start
+    p = parameters
+    with np.errstate(all='ignore'):
+        for _ in range(STEPS):
+            e = touch_equations(p, joints, centers, radii, state, sign)
+            state = next_modes(p, joints, _newton_step(e, state))
+        solved = is_solved(p, joints, centers, radii, state, sign)
+        if not solved.all():
+            todo = ~solved
+            part, done = _solve_by_modes(p, joints[todo], centers[todo], radii[todo], sign)
+            state, solved = _put(state, todo, part), _put_mask(solved, todo, done)
+    return start.replace_where(solved, state), solved
+
+
+def _newton_step(e: Equations, state: State) -> State:
+    det = e.normal_f * e.tangent_d - e.normal_d * e.tangent_f
+    change_f = -(e.tangent_d * e.normal - e.normal_d * e.tangent) / det
+    change_d = -(e.normal_f * e.tangent - e.tangent_f * e.normal) / det
+    change_d = np.clip(change_d, -TURN_LIMIT, TURN_LIMIT)
+    return move_links(e, state, change_f, change_d)
+
+
+def is_solved(
+    parameters: Parameters, joints: Floats, centers: Floats, radii: Floats, state: State, sign: GripperSign
+) -> NDArray[np.bool_]:
+    """Whether the state obeys equations and modes, (n,)."""
+    e = touch_equations(parameters, joints, centers, radii, state, sign)
+    error = np.max(np.abs([e.normal, e.tangent, e.row1, e.row2]), axis=0)
+    wanted = next_modes(parameters, joints, state)
+    return (error < TOLERANCE) & (wanted.mode1 == state.mode1) & (wanted.mode2 == state.mode2)
+
+
+def _solve_by_modes(
+    parameters: Parameters,
+    joints: Floats,
+    centers: Floats,
+    radii: Floats,
+    sign: GripperSign,
+    near: Floats | None = None,
+) -> tuple[State, NDArray[np.bool_]]:
+    """Solve in each combination of modes; keep the first consistent one, or the one nearest to a force."""
+    best = start = free_state(parameters, joints, centers)
+    solved, distance = np.zeros(len(joints), dtype=bool), np.full(len(joints), np.inf)
+    for mode1, mode2 in product((-1, 1, 0), repeat=2):
+        state = start._replace(mode1=np.full_like(start.mode1, mode1), mode2=np.full_like(start.mode2, mode2))
+        for _ in range(STEPS):
+            state = _newton_step(touch_equations(parameters, joints, centers, radii, state, sign), state)
+        away = np.zeros(len(joints)) if near is None else _distance(state, near)
+        better = is_solved(parameters, joints, centers, radii, state, sign) & (away < distance)
+        best = best.replace_where(better, state)
+        distance = np.where(better, away, distance)
+        solved |= better
+    return best, solved
+
+
+def nearest_equilibrium(
+    parameters: Parameters,
+    joints: Floats,
+    centers: Floats,
+    radii: Floats,
+    sign: GripperSign,
+    state: State,
+    near: Floats,
+) -> State:
+    """Where a joint could rest on either flank, the equilibrium nearest to a force."""
+    p = parameters
+    arm = view_arm(p, state.link1, state.link2, state.direction)
+    swing1 = abs(p.g1) + np.abs(p.p1 * state.magnitude * arm.b1)
+    swing2 = abs(p.g2) + np.abs(p.p2 * state.magnitude * arm.b2)
+    # a joint that swings through its play slides the tip along the disc, which turns the force by its move over r
+    reach = p.l1 + p.l2
+    room = 4 * (swing1 + swing2) * reach * (1 + reach / radii)
+    toggles = (np.abs(arm.a1) < room) | (np.abs(arm.a2) < room)
+    if not toggles.any():
+        return state
+    with np.errstate(all='ignore'):
+        other, found = _solve_by_modes(p, joints[toggles], centers[toggles], radii[toggles], sign, near[toggles])
+        closer = found & (_distance(other, near[toggles]) < _distance(state, near)[toggles])
+    return _put(state, toggles, state.select(toggles).replace_where(closer, other))
+
+
+def _distance(state: State, force: Floats) -> Floats:
+    x, y = state.magnitude * np.cos(state.direction), state.magnitude * np.sin(state.direction)
+    return np.hypot(x - force[:, 0], y - force[:, 1])
+
+
+def _put(state: State, where: NDArray[np.bool_], part: State) -> State:
+    out = State(*(whole.copy() for whole in state))
+    for whole, new in zip(out, part, strict=True):
+        whole[where] = new
+    return out
+
+
+def _put_mask(mask: NDArray[np.bool_], where: NDArray[np.bool_], part: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    out = mask.copy()
+    out[where] = part
+    return out

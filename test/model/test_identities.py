@@ -1,0 +1,145 @@
+"""Laws of the model: H∘G, H̄∘Ḡ and A∘Ḡ are identities; the contact is in equilibrium."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from model.helpers import ROBOTS, random_poses
+
+from scara_kinetostatic.model import kinematics
+from scara_kinetostatic.model.cell import PAPER_DISCS, GripperSign
+from scara_kinetostatic.model.contact import contact, contact_force
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+
+SIGNS = tuple(GripperSign)
+
+
+@pytest.mark.parametrize('robot', ROBOTS)
+def test_forward_undoes_inverse_in_both_postures(robot):
+    poses = random_poses(1, 2000)
+    for posture in (1, -1):
+        joints = kinematics.inverse(robot, poses.tip, posture)
+        np.testing.assert_allclose(kinematics.forward(robot, joints), poses.tip, atol=1e-14)
+        assert (kinematics.posture(robot, joints) == posture).all()
+
+
+def test_inverse_undoes_forward(robot=PAPER_ACTUAL):
+    rng = np.random.default_rng(2)
+    joints = np.stack([rng.uniform(-3, 3, 1000), rng.choice([-1, 1], 1000) * rng.uniform(0.1, 3.0, 1000)], axis=1)
+    posture = kinematics.posture(robot, joints)
+    back = kinematics.inverse(robot, kinematics.forward(robot, joints), posture)
+    np.testing.assert_allclose(back, joints, atol=1e-12)
+
+
+def test_inverse_is_nan_out_of_reach():
+    assert np.isnan(kinematics.inverse(PAPER_ACTUAL, [[0.7, 0.3]], 1)).all()
+
+
+@pytest.mark.parametrize('sign', SIGNS)
+@pytest.mark.parametrize('robot', ROBOTS)
+def test_direct_undoes_inverse_kinetostatics(robot, sign):
+    poses = random_poses(3, 3000)
+    joints, torques = inverse_kinetostatics(robot, poses.tip, poses.force, poses.posture, sign)
+    tip, force = direct_kinetostatics(robot, joints, torques, sign)
+    np.testing.assert_allclose(tip, poses.tip, atol=1e-12)
+    np.testing.assert_allclose(force, poses.force, atol=1e-10)
+
+
+@pytest.mark.parametrize('sign', SIGNS)
+@pytest.mark.parametrize('robot', ROBOTS)
+def test_contact_gives_back_the_force_of_inverse_kinetostatics(robot, sign):
+    poses = random_poses(4, 3000)
+    joints, _ = inverse_kinetostatics(robot, poses.tip, poses.force, poses.posture, sign)
+    found = contact(robot, joints, poses.centers, poses.radii, sign, near=poses.force)
+    assert found.solved.all()
+    np.testing.assert_allclose(found.force, poses.force, rtol=0, atol=1e-10 * 80)
+    np.testing.assert_allclose(found.tip, poses.tip, atol=1e-12)
+
+
+@pytest.mark.parametrize('joint', [0, 1])
+@pytest.mark.parametrize('robot', ROBOTS)
+def test_contact_inside_the_dead_band(robot, joint):
+    """The force passes through a joint's axis; the joint is anywhere in its backlash."""
+    rng = np.random.default_rng(5)
+    n = 400
+    links = np.stack([rng.uniform(-3, 3, n), rng.choice([-1, 1], n) * rng.uniform(0.4, 2.7, n)], axis=1)
+    tip = kinematics.forward(robot, links)
+    axis = np.broadcast_to([robot.x0, robot.y0], tip.shape)
+    if joint == 1:
+        axis = axis + kinematics.link_vectors(robot, links)[0]
+    away = (tip - axis) / np.hypot(*(tip - axis).T)[:, None]
+    force = rng.uniform(2, 60, n)[:, None] * rng.choice([-1, 1], n)[:, None] * away
+    # the rigid tip lies on the line of force, so the real tip, deflected along it, does as well
+    unit = force / np.hypot(*force.T)[:, None]
+    real = tip - (robot.p_ee * np.hypot(*force.T) + robot.g_ee)[:, None] * unit
+    slack = np.zeros((n, 2))
+    slack[:, joint] = rng.uniform(-0.99, 0.99, n)
+    joints, torques = inverse_kinetostatics(robot, real, force, kinematics.posture(robot, links), slack=slack)
+    assert (torques[:, joint] == 0).all()
+    radii = np.full(n, 0.08)
+    found = contact(robot, joints, real + radii[:, None] * unit, radii, near=force)
+    np.testing.assert_allclose(found.force, force, atol=1e-8)
+    again, force_again = direct_kinetostatics(robot, joints, torques, slack=slack)
+    np.testing.assert_allclose(again, real, atol=1e-12)
+    np.testing.assert_allclose(force_again, force, atol=1e-10)
+
+
+def test_without_a_hint_the_contact_is_in_equilibrium_and_rarely_another_one():
+    poses = random_poses(6, 5000)
+    joints, _ = inverse_kinetostatics(PAPER_ACTUAL, poses.tip, poses.force, poses.posture)
+    found = contact(PAPER_ACTUAL, joints, poses.centers, poses.radii)
+    # the tip is on the circle, the force radial, and Ḡ of both leads back to the same joint angles
+    np.testing.assert_allclose(np.hypot(*(found.tip - poses.centers).T), poses.radii, atol=1e-12)
+    back, _ = inverse_kinetostatics(PAPER_ACTUAL, found.tip, found.force, poses.posture)
+    np.testing.assert_allclose(back, joints, atol=1e-11)
+    other = np.abs(found.force - poses.force).max(axis=1) > 1e-8
+    assert other.mean() < 5e-3
+
+
+def test_no_contact_no_force():
+    poses = random_poses(7, 500)
+    joints = kinematics.inverse(PAPER_ACTUAL, poses.tip, poses.posture)
+    clear = poses.radii - 1.5e-3  # more than all play of the joints and the gripper
+    found = contact(PAPER_ACTUAL, joints, poses.centers, clear)
+    assert not found.force.any()
+    np.testing.assert_allclose(found.tip, poses.tip, atol=1e-12)
+    np.testing.assert_array_equal(found.links, joints)
+
+
+def test_grazing_contact_sets_in_continuously():
+    """Pressed from just clear to just touching, the force starts at zero and grows without a jump."""
+    robot, n = PAPER_ACTUAL, 4001
+    disc = PAPER_DISCS[1]
+    normal = np.array([np.cos(1.0), np.sin(1.0)])
+    depth = np.linspace(-1e-3, 1e-3, n)
+    tip = np.array([disc.x, disc.y]) - (disc.radius - depth)[:, None] * normal
+    joints = kinematics.inverse(robot, tip, 1)
+    force = contact_force(robot, joints, [[disc.x, disc.y]], [disc.radius])
+    size = np.hypot(*force.T)
+    first = np.flatnonzero(size)[0]
+    assert 0 < first < n - 1
+    assert not size[:first].any()
+    assert (np.diff(size[first - 1 :]) > 0).all()
+    assert np.diff(size).max() < 0.2
+
+
+def test_tension_continues_the_force_smoothly():
+    poses = random_poses(8, 500)
+    joints = kinematics.inverse(PAPER_ACTUAL, poses.tip, poses.posture)
+    pulled = contact(PAPER_ACTUAL, joints, poses.centers, poses.radii - 3e-3, tension=True)
+    pushed = contact(PAPER_ACTUAL, joints, poses.centers, poses.radii + 3e-3, tension=True)
+    assert (pulled.magnitude < 0).all()
+    assert (pushed.magnitude > 0).all()
+
+
+def test_several_discs_the_pressed_one_counts():
+    robot = PAPER_ACTUAL
+    centers, radii = np.array([[d.x, d.y] for d in PAPER_DISCS]), np.array([d.radius for d in PAPER_DISCS])
+    normal = np.array([[np.cos(2.0), np.sin(2.0)]] * 3)
+    tips = centers - radii[:, None] * normal
+    joints, _ = inverse_kinetostatics(robot, tips, 30 * normal, 1)
+    np.testing.assert_allclose(contact_force(robot, joints, centers, radii), 30 * normal, atol=1e-9)
+    # the gripper as the paper printed it has another equilibrium with other joint angles
+    printed = contact_force(robot, joints, centers, radii, GripperSign.PAPER)
+    assert np.abs(printed - 30 * normal).max() > 1.0

@@ -1,0 +1,41 @@
+"""Values that guard themselves: parameters, touches."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
+from scara_kinetostatic.model.touch import TouchSet
+
+
+def test_parameters_keep_order_and_value():
+    assert ' '.join(NAMES) == 'x0 y0 theta1 l1 theta2 l2 p_ee p1 p2 g_ee g1 g2'
+    assert Parameters.from_array(PAPER_ACTUAL.as_array()) == PAPER_ACTUAL
+    assert Parameters.from_mapping(PAPER_ACTUAL.as_dict()) == PAPER_ACTUAL
+
+
+@pytest.mark.parametrize('value', [float('nan'), float('inf'), 'a', True, None])
+def test_parameters_refuse_what_is_no_number(value):
+    with pytest.raises(ParameterError, match='l1'):
+        Parameters(l1=value)
+
+
+def test_parameters_name_what_is_missing_or_unknown():
+    values = PAPER_ACTUAL.as_dict()
+    with pytest.raises(ParameterError, match="'g2' is missing"):
+        Parameters.from_mapping({name: value for name, value in values.items() if name != 'g2'})
+    with pytest.raises(ParameterError, match="unknown parameter 'g3'"):
+        Parameters.from_mapping({**values, 'g3': 0.0})
+
+
+def test_touches_are_read_only_and_checked():
+    touches = TouchSet(np.zeros((3, 2)), np.ones((3, 2)), np.zeros(3), np.ones(3))
+    with pytest.raises(ValueError, match='read-only'):
+        touches.joints[0, 0] = 1.0
+    with pytest.raises(ValueError, match='shape'):
+        TouchSet(np.zeros((3, 2)), np.ones((2, 2)), np.zeros(3), np.ones(3))
+    with pytest.raises(ValueError, match='finite'):
+        TouchSet(np.full((1, 2), np.nan), np.ones((1, 2)), np.zeros(1), np.ones(1))
+    assert len(TouchSet.concatenate([touches, touches.select(np.array([0]))])) == 4
