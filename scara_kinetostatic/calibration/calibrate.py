@@ -74,7 +74,8 @@ def calibrate(touches: TouchSet, cell: Cell, *, fixed: Mapping[str, float] | Non
 
     Raises:
         ParameterError: `fixed` names no parameter, or gives no finite value.
-        UnsupportedDataError: too few touches for the free parameters.
+        UnsupportedDataError: too few touches for the free parameters, or touches so much
+            alike that they determine less than half of them.
         CellError: the forces contradict the cell's sensor sign or frame.
     """
     fixed = dict(fixed or {})
@@ -83,7 +84,9 @@ def calibrate(touches: TouchSet, cell: Cell, *, fixed: Mapping[str, float] | Non
     observations = observe(touches, cell)
     _check_number(len(touches), len(free))
     check_plausible(observations, cell)
-    return _finish(touches, cell, fixed, free, observations, _estimate(observations, cell, start, free))
+    progress = _estimate(observations, cell, start, free)
+    _check_rank(progress.unseen)
+    return _finish(touches, cell, fixed, free, observations, progress)
 
 
 def _start(cell: Cell, fixed: Mapping[str, float]) -> Parameters:
@@ -99,6 +102,15 @@ def _check_number(touches: int, parameters: int) -> None:
         raise UnsupportedDataError(
             f'{touches} touches give {2 * touches} equations, too few for {parameters} parameters',
             f'record {needed} touches at the very least, 36 or more for a good result',
+        )
+
+
+def _check_rank(unseen: Floats) -> None:
+    parameters, lost = unseen.shape
+    if 2 * lost > parameters:
+        raise UnsupportedDataError(
+            f'the touches are too much alike: they determine {parameters - lost} of {parameters} parameters',
+            'touch several discs, from all sides, in both postures and at two or more force levels',
         )
 
 

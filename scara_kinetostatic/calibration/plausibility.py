@@ -27,14 +27,16 @@ def check_plausible(observations: Observations, cell: Cell) -> None:
         CellError: they point away, or every way; the message says which key to look at.
     """
     cosine = _alignment(observations, cell.nominal)
+    better = _other_frame(observations)
+    elsewhere = _alignment(better, cell.nominal)
+    if abs(elsewhere) > ALIGNED > abs(cosine):
+        raise CellError(
+            'sensor.frame',
+            f'the forces point {"at" if elsewhere > 0 else "away from"} the discs if the frame is '
+            f'{better.frame.value}, and every way if it is {observations.frame.value}',
+            f'set it to {better.frame.value}, or check the mounting of the sensor',
+        )
     if cosine > 0.0:
-        better = _other_frame(observations)
-        if cosine < ALIGNED and _alignment(better, cell.nominal) > ALIGNED:
-            raise CellError(
-                'sensor.frame',
-                f'the forces point at the discs if the frame is {better.frame.value}, not {observations.frame.value}',
-                f'set it to {better.frame.value}, or check the mounting of the sensor',
-            )
         return
     other = SensorSign.ON_ROBOT if cell.sensor.sign is SensorSign.ON_OBJECT else SensorSign.ON_OBJECT
     if cosine < OPPOSED:

@@ -1,0 +1,194 @@
+"""The calibration as a whole, on simulated touches."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from calibration.studies import CELL, EXACT, NOISE, touches, z_scores
+
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.held_out import held_out_force_error
+from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.errors import CellError, ParameterError, UnsupportedDataError
+from scara_kinetostatic.model.cell import GripperSign, Noise, Sensor, SensorFrame, SensorSign
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, Parameters
+
+ROBOTS = (PAPER_ACTUAL, PAPER_MEASURED)
+
+
+@pytest.mark.parametrize('noise', [NOISE, None])
+@pytest.mark.parametrize('robot', ROBOTS)
+def test_exact_touches_give_back_the_truth(robot, noise):
+    found = calibrate(touches(robot, noise=EXACT), replace(CELL, noise=noise))
+    np.testing.assert_allclose(found.parameters.as_array(), robot.as_array(), rtol=1e-6)
+    assert found.iterations <= 15
+    assert found.termination is Termination.CONVERGED
+    assert found.used.all()
+    assert found.force_error < 1e-9
+    assert found.force_error_nominal > 10
+
+
+def test_exact_touches_with_the_printed_gripper():
+    cell = replace(CELL, gripper_sign=GripperSign.PAPER)
+    found = calibrate(touches(PAPER_ACTUAL, noise=EXACT, cell=cell), cell)
+    np.testing.assert_allclose(found.parameters.as_array(), PAPER_ACTUAL.as_array(), rtol=1e-6)
+
+
+def test_tool_frame_sensor():
+    cell = replace(CELL, sensor=Sensor(frame=SensorFrame.TOOL))
+    exact = calibrate(touches(PAPER_ACTUAL, noise=EXACT, cell=cell), cell)
+    np.testing.assert_allclose(exact.parameters.as_array(), PAPER_ACTUAL.as_array(), rtol=1e-6)
+    scores, _ = z_scores(PAPER_ACTUAL, range(10), cell=cell)
+    assert np.abs(scores).max() < 5
+
+
+@pytest.mark.parametrize('given', [True, False])
+@pytest.mark.parametrize('robot', ROBOTS)
+def test_standard_deviations_are_right(robot, given):
+    scores, found = z_scores(robot, range(100, 140), cell=replace(CELL, noise=NOISE if given else None))
+    assert 0.85 < np.sqrt((scores**2).mean()) < 1.15
+    assert np.abs(scores).max() < 5
+    assert abs(np.mean([c.reduced_chi_square for c in found]) - 1) < 0.1
+    assert not any(c.rejected for c in found)
+
+
+def test_noise_is_estimated():
+    true = Noise(joint=2e-5, force=0.15)
+    levels = []
+    for seed in range(15):
+        found = calibrate(touches(PAPER_ACTUAL, seed, noise=true), replace(CELL, noise=None))
+        assert found.noise_source == 'estimated'
+        levels.append(found.noise)
+    np.testing.assert_allclose(np.mean(levels, axis=0), true, rtol=0.15)
+
+
+def test_understated_noise_does_not_give_small_sigmas():
+    worse = Noise(joint=3e-5, force=0.9)
+    data = touches(PAPER_ACTUAL, 3, noise=worse)
+    given, right = calibrate(data, CELL), calibrate(data, replace(CELL, noise=worse))
+    assert given.reduced_chi_square > 5
+    np.testing.assert_allclose(given.std, right.std, rtol=0.2)
+
+
+def test_starts_far_off_reach_the_same_optimum():
+    data = touches(PAPER_ACTUAL, 5)
+    reference = calibrate(data, CELL)
+    rng = np.random.default_rng(0)
+    for _ in range(25):
+        x = PAPER_ACTUAL.as_array() + rng.uniform(-1, 1, 12) * ([0.02, 0.02, 0.0524, 0.02, 0.0524, 0.02] + [0] * 6)
+        x[6:9] *= 5 ** rng.uniform(-1, 1, 3)
+        x[9:] = rng.uniform(0, 5e-4, 3)
+        found = calibrate(data, replace(CELL, nominal=Parameters.from_array(x)))
+        assert np.abs((found.parameters.as_array() - reference.parameters.as_array()) / reference.std).max() < 1e-3
+
+
+def test_one_force_level_ties_gripper_compliance_and_backlash():
+    for seed in range(10):
+        found = calibrate(touches(PAPER_ACTUAL, seed, levels=(40.0,), postures=(1,)), CELL)
+        known = found.identifiability
+        assert (known.rank, known.confounded) == (11, (('p_ee', 'g_ee'),))
+        assert found.status['p_ee'] == found.status['g_ee'] == 'confounded'
+        assert np.isnan(found.std_of('p_ee'))
+        assert 'force' in known.advice
+        (combination,) = known.combinations
+        assert combination.text.startswith('g_ee + ')
+        force = float(combination.text.split()[2])
+        truth = PAPER_ACTUAL.g_ee + force * PAPER_ACTUAL.p_ee
+        assert abs(combination.value - truth) < 4 * combination.std
+        others = [name for name in NAMES if name not in ('p_ee', 'g_ee')]
+        for name in others:
+            assert abs(getattr(found.parameters, name) - getattr(PAPER_ACTUAL, name)) < 5 * found.std_of(name)
+
+
+def test_one_disc_ties_the_lengths_together():
+    data = touches(PAPER_ACTUAL, 1)
+    found = calibrate(data.select(data.disc == 0), CELL)
+    assert found.identifiability.rank == 11
+    assert {'l1', 'l2'} <= set(found.identifiability.confounded[0])
+    assert found.force_error < 1.0
+
+
+def test_bad_touches_are_rejected_by_index_and_the_rest_is_unharmed():
+    for seed in range(5):
+        data = touches(PAPER_ACTUAL, seed)
+        rng = np.random.default_rng(seed)
+        bad = np.sort(rng.choice(len(data), 7, replace=False))
+        force, joints = data.force.copy(), data.joints.copy()
+        force[bad[:3]] += 8 * rng.choice([-1, 1], (3, 2))
+        joints[bad[3:]] += 2e-3 * rng.choice([-1, 1], (4, 2))
+        found = calibrate(data.replace(force=force, joints=joints), CELL)
+        assert [item.index for item in found.rejected] == bad.tolist()
+        assert all('standard deviations' in item.reason for item in found.rejected)
+        assert np.abs((found.parameters.as_array() - PAPER_ACTUAL.as_array()) / found.std).max() < 5
+
+
+def test_a_wrong_disc_is_structure_and_not_a_third_of_the_touches_bad():
+    data = touches(PAPER_ACTUAL, 2)
+    moved = replace(CELL, discs=(CELL.discs[0]._replace(radius=0.151), *CELL.discs[1:]))
+    found = calibrate(data, moved)
+    assert found.used.all()
+    assert found.reduced_chi_square > 5
+
+
+def test_every_touch_appears():
+    data = touches(PAPER_ACTUAL, 2)
+    force = data.force.copy()
+    force[5] *= 1.5
+    found = calibrate(data.replace(force=force), CELL)
+    assert found.used.sum() + len(found.rejected) == len(data)
+    assert [item.index for item in found.rejected] == [5]
+
+
+def test_fixed_parameters_stay():
+    found = calibrate(touches(PAPER_ACTUAL, 1), CELL, fixed={'x0': PAPER_ACTUAL.x0, 'p1': PAPER_ACTUAL.p1})
+    assert found.parameters.x0 == PAPER_ACTUAL.x0
+    assert found.parameters.p1 == PAPER_ACTUAL.p1
+    assert found.status['p1'] == 'fixed'
+    assert found.std_of('p1') == 0
+    assert found.identifiability.rank == 10
+
+
+def test_unknown_fixed_parameter():
+    with pytest.raises(ParameterError, match="'p3'"):
+        calibrate(touches(PAPER_ACTUAL), CELL, fixed={'p3': 1.0})
+
+
+def test_too_few_touches():
+    with pytest.raises(UnsupportedDataError, match='6 touches'):
+        calibrate(touches(PAPER_ACTUAL).select(np.arange(6)), CELL)
+
+
+def test_touches_all_alike_support_nothing():
+    same = touches(PAPER_ACTUAL).select(np.zeros(36, dtype=int))
+    rng = np.random.default_rng(0)
+    same = same.replace(
+        joints=same.joints + rng.normal(size=(36, 2)) * NOISE.joint,
+        force=same.force + rng.normal(size=(36, 2)) * NOISE.force,
+    )
+    with pytest.raises(UnsupportedDataError, match='alike'):
+        calibrate(same, CELL)
+
+
+def test_wrong_sign_is_told():
+    data = touches(PAPER_ACTUAL)
+    with pytest.raises(CellError, match='on_robot'):
+        calibrate(data.replace(force=-data.force), CELL)
+    with pytest.raises(CellError, match='on_object'):
+        calibrate(data.replace(force=-data.force), replace(CELL, sensor=Sensor(sign=SensorSign.ON_ROBOT)))
+
+
+@pytest.mark.parametrize('frame', list(SensorFrame))
+def test_wrong_frame_is_told(frame):
+    other = next(item for item in SensorFrame if item is not frame)
+    data = touches(PAPER_ACTUAL, cell=replace(CELL, sensor=Sensor(frame=frame)))
+    with pytest.raises(CellError, match=frame.value):
+        calibrate(data, replace(CELL, sensor=Sensor(frame=other)))
+
+
+def test_held_out_error_is_a_little_above_the_fitted_one():
+    found = calibrate(touches(PAPER_ACTUAL, 4), CELL)
+    held_out = held_out_force_error(found)
+    assert held_out.folds == 5
+    assert found.force_error < held_out.force_error < 1.5 * found.force_error
