@@ -31,7 +31,7 @@ class Topic(NamedTuple):
         name: of the topic.
         time: since the first stamp of the recording, (n,), s, increasing.
         value: joint angles or force, (n, 2), rad or N.
-        period: median distance of two stamps, s.
+        period: mean distance of two stamps, gaps left out, s.
     """
 
     name: str
@@ -108,13 +108,22 @@ def as_signals(streams: Streams, cell: Cell) -> Signals | None:
             warnings.append(f'{name}: {left_out} samples are not finite or repeat a stamp; left out')
         if len(time) < 2:
             return None
-        topics.append(Topic(name, time, value, float(np.median(np.diff(time)))))
+        topics.append(Topic(name, time, value, _period(time)))
     joints, wrench = topics
+    common = min(joints.time[-1], wrench.time[-1]) - max(joints.time[0], wrench.time[0])
+    if common < 0.5 * max(joints.time[-1] - joints.time[0], wrench.time[-1] - wrench.time[0]):
+        warnings.append(f'{joints.name} and {wrench.name} have only {max(common, 0.0):.1f} s in common by their stamps')
     return Signals(joints, wrench, wrench._replace(value=median_of_three(wrench.value)), start, tuple(warnings))
 
 
 def _seconds(stamp: NDArray[np.int64], start: int) -> Floats:
     return 1e-9 * (np.asarray(stamp) - start).astype(np.float64)
+
+
+def _period(time: Floats) -> float:
+    """Mean distance of two stamps without the longest; unlike the median it bears samples that come in bursts."""
+    steps = np.sort(np.diff(time))
+    return float(steps[: max(1, round(0.95 * len(steps)))].mean())
 
 
 def _in_order(time: Floats, value: Floats) -> tuple[Floats, Floats, int]:

@@ -172,6 +172,24 @@ def test_stamps_out_of_order_and_repeated():
     np.testing.assert_array_equal(found.force, expected.force)
 
 
+def test_samples_in_bursts():
+    streams = simulate_streams(CELL, PAPER_ACTUAL, PLAN, sensors=SensorModel(wrench_rate=400.0))
+    late = streams.wrench.stamp // 40_000_000 * 40_000_000 + np.arange(len(streams.wrench.stamp)) % 64 * 1000
+    bursts = WrenchStream(np.maximum.accumulate(late), streams.wrench.force)
+    detection = find_touches(Streams('bursts', streams.joints, bursts), CELL)
+    made = simulate_touches(CELL, PAPER_ACTUAL, PLAN)
+    assert detection.found == len(PLAN)
+    np.testing.assert_allclose(detection.touches.force, made.force, atol=0.05)
+
+
+def test_topics_on_different_clocks():
+    streams = Scene().touches(3).streams()
+    apart = Streams('apart', streams.joints, WrenchStream(streams.wrench.stamp + 10**15, streams.wrench.force))
+    detection = find_touches(apart, CELL)
+    assert len(detection.touches) == 0
+    assert any('0.0 s in common' in warning for warning in detection.warnings)
+
+
 @pytest.mark.parametrize('count', [0, 1])
 def test_hardly_any_sample(count):
     none = Streams(

@@ -118,6 +118,19 @@ def test_frozen_force():
     assert 'frozen' in detection.rejected[0].reason
 
 
+@pytest.mark.parametrize('axis', [0, 1])
+def test_saturated_axis(axis):
+    streams = Scene().touches(8).touch(0, 30, 60.0).streams()
+    np.clip(streams.wrench.force, -25.0, 45.0, out=streams.wrench.force)
+    if axis == 1:
+        streams = Scene().touches(8).touch(0, 60, 60.0).streams()
+        np.clip(streams.wrench.force, -45.0, 45.0, out=streams.wrench.force)
+    detection = find_touches(streams, CELL)
+    assert 8 in [rejection.index for rejection in detection.rejected]
+    assert 'saturated: ' in detection.rejected[-1].reason
+    assert f'f{"xy"[axis]} = ' in detection.rejected[-1].reason
+
+
 def test_no_contact_at_all():
     scene = Scene().go((0.1, 0.8), 1.0).go((1.0, 1.8), 2.0)
     detection = find_touches(scene.streams(), CELL)
