@@ -23,8 +23,9 @@ from scara_kinetostatic.model.cell import Noise
 
 Floats = NDArray[np.float64]
 
-FLOOR = Noise(joint=1e-9, force=1e-6)
-"""The least that a noise level is ever taken to be: joint readings may repeat to the last bit."""
+FLOOR = Noise(joint=1e-8, force=1e-5)
+"""The least that a noise level is taken to be: joint readings may repeat to the last bit, and below this
+the weights would be those of rounding errors."""
 LARGEST_CHANGE = 10.0
 FEWEST_FREEDOMS = 10
 """With fewer degrees of freedom the ratio of the two levels is kept and only their size estimated."""
