@@ -104,34 +104,51 @@ def settle(signals: Signals, zero: Zero, begin: float, end: float) -> Settling:
         begin: from where on the force is clearly above the zero, s.
         end: where the contact ends, s.
     """
-    joints, wrench = signals.joints, signals.calm
-    half = signals.half
-    inside = wrench.stretch(zero.contact, end)
-    time = wrench.time[inside]
+    joints, half = signals.joints, signals.half
+    time = signals.calm.time[signals.calm.stretch(zero.contact, end)]
     if len(time) < 2:
         return Settling()
-    force = wrench.value[inside] - zero.force
-    force_step, load = mean_steps(wrench, time, half)
-    load = np.hypot(*(load - zero.force).T)
-    force_noise = max(zero.noise, min(white_noise(force), ROUGH_CONTACT * float(np.median(load))))
-    wander = min(zero.wander, LARGEST_WANDER * float(load.max()))
-    force_limit = max(SIGMAS * max(_of_step(force_noise, wrench, half), wander), _digit(force))
-    joint_noise = min(white_noise(joints.value[joints.stretch(zero.contact, end)]), HIGHEST_JOINT_NOISE)
-    joint_limit = STEADY_JOINT * half + SIGMAS * _of_step(joint_noise, joints, half)
-    steady = np.hypot(*force_step.T) <= np.maximum(force_limit, STEADY_FORCE * load)
-    at_rest = np.abs(mean_steps(joints, time, half)[0]).max(axis=1) <= joint_limit
-    settled = steady & at_rest & (time >= begin)
-    found = _plateaus(signals, zero, time, settled, half, force_noise)
-    shortest = SHORTEST_HOLD - 1.5 * max(joints.period, wrench.period)
-    loaded = np.flatnonzero(load > 0.5 * load.max())
+    calm = _calmness(signals, zero, time)
+    settled = calm.steady & calm.at_rest & (time >= begin)
+    found = _plateaus(signals, zero, time, settled, half, calm.noise)
+    shortest = SHORTEST_HOLD - 1.5 * max(joints.period, signals.wrench.period)
+    loaded = np.flatnonzero(calm.load >= 0.5 * calm.load.max())
     span = slice(int(loaded[0]), int(loaded[-1]) + 1)
+    under_load = joints.value[joints.stretch(time[span][0], time[span][-1])]
     return Settling(
         plateaus=tuple(plateau for plateau in found if plateau.duration >= shortest),
         longest=max((plateau.duration for plateau in found), default=0.0),
         parts=len(found),
         loaded=float(time[span][-1] - time[span][0]),
-        steady=float(steady[span].mean()),
-        slides=_slides(joints.value[joints.stretch(time[span][0], time[span][-1])], load[span], at_rest[span]),
+        steady=float(calm.steady[span].mean()),
+        slides=_slides(under_load, calm.load[span], calm.at_rest[span]),
+    )
+
+
+class _Calmness(NamedTuple):
+    """At k times of a contact: the size of the force, N, whether it is steady, whether the joints rest; the noise, N."""
+
+    load: Floats
+    steady: NDArray[np.bool_]
+    at_rest: NDArray[np.bool_]
+    noise: float
+
+
+def _calmness(signals: Signals, zero: Zero, time: Floats) -> _Calmness:
+    joints, wrench, half = signals.joints, signals.calm, signals.half
+    force_step, load = mean_steps(wrench, time, half)
+    load = np.hypot(*(load - zero.force).T)
+    force = wrench.value[wrench.stretch(time[0], np.nextafter(time[-1], np.inf))]
+    noise = max(zero.noise, min(white_noise(force), ROUGH_CONTACT * float(np.median(load))))
+    wander = min(zero.wander, LARGEST_WANDER * float(load.max()))
+    force_limit = max(SIGMAS * max(_of_step(noise, wrench, half), wander), _digit(force))
+    joint_noise = min(white_noise(joints.value[joints.stretch(time[0], time[-1])]), HIGHEST_JOINT_NOISE)
+    joint_limit = STEADY_JOINT * half + SIGMAS * _of_step(joint_noise, joints, half)
+    return _Calmness(
+        load=load,
+        steady=np.hypot(*force_step.T) <= np.maximum(force_limit, STEADY_FORCE * load),
+        at_rest=np.abs(mean_steps(joints, time, half)[0]).max(axis=1) <= joint_limit,
+        noise=noise,
     )
 
 
