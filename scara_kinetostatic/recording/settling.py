@@ -126,7 +126,7 @@ def settle(signals: Signals, zero: Zero, begin: float, end: float) -> Settling:
 
 
 class _Calmness(NamedTuple):
-    """At k times of a contact: the size of the force, N, whether it is steady, whether the joints rest; the noise, N."""
+    """At k times of a contact: size of the force and its noise, N, whether it is steady, whether the joints rest."""
 
     load: Floats
     steady: NDArray[np.bool_]
