@@ -1,17 +1,109 @@
-"""`report.html`: one self-contained page."""
+"""`report.html`: one self-contained page, from a template that escapes whatever the inputs hold."""
 
 from __future__ import annotations
 
-import html as markup
+from functools import cache
+from pathlib import Path
+from typing import Any
 
+import jinja2
+import numpy as np
+
+from scara_kinetostatic import __version__
+from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.pipeline import Outcome
-from scara_kinetostatic.report.document import Document
-from scara_kinetostatic.report.json_file import json_text
+from scara_kinetostatic.report import words
+from scara_kinetostatic.report.cell_picture import cell_picture
+from scara_kinetostatic.report.drawing import COLOURS, mark, style
+from scara_kinetostatic.report.fit_pictures import (
+    correlation_picture,
+    error_picture,
+    quantile_picture,
+    residual_picture,
+)
+from scara_kinetostatic.report.quantities import STATUS, parameter_rows
 
 NAME = 'report.html'
+TEMPLATES = Path(__file__).parent / 'templates'
 
 
-def html_text(outcome: Outcome, document: Document) -> str:
+def html_text(outcome: Outcome) -> str:
     """The page."""
-    text = markup.escape(json_text(document))
-    return f'<!DOCTYPE html><meta charset="utf-8"><title>Calibration</title><pre>{text}</pre>\n'
+    c = outcome.calibration
+    with style():
+        pictures = {
+            'cell': cell_picture(c),
+            'errors': error_picture(c),
+            'residuals': residual_picture(c),
+            'quantiles': quantile_picture(c),
+            'correlations': correlation_picture(c),
+        }
+    return _template().render(
+        outcome=outcome,
+        c=c,
+        version=__version__,
+        verdict=words.verdict(outcome),
+        rows=parameter_rows(c),
+        status=STATUS,
+        facts=_facts(outcome),
+        identifiability=words.identifiability(outcome),
+        hidden=words.HIDDEN,
+        noise=words.noise(outcome),
+        fit_quality=words.fit_quality(outcome),
+        legend=_legend(c),
+        largest_force=f'{np.hypot(c.force[:, 0], c.force[:, 1]).max():.1f}',
+        touches=_touches(c),
+        pictures=pictures,
+    )
+
+
+@cache
+def _template() -> jinja2.Template:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template('report.html.j2')
+
+
+def _facts(outcome: Outcome) -> list[tuple[str, str, str]]:
+    """The four numbers at the top: value, unit, what it is."""
+    c = outcome.calibration
+    return [
+        (f'{c.force_error_nominal:.3g} → {c.force_error:.3g}', 'N', 'mean force error, nominal → calibrated'),
+        (f'{outcome.held_out.force_error:.3g}', 'N', f'on touches left out of the fit, {outcome.held_out.folds} folds'),
+        (f'{c.reduced_chi_square:.2f}', '', 'chi-square per degree of freedom; 1 is right'),
+        (f'{int(c.used.sum())} / {outcome.found}', '', 'touches used / found'),
+    ]
+
+
+def _legend(c: Calibration) -> list[tuple[str, str, str]]:
+    """Sign, colour and name of each disc that was touched."""
+    touched = sorted(set(c.touches.disc.tolist()))
+    looks = [(mark(number), c.cell.discs[number].name) for number in touched]
+    return [(look.sign, COLOURS[look.colour], name) for look, name in looks]
+
+
+def _touches(c: Calibration) -> list[dict[str, Any]]:
+    """The rows of the table of all touches."""
+    t = c.touches
+    magnitude = np.hypot(c.force[:, 0], c.force[:, 1])
+    angle = np.degrees(np.arctan2(c.force[:, 1], c.force[:, 0]))
+    left = np.hypot(c.residual[:, 0], c.residual[:, 1])
+    return [
+        {
+            'index': int(t.index[k]),
+            'time': f'{t.time[k]:.1f}',
+            'disc': c.cell.discs[t.disc[k]].name,
+            'posture': 'left' if t.posture[k] > 0 else 'right',
+            'force': f'{magnitude[k]:.2f}',
+            'direction': f'{angle[k]:.1f}',
+            'residual': f'{left[k]:.2f}',
+            'distance': f'{c.standardized[k]:.1f}',
+            'used': bool(c.used[k]),
+        }
+        for k in range(len(t))
+    ]

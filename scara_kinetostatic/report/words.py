@@ -27,7 +27,7 @@ HIDDEN = (
     'An error common to all radii, the radius of the tip for instance: it is, exactly, backlash of the gripper, g_ee.',
     'All discs displaced together: that is x0 and y0. Turned together about the base, it is close to theta1.',
     'A wrong gain of the force sensor: it scales all three compliances by one factor.',
-    'A gripper stiffer along link 2 than across it, or a link 2 that bends: to first order that is another p_ee and p2.',
+    'A gripper stiffer along link 2 than across it, or a link 2 that bends: to first order, another p_ee and p2.',
     'Friction in a transmission that comes to every touch from the same side: it looks like backlash.',
 )
 """What no set of such touches can show, whatever their number."""

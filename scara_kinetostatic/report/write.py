@@ -50,7 +50,7 @@ def write_results(outcome: Outcome, folder: str | Path) -> WrittenFiles:
     texts = {
         parameter_file.NAME: parameter_file.parameter_text(outcome),
         json_file.NAME: json_file.json_text(document),
-        html.NAME: html.html_text(outcome, document),
+        html.NAME: html.html_text(outcome),
     }
     with _writing(folder), _made(folder), _workshop(folder) as workshop:
         for name, text in texts.items():

@@ -1,0 +1,119 @@
+"""Figures as SVG that takes its colours and its type from the page around it.
+
+A figure is drawn in stand-in colours; in the SVG they become CSS variables, so that one picture serves a light and
+a dark page. Sizes are pixels of the page. Nothing goes through pyplot: figures may be drawn in any thread.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import re
+import warnings
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+INK, FAINT, LINE, PAPER, WARN = '#010203', '#040506', '#070809', '#0a0b0c', '#0d0e0f'
+SERIES = ('#100001', '#100002', '#100003', '#100004', '#100005', '#100006')
+"""Stand-ins of the six colours that tell discs apart (Okabe and Ito's, safe for the colour-blind)."""
+COLOURS = {
+    INK: 'var(--ink)',
+    FAINT: 'var(--faint)',
+    LINE: 'var(--line)',
+    PAPER: 'var(--paper)',
+    WARN: 'var(--warn)',
+    **{stand_in: f'var(--c{number})' for number, stand_in in enumerate(SERIES, 1)},
+}
+FONT_SIZE = 12.5
+_PER_INCH = 72.0
+_STYLE = {
+    'svg.fonttype': 'none',
+    'font.family': ['DejaVu Sans'],
+    'font.size': FONT_SIZE,
+    'text.color': INK,
+    'axes.edgecolor': LINE,
+    'axes.labelcolor': INK,
+    'axes.facecolor': 'none',
+    'axes.spines.top': False,
+    'axes.spines.right': False,
+    'axes.grid': True,
+    'axes.axisbelow': True,
+    'axes.titlesize': FONT_SIZE,
+    'axes.titlelocation': 'left',
+    'axes.formatter.useoffset': False,
+    'axes.unicode_minus': True,
+    'grid.color': LINE,
+    'grid.linewidth': 0.7,
+    'xtick.color': LINE,
+    'ytick.color': LINE,
+    'xtick.labelcolor': FAINT,
+    'ytick.labelcolor': FAINT,
+    'xtick.labelsize': FONT_SIZE - 1,
+    'ytick.labelsize': FONT_SIZE - 1,
+    'figure.facecolor': 'none',
+    'savefig.facecolor': 'none',
+    'lines.linewidth': 1.2,
+}
+_NUMBERED = re.compile(r' id="(figure|axes|patch|line2d|text|matplotlib\.axis|xtick|ytick|legend)[^"]*"', re.IGNORECASE)
+_COLLECTIONS = re.compile(r' id="[A-Za-z]*Collection_\d+"')
+
+
+class Mark(NamedTuple):
+    """How the touches of one disc look: a colour and, for those who cannot tell colours apart, a shape."""
+
+    colour: str
+    shape: str
+    sign: str
+
+
+_SHAPES = (('o', '●'), ('s', '■'), ('^', '▲'), ('D', '◆'), ('v', '▼'), ('p', '⬟'))
+
+
+def mark(disc: int) -> Mark:
+    """The mark of a disc by its number in the cell."""
+    shape, sign = _SHAPES[(disc + disc // len(SERIES)) % len(_SHAPES)]
+    return Mark(SERIES[disc % len(SERIES)], shape, sign)
+
+
+def style() -> Any:
+    """The context in which figures are drawn."""
+    logging.getLogger('matplotlib.font_manager').setLevel(logging.ERROR)
+    return mpl.rc_context({**mpl.rcParamsDefault, **_STYLE, 'backend': mpl.rcParams['backend']})
+
+
+def new_figure(width: float, height: float, rows: int = 1, **more: Any) -> tuple[Figure, list[Axes]]:
+    """An empty figure with axes one above the other, size in pixels."""
+    figure = Figure(figsize=(width / _PER_INCH, height / _PER_INCH), dpi=_PER_INCH, layout='constrained')
+    axes = figure.subplots(rows, 1, squeeze=False, **more)
+    return figure, list(axes[:, 0])
+
+
+def as_svg(figure: Figure, name: str, description: str) -> Markup:
+    """The figure as an SVG element.
+
+    Args:
+        figure: what to draw.
+        name: tells its identifiers from those of other figures on the page.
+        description: for those who cannot see it; plain words, nothing a user wrote.
+    """
+    stream = io.StringIO()
+    with mpl.rc_context({'svg.hashsalt': name}), warnings.catch_warnings():
+        warnings.filterwarnings('ignore', message='Glyph')  # the page has its own type
+        FigureCanvasSVG(figure).print_svg(stream, metadata={'Date': None, 'Creator': None})
+    svg = stream.getvalue()
+    svg = svg[svg.index('<svg') :]
+    svg = re.sub(r'<metadata>.*?</metadata>', '', svg, flags=re.DOTALL)
+    svg = _COLLECTIONS.sub('', _NUMBERED.sub('', svg))
+    head, rest = svg.split('>', 1)
+    box = re.search(r'viewBox="[^"]*"', head)
+    size = f'style="max-width: {figure.get_figwidth() * _PER_INCH:.0f}px"'
+    head = f'<svg {box.group() if box else ""} {size} role="img" aria-label="{description}"'
+    svg = f'{head}>{rest}'
+    for stand_in, variable in COLOURS.items():
+        svg = svg.replace(stand_in, variable)
+    return Markup(svg)

@@ -1,0 +1,121 @@
+"""Pictures of the fit: force errors before and after, residuals, their distribution, correlations."""
+
+from __future__ import annotations
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
+from scipy import stats
+
+from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.report.drawing import FAINT, INK, LINE, PAPER, SERIES, WARN, as_svg, mark, new_figure
+
+Floats = NDArray[np.float64]
+
+WIDTH, HALF = 920.0, 450.0
+BAND = 0.95
+
+
+def error_picture(c: Calibration) -> Markup:
+    """The length of F - A(Q, L̄) per touch, nominal and calibrated, on a logarithmic scale."""
+    figure, (axes,) = new_figure(WIDTH, 280)
+    before = np.hypot(c.nominal_residual[:, 0], c.nominal_residual[:, 1])
+    after = np.hypot(c.residual[:, 0], c.residual[:, 1])
+    axes.vlines(c.touches.index, after, before, color=LINE, lw=1.0)
+    axes.plot(c.touches.index, before, 'o', ms=5, mfc=PAPER, mec=FAINT, mew=1.1)
+    _scatter(axes, c, after)
+    axes.set(xlabel='touch', ylabel='force error  [N]', yscale='log')
+    axes.yaxis.set_major_formatter(lambda value, _: f'{value:g}')
+    axes.grid(visible=False, axis='x')
+    axes.margins(x=0.015)
+    return as_svg(figure, 'errors', 'force error of each touch before and after the calibration')
+
+
+def residual_picture(c: Calibration) -> Markup:
+    """The parts of the calibrated residual along and across the force, per touch."""
+    along = c.force / np.maximum(np.hypot(c.force[:, 0], c.force[:, 1]), 1e-9)[:, None]
+    parts = (
+        ('along the force  [N]', (c.residual * along).sum(axis=1)),
+        ('across it  [N]', c.residual[:, 1] * along[:, 0] - c.residual[:, 0] * along[:, 1]),
+    )
+    figure, (first, second) = new_figure(WIDTH, 380, rows=2, sharex=True)
+    for axes, (label, values) in zip((first, second), parts, strict=True):
+        largest = 1.25 * float(np.abs(values[c.used]).max(initial=1e-6))
+        axes.axhline(0, color=FAINT, lw=0.9)
+        _scatter(axes, c, np.clip(values, -0.94 * largest, 0.94 * largest))
+        axes.set(ylabel=label, ylim=(-largest, largest))
+        axes.grid(visible=False, axis='x')
+    second.set(xlabel='touch')
+    second.margins(x=0.015)
+    figure.align_ylabels()
+    return as_svg(figure, 'residuals', 'residual force of each touch along and across the force')
+
+
+def quantile_picture(c: Calibration) -> Markup:
+    """The touches' distances against what chance would give, in standard deviations."""
+    figure, (axes,) = new_figure(HALF, 400)
+    used = np.flatnonzero(c.used)
+    order = used[np.argsort(c.standardized[used])]
+    rank = np.arange(1, len(order) + 1)
+    expected, low, high = (
+        np.sqrt(stats.chi2.ppf(part, 2))
+        for part in (
+            (rank - 0.5) / len(order),
+            stats.beta.ppf((1 - BAND) / 2, rank, len(order) + 1 - rank),
+            stats.beta.ppf((1 + BAND) / 2, rank, len(order) + 1 - rank),
+        )
+    )
+    axes.fill_between(expected, low, high, color=SERIES[0], alpha=0.13, lw=0)
+    end = float(max(expected[-1], c.standardized[order].max(initial=0.0))) * 1.06
+    axes.plot([0, end], [0, end], color=FAINT, lw=0.9)
+    axes.plot(expected, c.standardized[order], 'o', ms=4, mfc=SERIES[0], mec=PAPER, mew=0.4)
+    axes.set(xlabel='expected distance  [σ]', ylabel='distance of the touch  [σ]')
+    axes.set_xlim(0, float(expected[-1]) * 1.06)
+    axes.set_ylim(0, max(end, float(high[-1]) * 1.03))
+    return as_svg(figure, 'quantiles', 'distances of the touches against those expected by chance')
+
+
+def correlation_picture(c: Calibration) -> Markup | None:
+    """Correlations of the estimated parameters; None where there are fewer than two."""
+    names = [name for name in NAMES if c.status[name] == 'estimated']
+    places = [NAMES.index(name) for name in names]
+    if len(names) < 2:
+        return None
+    covariance = c.covariance[np.ix_(places, places)]
+    std = np.sqrt(np.diag(covariance))
+    matrix = covariance / np.where(std > 0, np.outer(std, std), 1.0)
+    figure, (axes,) = new_figure(HALF, 400)
+    for row in range(len(names)):
+        for column in range(len(names)):
+            value = float(matrix[row, column])
+            colour = INK if row == column else SERIES[0] if value > 0 else SERIES[1]
+            side = 0.92 * np.sqrt(abs(value)) if row != column else 0.92
+            alpha = 0.12 if row == column else 0.25 + 0.6 * min(abs(value), 1.0)
+            place = (column - side / 2, row - side / 2)
+            axes.add_patch(Rectangle(place, side, side, facecolor=colour, alpha=alpha, lw=0))
+            if row != column and abs(value) >= 0.5:
+                axes.text(column, row, f'{100 * value:.0f}'.replace('-', '−'), ha='center', va='center', fontsize=9.5, color=INK)
+    axes.set(xlim=(-0.6, len(names) - 0.4), ylim=(len(names) - 0.4, -0.6), aspect='equal')
+    axes.set_xticks(range(len(names)), names, rotation=90)
+    axes.set_yticks(range(len(names)), names)
+    axes.tick_params(length=0)
+    axes.xaxis.tick_top()
+    axes.grid(visible=False)
+    axes.spines[:].set_visible(False)
+    return as_svg(figure, 'correlations', 'correlations of the estimated parameters')
+
+
+def _scatter(axes: Axes, c: Calibration, values: Floats) -> None:
+    """Touches by disc (colour and shape) and posture (full: left, hollow: right); crosses for those not used."""
+    for number in range(len(c.cell.discs)):
+        look = mark(number)
+        for posture in (1, -1):
+            chosen = (c.touches.disc == number) & (c.touches.posture == posture) & c.used
+            fill = look.colour if posture > 0 else PAPER
+            x, y = c.touches.index[chosen], values[chosen]
+            axes.plot(x, y, look.shape, ls='none', ms=5, mfc=fill, mec=look.colour, mew=1.1)
+    x, y = c.touches.index[~c.used], values[~c.used]
+    axes.plot(x, y, 'X', ls='none', ms=8, mfc=WARN, mec=PAPER)
