@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.recording.decoding import Samples
@@ -58,9 +59,10 @@ def on_one_clock(source: str, streams: dict[str, Samples], warnings: list[str]) 
 
 
 def _without_strays(topic: str, samples: Samples, warnings: list[str]) -> Samples:
-    """Drop the few messages whose stamp is missing or a minute off, where the others are sound."""
-    lag = samples.stamp - samples.log_time
-    stray = (samples.stamp == 0) | (np.abs(lag - np.median(lag)) > STRAY)
+    """Drop the few messages whose stamp is missing or a minute off those around it."""
+    if np.all(np.abs(np.diff(samples.stamp)) < STRAY):
+        return samples
+    stray = np.abs(samples.stamp - median_filter(samples.stamp, 7, mode='reflect')) > STRAY
     number = int(np.sum(stray))
     if number == 0 or number > max(1, len(stray) // 20):
         return samples

@@ -46,7 +46,10 @@ def all_or_nothing(path: Path) -> Iterator[Path]:
             raise OutputError(path, 'exists already and is never overwritten', 'choose another name')
         if not path.name:
             raise OutputError(path, 'has no name', 'give the name of something new')
-        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except (FileExistsError, NotADirectoryError) as error:
+            raise OutputError(path, f'{error.filename} is not a folder', 'choose another place') from error
         workshop = path.parent / f'.{path.name}.{os.getpid()}.{time.monotonic_ns()}.new'
         workshop.mkdir()
         try:
