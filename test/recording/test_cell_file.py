@@ -43,6 +43,9 @@ model: {gripper_sign: physical}     # optional
 """
 
 
+DISC_3 = '  - {name: disc_3, center: [0.05, 0.25], radius: 0.08}\n'
+
+
 def changed(old: str, new: str) -> str:
     assert old in CONTRACT
     return CONTRACT.replace(old, new)
@@ -188,7 +191,7 @@ def test_touching_discs_are_fine() -> None:
 def test_reach_has_an_inner_edge() -> None:
     text = changed('l1: 0.33', 'l1: 0.6').replace('l2: 0.33', 'l2: 0.2').replace('[0.20, 0.40]', '[0.20, 0.14]')
     with pytest.raises(CellError, match=r"'disc_2' is out of reach, 0\.2441 m from the base .* 0\.4 to 0\.8 m"):
-        parse_cell(text.replace('  - {name: disc_3, center: [0.05, 0.25], radius: 0.08}\n', ''))
+        parse_cell(text.replace(DISC_3, ''))
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
@@ -171,7 +172,9 @@ def test_the_frame_and_the_names_travel(tmp_path: Path, streams: Streams) -> Non
 
 
 values = st.floats(-1e8, 1e8)
-times = st.lists(st.integers(1, 2**31 * 10**9 - 1), min_size=1, max_size=8, unique=True).map(sorted)
+times = st.tuples(st.integers(1, 2 * 10**18), st.lists(st.integers(1, 50 * 10**9), max_size=8)).map(
+    lambda drawn: [drawn[0] + step for step in accumulate(drawn[1], initial=0)]
+)
 
 
 @given(data=st.data(), name=st.sampled_from(sorted(OWN)))
