@@ -43,7 +43,7 @@ class Row(NamedTuple):
     Attributes:
         name: as everywhere.
         nominal: where the calibration started.
-        value: the estimate, with the digits its uncertainty allows.
+        value: the estimate, with the digits its uncertainty allows; in brackets where the data do not determine it.
         std: one standard deviation, two digits; empty where there is none.
         unit: of all three.
         status: ``estimated``, ``fixed`` or ``confounded``.
@@ -68,10 +68,11 @@ def parameter_rows(c: Calibration) -> list[Row]:
 def _row(name: str, nominal: float, value: float, std: float, status: str) -> Row:
     unit, per_si = SCALES[name]
     digits = decimals(std * per_si)
+    undetermined = f'({value * per_si:.2g})' if status == 'confounded' else f'{value * per_si:.6g}'
     return Row(
         name=name,
         nominal=f'{nominal * per_si:.6g}',
-        value=f'{value * per_si:.{digits}f}' if digits is not None else f'{value * per_si:.6g}',
+        value=f'{value * per_si:.{digits}f}' if digits is not None else undetermined,
         std=f'{std * per_si:.{digits}f}' if digits is not None else '',
         unit=unit,
         status=status,

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from scara_kinetostatic.calibration.identifiability import Combination
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.pipeline import Outcome
-from scara_kinetostatic.report.quantities import chance, count
+from scara_kinetostatic.report.quantities import SCALES, chance, count, decimals
 
 
 class Verdict(NamedTuple):
@@ -100,22 +101,21 @@ def noise(outcome: Outcome) -> str:
 
 
 def identifiability(outcome: Outcome) -> list[str]:
-    """What the data determine and what not, a sentence or two each."""
+    """What the data determine and what not; what would cure it is said in the verdict."""
     c, found = outcome.calibration, outcome.calibration.identifiability
     free = sum(status != 'fixed' for status in c.status.values())
     lines = [f'{found.rank} of {free} free parameters are determined (condition number {found.condition:.3g}).']
     for group in found.confounded:
-        if len(group) == 1:
-            lines.append(f'{group[0]} is not determined; the value shown stays near the nominal one.')
-        else:
-            lines.append(f'{" and ".join(group)} cannot be told apart; the values shown are one choice of many.')
-    lines += [
-        f'Determined all the same: {item.text} = {item.value:.6g} ± {item.std:.2g} {item.unit}.'
-        for item in found.combinations
-    ]
-    if found.advice:
-        lines.append(sentence(found.advice))
-    return lines
+        what = 'stays near the nominal one' if len(group) == 1 else 'is one choice of many'
+        lines.append(f'Not determined: {" and ".join(group)}; what is shown {what}.')
+    return lines + [_combination(item) for item in found.combinations]
+
+
+def _combination(item: Combination) -> str:
+    unit, per_si = SCALES[item.text.split()[0]]
+    value, std = item.value * per_si, item.std * per_si
+    digits = decimals(std) or 0
+    return f'Determined all the same: {item.text} = {value:.{digits}f} ± {std:.{digits}f} {unit} (factors in SI units).'
 
 
 def sentence(text: str) -> str:
