@@ -10,9 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.equations import State, free_state, parameter_derivative, touch_equations
 from scara_kinetostatic.model.equilibrium import nearest_equilibrium, solve_state
+from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import Parameters
 
 Floats = NDArray[np.float64]
+
+NEGATIVE_PLAY = 1e-3
+"""How far outside the disc the rigid tip may be for a force to be possible at all, m."""
 
 
 class Contact(NamedTuple):
@@ -69,11 +73,22 @@ def contact(
     if near is not None:
         state = nearest_equilibrium(parameters, joints, centers, radii, gripper_sign, state, np.asarray(near))
     if not tension:
-        touching = solved & (state.magnitude > 0)
         free = free_state(parameters, joints, centers)
+        touching = solved & (state.magnitude > 0)
+        if gripper_sign is GripperSign.PHYSICAL:
+            touching &= _reaches(parameters, free, centers, radii)
         zero = free._replace(mode1=np.zeros_like(free.mode1), mode2=np.zeros_like(free.mode2))
         state = zero.replace_where(touching, state)
     return _as_contact(parameters, centers, radii, gripper_sign, state, solved)
+
+
+def _reaches(parameters: Parameters, free: State, centers: Floats, radii: Floats) -> NDArray[np.bool_]:
+    """Whether the rigid tip H(L, Q) is inside the disc, (n,): only then can there be a force (section 4.2).
+
+    `NEGATIVE_PLAY` allows for backlashes that noise has made negative.
+    """
+    tip = forward(parameters, np.stack([free.link1, free.link2], axis=-1))
+    return np.hypot(tip[:, 0] - centers[:, 0], tip[:, 1] - centers[:, 1]) < radii + NEGATIVE_PLAY
 
 
 def _as_contact(
@@ -81,15 +96,7 @@ def _as_contact(
 ) -> Contact:
     unit = np.stack([np.cos(state.direction), np.sin(state.direction)], axis=-1)
     links = np.stack([state.link1, state.link2], axis=-1)
-    first = state.link1 + parameters.theta1
-    second = first + state.link2 + parameters.theta2
-    rigid = np.stack(
-        [
-            parameters.x0 + parameters.l1 * np.cos(first) + parameters.l2 * np.cos(second),
-            parameters.y0 + parameters.l1 * np.sin(first) + parameters.l2 * np.sin(second),
-        ],
-        axis=-1,
-    )
+    rigid = forward(parameters, links)
     loaded = (state.magnitude != 0)[:, None]
     tip = np.where(loaded, centers - radii[:, None] * unit, rigid)
     return Contact(state.magnitude[:, None] * unit, state.magnitude, tip, links, state, solved)

@@ -31,6 +31,7 @@ Floats = NDArray[np.float64]
 TOLERANCE = 1e-13
 """Residual of a solved touch, m and rad."""
 STEPS = 12
+STEPS_BY_MODES = 7
 TURN_LIMIT = 0.5
 """Largest turn of the force in one step, rad."""
 
@@ -38,26 +39,22 @@ TURN_LIMIT = 0.5
 def solve_state(
     parameters: Parameters, joints: Floats, centers: Floats, radii: Floats, sign: GripperSign
 ) -> tuple[State, NDArray[np.bool_]]:
-    """Solve the equations of n touches, tension allowed, for touches within reach of their discs.
-
-    A touch whose tip is so far outside the disc that no play in the joints brings it into
-    contact is left at its free state, with f = 0.
+    """Solve the equations of n touches, tension allowed.
 
     Returns:
-        The state and whether it is solved, (n,).
+        The state and whether it is solved, (n,); what is not solved is left free, with f = 0.
     """
-    start = free_state(parameters, joints, centers)
-    state = start
-    p = parameters
+    start = state = free_state(parameters, joints, centers)
     with np.errstate(all='ignore'):
         for _ in range(STEPS):
-            e = touch_equations(p, joints, centers, radii, state, sign)
-            state = next_modes(p, joints, _newton_step(e, state))
-        solved = is_solved(p, joints, centers, radii, state, sign)
-        if not solved.all():
-            todo = ~solved
-            part, done = _solve_by_modes(p, joints[todo], centers[todo], radii[todo], sign)
-            state, solved = _put(state, todo, part), _put_mask(solved, todo, done)
+            e = touch_equations(parameters, joints, centers, radii, state, sign)
+            solved = _obeys(e, parameters, joints, state)
+            if solved.all():
+                return _newton_step(e, state), solved
+            state = next_modes(parameters, joints, _newton_step(e, state))
+        todo = ~is_solved(parameters, joints, centers, radii, state, sign)
+        part, done = _solve_by_modes(parameters, joints[todo], centers[todo], radii[todo], sign)
+    state, solved = _put(state, todo, part), _put_mask(~todo, todo, done)
     return start.replace_where(solved, state), solved
 
 
@@ -73,7 +70,10 @@ def is_solved(
     parameters: Parameters, joints: Floats, centers: Floats, radii: Floats, state: State, sign: GripperSign
 ) -> NDArray[np.bool_]:
     """Whether the state obeys equations and modes, (n,)."""
-    e = touch_equations(parameters, joints, centers, radii, state, sign)
+    return _obeys(touch_equations(parameters, joints, centers, radii, state, sign), parameters, joints, state)
+
+
+def _obeys(e: Equations, parameters: Parameters, joints: Floats, state: State) -> NDArray[np.bool_]:
     error = np.max(np.abs([e.normal, e.tangent, e.row1, e.row2]), axis=0)
     wanted = next_modes(parameters, joints, state)
     return (error < TOLERANCE) & (wanted.mode1 == state.mode1) & (wanted.mode2 == state.mode2)
@@ -92,7 +92,7 @@ def _solve_by_modes(
     solved, distance = np.zeros(len(joints), dtype=bool), np.full(len(joints), np.inf)
     for mode1, mode2 in product((-1, 1, 0), repeat=2):
         state = start._replace(mode1=np.full_like(start.mode1, mode1), mode2=np.full_like(start.mode2, mode2))
-        for _ in range(STEPS):
+        for _ in range(STEPS_BY_MODES):
             state = _newton_step(touch_equations(parameters, joints, centers, radii, state, sign), state)
         away = np.zeros(len(joints)) if near is None else _distance(state, near)
         better = is_solved(parameters, joints, centers, radii, state, sign) & (away < distance)

@@ -1,0 +1,141 @@
+"""The estimator of the paper, section 4.3: pseudo-inverse steps on A(Q, L̄), unweighted (12)–(14).
+
+    L̄_k = L̄_{k-1} + J_L̄⁺ ΔF,   ΔF = F - A(Q, L̄_{k-1}),   J_L̄ = ∂A/∂L̄
+
+with the paper's two changes: a step is shortened until the error index is lower than before, and
+no step is longer than a bound.
+
+**What it needs beyond the paper's text.** At L̄n the tip misses most discs by more than its whole
+deflection: there A = 0 N, ∂A/∂L̄ = 0, and no step is defined. So the touches,
+which are known to be contacts, are predicted with a contact that can pull as well as press
+(`contact(..., tension=True)`), which equals A wherever the tip presses. And the pseudo-inverse needs a unit
+for each parameter, or a metre counts as much as a radian per newton metre: the columns are scaled
+by the plausible ranges, singular values below a relative `CUTOFF` are cut.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.calibration.identifiability import SCALES
+from scara_kinetostatic.calibration.prediction import base_force, force_error, force_residual, observe
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.cell import Cell, SensorFrame
+from scara_kinetostatic.model.contact import contact, contact_derivatives
+from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.touch import TouchSet
+
+Floats = NDArray[np.float64]
+
+MAX_ITERATIONS = 30
+LONGEST_STEP = 1.0
+"""Bound of a step, in plausible ranges of the parameters."""
+SHORTEST_FACTOR = 2.0**-12
+CUTOFF = 1e-7
+STOP = 1e-12
+"""The iteration ends when a step lowers the error index by less than this, N."""
+
+
+class PaperFit(NamedTuple):
+    """Where the iteration went.
+
+    Attributes:
+        parameters: the last L̄.
+        force_error: e_f (10) there, unilateral contact, N.
+        history: e_f at every iterate, the start first, unilateral contact, N.
+        merit: the same with the contact that can pull, which the steps lower.
+        path: every iterate, (iterations + 1, 12).
+        rank: singular values not cut in the last step.
+    """
+
+    parameters: Parameters
+    force_error: float
+    history: tuple[float, ...]
+    merit: tuple[float, ...]
+    path: Floats
+    rank: int
+
+    @property
+    def iterations(self) -> int:
+        """Number of steps."""
+        return len(self.merit) - 1
+
+
+class _Iterate(NamedTuple):
+    parameters: Parameters
+    residual: Floats
+    jacobian: Floats
+    merit: float
+
+
+def paper_calibrate(
+    touches: TouchSet, cell: Cell, start: Parameters | None = None, max_iterations: int = MAX_ITERATIONS
+) -> PaperFit:
+    """The paper's algorithm on a set of touches.
+
+    Args:
+        touches: Q and F; the sensor in the base frame, as in the paper.
+        cell: discs and sign of (7).
+        start: L̄0; the nominal values if not given.
+        max_iterations: steps at most.
+
+    Raises:
+        ParameterError: the sensor is in the tool frame, which the paper does not treat.
+    """
+    if cell.sensor.frame is not SensorFrame.BASE:
+        raise ParameterError('sensor.frame', 'the algorithm of the paper takes forces in the base frame')
+    observations = observe(touches, cell)
+    measured = base_force(observations, cell.nominal)
+
+    def visit(parameters: Parameters) -> _Iterate:
+        o = observations
+        with np.errstate(all='ignore'):
+            found = contact(parameters, o.joints, o.centers, o.radii, o.sign, tension=True, near=measured)
+            jacobian = contact_derivatives(parameters, o.joints, o.centers, o.radii, found, o.sign).parameters
+        residual = measured - found.force
+        return _Iterate(parameters, residual, jacobian, force_error(residual))
+
+    at = visit(start or cell.nominal)
+    visited, rank = [at], 0
+    while len(visited) <= max_iterations:
+        step, rank = pseudo_inverse_step(at)
+        better = _lower(visit, at, step)
+        if better is None:
+            break
+        gain, at = at.merit - better.merit, better
+        visited.append(at)
+        if gain < STOP:
+            break
+    history = tuple(force_error(force_residual(observations, item.parameters)) for item in visited)
+    return PaperFit(
+        parameters=at.parameters,
+        force_error=history[-1],
+        history=history,
+        merit=tuple(item.merit for item in visited),
+        path=np.array([item.parameters.as_array() for item in visited]),
+        rank=rank,
+    )
+
+
+def pseudo_inverse_step(at: _Iterate) -> tuple[Floats, int]:
+    """J⁺ ΔF (13) in scaled parameters, no longer than the bound, and the rank used."""
+    jacobian = (at.jacobian * SCALES).reshape(-1, len(SCALES))
+    u, values, vt = np.linalg.svd(jacobian, full_matrices=False)
+    rank = int((values > CUTOFF * values[0]).sum())
+    scaled = vt[:rank].T @ ((u.T @ at.residual.ravel())[:rank] / values[:rank])
+    longest = float(np.abs(scaled).max())
+    return SCALES * scaled * min(1.0, LONGEST_STEP / max(longest, 1e-300)), rank
+
+
+def _lower(visit, at: _Iterate, step: Floats) -> _Iterate | None:  # type: ignore[no-untyped-def]
+    """The first of the step, its half, its quarter, … that lowers the error index; None if none does."""
+    factor = 1.0
+    while factor >= SHORTEST_FACTOR:
+        trial = visit(Parameters.from_array(at.parameters.as_array() + factor * step))
+        if trial.merit < at.merit:
+            return trial
+        factor /= 2
+    return None
