@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 TOLERANCE = 1e-13
 """Residual of a solved touch, m and rad."""
 STEPS = 12
-STEPS_BY_MODES = 7
+STEPS_BY_MODES = 9
 TURN_LIMIT = 0.5
 """Largest turn of the force in one step, rad."""
 

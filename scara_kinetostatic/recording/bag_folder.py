@@ -144,6 +144,15 @@ class BagFolder:
         return RecordingError(self.path, 'no recording in this folder', remedy)
 
 
+def folder_state(path: str | Path) -> tuple[int, int] | None:
+    """Something that changes whenever a writer replaces the metadata of a folder; None without metadata."""
+    try:
+        status = (Path(path) / METADATA).stat()
+    except (OSError, ValueError):
+        return None
+    return status.st_ino, status.st_mtime_ns
+
+
 def _contents(metadata: Path) -> tuple[list[str], dict[str, int]]:
     """File names in the metadata (old versions prefix the folder) and the number of messages by topic."""
     if metadata.stat().st_size > MAX_METADATA:

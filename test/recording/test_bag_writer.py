@@ -142,6 +142,32 @@ def test_several_threads(tmp_path: Path, streams: Streams) -> None:
     assert_same(read_streams(tmp_path / 'run', CELL), streams)
 
 
+def test_reading_while_writing(tmp_path: Path, streams: Streams) -> None:
+    """Checkpoints and the joining at the end happen under the reader's hands; it never misses what was secured."""
+    folder, items = tmp_path / 'run', messages(streams)
+    bag = BagWriter(folder, CELL, log_time=0)
+    write(bag, items[:20])
+    bag.checkpoint()
+
+    def work() -> None:
+        for start in range(20, 640, 20):
+            write(bag, items[start : start + 20])
+            bag.checkpoint()
+        bag.close()
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    reads = 0
+    while thread.is_alive() or reads < 3:
+        secured = bag.recorded
+        read = read_streams(folder, CELL)
+        assert len(read.joints.stamp) + len(read.wrench.stamp) >= secured
+        assert embedded_cell(folder) == CELL
+        reads += 1
+    thread.join()
+    assert_same(read_streams(folder, CELL), streams)
+
+
 @pytest.mark.parametrize('calls', range(4))
 def test_the_disk_is_full(tmp_path: Path, streams: Streams, calls: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """At whatever point of a checkpoint: the one before stays, one line says why, nothing more is taken."""
