@@ -25,7 +25,7 @@ from scara_kinetostatic.recording.sources import open_recording
 from scara_kinetostatic.recording.streams import JointStream, Streams, WrenchStream
 
 _ENCODINGS = ('cdr', 'ros1')
-_ATTEMPTS = 3
+_ATTEMPTS = 5
 _T = TypeVar('_T')
 
 

@@ -153,6 +153,7 @@ def test_reading_while_writing(tmp_path: Path, streams: Streams) -> None:
         for start in range(20, 640, 20):
             write(bag, items[start : start + 20])
             bag.checkpoint()
+            time.sleep(0.01)
         bag.close()
 
     thread = threading.Thread(target=work)
