@@ -63,7 +63,7 @@ def _draw_discs(axes: Axes, c: Calibration) -> None:
 
 
 def _draw_arms(axes: Axes, c: Calibration, tip: Floats, elbow: Floats, base: Floats, arm: float) -> None:
-    """All arms as a faint trace, one of each posture in full: at the front of the farthest disc, where it hides least."""
+    """All arms as a faint trace, one of each posture in full, in front of the farthest disc, where it hides least."""
     touched = np.unique(c.touches.disc)
     farthest = touched[np.argmax(np.linalg.norm(c.cell.centers[touched] - base, axis=1))]
     lines = np.stack([np.broadcast_to(base, tip.shape), elbow, tip], axis=1)
@@ -77,7 +77,7 @@ def _draw_arms(axes: Axes, c: Calibration, tip: Floats, elbow: Floats, base: Flo
             axes.plot(x[1], y[1], 'o', ms=6.5, mfc=PAPER, mec=INK, mew=1.4)
     axes.add_patch(Circle((base[0], base[1]), 0.022 * arm, facecolor=PAPER, edgecolor=INK, lw=1.6, zorder=4))
     axes.add_patch(Circle((base[0], base[1]), 0.006 * arm, facecolor=INK, lw=0, zorder=5))
-    axes.annotate('base', base, (11, 8), textcoords='offset points', color=FAINT)
+    axes.annotate('base', (base[0], base[1]), (11, 8), textcoords='offset points', color=FAINT)
     axes.axhline(base[1], color=LINE, lw=0.7, zorder=0)
 
 
@@ -99,4 +99,4 @@ def _draw_touches(axes: Axes, c: Calibration, tip: Floats, arm: float) -> None:
             axes.plot(x, y, look.shape, ls='none', ms=4.6, mfc=fill, mec=look.colour, mew=1.1, zorder=3)
     for k in np.flatnonzero(~c.used):
         axes.plot(*tip[k], 'X', ms=9, mfc=WARN, mec=PAPER, zorder=6)
-        axes.annotate(str(c.touches.index[k]), tip[k], (7, -4), textcoords='offset points', color=WARN)
+        axes.annotate(str(c.touches.index[k]), (tip[k, 0], tip[k, 1]), (7, -4), textcoords='offset points', color=WARN)

@@ -10,6 +10,8 @@ import io
 import logging
 import re
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -31,7 +33,7 @@ COLOURS = {
 }
 FONT_SIZE = 12.5
 _PER_INCH = 72.0
-_STYLE = {
+_STYLE: dict[Any, Any] = {
     'svg.fonttype': 'none',
     'font.family': ['DejaVu Sans'],
     'font.size': FONT_SIZE,
@@ -80,10 +82,14 @@ def mark(disc: int) -> Mark:
     return Mark(SERIES[disc % len(SERIES)], shape, sign)
 
 
-def style() -> Any:
-    """The context in which figures are drawn."""
+@contextmanager
+def style() -> Iterator[None]:
+    """The context in which figures are drawn, whatever the user's own matplotlibrc says."""
     logging.getLogger('matplotlib.font_manager').setLevel(logging.ERROR)
-    return mpl.rc_context({**mpl.rcParamsDefault, **_STYLE, 'backend': mpl.rcParams['backend']})
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_STYLE)
+        yield
 
 
 def new_figure(width: float, height: float, rows: int = 1, **more: Any) -> tuple[Figure, list[Axes]]:
@@ -102,9 +108,10 @@ def as_svg(figure: Figure, name: str, description: str) -> Markup:
         description: for those who cannot see it; plain words, nothing a user wrote.
     """
     stream = io.StringIO()
+    canvas: Any = FigureCanvasSVG(figure)
     with mpl.rc_context({'svg.hashsalt': name}), warnings.catch_warnings():
         warnings.filterwarnings('ignore', message='Glyph')  # the page has its own type
-        FigureCanvasSVG(figure).print_svg(stream, metadata={'Date': None, 'Creator': None})
+        canvas.print_svg(stream, metadata={'Date': None, 'Creator': None})
     svg = stream.getvalue()
     svg = svg[svg.index('<svg') :]
     svg = re.sub(r'<metadata>.*?</metadata>', '', svg, flags=re.DOTALL)

@@ -97,7 +97,8 @@ def correlation_picture(c: Calibration) -> Markup | None:
             place = (column - side / 2, row - side / 2)
             axes.add_patch(Rectangle(place, side, side, facecolor=colour, alpha=alpha, lw=0))
             if row != column and abs(value) >= 0.5:
-                axes.text(column, row, f'{100 * value:.0f}'.replace('-', '−'), ha='center', va='center', fontsize=9.5, color=INK)
+                percent = f'{100 * value:.0f}'.replace('-', '−')
+                axes.text(column, row, percent, ha='center', va='center', fontsize=9.5, color=INK)
     axes.set(xlim=(-0.6, len(names) - 0.4), ylim=(len(names) - 0.4, -0.6), aspect='equal')
     axes.set_xticks(range(len(names)), names, rotation=90)
     axes.set_yticks(range(len(names)), names)
