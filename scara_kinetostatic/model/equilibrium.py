@@ -32,6 +32,8 @@ TOLERANCE = 1e-13
 """Residual of a solved touch, m and rad."""
 STEPS = 12
 STEPS_BY_MODES = 9
+PLAY_MARGIN = 2.5
+"""A lever arm is small if the play of the joints, by this factor, could change its sign."""
 TURN_LIMIT = 0.5
 """Largest turn of the force in one step, rad."""
 
@@ -114,12 +116,12 @@ def nearest_equilibrium(
     """Where a joint could rest on either flank, the equilibrium nearest to a force."""
     p = parameters
     arm = view_arm(p, state.link1, state.link2, state.direction)
-    swing1 = abs(p.g1) + np.abs(p.p1 * state.magnitude * arm.b1)
-    swing2 = abs(p.g2) + np.abs(p.p2 * state.magnitude * arm.b2)
-    # a joint that swings through its play slides the tip along the disc, which turns the force by its move over r
-    reach = p.l1 + p.l2
-    room = 4 * (swing1 + swing2) * reach * (1 + reach / radii)
-    toggles = (np.abs(arm.a1) < room) | (np.abs(arm.a2) < room)
+    # joints that swing through all their play slide the tip along the disc, which also turns the force
+    slide = (abs(p.g1) + np.abs(p.p1 * state.magnitude * arm.b1)) * np.abs(arm.b1)
+    slide += (abs(p.g2) + np.abs(p.p2 * state.magnitude * arm.b2)) * np.abs(arm.b2)
+    slide *= PLAY_MARGIN
+    toggles = np.abs(arm.a1) < slide * (1 + np.abs(arm.b1) / radii)
+    toggles |= np.abs(arm.a2) < slide * (1 + np.abs(arm.b2) / radii)
     if not toggles.any():
         return state
     with np.errstate(all='ignore'):
