@@ -12,8 +12,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.recording.decoding import Samples
@@ -62,7 +62,8 @@ def _without_strays(topic: str, samples: Samples, warnings: list[str]) -> Sample
     """Drop the few messages whose stamp is missing or a minute off those around it."""
     if np.all(np.abs(np.diff(samples.stamp)) < STRAY):
         return samples
-    stray = np.abs(samples.stamp - median_filter(samples.stamp, 7, mode='reflect')) > STRAY
+    around = sliding_window_view(np.pad(samples.stamp, 3, mode='symmetric'), 7)
+    stray = np.abs(samples.stamp - np.median(around, axis=1)) > STRAY
     number = int(np.sum(stray))
     if number == 0 or number > max(1, len(stray) // 20):
         return samples

@@ -22,6 +22,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from scara_kinetostatic.recording.raw import Batch
@@ -116,7 +117,7 @@ class Decoder:
         where = np.flatnonzero(believable)
         if len(where) == 0:
             return
-        head = np.lib.stride_tricks.sliding_window_view(batch.buffer, 16)[batch.start[where]]
+        head = sliding_window_view(batch.buffer, 16)[batch.start[where]]
         ros1 = batch.topic.encoding == 'ros1'
         kind = np.ones(len(where), np.int64) if ros1 else head[:, 0].astype(np.int64) << 8 | head[:, 1]
         text = np.where(kind == 0, head[:, 12:16].copy().view('>u4')[:, 0], head[:, 12:16].copy().view('<u4')[:, 0])
@@ -127,7 +128,7 @@ class Decoder:
         keys = np.unique(key) if np.any(key != key[:1]) else key[:1]
         for one in keys.tolist():
             at = where[key == one]
-            rows = np.lib.stride_tricks.sliding_window_view(batch.buffer, one >> 33)[batch.start[at]]
+            rows = sliding_window_view(batch.buffer, one >> 33)[batch.start[at]]
             yield rows, at, '<' if one & 1 else '>', 0 if ros1 else 4
 
     def _layout(self, message: bytes, order: str, origin: int) -> _Layout:

@@ -23,6 +23,7 @@ from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.summary import Summary
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from scara_kinetostatic.recording.inflate import inflate
@@ -239,4 +240,4 @@ class _Loose:
 
 def _field(buffer: NDArray[np.uint8], at: NDArray[np.int64]) -> NDArray[np.int64]:
     """The 8-byte number at each of several places."""
-    return np.lib.stride_tricks.sliding_window_view(buffer, 8)[at].view('<i8')[:, 0].astype(np.int64)
+    return sliding_window_view(buffer, 8)[at].view('<i8')[:, 0].astype(np.int64)
