@@ -101,15 +101,22 @@ def reading(path: str | Path) -> Iterator[None]:
         raise
     except Exception as error:
         reason = (error.strerror if isinstance(error, OSError) else str(error)) or type(error).__name__
-        raise RecordingError(path, f'cannot be read: {reason[:200]}', 'check the file, or record it again') from error
+        raise RecordingError(
+            path, f'cannot be read: {printable(reason[:200])}', 'check the file, or record it again'
+        ) from error
+
+
+def printable(text: str) -> str:
+    """The text with a mark for everything that would disturb a terminal; names in damaged files hold anything."""
+    return ''.join(letter if letter.isprintable() else '\ufffd' for letter in text)
 
 
 def ros_topic(name: str) -> str:
     """The name of a topic with its leading slash (old recordings lack it)."""
-    return '/' + name.lstrip('/')
+    return '/' + printable(name).lstrip('/')
 
 
 def ros2_type(name: str) -> str:
     """The name of a type as ROS 2 writes it: `std_msgs/String` becomes `std_msgs/msg/String`."""
-    parts = name.split('/')
+    parts = printable(name).split('/')
     return f'{parts[0]}/msg/{parts[1]}' if len(parts) == 2 else name

@@ -20,7 +20,7 @@ from scara_kinetostatic.recording.cell_file import CELL_TOPIC, parse_cell
 from scara_kinetostatic.recording.clock import counted, on_one_clock
 from scara_kinetostatic.recording.decoding import Decoder, Samples, decode_string
 from scara_kinetostatic.recording.inflate import inflate_messages
-from scara_kinetostatic.recording.raw import JOINT_STATE, STRING, WRENCH_STAMPED, Source, Topic, reading
+from scara_kinetostatic.recording.raw import JOINT_STATE, STRING, WRENCH_STAMPED, Source, Topic, printable, reading
 from scara_kinetostatic.recording.sources import open_recording
 from scara_kinetostatic.recording.streams import JointStream, Streams, WrenchStream
 
@@ -138,4 +138,4 @@ def _suggestion(topics: list[Topic], msgtype: str, topic: str) -> str:
 
 def _some(names: list[str], most: int = 8) -> str:
     more = f' and {len(names) - most} more' if len(names) > most else ''
-    return ', '.join(names[:most]) + more
+    return printable(', '.join(names[:most])) + more

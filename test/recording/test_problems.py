@@ -138,6 +138,15 @@ def test_other_joints(tmp_path: Path, streams: Streams) -> None:
     assert 'robot.joint_names' in message
 
 
+def test_names_that_would_disturb_a_terminal(tmp_path: Path, streams: Streams) -> None:
+    first = messages(streams)[0]
+    write_mcap(tmp_path / 'a.mcap', [first._replace(topic='/x\x1b[31m\n', msgtype='a/msg/\0B')])
+    assert refused(tmp_path / 'a.mcap').isprintable()
+    items = joint_messages(streams, names=('\x1b[2J', '\x07'))
+    write_mcap(tmp_path / 'b.mcap', [*items, *force_messages(streams)])
+    assert refused(tmp_path / 'b.mcap').isprintable()
+
+
 def test_joints_in_separate_messages(tmp_path: Path, streams: Streams) -> None:
     items = joint_messages(streams, names=('joint1', 'other'))
     write_mcap(tmp_path / 'a.mcap', [*items, *force_messages(streams)])
