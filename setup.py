@@ -6,7 +6,7 @@ from setuptools import find_packages, setup
 
 NAME = 'scara_kinetostatic'
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
-TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy']
+TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML']
 README = Path('README.md')
 
 

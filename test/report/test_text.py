@@ -1,0 +1,63 @@
+"""The report on the terminal."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.model.touch import Rejection
+from scara_kinetostatic.pipeline import Outcome
+from scara_kinetostatic.report.quantities import decimals, parameter_rows
+from scara_kinetostatic.report.text import MOST_REJECTED, text_report
+
+
+def test_every_parameter_with_its_uncertainty(plain: Outcome) -> None:
+    lines = {line.split()[0]: line for line in text_report(plain).splitlines() if '±' in line and 'mean' not in line}
+    rows = parameter_rows(plain.calibration)
+    assert set(lines) == {row.name for row in rows}
+    for row in rows:
+        assert f'{row.value} ± {row.std}' in lines[row.name]
+        assert row.unit in lines[row.name]
+
+
+def test_digits_follow_the_uncertainty(plain: Outcome) -> None:
+    for row in parameter_rows(plain.calibration):
+        assert len(row.std.strip('0.').replace('.', '')) <= 2 or float(row.std) >= 100
+        assert len(row.value.partition('.')[2]) == len(row.std.partition('.')[2])
+
+
+@pytest.mark.parametrize(
+    ('std', 'expected'), [(0.0015, 4), (0.094, 3), (0.81, 2), (1.2, 1), (11, 0), (851, 0), (0, None), (float('nan'), None)]
+)
+def test_decimals(std: float, expected: int | None) -> None:
+    assert decimals(std) == expected
+
+
+def test_what_is_not_determined_has_no_uncertainty(confounded: Outcome) -> None:
+    text = text_report(confounded)
+    (line,) = (line for line in text.splitlines() if line.startswith('p_ee '))
+    assert '±' not in line
+    assert '(' in line
+    assert 'not determined by these data' in line
+    assert ' fixed' in next(line for line in text.splitlines() if line.startswith('l1 '))
+    assert 'these data do not determine every parameter' in text
+
+
+def test_rejected_touches_are_named_up_to_a_point(plain: Outcome) -> None:
+    text = text_report(plain)
+    assert 'touch 0: never settles' in text
+    assert 'touch 8: disagrees' in text
+    many = tuple(Rejection(number, 'slides') for number in range(40))
+    assert f'and {40 - MOST_REJECTED} more' in text_report(replace(plain, rejected=many))
+
+
+def test_a_fit_that_did_not_converge_says_so(plain: Outcome) -> None:
+    outcome = replace(plain, calibration=replace(plain.calibration, termination=Termination.ITERATION_LIMIT))
+    assert text_report(outcome).startswith('The fit did not converge')
+
+
+def test_lines_fit_a_terminal(plain: Outcome, confounded: Outcome) -> None:
+    for outcome in (plain, confounded):
+        assert max(map(len, text_report(outcome).splitlines())) <= 100
