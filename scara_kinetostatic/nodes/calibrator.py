@@ -14,7 +14,6 @@ import threading
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
-from time import sleep
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -35,14 +34,9 @@ from scara_kinetostatic.nodes.summary import details, one_line
 from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.recording.cell_file import load_cell
 from scara_kinetostatic.recording.reader import embedded_cell
-from scara_kinetostatic.report.write import write_results
 
 THREADS = 3
 """One calibrates, one refuses a second call, one serves parameters and timers."""
-PATIENCE = 5.0
-"""Longest wait for a calibration to give up when the node is to end, s."""
-ANSWER = 0.2
-"""Left for its answer to get out, s."""
 
 
 class ShutDownError(ScaraKinetostaticError):
@@ -77,8 +71,6 @@ class Calibrator(Node):
     def close(self) -> None:
         """Gives up a calibration that is under way; results are written all or nothing."""
         self._closing = True
-        if self._running.locked() and self._running.acquire(timeout=PATIENCE):
-            sleep(ANSWER)
 
     def _note_recording(self, message: String) -> None:
         self._announced = message.data
@@ -112,6 +104,8 @@ class Calibrator(Node):
         Raises:
             ScaraKinetostaticError: it did not come to a result.
         """
+        from scara_kinetostatic.report.write import write_results  # The plots take a second to load; the node need not.
+
         recording = self._recording()
         self._condition = Condition(WARN, f'calibrating from {recording}', {})
         outcome = calibrate_recordings([recording], self._cell(recording), progress=self._progress)
@@ -167,9 +161,18 @@ def _check_parameters(parameters: list[Parameter]) -> SetParametersResult:
     return SetParametersResult(successful=True)
 
 
+class PatientExecutor(MultiThreadedExecutor):
+    """Ends when the callbacks under way have ended; its base class leaves them to a node that is gone."""
+
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
+        """Takes on no more work and waits for what is under way."""
+        self._executor.shutdown(wait=True)
+        return bool(super().shutdown(timeout_sec))
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Runs the node; see `runtime.run` for the exit status."""
-    return run(Calibrator, args, lambda: MultiThreadedExecutor(num_threads=THREADS))
+    return run(Calibrator, args, lambda: PatientExecutor(THREADS))
 
 
 if __name__ == '__main__':

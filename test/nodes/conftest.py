@@ -10,10 +10,11 @@ import pytest
 
 rclpy = pytest.importorskip('rclpy')
 
-from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor  # noqa: E402
+from rclpy.executors import Executor, SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
 
+from scara_kinetostatic.nodes.calibrator import PatientExecutor  # noqa: E402
 from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL  # noqa: E402
 from scara_kinetostatic.nodes.demo_client import DemoClient  # noqa: E402
 from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain  # noqa: E402
@@ -56,7 +57,7 @@ def spin(domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[...,
     def make(kind: type[Node], *arguments: str, threads: int = 1) -> Node:
         rclpy.init(args=list(arguments), domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
         nodes.append(kind())
-        executor = SingleThreadedExecutor() if threads == 1 else MultiThreadedExecutor(threads)
+        executor = SingleThreadedExecutor() if threads == 1 else PatientExecutor(threads)
         started.append(Thread(target=_spin, args=(executor, nodes[-1], stop)))
         started[-1].start()
         return nodes[-1]
