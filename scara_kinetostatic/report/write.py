@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -52,11 +52,25 @@ def write_results(outcome: Outcome, folder: str | Path) -> WrittenFiles:
         json_file.NAME: json_file.json_text(document),
         html.NAME: html.html_text(outcome),
     }
+    write_texts(folder, texts)
+    return WrittenFiles(folder, *(folder / name for name in texts))
+
+
+def write_texts(folder: str | Path, texts: Mapping[str, str]) -> None:
+    """Write files into a folder, all or nothing.
+
+    Args:
+        folder: made if it is not there.
+        texts: what goes into each file, by name; former files of these names are replaced.
+
+    Raises:
+        OutputError: the folder cannot be written.
+    """
+    folder = Path(folder)
     with _writing(folder), _made(folder), _workshop(folder) as workshop:
         for name, text in texts.items():
             _write(workshop / name, text)
         _exchange(workshop, folder, list(texts))
-    return WrittenFiles(folder, *(folder / name for name in texts))
 
 
 @contextmanager

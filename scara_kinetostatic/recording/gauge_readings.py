@@ -1,0 +1,126 @@
+"""What a dial gauge and a force gauge read: the rows of the experiments of section 5.2.
+
+The displacement is counted positive along the positive force: the tip yields to the side it is pushed to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scara_kinetostatic.errors import ParameterError
+
+Floats = NDArray[np.float64]
+
+GRIPPER, JOINT1, JOINT2 = 'gripper', 'joint1', 'joint2'
+PARTS = (GRIPPER, JOINT1, JOINT2)
+"""What gives way: the gripper with both joints locked, or one joint with the other locked."""
+TIP, LINK = 'tip', 'link'
+SEATS = (TIP, LINK)
+"""Where the dial gauge touches: the end-effector, or the end of link 2, which does not see the gripper."""
+
+
+@dataclass(frozen=True)
+class GaugeReadings:
+    """Rows in the order in which they were taken; every array (n,), read-only.
+
+    Attributes:
+        force: load along the direction, either sense, N.
+        displacement: of the place the gauge touches, along the same direction, m.
+        part: one of `PARTS` per row.
+        seat: one of `SEATS` per row.
+        direction: of the positive load, rad; NaN where none is given.
+        lever: arm of the load about the joint, m; NaN where none is given.
+        cycle: number of the load cycle; -1 where none is given.
+        time: s; NaN where none is given.
+        source: which of `sources` a row comes from.
+        line: its line there, from 1; 0 if it comes from no file.
+        sources: names of the files.
+        notes: what the reader of the files found worth saying.
+
+    Raises:
+        ParameterError: lengths differ, a force or displacement is not finite, a word is not known.
+    """
+
+    force: Floats
+    displacement: Floats
+    part: NDArray[np.str_]
+    seat: NDArray[np.str_]
+    direction: Floats
+    lever: Floats
+    cycle: NDArray[np.int64]
+    time: Floats
+    source: NDArray[np.int64]
+    line: NDArray[np.int64]
+    sources: tuple[str, ...] = ('readings',)
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in _ARRAYS:
+            array = np.array(getattr(self, name))
+            if array.shape != np.shape(self.force):
+                raise ParameterError(name, f'expected as many values as forces, {len(self.force)}, got {array.shape}')
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        for name in ('force', 'displacement'):
+            if not np.all(np.isfinite(getattr(self, name))):
+                raise ParameterError(name, 'expected finite numbers')
+        for name, words in (('part', PARTS), ('seat', SEATS)):
+            if not np.all(np.isin(getattr(self, name), words)):
+                raise ParameterError(name, f'expected one of {" ".join(words)}')
+
+    def __len__(self) -> int:
+        return len(self.force)
+
+    @classmethod
+    def of(
+        cls,
+        force: ArrayLike,
+        displacement: ArrayLike,
+        *,
+        part: ArrayLike = GRIPPER,
+        seat: ArrayLike | None = None,
+        direction: ArrayLike = np.nan,
+        lever: ArrayLike = np.nan,
+        cycle: ArrayLike = -1,
+        time: ArrayLike = np.nan,
+        source: str = 'readings',
+    ) -> GaugeReadings:
+        """From arrays, or one value for all rows; `seat` is by default the tip for the gripper, the link for a joint."""
+        force = np.asarray(force, dtype=float)
+        parts = np.broadcast_to(np.asarray(part), force.shape)
+        usual = np.where(parts == GRIPPER, TIP, LINK)
+        more = {'direction': direction, 'lever': lever, 'cycle': cycle, 'time': time}
+        return cls(
+            force,
+            np.asarray(displacement, dtype=float),
+            parts,
+            usual if seat is None else np.broadcast_to(np.asarray(seat), force.shape),
+            **{name: np.broadcast_to(np.asarray(value), force.shape) for name, value in more.items()},
+            source=np.zeros(force.shape, dtype=np.int64),
+            line=np.zeros(force.shape, dtype=np.int64),
+            sources=(source,),
+        )
+
+    def select(self, rows: ArrayLike) -> GaugeReadings:
+        """Some of the rows, by mask or index."""
+        return replace(self, **{name: getattr(self, name)[np.asarray(rows)] for name in _ARRAYS})
+
+
+_ARRAYS = tuple(field.name for field in fields(GaugeReadings) if field.name not in ('sources', 'notes'))
+
+
+def join(all_readings: Iterable[GaugeReadings]) -> GaugeReadings:
+    """Readings one after the other."""
+    several = list(all_readings)
+    shift = np.cumsum([0, *(len(readings.sources) for readings in several)])
+    arrays = {name: np.concatenate([getattr(readings, name) for readings in several]) for name in _ARRAYS}
+    arrays['source'] = np.concatenate([r.source + shift[k] for k, r in enumerate(several)])
+    return GaugeReadings(
+        **arrays,
+        sources=tuple(name for readings in several for name in readings.sources),
+        notes=tuple(note for readings in several for note in readings.notes),
+    )
