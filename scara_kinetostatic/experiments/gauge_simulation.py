@@ -7,7 +7,8 @@ The robot stands with both links along y. Three set-ups:
 - joint 2: joint 1 locked, load along x at the end, gauge at the end of link 2: torque F l2, ΔS = l2 Δq2 (6);
 - joint 1: joint 2 locked, likewise with the lever l1 + l2.
 
-At the end of link 2 the gauge sees the joint alone; at the end-effector (`seat='tip'`) it sees joint and gripper in series.
+At the end of link 2 the gauge sees the joint alone; at the end-effector (`seat='tip'`) it sees joint and gripper in
+series.
 
 **The backlash's direction.** Figure 4(c) is not isotropic; (7) is. Here the free play of the gripper
 is an ellipse: pressed along u, frictionless, the tip goes to the point of the ellipse that is farthest

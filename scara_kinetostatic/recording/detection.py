@@ -57,6 +57,8 @@ class Detection:
         warnings: what is odd about the recording, one sentence each.
         episodes: where each touch lies, accepted or not.
         start: first stamp of the recording, ns.
+        contradiction: where most touches meet no disc but would with another frame or sign of
+            the sensor, that; empty otherwise.
     """
 
     touches: TouchSet
@@ -65,6 +67,7 @@ class Detection:
     warnings: tuple[str, ...] = ()
     episodes: tuple[Episode, ...] = field(default=(), repr=False)
     start: int = 0
+    contradiction: str = ''
 
 
 def find_touches(streams: Streams, cell: Cell) -> Detection:
@@ -91,6 +94,7 @@ def find_touches(streams: Streams, cell: Cell) -> Detection:
         warnings=(*signals.warnings, *_warnings(contacts.glitches, faint, candidates), *advice),
         episodes=episodes,
         start=signals.start,
+        contradiction=advice[0] if advice else '',
     )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -89,17 +90,23 @@ class GaugeReadings:
         time: ArrayLike = np.nan,
         source: str = 'readings',
     ) -> GaugeReadings:
-        """From arrays, or one value for all rows; `seat` is by default the tip for the gripper, the link for a joint."""
+        """From arrays, or one value for all rows; `seat` is by default the tip for a gripper, the link for a joint."""
         force = np.asarray(force, dtype=float)
         parts = np.broadcast_to(np.asarray(part), force.shape)
         usual = np.where(parts == GRIPPER, TIP, LINK)
-        more = {'direction': direction, 'lever': lever, 'cycle': cycle, 'time': time}
+
+        def column(value: ArrayLike) -> NDArray[Any]:
+            return np.broadcast_to(np.asarray(value), force.shape)
+
         return cls(
             force,
             np.asarray(displacement, dtype=float),
             parts,
-            usual if seat is None else np.broadcast_to(np.asarray(seat), force.shape),
-            **{name: np.broadcast_to(np.asarray(value), force.shape) for name, value in more.items()},
+            usual if seat is None else column(seat),
+            column(direction),
+            column(lever),
+            column(cycle),
+            column(time),
             source=np.zeros(force.shape, dtype=np.int64),
             line=np.zeros(force.shape, dtype=np.int64),
             sources=(source,),
