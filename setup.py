@@ -47,6 +47,8 @@ setup(
         'rich',
         'rosbags>=0.10',
         'mcap',
+        'lz4',
+        'zstandard',
     ],
     extras_require={'ros': ROS, 'test': TEST, 'bench': ['mujoco']},
     zip_safe=False,

@@ -48,6 +48,7 @@ class DemoResult:
 
     Attributes:
         message: the calibrator's answer.
+        truth: what the simulator simulated, (12,).
         estimate: the twelve parameters, (12,).
         std: their standard deviations, NaN where there is none, (12,).
         recording: folder of the bag.
@@ -55,6 +56,7 @@ class DemoResult:
     """
 
     message: str
+    truth: NDArray[np.float64]
     estimate: NDArray[np.float64]
     std: NDArray[np.float64]
     recording: Path
@@ -128,6 +130,12 @@ class DemoClient:
         self.wait(f'an answer of {service}', future.done, timeout)
         return future.result()
 
+    def parameters(self, node: str, group: str) -> NDArray[np.float64]:
+        """The twelve parameters `<group>.<name>` of a node, (12,)."""
+        request = GetParameters.Request(names=[f'{group}.{name}' for name in NAMES])
+        values = self.call(f'{node}/get_parameters', GetParameters, request, START_UP).values
+        return np.array([value.double_value for value in values])
+
     def _note_recording(self, message: String) -> None:
         self.recording = message.data
 
@@ -138,11 +146,12 @@ class DemoClient:
         self.finished = message.data
 
 
-def run_demo(folder: Path, settings: Mapping[str, object], progress: Progress) -> DemoResult:
-    """Plays, records and calibrates the example cell.
+def run_demo(folder: Path, cell: Cell | None, settings: Mapping[str, object], progress: Progress) -> DemoResult:
+    """Plays, records and calibrates a cell.
 
     Args:
-        folder: where everything goes; must not exist.
+        folder: where everything goes.
+        cell: None for the example cell.
         settings: further parameters of the simulator.
         progress: told what is going on and how many touches have been recorded.
 
@@ -152,18 +161,19 @@ def run_demo(folder: Path, settings: Mapping[str, object], progress: Progress) -
     """
     domain = free_domain()
     with NodeProcesses(domain, folder / 'logs') as nodes:
-        cell = {'cell': _write_cell(folder, EXAMPLE_CELL)}
+        description = {'cell': _write_cell(folder, cell or EXAMPLE_CELL)}
         progress('starting the nodes', 0)
         nodes.start('calibrator', {'output': folder / 'calibration'})
-        nodes.start('collector', {**cell, 'output': folder, 'autostart': True})
-        nodes.start('contact_simulator', {**cell, 'wait_for_subscribers': 1, **settings})
+        nodes.start('collector', {**description, 'output': folder, 'autostart': True})
+        nodes.start('contact_simulator', {**description, 'wait_for_subscribers': 1, **settings})
         with DemoClient(domain, nodes.check) as client:
             _follow(client, progress)
+            truth = client.parameters('/contact_simulator', 'truth')
             _demand(client, '/collector/stop', START_UP)
             progress('calibrating', client.touches)
             message = _demand(client, '/calibrator/calibrate', CALIBRATION)
-            estimate, std = _results(client)
-            return DemoResult(message, estimate, std, Path(client.recording), folder / 'calibration')
+            estimate, std = (client.parameters('/calibrator', group) for group in (VALUE, DEVIATION))
+            return DemoResult(message, truth, estimate, std, Path(client.recording), folder / 'calibration')
 
 
 def _write_cell(folder: Path, cell: Cell) -> Path:
@@ -186,10 +196,3 @@ def _demand(client: DemoClient, service: str, timeout: float) -> str:
     if not answer.success:
         raise UnsupportedDataError(f'{service}: {answer.message}')
     return str(answer.message)
-
-
-def _results(client: DemoClient) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    names = [f'{group}.{name}' for group in (VALUE, DEVIATION) for name in NAMES]
-    answer = client.call('/calibrator/get_parameters', GetParameters, GetParameters.Request(names=names), START_UP)
-    values = np.array([value.double_value for value in answer.values])
-    return values[: len(NAMES)], values[len(NAMES) :]

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import Enum
+from math import tau
 from typing import TypeVar
 
 from rclpy.node import Node
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
-from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, PAPER_ACTUAL, UNITS, Parameters
+from scara_kinetostatic.model.parameters import DESCRIPTIONS, PAPER_ACTUAL, PAPER_NOMINAL, UNITS, Parameters
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.cell_parameter import cell_or_example
 from scara_kinetostatic.nodes.declare import Range
@@ -19,8 +20,8 @@ from scara_kinetostatic.simulation.plan import Plan, default_plan
 from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, SensorModel
 
 TRUTH_RANGES = {
-    'x0': Range(-0.1, 0.1), 'y0': Range(-0.1, 0.1),
-    'theta1': Range(-0.2, 0.2), 'l1': Range(0.01, 10.0), 'theta2': Range(-0.2, 0.2), 'l2': Range(0.01, 10.0),
+    'x0': Range(-100.0, 100.0), 'y0': Range(-100.0, 100.0),
+    'theta1': Range(-tau, tau), 'l1': Range(1e-3, 100.0), 'theta2': Range(-tau, tau), 'l2': Range(1e-3, 100.0),
     'p_ee': Range(0.0, 1e-2), 'p1': Range(0.0, 1e-2), 'p2': Range(0.0, 1e-2),
     'g_ee': Range(0.0, 1e-2), 'g1': Range(0.0, 0.1), 'g2': Range(0.0, 0.1),
 }  # fmt: skip
@@ -56,11 +57,11 @@ def declare_simulator(node: Node) -> SimulatorSettings:
         InputError: the cell or the plan cannot be read, or a value makes no sense.
     """
     cell = _cell(node)
-    plan_file = declare.text(node, 'plan', '', 'plan of touches (CSV file); empty: a plan over all discs of the cell')
+    plan_file = declare.text(node, 'plan', '', 'plan of touches (YAML file); empty: a plan over all discs of the cell')
     return SimulatorSettings(
         cell=cell,
         plan=load_plan(plan_file, cell) if plan_file else default_plan(cell),
-        truth=_truth(node),
+        truth=_truth(node, cell.nominal),
         sensors=_sensors(node, cell),
         seed=declare.whole(node, 'seed', 0, 'seed of the noise', Range(0, 2**31 - 1)),
         wait_for_subscribers=declare.whole(
@@ -88,14 +89,22 @@ def _choice(name: str, value: str, default: _E, choices: type[_E]) -> _E:
         raise ParameterError(f'parameter {name}', f'expected {expected}, got {value!r}') from None
 
 
-def _truth(node: Node) -> Parameters:
+def _truth(node: Node, nominal: Parameters) -> Parameters:
+    """The true parameters; by default as far from the nominal ones as in table 2."""
     values = {
         name: declare.number(
             node, f'truth.{name}', default, f'true {DESCRIPTIONS[name]}, {UNITS[name]}', TRUTH_RANGES[name]
         )
-        for name, default in zip(NAMES, PAPER_ACTUAL.as_array().tolist(), strict=True)
+        for name, default in deviating(nominal).as_dict().items()
     }
     return Parameters(**values)
+
+
+def deviating(nominal: Parameters) -> Parameters:
+    """A robot that deviates from its nominal parameters as that of table 2 does from its own."""
+    if nominal == PAPER_NOMINAL:
+        return PAPER_ACTUAL
+    return Parameters.from_array(nominal.as_array() + PAPER_ACTUAL.as_array() - PAPER_NOMINAL.as_array())
 
 
 def _sensors(node: Node, cell: Cell) -> SensorModel:

@@ -14,14 +14,6 @@ from scara_kinetostatic.cli import demo
 from scara_kinetostatic.errors import InputError, OutputError
 from scara_kinetostatic.model.parameters import NAMES
 
-RUN = """
-import argparse, sys
-from scara_kinetostatic.cli import demo
-parser = argparse.ArgumentParser()
-demo.add_parser(parser.add_subparsers())
-sys.exit(demo.run(parser.parse_args()))
-"""
-
 
 def parse(*arguments: str) -> Namespace:
     parser = ArgumentParser()
@@ -44,23 +36,24 @@ def test_the_whole_cell_finds_the_truth(tmp_path: Path, capsys: pytest.CaptureFi
         assert Path(place).exists()
 
 
-def test_ctrl_c_ends_the_nodes_as_well(tmp_path: Path) -> None:
+@pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_ends_the_nodes_as_well(number: signal.Signals, status: int, tmp_path: Path) -> None:
     end = monotonic() + 30
-    command = [sys.executable, '-c', RUN, 'demo', '--out', str(tmp_path)]
+    command = [sys.executable, '-m', 'scara_kinetostatic.cli.main', 'demo', '--out', str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
         assert process.stdout is not None
         while b'touching' not in process.stdout.readline():
             assert monotonic() < end
         nodes = children(process.pid)
         assert len(nodes) == 3
-        process.send_signal(signal.SIGTERM)
-        process.wait(20)
+        process.send_signal(number)
+        assert process.wait(20) == status
     assert not any(Path(f'/proc/{node}').exists() for node in nodes)
 
 
 def test_a_node_that_does_not_start_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r'contact_simulator: the node ended with status 2: .*time_factor'):
-        demo.run(parse('--out', str(tmp_path), '--time-factor', '-1'))
+        demo.run(parse('--out', str(tmp_path), '--time-factor', '1e6'))
 
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:

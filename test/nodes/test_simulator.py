@@ -9,10 +9,11 @@ from rclpy.node import Node
 
 from scara_kinetostatic.errors import CellError, ParameterError
 from scara_kinetostatic.model.cell import SensorFrame, SensorSign
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.playback import Playback
+from scara_kinetostatic.nodes.simulator_settings import deviating
 from scara_kinetostatic.recording.streams import JointStream, Streams, WrenchStream
 
 STREAMS = Streams(
@@ -52,6 +53,13 @@ def test_parameters_have_descriptions_and_ranges(spin: Callable[..., Node]) -> N
     assert [simulator.get_parameter(f'truth.{name}').value for name in PAPER_ACTUAL.as_dict()] == list(
         PAPER_ACTUAL.as_array()
     )
+
+
+def test_the_default_truth_deviates_from_the_nominal_values_as_in_the_paper() -> None:
+    longer = PAPER_NOMINAL.replace(l1=0.5)
+    assert deviating(PAPER_NOMINAL) == PAPER_ACTUAL
+    assert deviating(longer).l1 == pytest.approx(0.5002)
+    assert deviating(longer).x0 == pytest.approx(PAPER_ACTUAL.x0)
 
 
 def test_frame_and_sign_can_be_other_than_the_cell_says(spin: Callable[..., Node]) -> None:

@@ -1,0 +1,48 @@
+"""What pip and colcon read must agree with the package and with itself."""
+
+from __future__ import annotations
+
+import re
+from importlib import import_module
+from pathlib import Path
+from xml.etree import ElementTree
+
+import scara_kinetostatic
+from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
+from scara_kinetostatic.recording.cell_file import load_cell
+
+ROOT = Path(__file__).parents[2]
+NAME = 'scara_kinetostatic'
+
+
+def setup_field(field: str) -> str:
+    """A keyword of setup.py that is a plain string, or the constant NAME."""
+    text = (ROOT / 'setup.py').read_text()
+    (value,) = re.findall(rf"^    {field}=(?:'(.*)'|NAME),$", text, re.MULTILINE)
+    return value or NAME
+
+
+def test_name_version_and_licence_agree() -> None:
+    package = ElementTree.parse(ROOT / 'package.xml').getroot()
+    manifest = {field: package.findtext(field) for field in ('name', 'version', 'license')}
+    assert manifest == {field: setup_field(field) for field in ('name', 'version', 'license')}
+    assert manifest['version'] == scara_kinetostatic.__version__
+    assert package.findtext('export/build_type') == 'ament_python'
+    email = package.find('maintainer').attrib['email']  # type: ignore[union-attr]
+    assert re.fullmatch(r'[-a-zA-Z0-9_%+]+(\.[-a-zA-Z0-9_%+]+)*@[-a-zA-Z0-9%]+(\.[-a-zA-Z0-9%]+)*\.[a-zA-Z]{2,}', email)
+
+
+def test_every_executable_exists() -> None:
+    scripts = re.findall(r"f'([\w-]+) = \{NAME\}\.([\w.]+):(\w+)'", (ROOT / 'setup.py').read_text())
+    assert [script for script, _, _ in scripts] == [
+        'scara-kinetostatic',
+        'contact_simulator',
+        'collector',
+        'calibrator',
+    ]
+    for _, module, function in scripts:
+        assert callable(getattr(import_module(f'{NAME}.{module}'), function))
+
+
+def test_the_example_cell_is_the_cell_that_the_nodes_take_by_themselves() -> None:
+    assert load_cell(ROOT / 'config' / 'cell.yaml') == EXAMPLE_CELL
