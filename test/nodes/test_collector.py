@@ -4,6 +4,7 @@ import os
 import random
 import signal
 from collections.abc import Callable
+from math import inf, nan
 from pathlib import Path
 from time import monotonic, sleep
 
@@ -128,6 +129,30 @@ def test_a_disk_that_fails_ends_the_recording_and_not_the_node(
     answer = collector._stop(Trigger.Request(), Trigger.Response())
     assert not answer.success
     assert 'No space left on device' in answer.message
+
+
+def test_senseless_messages_do_not_end_the_node(spin: Callable[..., Node], tmp_path: Path) -> None:
+    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
+    publish(collector, RELIABLE_STREAM, 50)
+    joints = collector.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
+    wrench = collector.create_publisher(WrenchStamped, '/wrench', RELIABLE_STREAM)
+    names = ('joint1', 'joint2')
+    assert eventually(lambda: joints.get_subscription_count() > 0 and wrench.get_subscription_count() > 0)
+    sleep(0.3)
+    for stamp in (0, 2_000_000_000_000_000_000, 1_700_000_000_000_000_000, 1_600_000_000_000_000_000):
+        joints.publish(JointState())
+        joints.publish(JointState(name=['joint1', 'joint2'], position=[1.0]))
+        joints.publish(conversion.joint_state(Sample(stamp, nan, inf), names))
+        joints.publish(conversion.joint_state(Sample(stamp, 1e300, -1e300), names))
+        wrench.publish(WrenchStamped())
+        wrench.publish(conversion.wrench(Sample(stamp, nan, 0.0), ''))
+        wrench.publish(conversion.wrench(Sample(stamp, 1e300, -1e300), ''))
+        sleep(0.15)  # Let the touch detection have a look at it.
+    assert eventually(lambda: [m.count for m in collector._monitors.values()] == [66, 62])
+    assert [monitor.unusable for monitor in collector._monitors.values()] == [12, 4]
+    answer = collector._stop(Trigger.Request(), Trigger.Response())
+    assert answer.success, answer.message
+    assert collector._start(Trigger.Request(), Trigger.Response()).success
 
 
 @pytest.mark.parametrize('seed', [1, 2, 3])
