@@ -30,16 +30,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.model.cell import GripperSign, Noise, SensorFrame
-from scara_kinetostatic.model.equations import (
-    State,
-    free_state,
-    parameter_derivative,
-    settle_links,
-    touch_equations,
-)
+from scara_kinetostatic.model.cell import Noise, SensorFrame
+from scara_kinetostatic.model.equations import parameter_derivative, settle_links, touch_equations
+from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import THETA1, THETA2, Parameters
+from scara_kinetostatic.model.state import State, free_state
 
 Floats = NDArray[np.float64]
 
@@ -56,7 +52,7 @@ class Observations(NamedTuple):
         centers: centre of each touch's disc, (n, 2), m.
         radii: its radius, (n,), m.
         frame: the sensor's frame.
-        sign: sign of (7).
+        gripper: the form of (7).
     """
 
     joints: Floats
@@ -64,7 +60,7 @@ class Observations(NamedTuple):
     centers: Floats
     radii: Floats
     frame: SensorFrame
-    sign: GripperSign
+    gripper: Gripper
 
     def select(self, which: NDArray[np.bool_]) -> Observations:
         """The touches that a mask picks."""
@@ -137,8 +133,8 @@ def linearise(observations: Observations, parameters: Parameters, adjusted: Adju
     """The equations and their derivatives at the adjusted observations."""
     o = observations
     state = place_force(o, parameters, adjusted.joints, adjusted.force, adjusted.state)
-    e = touch_equations(parameters, adjusted.joints, o.centers, o.radii, state, o.sign)
-    derivative = parameter_derivative(parameters, state, e, o.sign)
+    e = touch_equations(parameters, adjusted.joints, o.centers, o.radii, state, o.gripper)
+    derivative = parameter_derivative(state, e, o.gripper)
     by_joints = derivative[:, :, [THETA1, THETA2]]
     turned = np.stack([e.normal_d, e.tangent_d], axis=-1)
     if o.frame is SensorFrame.TOOL:  # the sensor turns with link 2, so the force does
@@ -239,7 +235,13 @@ def adjust(
     joints = o.joints - np.where(close, off_joints, 0.0)
     force = np.where(close, o.force - off_force, _turned_radial(o, parameters, adjusted.state))
     state = place_force(o, parameters, joints, force, adjusted.state)
-    return Adjusted(joints, force, settle_links(parameters, joints, settle_links(parameters, joints, state)))
+    return Adjusted(joints, force, settle_twice(o, parameters, joints, state))
+
+
+def settle_twice(observations: Observations, parameters: Parameters, joints: Floats, state: State) -> State:
+    """Link angles and modes that go with joints and force; the second step is for changed modes."""
+    once = settle_links(parameters, joints, state, observations.gripper)
+    return settle_links(parameters, joints, once, observations.gripper)
 
 
 def _turned_radial(observations: Observations, parameters: Parameters, state: State) -> Floats:
@@ -257,4 +259,4 @@ def as_measured(observations: Observations, parameters: Parameters, state: State
     """The observations as measured, with the link angles that go with a new L̄: the coarse stage."""
     o = observations
     state = place_force(o, parameters, o.joints, o.force, state)
-    return Adjusted(o.joints, o.force, settle_links(parameters, o.joints, settle_links(parameters, o.joints, state)))
+    return Adjusted(o.joints, o.force, settle_twice(o, parameters, o.joints, state))

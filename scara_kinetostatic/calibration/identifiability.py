@@ -111,7 +111,9 @@ def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -
         shifted = []
         for sign in (1, -1):
             force = a.force + sign * left[:, None] * direction
-            state = settle_links(point.parameters, a.joints, place_force(o, point.parameters, a.joints, force, a.state))
+            state = settle_links(
+                point.parameters, a.joints, place_force(o, point.parameters, a.joints, force, a.state), o.gripper
+            )
             linear = linearise(o, point.parameters, Adjusted(a.joints, force, state))
             shifted.append(whiten_by(linear.derivative, point.whitened.root))
         changes.append((shifted[0] - shifted[1]) / 2)

@@ -23,7 +23,7 @@ def observe(touches: TouchSet, cell: Cell) -> Observations:
         cell.centers[touches.disc],
         cell.radii[touches.disc],
         cell.sensor.frame,
-        cell.gripper_sign,
+        cell.gripper,
     )
 
 
@@ -38,7 +38,7 @@ def force_residual(observations: Observations, parameters: Parameters) -> Floats
     """F - A(Q, L̄) with the contact unilateral, as (10) takes it, (n, 2), N."""
     o = observations
     measured = base_force(o, parameters)
-    return measured - contact(parameters, o.joints, o.centers, o.radii, o.sign, near=measured).force
+    return measured - contact(parameters, o.joints, o.centers, o.radii, o.gripper, near=measured).force
 
 
 def force_error(residual: Floats) -> float:

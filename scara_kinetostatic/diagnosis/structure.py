@@ -55,7 +55,7 @@ def families(calibration: Calibration, point: Point) -> tuple[Family, ...]:
     """What the residual could depend on, as functions at the used touches."""
     touches = calibration.touches.select(calibration.used)
     state = point.adjusted.state
-    arm = view_arm(point.parameters, state.link1, state.link2, state.direction)
+    arm = view_arm(point.parameters, *state[:4], observe(touches, calibration.cell).gripper)
     f, phi = state.magnitude, state.direction
     q1, q2 = point.adjusted.joints.T
     link2 = q1 + q2 + point.parameters.theta1 + point.parameters.theta2

@@ -93,8 +93,8 @@ def paper_calibrate(
     def visit(parameters: Parameters) -> _Iterate:
         o = observations
         with np.errstate(all='ignore'):
-            found = contact(parameters, o.joints, o.centers, o.radii, o.sign, tension=True, near=measured)
-            jacobian = contact_derivatives(parameters, o.joints, o.centers, o.radii, found, o.sign).parameters
+            found = contact(parameters, o.joints, o.centers, o.radii, o.gripper, tension=True, near=measured)
+            jacobian = contact_derivatives(parameters, o.joints, o.centers, o.radii, found, o.gripper).parameters
         residual = measured - found.force
         return _Iterate(parameters, residual, jacobian, force_error(residual))
 

@@ -109,8 +109,8 @@ class Linear(NamedTuple):
 def linearise_at_truth(levels: tuple[float, ...] = ONE_LEVEL) -> Linear:
     """J_L̄ and A_Q of the exact touches."""
     o = observe(paper_touches(levels), CELL)
-    found = contact(PAPER_ACTUAL, o.joints, o.centers, o.radii, o.sign, near=o.force)
-    derivatives = contact_derivatives(PAPER_ACTUAL, o.joints, o.centers, o.radii, found, o.sign)
+    found = contact(PAPER_ACTUAL, o.joints, o.centers, o.radii, o.gripper, near=o.force)
+    derivatives = contact_derivatives(PAPER_ACTUAL, o.joints, o.centers, o.radii, found, o.gripper)
     jacobian = (derivatives.parameters * SCALES).reshape(-1, len(NAMES))
     n = len(o.joints)
     blocks = np.zeros((n, 2, n, 2))

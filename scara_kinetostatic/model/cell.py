@@ -9,14 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.model.gripper import Gripper
+from scara_kinetostatic.model.gripper import GripperSign as GripperSign
 from scara_kinetostatic.model.parameters import Parameters
-
-
-class GripperSign(str, Enum):
-    """Sign of the gripper law (7): as physics has it, or as the paper printed it."""
-
-    PHYSICAL = 'physical'
-    PAPER = 'paper'
 
 
 class SensorFrame(str, Enum):
@@ -76,6 +71,7 @@ class Cell:
         sensor: topics, frame and sign of the sensor.
         noise: None where it is to be estimated from the residuals.
         gripper_sign: sign of (7).
+        gripper_excess: P - p_ee I of the general gripper (7), in the frame of link 2, by rows, m/N.
     """
 
     nominal: Parameters
@@ -84,6 +80,12 @@ class Cell:
     sensor: Sensor = field(default_factory=Sensor)
     noise: Noise | None = None
     gripper_sign: GripperSign = GripperSign.PHYSICAL
+    gripper_excess: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
+
+    @property
+    def gripper(self) -> Gripper:
+        """The form of (7) in this cell."""
+        return Gripper(self.gripper_sign, self.gripper_excess)
 
     @property
     def centers(self) -> NDArray[np.float64]:

@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scara_kinetostatic.model.cell import GripperSign
-from scara_kinetostatic.model.equations import State, free_state, parameter_derivative, touch_equations
+from scara_kinetostatic.model.equations import parameter_derivative, touch_equations
 from scara_kinetostatic.model.equilibrium import nearest_equilibrium, solve_state
+from scara_kinetostatic.model.gripper import Gripper, as_gripper
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.state import State, free_state
 
 Floats = NDArray[np.float64]
 
@@ -45,7 +47,7 @@ def contact(
     joints: ArrayLike,
     centers: ArrayLike,
     radii: ArrayLike,
-    gripper_sign: GripperSign = GripperSign.PHYSICAL,
+    gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
     tension: bool = False,
     near: ArrayLike | None = None,
 ) -> Contact:
@@ -56,7 +58,7 @@ def contact(
         joints: Q, (n, 2), rad.
         centers: centre of each touch's disc, (n, 2), m.
         radii: its radius, (n,), m.
-        gripper_sign: sign of (7).
+        gripper: the form of (7); a bare sign stands for the isotropic gripper.
         tension: let the tip pull at the disc where it does not reach it (a smooth
             continuation for fitting), instead of no force as (9) has it.
         near: a force per touch, (n, 2), N; where there are several equilibria, the one
@@ -69,17 +71,18 @@ def contact(
     joints, centers = np.atleast_2d(np.asarray(joints, dtype=float)), np.asarray(centers, dtype=float)
     centers = np.broadcast_to(centers, joints.shape)
     radii = np.broadcast_to(np.asarray(radii, dtype=float), joints.shape[:1])
-    state, solved = solve_state(parameters, joints, centers, radii, gripper_sign)
+    gripper = as_gripper(gripper)
+    state, solved = solve_state(parameters, joints, centers, radii, gripper)
     if near is not None:
-        state = nearest_equilibrium(parameters, joints, centers, radii, gripper_sign, state, np.asarray(near))
+        state = nearest_equilibrium(parameters, joints, centers, radii, gripper, state, np.asarray(near))
     if not tension:
         free = free_state(parameters, joints, centers)
         touching = solved & (state.magnitude > 0)
-        if gripper_sign is GripperSign.PHYSICAL:
+        if gripper.sign is GripperSign.PHYSICAL:
             touching &= _reaches(parameters, free, centers, radii)
         zero = free._replace(mode1=np.zeros_like(free.mode1), mode2=np.zeros_like(free.mode2))
         state = zero.replace_where(touching, state)
-    return _as_contact(parameters, centers, radii, gripper_sign, state, solved)
+    return _as_contact(parameters, centers, radii, state, solved)
 
 
 def _reaches(parameters: Parameters, free: State, centers: Floats, radii: Floats) -> NDArray[np.bool_]:
@@ -92,7 +95,7 @@ def _reaches(parameters: Parameters, free: State, centers: Floats, radii: Floats
 
 
 def _as_contact(
-    parameters: Parameters, centers: Floats, radii: Floats, sign: GripperSign, state: State, solved: NDArray[np.bool_]
+    parameters: Parameters, centers: Floats, radii: Floats, state: State, solved: NDArray[np.bool_]
 ) -> Contact:
     unit = np.stack([np.cos(state.direction), np.sin(state.direction)], axis=-1)
     links = np.stack([state.link1, state.link2], axis=-1)
@@ -107,7 +110,7 @@ def contact_force(
     joints: ArrayLike,
     centers: ArrayLike,
     radii: ArrayLike,
-    gripper_sign: GripperSign = GripperSign.PHYSICAL,
+    gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
 ) -> Floats:
     """A(Q, L̄) over several discs: the force on the disc that the arm presses, zero where it presses none.
 
@@ -116,7 +119,7 @@ def contact_force(
         joints: Q, (n, 2), rad.
         centers: centres of all discs, (m, 2), m.
         radii: their radii, (m,), m.
-        gripper_sign: sign of (7).
+        gripper: the form of (7); a bare sign stands for the isotropic gripper.
 
     Returns:
         F on the object, base frame, (n, 2), N. Discs do not overlap, so at most one is pressed.
@@ -124,7 +127,7 @@ def contact_force(
     joints = np.atleast_2d(np.asarray(joints, dtype=float))
     force, magnitude = np.zeros_like(joints), np.zeros(len(joints))
     for center, radius in zip(np.asarray(centers), np.asarray(radii), strict=True):
-        other = contact(parameters, joints, center, radius, gripper_sign)
+        other = contact(parameters, joints, center, radius, gripper)
         stronger = other.magnitude > magnitude
         force = np.where(stronger[:, None], other.force, force)
         magnitude = np.where(stronger, other.magnitude, magnitude)
@@ -149,7 +152,7 @@ def contact_derivatives(
     centers: ArrayLike,
     radii: ArrayLike,
     found: Contact,
-    gripper_sign: GripperSign = GripperSign.PHYSICAL,
+    gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
 ) -> ContactDerivatives:
     """∂A/∂Q and ∂A/∂L̄ by the implicit function theorem: h_F dF = -h_Q dQ - h_L̄ dL̄.
 
@@ -159,24 +162,24 @@ def contact_derivatives(
         centers: centre of each touch's disc, (n, 2), m.
         radii: its radius, (n,), m.
         found: what `contact` returned for the same arguments.
-        gripper_sign: sign of (7).
+        gripper: the form of (7); a bare sign stands for the isotropic gripper.
     """
     joints, centers = np.atleast_2d(np.asarray(joints, dtype=float)), np.asarray(centers, dtype=float)
     centers = np.broadcast_to(centers, joints.shape)
     radii = np.broadcast_to(np.asarray(radii, dtype=float), joints.shape[:1])
-    state = found.state
+    gripper, state = as_gripper(gripper), found.state
     loaded = (state.magnitude != 0).astype(float)
     state = state._replace(
         mode1=np.where(loaded == 0, 1, state.mode1), mode2=np.where(loaded == 0, 1, state.mode2)
     )  # an unloaded touch has derivative zero; any flank keeps the algebra regular
-    e = touch_equations(parameters, joints, centers, radii, state, gripper_sign)
-    h_l = parameter_derivative(parameters, state, e, gripper_sign)
+    e = touch_equations(parameters, joints, centers, radii, state, gripper)
+    h_l = parameter_derivative(state, e, gripper)
     det = e.normal_f * e.tangent_d - e.normal_d * e.tangent_f
     with np.errstate(divide='ignore', invalid='ignore'):
         f_h = np.stack([e.tangent_d, -e.normal_d], axis=-1) / det[:, None]
         d_h = np.stack([-e.tangent_f, e.normal_f], axis=-1) / det[:, None]
-    n = np.stack([e.arm.nx, e.arm.ny], axis=-1)
-    t = np.stack([-e.arm.ny, e.arm.nx], axis=-1)
+    n = np.stack([e.rows.arm.nx, e.rows.arm.ny], axis=-1)
+    t = np.stack([-e.rows.arm.ny, e.rows.arm.nx], axis=-1)
     # the force per metre of residual, (n, 2, 2)
     stiffness = n[:, :, None] * f_h[:, None, :] + (state.magnitude[:, None] * t)[:, :, None] * d_h[:, None, :]
     stiffness = np.where(loaded[:, None, None] > 0, -stiffness, 0.0)

@@ -1,4 +1,4 @@
-"""Derivatives of H, G, H̄ and Ḡ with respect to their arguments and to L̄.
+"""Derivatives of H, G, H̄ and Ḡ with respect to their arguments and to L̄, for the isotropic gripper.
 
 Those of A(Q, L̄) are in `contact`. All follow from four blocks at the link angles Q*: J, H_L̄,
 K = ∂(JᵀF)/∂Q* and ∂(JᵀF)/∂L̄. The sign of a torque counts as constant: on the edges of a
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from scara_kinetostatic.model import kinematics, kinetostatics
 from scara_kinetostatic.model.cell import GripperSign
+from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.kinematics import quarter_turn
 from scara_kinetostatic.model.parameters import (
     G1,
@@ -103,7 +104,7 @@ def inverse_kinetostatics_derivatives(
     tip: ArrayLike,
     force: ArrayLike,
     posture: ArrayLike,
-    gripper_sign: GripperSign = GripperSign.PHYSICAL,
+    sign: GripperSign = GripperSign.PHYSICAL,
 ) -> tuple[Derivatives, Derivatives]:
     """Derivatives of Ḡ (4) at loaded poses within reach.
 
@@ -112,17 +113,17 @@ def inverse_kinetostatics_derivatives(
         tip: S, (n, 2), m.
         force: F on the object, base frame, (n, 2), N; not zero.
         posture: +1 or -1, (n,) or one for all.
-        gripper_sign: sign of (7).
+        sign: sign of (7) of the isotropic gripper.
 
     Returns:
         Those of Q and those of C, each by S, by F and by L̄.
     """
     force = np.asarray(force, dtype=float)
-    rigid = np.asarray(tip, dtype=float) - kinetostatics.gripper_deflection(parameters, force, gripper_sign)
+    rigid = np.asarray(tip, dtype=float) - Gripper(sign).deflection(parameters, force, np.zeros(len(force)))
     links = kinematics.inverse(parameters, rigid, posture)
     torques = kinetostatics.joint_torques(parameters, links, force)
     by_tip, links_by_parameters = inverse_derivatives(parameters, links)
-    gripper_by_force, gripper_by_parameters = _gripper_blocks(parameters, force, gripper_sign)
+    gripper_by_force, gripper_by_parameters = _gripper_blocks(parameters, force, sign)
     stiffness, torques_by_parameters = _torque_blocks(parameters, links, force)
     jacobian_t = np.swapaxes(kinematics.jacobian(parameters, links), 1, 2)
     link = Derivatives(by_tip, -by_tip @ gripper_by_force, links_by_parameters - by_tip @ gripper_by_parameters)
@@ -140,7 +141,7 @@ def direct_kinetostatics_derivatives(
     parameters: Parameters,
     joints: ArrayLike,
     torques: ArrayLike,
-    gripper_sign: GripperSign = GripperSign.PHYSICAL,
+    sign: GripperSign = GripperSign.PHYSICAL,
 ) -> tuple[Derivatives, Derivatives]:
     """Derivatives of H̄ (4) at loaded, regular poses.
 
@@ -148,17 +149,17 @@ def direct_kinetostatics_derivatives(
         parameters: L̄.
         joints: Q, (n, 2), rad.
         torques: C, (n, 2), Nm; not both zero.
-        gripper_sign: sign of (7).
+        sign: sign of (7) of the isotropic gripper.
 
     Returns:
         Those of S and those of F, each by Q, by C and by L̄.
     """
     torques = np.asarray(torques, dtype=float)
-    _, force = kinetostatics.direct_kinetostatics(parameters, joints, torques, gripper_sign)
+    _, force = kinetostatics.direct_kinetostatics(parameters, joints, torques, sign)
     links = np.asarray(joints, dtype=float) - kinetostatics.joint_deflection(parameters, torques)
     jacobian = kinematics.jacobian(parameters, links)
     stiffness, torques_by_parameters = _torque_blocks(parameters, links, force)
-    gripper_by_force, gripper_by_parameters = _gripper_blocks(parameters, force, gripper_sign)
+    gripper_by_force, gripper_by_parameters = _gripper_blocks(parameters, force, sign)
     n = len(links)
     link = Derivatives(
         np.broadcast_to(np.eye(2), (n, 2, 2)),

@@ -21,9 +21,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.model.cell import GripperSign
-from scara_kinetostatic.model.equations import Equations, State, free_state, move_links, next_modes, touch_equations
+from scara_kinetostatic.model.equations import Equations, move_links, renew_modes, touch_equations
+from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.state import State, free_state, next_modes
 from scara_kinetostatic.model.statics import view_arm
 
 Floats = NDArray[np.float64]
@@ -39,7 +40,7 @@ TURN_LIMIT = 0.5
 
 
 def solve_state(
-    parameters: Parameters, joints: Floats, centers: Floats, radii: Floats, sign: GripperSign
+    parameters: Parameters, joints: Floats, centers: Floats, radii: Floats, gripper: Gripper
 ) -> tuple[State, NDArray[np.bool_]]:
     """Solve the equations of n touches, tension allowed.
 
@@ -49,13 +50,13 @@ def solve_state(
     start = state = free_state(parameters, joints, centers)
     with np.errstate(all='ignore'):
         for _ in range(STEPS):
-            e = touch_equations(parameters, joints, centers, radii, state, sign)
+            e = touch_equations(parameters, joints, centers, radii, state, gripper)
             solved = _obeys(e, parameters, joints, state)
             if solved.all():
                 return _newton_step(e, state), solved
-            state = next_modes(parameters, joints, _newton_step(e, state))
-        todo = ~is_solved(parameters, joints, centers, radii, state, sign)
-        part, done = _solve_by_modes(parameters, joints[todo], centers[todo], radii[todo], sign)
+            state = renew_modes(parameters, joints, _newton_step(e, state), gripper)
+        todo = ~is_solved(parameters, joints, centers, radii, state, gripper)
+        part, done = _solve_by_modes(parameters, joints[todo], centers[todo], radii[todo], gripper)
     state, solved = _put(state, todo, part), _put_mask(~todo, todo, done)
     return start.replace_where(solved, state), solved
 
@@ -69,15 +70,15 @@ def _newton_step(e: Equations, state: State) -> State:
 
 
 def is_solved(
-    parameters: Parameters, joints: Floats, centers: Floats, radii: Floats, state: State, sign: GripperSign
+    parameters: Parameters, joints: Floats, centers: Floats, radii: Floats, state: State, gripper: Gripper
 ) -> NDArray[np.bool_]:
     """Whether the state obeys equations and modes, (n,)."""
-    return _obeys(touch_equations(parameters, joints, centers, radii, state, sign), parameters, joints, state)
+    return _obeys(touch_equations(parameters, joints, centers, radii, state, gripper), parameters, joints, state)
 
 
 def _obeys(e: Equations, parameters: Parameters, joints: Floats, state: State) -> NDArray[np.bool_]:
-    error = np.max(np.abs([e.normal, e.tangent, e.row1, e.row2]), axis=0)
-    wanted = next_modes(parameters, joints, state)
+    error = np.max(np.abs([e.normal, e.tangent, e.rows.row1, e.rows.row2]), axis=0)
+    wanted = next_modes(parameters, joints, state, e.rows.arm)
     return (error < TOLERANCE) & (wanted.mode1 == state.mode1) & (wanted.mode2 == state.mode2)
 
 
@@ -86,7 +87,7 @@ def _solve_by_modes(
     joints: Floats,
     centers: Floats,
     radii: Floats,
-    sign: GripperSign,
+    gripper: Gripper,
     near: Floats | None = None,
 ) -> tuple[State, NDArray[np.bool_]]:
     """Solve in each combination of modes; keep the first consistent one, or the one nearest to a force."""
@@ -95,9 +96,9 @@ def _solve_by_modes(
     for mode1, mode2 in product((-1, 1, 0), repeat=2):
         state = start._replace(mode1=np.full_like(start.mode1, mode1), mode2=np.full_like(start.mode2, mode2))
         for _ in range(STEPS_BY_MODES):
-            state = _newton_step(touch_equations(parameters, joints, centers, radii, state, sign), state)
+            state = _newton_step(touch_equations(parameters, joints, centers, radii, state, gripper), state)
         away = np.zeros(len(joints)) if near is None else _distance(state, near)
-        better = is_solved(parameters, joints, centers, radii, state, sign) & (away < distance)
+        better = is_solved(parameters, joints, centers, radii, state, gripper) & (away < distance)
         best = best.replace_where(better, state)
         distance = np.where(better, away, distance)
         solved |= better
@@ -109,23 +110,23 @@ def nearest_equilibrium(
     joints: Floats,
     centers: Floats,
     radii: Floats,
-    sign: GripperSign,
+    gripper: Gripper,
     state: State,
     near: Floats,
 ) -> State:
     """Where a joint could rest on either flank, the equilibrium nearest to a force."""
     p = parameters
-    arm = view_arm(p, state.link1, state.link2, state.direction)
+    arm = view_arm(p, *state[:4], gripper)
     # joints that swing through all their play slide the tip along the disc, which also turns the force
     slide = (abs(p.g1) + np.abs(p.p1 * state.magnitude * arm.b1)) * np.abs(arm.b1)
     slide += (abs(p.g2) + np.abs(p.p2 * state.magnitude * arm.b2)) * np.abs(arm.b2)
     slide *= PLAY_MARGIN
-    toggles = np.abs(arm.a1) < slide * (1 + np.abs(arm.b1) / radii)
-    toggles |= np.abs(arm.a2) < slide * (1 + np.abs(arm.b2) / radii)
+    toggles = np.abs(arm.lever1) < slide * (1 + np.abs(arm.b1) / radii)
+    toggles |= np.abs(arm.lever2) < slide * (1 + np.abs(arm.b2) / radii)
     if not toggles.any():
         return state
     with np.errstate(all='ignore'):
-        other, found = _solve_by_modes(p, joints[toggles], centers[toggles], radii[toggles], sign, near[toggles])
+        other, found = _solve_by_modes(p, joints[toggles], centers[toggles], radii[toggles], gripper, near[toggles])
         closer = found & (_distance(other, near[toggles]) < _distance(state, near)[toggles])
     return _put(state, toggles, state.select(toggles).replace_where(closer, other))
 

@@ -12,13 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import GripperSign
+from scara_kinetostatic.model.gripper import Gripper, as_gripper
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.statics import gripper_stretch
 
 Floats = NDArray[np.float64]
 
 TORQUE_ROUNDING = 1e-13
 """A torque below this part of force times arm length is rounding error: zero."""
+PASSES = 8
+"""Fixed-point passes for a gripper that does not give way along the force; each gains three digits or more."""
 
 
 def joint_deflection(parameters: Parameters, torques: ArrayLike, slack: ArrayLike = 0.0) -> Floats:
@@ -38,41 +40,35 @@ def joint_deflection(parameters: Parameters, torques: ArrayLike, slack: ArrayLik
     return compliance * torques + backlash * sign
 
 
-def gripper_deflection(
-    parameters: Parameters, force: ArrayLike, gripper_sign: GripperSign = GripperSign.PHYSICAL
+def joint_torques(
+    parameters: Parameters, links: ArrayLike, force: ArrayLike, offset: ArrayLike | None = None
 ) -> Floats:
-    """S - S* (7) of the isotropic gripper; zero, the middle of its dead band, where there is no force.
-
-    Args:
-        parameters: L̄.
-        force: F on the object, base frame, (n, 2), N.
-        gripper_sign: sign of (7).
-
-    Returns:
-        S - S*, (n, 2), m.
-    """
-    force = np.asarray(force, dtype=float)
-    magnitude = np.hypot(force[..., 0], force[..., 1])
-    loaded = magnitude > 0
-    unit = force / np.where(loaded, magnitude, 1.0)[..., None]
-    return unit * gripper_stretch(parameters, magnitude, gripper_sign)[..., None]
-
-
-def joint_torques(parameters: Parameters, links: ArrayLike, force: ArrayLike) -> Floats:
-    """C = JᵀF (2) (8), with J at the link angles Q*; rounding error is made an exact zero.
+    """Torques C = JᵀF (2) (8), with J at the link angles Q*; rounding error is made an exact zero.
 
     Args:
         parameters: L̄.
         links: Q*, (n, 2), rad.
         force: F on the object, base frame, (n, 2), N.
+        offset: S - S*, (n, 2), m, where the force acts beside the rigid tip; its moment
+            counts only if it is not along the force.
 
     Returns:
         C, (n, 2), Nm.
     """
     force = np.asarray(force, dtype=float)
     torques = np.einsum('...ij,...i->...j', kinematics.jacobian(parameters, links), force)
+    if offset is not None:
+        torques = torques + _moment(np.asarray(offset), force)[..., None]
     scale = (parameters.l1 + parameters.l2) * np.hypot(force[..., 0], force[..., 1])
     return np.where(np.abs(torques) <= TORQUE_ROUNDING * scale[..., None], 0.0, torques)
+
+
+def _moment(arm: Floats, force: Floats) -> Floats:
+    return np.asarray(arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0])
+
+
+def _link2_angle(parameters: Parameters, links: Floats) -> Floats:
+    return np.asarray(links.sum(axis=-1) + parameters.theta1 + parameters.theta2)
 
 
 def inverse_kinetostatics(
@@ -80,7 +76,7 @@ def inverse_kinetostatics(
     tip: ArrayLike,
     force: ArrayLike,
     posture: ArrayLike,
-    gripper_sign: GripperSign = GripperSign.PHYSICAL,
+    gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
     slack: ArrayLike = 0.0,
 ) -> tuple[Floats, Floats]:
     """Ḡ: the actuator angles and torques that hold a tip at a place under a force (4).
@@ -90,15 +86,22 @@ def inverse_kinetostatics(
         tip: S, (n, 2), m.
         force: F on the object, base frame, (n, 2), N.
         posture: +1 or -1, the sign of sin(q2* + theta2), (n,) or one for all.
-        gripper_sign: sign of (7).
+        gripper: the form of (7); a bare sign stands for the isotropic gripper.
         slack: place in the dead band where a torque is zero, in [-1, 1].
 
     Returns:
         Q, (n, 2), rad, NaN where the place is out of reach, and C, (n, 2), Nm.
     """
-    rigid_tip = np.asarray(tip, dtype=float) - gripper_deflection(parameters, force, gripper_sign)
-    links = kinematics.inverse(parameters, rigid_tip, posture)
-    torques = joint_torques(parameters, links, force)
+    gripper, tip, force = as_gripper(gripper), np.asarray(tip, dtype=float), np.asarray(force, dtype=float)
+    offset = gripper.deflection(parameters, force, np.zeros(np.shape(tip)[:-1]))
+    links = kinematics.inverse(parameters, tip - offset, posture)
+    if gripper.isotropic:
+        torques = joint_torques(parameters, links, force)
+    else:
+        for _ in range(PASSES):
+            offset = gripper.deflection(parameters, force, _link2_angle(parameters, links))
+            links = kinematics.inverse(parameters, tip - offset, posture)
+        torques = joint_torques(parameters, links, force, offset)
     return links + joint_deflection(parameters, torques, slack), torques
 
 
@@ -106,7 +109,7 @@ def direct_kinetostatics(
     parameters: Parameters,
     joints: ArrayLike,
     torques: ArrayLike,
-    gripper_sign: GripperSign = GripperSign.PHYSICAL,
+    gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
     slack: ArrayLike = 0.0,
 ) -> tuple[Floats, Floats]:
     """H̄: the tip's place and the force from actuator angles and torques (4).
@@ -115,7 +118,7 @@ def direct_kinetostatics(
         parameters: L̄.
         joints: Q, (n, 2), rad.
         torques: C, (n, 2), Nm.
-        gripper_sign: sign of (7).
+        gripper: the form of (7); a bare sign stands for the isotropic gripper.
         slack: place in the dead band where a torque is zero, in [-1, 1].
 
     Returns:
@@ -130,5 +133,11 @@ def direct_kinetostatics(
     with np.errstate(divide='ignore', invalid='ignore'):
         area = link1[..., 0] * link2[..., 1] - link1[..., 1] * link2[..., 0]
         force = (link2 * moment1[..., None] - link1 * moment2[..., None]) / area[..., None]
-    tip = link1 + link2 + (parameters.x0, parameters.y0) + gripper_deflection(parameters, force, gripper_sign)
-    return tip, force
+        gripper, link2_angle = as_gripper(gripper), _link2_angle(parameters, links)
+        offset = gripper.deflection(parameters, force, link2_angle)
+        for _ in range(0 if gripper.isotropic else PASSES):
+            # the force acts beside the rigid tip: what its offset adds to both torques is not JᵀF
+            moment2 = torques[..., 1] - _moment(offset, force)
+            force = (link2 * moment1[..., None] - link1 * moment2[..., None]) / area[..., None]
+            offset = gripper.deflection(parameters, force, link2_angle)
+    return link1 + link2 + (parameters.x0, parameters.y0) + offset, force

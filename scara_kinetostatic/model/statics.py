@@ -1,4 +1,4 @@
-"""Building blocks: the arm seen along a direction of force, and the laws of joints and gripper.
+"""The arm seen along a direction of force: its lever arms and what they become as it moves.
 
 With n the unit vector of the force on the object and t = R90 n, with e and k the
 vectors from the axes of joint 1 and joint 2 to the rigid tip,
@@ -8,7 +8,8 @@ vectors from the axes of joint 1 and joint 2 to the rigid tip,
 
 Turning the joints by dq moves the tip by a·dq along n and b·dq along t, and
 changes the arms by da1 = -b1 dq1 - b2 dq2, da2 = -b2 (dq1 + dq2); turning the
-force by dφ changes them by b dφ. Everything below follows from these four numbers.
+force by dφ changes them by b dφ. Everything follows from these four numbers, and, for a
+gripper that does not give way along the force (`gripper.Skew`), from what it adds to the arms.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.model.cell import GripperSign
+from scara_kinetostatic.model.gripper import Gripper, Skew
 from scara_kinetostatic.model.parameters import Parameters
 
 Floats = NDArray[np.float64]
@@ -50,16 +51,25 @@ class Arm(NamedTuple):
     a2: Floats
     b1: Floats
     b2: Floats
+    lever1: Floats
+    lever2: Floats
+    turn1: Floats
+    turn2: Floats
+    skew: Skew | None
 
 
-def view_arm(parameters: Parameters, link1: Floats, link2: Floats, direction: Floats) -> Arm:
+def view_arm(
+    parameters: Parameters, link1: Floats, link2: Floats, magnitude: Floats, direction: Floats, gripper: Gripper
+) -> Arm:
     """The arm seen along a force.
 
     Args:
         parameters: L̄.
         link1: link angle q1*, (n,), rad.
         link2: link angle q2*, (n,), rad.
+        magnitude: f, (n,), N.
         direction: angle φ of the force on the object in the base frame, (n,), rad.
+        gripper: the form of (7).
 
     Returns:
         Unit vectors, lever arms and their companions.
@@ -72,27 +82,8 @@ def view_arm(parameters: Parameters, link1: Floats, link2: Floats, direction: Fl
     b2 = parameters.l2 * (vx * nx + vy * ny)
     a1 = parameters.l1 * (ux * ny - uy * nx) + a2
     b1 = parameters.l1 * (ux * nx + uy * ny) + b2
-    return Arm(ux, uy, vx, vy, nx, ny, a1, a2, b1, b2)
-
-
-def gripper_stretch(parameters: Parameters, magnitude: Floats, sign: GripperSign) -> Floats:
-    """The gripper's law (7) for the isotropic gripper: S - S* = γ n.
-
-    Pushed by -F, the tip yields along -F: γ = -(p_ee f + g_ee). As the paper
-    printed it, γ = p_ee f - g_ee. For f < 0, the continuation to a tip that
-    pulls at the disc, γ stays the same straight line.
-
-    Args:
-        parameters: L̄.
-        magnitude: f, (n,), N.
-        sign: which of the two.
-
-    Returns:
-        γ, (n,), m.
-    """
-    return gripper_slope(parameters, sign) * magnitude - parameters.g_ee
-
-
-def gripper_slope(parameters: Parameters, sign: GripperSign) -> float:
-    """dγ/df of `gripper_stretch`, m/N."""
-    return parameters.p_ee if sign is GripperSign.PAPER else -parameters.p_ee
+    skew = gripper.skew(direction - second)
+    if skew is None:
+        return Arm(ux, uy, vx, vy, nx, ny, a1, a2, b1, b2, a1, a2, b1, b2, None)
+    aside, turn = magnitude * skew.tangent, magnitude * skew.tangent_turn
+    return Arm(ux, uy, vx, vy, nx, ny, a1, a2, b1, b2, a1 - aside, a2 - aside, b1 - turn, b2 - turn, skew)

@@ -162,12 +162,12 @@ class Motion:
 
     def _pose(self, tip: Floats, force: Floats) -> Floats:
         """Ḡ of one pose per touch."""
-        return inverse_kinetostatics(self.truth, tip, force, self.plan.posture, self.cell.gripper_sign)[0]
+        return inverse_kinetostatics(self.truth, tip, force, self.plan.posture, self.cell.gripper)[0]
 
     def _pressed(self, touch: NDArray[np.intp], level: Floats) -> Floats:
         """Ḡ under a part of the force of the hold, without a jump of a full turn within the touch."""
         force = np.maximum(level * self.plan.force[touch], FIRST_FORCE)[:, None] * self._inward[touch]
-        posture, sign = self.plan.posture[touch], self.cell.gripper_sign
+        posture, sign = self.plan.posture[touch], self.cell.gripper
         joints, _ = inverse_kinetostatics(self.truth, self._contact[touch], force, posture, sign)
         hold = self.hold_joints[touch]
         turned = np.abs(joints - hold) > np.pi

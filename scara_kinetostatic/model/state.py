@@ -1,0 +1,83 @@
+"""The state of a touch: link angles, force, and the flank on which each joint rests."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.model.gripper import Gripper
+from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.statics import Arm, Floats, view_arm
+
+MODE_SCALE = 1e-2
+"""Weight of lever arm against backlash in the choice of a mode, rad/m; any positive value is right."""
+
+
+class State(NamedTuple):
+    """State of n touches; all (n,).
+
+    Attributes:
+        link1: q1*, rad.
+        link2: q2*, rad.
+        magnitude: f, N; negative where the tip pulls (the continuation).
+        direction: φ, angle of the force on the object in the base frame, rad.
+        mode1: +1 or -1, the flank joint 1 rests on; 0 where it floats.
+        mode2: the same of joint 2.
+    """
+
+    link1: Floats
+    link2: Floats
+    magnitude: Floats
+    direction: Floats
+    mode1: Floats
+    mode2: Floats
+
+    def select(self, which: NDArray[np.bool_]) -> State:
+        """The touches that a mask picks."""
+        return State(*(part[which] for part in self))
+
+    def replace_where(self, where: NDArray[np.bool_], other: State) -> State:
+        """Another state's touches where a mask is true, this one's elsewhere; both of n touches."""
+        return State(*(np.where(where, new, old) for new, old in zip(other, self, strict=True)))
+
+
+def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -> State:
+    """The modes that the state calls for, by the rule of a primal-dual active set.
+
+    The law of the backlash is β ∈ g Sign(a) with β = q - q* - p f a, that is: on a
+    flank β = ±g and a has its sign; floating, a = 0 and |β| ≤ g. Both are told
+    apart by β + κ a for any κ > 0: outside [-g, g] it is on that flank.
+
+    Args:
+        parameters: L̄.
+        joints: Q, (n, 2), rad.
+        state: with any modes.
+        arm: the arm at that state.
+
+    Returns:
+        The state with its modes renewed.
+    """
+    p = parameters
+    floats1 = joints[:, 0] - state.link1 - p.p1 * state.magnitude * arm.lever1 + MODE_SCALE * arm.lever1
+    floats2 = joints[:, 1] - state.link2 - p.p2 * state.magnitude * arm.lever2 + MODE_SCALE * arm.lever2
+    return state._replace(mode1=_mode(floats1, arm.lever1, p.g1), mode2=_mode(floats2, arm.lever2, p.g2))
+
+
+def _mode(pointer: Floats, arm: Floats, backlash: float) -> Floats:
+    if backlash <= 0:
+        return np.where(arm < 0, -1.0, 1.0)
+    return np.where(np.abs(pointer) <= backlash, 0.0, np.sign(pointer))
+
+
+def free_state(parameters: Parameters, joints: Floats, centers: Floats) -> State:
+    """A start for n touches: links at the measured angles, no force, pointing from tip to disc."""
+    first = joints[:, 0] + parameters.theta1
+    second = first + joints[:, 1] + parameters.theta2
+    x = parameters.x0 + parameters.l1 * np.cos(first) + parameters.l2 * np.cos(second)
+    y = parameters.y0 + parameters.l1 * np.sin(first) + parameters.l2 * np.sin(second)
+    direction = np.arctan2(centers[:, 1] - y, centers[:, 0] - x)
+    state = State(joints[:, 0], joints[:, 1], np.zeros(len(x)), direction, *np.ones((2, len(x))))
+    arm = view_arm(parameters, *state[:4], Gripper())
+    return state._replace(mode1=_mode(arm.a1, arm.a1, 0.0), mode2=_mode(arm.a2, arm.a2, 0.0))
