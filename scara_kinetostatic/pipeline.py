@@ -10,7 +10,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.held_out import HeldOut, held_out_force_error
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.diagnosis.diagnose import Diagnosis, diagnose
-from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import Rejection, TouchSet
 from scara_kinetostatic.recording.detection import Detection, find_touches
@@ -66,6 +66,7 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress |
         warnings=tuple(text for part in parts for text in part.warnings),
         episodes=tuple(item for part in parts for item in part.episodes),
         start=parts[0].start,
+        contradiction=next((part.contradiction for part in parts if part.contradiction), ''),
     )
 
 
@@ -99,10 +100,13 @@ def calibrate_recordings(
 
     Raises:
         RecordingError: a recording cannot be read.
+        CellError: the forces contradict the cell's sensor sign or frame.
         UnsupportedDataError: no touches, or too few.
         ParameterError: `fixed` names no parameter.
     """
     detection = gather_touches(paths, cell, progress)
+    if detection.contradiction:
+        raise CellError('sensor.frame, sensor.sign', detection.contradiction, 'correct the cell description')
     if not len(detection.touches):
         raise UnsupportedDataError(_no_touches(paths, detection), 'see what `inspect` says about the recording')
     _tell(progress, f'fitting {len(detection.touches)} touches', 0.0)

@@ -51,8 +51,8 @@ def all_or_nothing(path: Path) -> Iterator[Path]:
         except (FileExistsError, NotADirectoryError) as error:
             raise OutputError(path, f'{error.filename} is not a folder', 'choose another place') from error
         workshop = path.parent / f'.{path.name}.{os.getpid()}.{time.monotonic_ns()}.new'
-        workshop.mkdir()
         try:
+            workshop.mkdir()
             yield workshop
             _appear(workshop / path.name, path)
             sync_folder(path.parent)

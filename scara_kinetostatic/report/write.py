@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -99,8 +99,9 @@ def _made(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _workshop(folder: Path) -> Iterator[Path]:
-    workshop = Path(tempfile.mkdtemp(prefix='.scara_kinetostatic_', dir=folder))
+    workshop = folder / f'.results.{os.getpid()}.{time.monotonic_ns()}.new'
     try:
+        workshop.mkdir()
         yield workshop
     finally:
         shutil.rmtree(workshop, ignore_errors=True)

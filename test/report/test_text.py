@@ -7,8 +7,10 @@ from dataclasses import replace
 import pytest
 
 from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.diagnosis.diagnose import Diagnosis
 from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.pipeline import Outcome
+from scara_kinetostatic.report import words
 from scara_kinetostatic.report.quantities import decimals, parameter_rows
 from scara_kinetostatic.report.text import MOST_REJECTED, text_report
 
@@ -29,7 +31,8 @@ def test_digits_follow_the_uncertainty(plain: Outcome) -> None:
 
 
 @pytest.mark.parametrize(
-    ('std', 'expected'), [(0.0015, 4), (0.094, 3), (0.81, 2), (1.2, 1), (11, 0), (851, 0), (0, None), (float('nan'), None)]
+    ('std', 'expected'),
+    [(0.0015, 4), (0.094, 3), (0.81, 2), (1.2, 1), (11, 0), (851, 0), (0, None), (float('nan'), None)],
 )
 def test_decimals(std: float, expected: int | None) -> None:
     assert decimals(std) == expected
@@ -61,3 +64,21 @@ def test_a_fit_that_did_not_converge_says_so(plain: Outcome) -> None:
 def test_lines_fit_a_terminal(plain: Outcome, confounded: Outcome) -> None:
     for outcome in (plain, confounded):
         assert max(map(len, text_report(outcome).splitlines())) <= 100
+
+
+@pytest.mark.parametrize(
+    ('diagnosis', 'level', 'expected'),
+    [
+        (Diagnosis('none', 0.5), 'good', 'Nothing is left'),
+        (Diagnosis('unexplained', 1e-60, advice='the residual depends on q1'), 'bad', '(p = below 1e-12)'),
+        (Diagnosis('explained', 1e-9, effects=({'name': 'object_radius', 'target': 'd2'},)), 'caution', '(d2)'),
+        (Diagnosis('ambiguous', 1e-4, rivals=(('contact_friction', 'sensor_rotation'),)), 'caution', 'or sensor'),
+    ],
+)
+def test_every_verdict_has_its_words(plain: Outcome, diagnosis: Diagnosis, level: str, expected: str) -> None:
+    outcome = replace(plain, diagnosis=diagnosis)
+    verdict = words.verdict(outcome)
+    assert verdict.level == level
+    assert expected in ' '.join(verdict.sentences)
+    assert ('The twelve-parameter model explains' in verdict.headline) == (level == 'good')
+    assert text_report(outcome).startswith(verdict.headline)

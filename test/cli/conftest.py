@@ -1,0 +1,50 @@
+"""Recordings and cells for the command, and a way to run it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from cli.command import Result, Run
+
+from scara_kinetostatic.cli.main import main
+
+CELL = """\
+robot:
+  joint_names: [joint1, joint2]
+  nominal: {x0: 0, y0: 0, theta1: 0, l1: 0.33, theta2: 0, l2: 0.33,
+            p_ee: 1e-5, p1: 1e-5, p2: 1e-5, g_ee: 0, g1: 0, g2: 0}
+objects:
+  - {name: disc_1, center: [-0.25, 0.30], radius: 0.15}
+  - {name: disc_2, center: [0.20, 0.40], radius: 0.05}
+  - {name: disc_3, center: [0.05, 0.25], radius: 0.08}
+sensor: {joint_states: /joint_states, wrench: /wrench, frame: base, sign: on_object}
+noise: {joint: 1.0e-5, force: 0.3}
+"""
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Runs the command in this process, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+
+    def command(*arguments: object) -> Result:
+        status = main([str(argument) for argument in arguments])
+        return Result(status, *capsys.readouterr())
+
+    return command
+
+
+@pytest.fixture(scope='session')
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with `cell.yaml`, `good` (36 touches), `plain` (without cell), `few` (3 touches)."""
+    folder = tmp_path_factory.mktemp('recordings')
+    (folder / 'cell.yaml').write_text(CELL)
+    (folder / 'few.yaml').write_text(
+        ''.join(f'- {{disc: disc_{n}, angle_deg: -80, posture: left, force: 20}}\n' for n in (1, 2, 3))
+    )
+    small = ['--joint-rate', '40', '--wrench-rate', '40']
+    assert main(['simulate', '--out', str(folder / 'good'), '--per-disc', '6', *small]) == 0
+    assert main(['simulate', '--out', str(folder / 'plain'), '--per-disc', '6', '--plain', '--seed', '1', *small]) == 0
+    assert main(['simulate', '--out', str(folder / 'few'), '--plan', str(folder / 'few.yaml'), *small]) == 0
+    return folder

@@ -1,0 +1,94 @@
+"""The command as a whole: help, versions, interruptions, errors nobody foresaw."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from cli.command import Run
+
+from scara_kinetostatic import __version__
+from scara_kinetostatic.cli import simulate
+from scara_kinetostatic.cli.main import DEBUG, VERBS
+
+ROOT = Path(__file__).parents[2]
+COMMAND = [sys.executable, '-m', 'scara_kinetostatic.cli.main']
+ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT)}
+
+
+@pytest.mark.parametrize('verb', VERBS)
+def test_help_teaches(run: Run, verb: str) -> None:
+    result = run(verb, '--help')
+    assert (result.status, result.err) == (0, '')
+    assert f'scara-kinetostatic {verb}' in result.out
+    for word in ('usage:', '--out' if verb != 'inspect' else 'BAG'):
+        assert word in result.out
+
+
+def test_help_of_the_command(run: Run) -> None:
+    result = run('--help')
+    assert result.status == 0
+    for word in (*VERBS, 'exit status', '2  the command or an input is wrong', '3  the data cannot'):
+        assert word in result.out
+    assert run('--version').out == f'scara-kinetostatic {__version__}\n'
+
+
+def test_help_is_quick_and_loads_little() -> None:
+    code = (
+        'import sys; from scara_kinetostatic.cli.main import main; main(["--help"])\n'
+        "heavy = ('scipy', 'matplotlib', 'rosbags', 'mcap', 'rclpy', 'rich', 'jinja2')\n"
+        'sys.exit(10 if any(name in sys.modules for name in heavy) else 0)'
+    )
+    assert subprocess.run([sys.executable, '-c', code], cwd=ROOT, capture_output=True, check=False).returncode == 0
+
+
+def test_an_error_nobody_foresaw_is_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(args: object) -> int:
+        raise ZeroDivisionError('by\nzero')
+
+    monkeypatch.setattr(simulate, 'run', fails)
+    result = run('simulate', '--out', 'x')
+    assert result.status == 1
+    assert result.err.count('\n') == 1
+    assert 'internal error, ZeroDivisionError: by zero' in result.err
+    assert 'Traceback' in run('--debug', 'simulate', '--out', 'x').err
+    monkeypatch.setenv(DEBUG, '1')
+    assert 'Traceback' in run('simulate', '--out', 'x').err
+
+
+@pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_interrupted(recordings: Path, tmp_path: Path, number: signal.Signals, status: int) -> None:
+    command = [*COMMAND, 'simulate', '--out', 'x', '--per-disc', '400']
+    process = subprocess.Popen(command, cwd=tmp_path, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True)
+    end = time.monotonic() + 30
+    while not list(tmp_path.iterdir()) and time.monotonic() < end:
+        time.sleep(0.01)
+    process.send_signal(number)
+    _, err = process.communicate(timeout=30)
+    # Python itself ends by the signal where it struck inside `exec`; a shell sees 130 all the same
+    assert process.returncode in (status, -number)
+    assert err.count('\n') == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_reader_that_goes_away(recordings: Path) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    command = [*COMMAND, 'inspect', str(recordings / 'few')]
+    process = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, env=ENVIRONMENT, check=False)
+    os.close(write)
+    assert process.returncode == 141
+    assert process.stderr == b''
+
+
+def test_a_terminal_without_signs(recordings: Path) -> None:
+    environment = {**ENVIRONMENT, 'PYTHONIOENCODING': 'ascii', 'PYTHONUTF8': '0', 'LC_ALL': 'C'}
+    command = [*COMMAND, 'inspect', str(recordings / 'few')]
+    process = subprocess.run(command, capture_output=True, env=environment, check=False)
+    assert process.returncode == 0
+    assert process.stderr == b''

@@ -1,0 +1,125 @@
+"""What the verbs do when all is well."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from cli.command import Run
+
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED
+from scara_kinetostatic.recording.reader import embedded_cell
+
+TRUTH = PAPER_ACTUAL.as_dict()
+
+
+def test_calibrate_writes_and_prints(run: Run, recordings: Path, tmp_path: Path) -> None:
+    result = run('calibrate', recordings / 'good', '--out', 'result')
+    assert (result.status, result.err) == (0, '')
+    document = json.loads((tmp_path / 'result' / 'calibration.json').read_text(encoding='utf-8'))
+    for name, entry in document['parameters'].items():
+        assert abs(entry['value'] - TRUTH[name]) < 4 * entry['std']
+    assert result.out.startswith('The twelve-parameter model explains these touches.')
+    assert '36 used of 36 found' in result.out
+    assert result.out.rstrip().endswith('result/report.html')
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['result']
+
+
+def test_several_recordings_count_as_one(run: Run, recordings: Path, tmp_path: Path) -> None:
+    cell = ('--cell', recordings / 'cell.yaml')
+    assert run('calibrate', recordings / 'good', recordings / 'plain', *cell).status == 0
+    document = json.loads((tmp_path / 'calibration' / 'calibration.json').read_text(encoding='utf-8'))
+    assert document['touches']['found'] == 72
+    assert document['sources'] == [str(recordings / 'good'), str(recordings / 'plain')]
+    assert [entry['index'] for entry in document['touches']['fitted']] == list(range(72))
+
+
+def test_fix_at_a_value_and_at_the_nominal_one(run: Run, recordings: Path, tmp_path: Path) -> None:
+    assert run('calibrate', recordings / 'good', '--fix', 'l1=0.3302', '--fix', 'p1').status == 0
+    entries = json.loads((tmp_path / 'calibration' / 'calibration.json').read_text(encoding='utf-8'))['parameters']
+    fixed = {name: entry for name, entry in entries.items() if entry['status'] == 'fixed'}
+    assert fixed.keys() == {'l1', 'p1'}
+    assert (fixed['l1']['value'], fixed['l1']['std']) == (0.3302, 0)
+    assert (fixed['p1']['value'], fixed['p1']['std']) == (1e-5, 0)
+
+
+def test_inspect_lists_every_touch(run: Run, recordings: Path) -> None:
+    result = run('inspect', recordings / 'good')
+    assert result.status == 0
+    assert '36 touches found: 36 accepted, 0 rejected' in result.out
+    assert 'sensor_msgs/msg/JointState' in result.out
+    assert sum(' disc_' in line for line in result.out.splitlines()) == 36
+
+
+def test_inspect_as_json(run: Run, recordings: Path) -> None:
+    found = json.loads(run('inspect', recordings / 'good', '--json').out)
+    assert found['streams']['/joint_states']['rate'] == pytest.approx(40, rel=0.05)
+    assert {topic['name'] for topic in found['topics']} == {'/joint_states', '/wrench', '/cell_description'}
+    assert [touch['index'] for touch in found['touches']] == list(range(36))
+    for touch in found['touches']:
+        assert touch['accepted']
+        assert min(abs(math.hypot(*touch['force']) - level) for level in (10, 25, 40)) < 2
+        assert touch['hold'] > 0.4
+
+
+def test_inspect_says_why_a_touch_is_rejected(run: Run, recordings: Path, tmp_path: Path) -> None:
+    lines = (recordings / 'cell.yaml').read_text().splitlines(keepends=True)
+    (tmp_path / 'two.yaml').write_text(''.join(line for line in lines if 'disc_2' not in line))
+    result = run('inspect', recordings / 'good', '--cell', 'two.yaml')
+    assert result.status == 0
+    assert '24 accepted, 12 rejected' in result.out
+    assert result.out.count('rejected: ') == 12
+
+
+@pytest.mark.parametrize(
+    ('name', 'options'),
+    [
+        ('folder', ()),
+        ('folder', ('--compression', 'zstd')),
+        ('folder', ('--storage', 'sqlite3')),
+        ('folder', ('--storage', 'sqlite3', '--compression', 'zstd')),
+        ('bare.mcap', ()),
+        ('one.bag', ()),
+    ],
+)
+def test_simulate_makes_every_form(run: Run, recordings: Path, name: str, options: tuple[str, ...]) -> None:
+    made = run('simulate', '--out', name, '--plan', recordings / 'few.yaml', *options)
+    assert (made.status, made.err) == (0, '')
+    assert '3 touches' in made.out
+    assert '3 touches found: 3 accepted' in run('inspect', name).out
+
+
+def test_simulate_is_repeatable_and_follows_its_options(run: Run, recordings: Path, tmp_path: Path) -> None:
+    def simulate(name: str, *options: object) -> bytes:
+        assert run('simulate', '--out', name, '--plan', recordings / 'few.yaml', *options).status == 0
+        return (tmp_path / name).read_bytes()
+
+    first = simulate('a.mcap', '--seed', 4)
+    assert simulate('b.mcap', '--seed', 4) == first
+    assert simulate('c.mcap', '--seed', 5) != first
+    simulate('d.mcap', '--frame', 'tool', '--sign', 'on_robot')
+    cell = embedded_cell(tmp_path / 'd.mcap')
+    assert cell is not None
+    assert (cell.sensor.frame.value, cell.sensor.sign.value) == ('tool', 'on_robot')
+    simulate('e.mcap', '--plain')
+    assert embedded_cell(tmp_path / 'e.mcap') is None
+
+
+def test_simulate_takes_the_truth_by_name_or_from_a_file(run: Run, recordings: Path, tmp_path: Path) -> None:
+    def told(*options: object) -> dict[str, float]:
+        out = run('simulate', '--plan', recordings / 'few.yaml', *options).out
+        pairs = out.partition('truth: ')[2].split(', ')
+        return {name: float(value) for name, value in (pair.split() for pair in pairs)}
+
+    assert told('--out', 'a') == pytest.approx(TRUTH)
+    assert told('--out', 'b', '--truth', 'measured') == pytest.approx(PAPER_MEASURED.as_dict())
+    lines = [f'{name}: {value + (name == "l1") * 1e-3}' for name, value in TRUTH.items()]
+    (tmp_path / 'truth.yaml').write_text('\n'.join(lines))
+    assert told('--out', 'c', '--truth', 'truth.yaml')['l1'] == pytest.approx(0.3312)
+    other = (recordings / 'cell.yaml').read_text().replace('l1: 0.33,', 'l1: 0.34,')
+    (tmp_path / 'other.yaml').write_text(other)
+    shifted = told('--out', 'd', '--cell', 'other.yaml')
+    assert list(shifted) == list(NAMES)
+    assert shifted['l1'] == pytest.approx(0.3402)
