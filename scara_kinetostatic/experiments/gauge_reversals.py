@@ -28,7 +28,8 @@ RISEN = 0.75
 """The way up ends at this part of the plateau."""
 PROMINENCE = 0.03
 """A reversal stands out by this part of the whole range of displacement."""
-FEWEST_SAMPLES = 3
+FEWEST_SAMPLES = 2
+"""The scatter about a line is that of all reversals of its sense: two samples make a line with an uncertainty."""
 _COVERED = 0.6
 """This part of a window must be covered by samples."""
 SLIPPED = 0.6
@@ -48,6 +49,7 @@ class Reversal(NamedTuple):
         compliance: after the gap, m/N.
         unloading: compliance before the gap, m/N.
         samples: in the windows before and after the gap.
+        crossings: where both lines meet the level, distance from the reversal, m.
     """
 
     time: float
@@ -59,6 +61,7 @@ class Reversal(NamedTuple):
     compliance: Estimate
     unloading: Estimate
     samples: tuple[int, int]
+    crossings: tuple[float, float]
 
 
 class Sweep(NamedTuple):
@@ -166,4 +169,5 @@ def as_reversal(sweep: Sweep, before: Line, after: Line, sigma: tuple[float, flo
         compliance=Estimate(after.p, float(std[1, 1])),
         unloading=Estimate(before.p, float(std[0, 1])),
         samples=(before.samples, after.samples),
+        crossings=(before.a, after.a),
     )

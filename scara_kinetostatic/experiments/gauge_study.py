@@ -96,11 +96,11 @@ def _loop_warnings(record: LoopRecord) -> list[str]:
 
 
 def _trend_text(quantity: str, over: str, slope: float, std: float) -> str:
-    factor, unit = (1e6, 'µm') if quantity == 'gap' else (1e6, 'µm/N')
+    unit = 'µm' if quantity == 'gap' else 'µm/N'
     if over == 'speed':
-        factor, unit = factor * 1e-3, f'{unit} per mm/s'
-        return f'the {quantity} changes with the speed (or the amplitude) by {factor * slope:.3g} ± {factor * std:.2g} {unit}'
-    return f'the {quantity} drifts by {factor * slope:.3g} ± {factor * std:.2g} {unit} per s'
+        amount = f'{1e3 * slope:.3g} ± {1e3 * std:.2g} {unit} per mm/s'
+        return f'the {quantity} changes with the speed (or the amplitude) by {amount}'
+    return f'the {quantity} drifts by {1e6 * slope:.3g} ± {1e6 * std:.2g} {unit} per s'
 
 
 def sense_name(sense: Sense) -> str:

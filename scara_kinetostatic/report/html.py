@@ -38,7 +38,7 @@ def html_text(outcome: Outcome) -> str:
             'quantiles': quantile_picture(c),
             'correlations': correlation_picture(c),
         }
-    return _template().render(
+    return template('report.html.j2').render(
         outcome=outcome,
         c=c,
         version=__version__,
@@ -58,7 +58,8 @@ def html_text(outcome: Outcome) -> str:
 
 
 @cache
-def _template() -> jinja2.Template:
+def template(name: str) -> jinja2.Template:
+    """A template that escapes what it is given."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
         autoescape=True,
@@ -66,7 +67,7 @@ def _template() -> jinja2.Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template('report.html.j2')
+    return environment.get_template(name)
 
 
 def _facts(outcome: Outcome) -> list[tuple[str, str, str]]:
