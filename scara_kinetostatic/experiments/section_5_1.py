@@ -7,11 +7,11 @@ first two columns, 40 p_ee + g_ee is not).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.identifiability import SCALES
@@ -40,10 +40,21 @@ EXACT = Noise(joint=0.0, force=0.0)
 DRAWS = 2000
 
 
-def paper_touches(levels: tuple[float, ...] = ONE_LEVEL, noise: Noise = EXACT, seed: int = 0) -> TouchSet:
-    """The touches of figure 3, played by the "actual" robot of table 2."""
-    plan = default_plan(CELL, per_disc=POINTS_PER_DISC, levels=levels, postures=(1,))
-    return simulate_touches(CELL, PAPER_ACTUAL, plan, noise, seed)
+def paper_touches(
+    levels: tuple[float, ...] = ONE_LEVEL, noise: Noise = EXACT, seed: int = 0, turn: float = 0.0, posture: int = 1
+) -> TouchSet:
+    """The touches of figure 3, played by the "actual" robot of table 2.
+
+    Args:
+        levels: of the force, N.
+        noise: of one touch.
+        seed: of the noise.
+        turn: of all contact points around their discs, in parts of their spacing.
+        posture: of the elbow.
+    """
+    plan = default_plan(CELL, per_disc=POINTS_PER_DISC, levels=levels, postures=(posture,))
+    turned = replace(plan, angle=plan.angle + turn * 2 * np.pi / POINTS_PER_DISC)
+    return simulate_touches(CELL, PAPER_ACTUAL, turned, noise, seed)
 
 
 class Run(NamedTuple):
@@ -106,9 +117,9 @@ class Linear(NamedTuple):
         return half @ half.T
 
 
-def linearise_at_truth(levels: tuple[float, ...] = ONE_LEVEL) -> Linear:
+def linearise_at_truth(levels: tuple[float, ...] = ONE_LEVEL, turn: float = 0.0, posture: int = 1) -> Linear:
     """J_L̄ and A_Q of the exact touches."""
-    o = observe(paper_touches(levels), CELL)
+    o = observe(paper_touches(levels, turn=turn, posture=posture), CELL)
     found = contact(PAPER_ACTUAL, o.joints, o.centers, o.radii, o.gripper, near=o.force)
     derivatives = contact_derivatives(PAPER_ACTUAL, o.joints, o.centers, o.radii, found, o.gripper)
     jacobian = (derivatives.parameters * SCALES).reshape(-1, len(NAMES))
@@ -178,20 +189,16 @@ def study_noise(linear: Linear, ratio: float) -> NoiseStudy:
     )
 
 
-def largest_joint_noise(linear: Linear) -> Noise:
-    """The joint noise that alone leads to the paper's e_f, with hardly any force noise."""
-    return noise_for_force_error(linear, ratio=1.0)
+def least_joint_chi_square(ratios: tuple[float, ...]) -> float:
+    """The smallest chi-square of the noisy column over turned contact points, both postures and noise ratios."""
+    return min(
+        study_noise(linearise_at_truth(ONE_LEVEL, turn, posture), ratio).joint
+        for turn in (0.0, 0.25, 0.5, 0.75)
+        for posture in (1, -1)
+        for ratio in ratios
+    )
 
 
 def fixed_sum(values: Floats) -> float:
     """40 p_ee - g_ee, the combination that one force level of 40 N determines, m."""
     return float(FORCE * values[P_EE] - values[G_EE])
-
-
-def ratio_for_joint_noise(linear: Linear, joint: float) -> float:
-    """The ratio σ_q/σ_f at which the joint noise is a given one and e_f the paper's."""
-    most = largest_joint_noise(linear).joint
-    if joint >= most:
-        return 1.0
-    exponent = brentq(lambda e: np.log(noise_for_force_error(linear, 10.0**e).joint / joint), -9, 0)
-    return float(10.0**exponent)
