@@ -22,8 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.experiments.gauge_checks import Check
 from scara_kinetostatic.experiments.gauge_directions import DirectionMap, direction_map
-from scara_kinetostatic.experiments.gauge_lines import ZERO_BAND, Check, Estimate, RunFit, fit_run
+from scara_kinetostatic.experiments.gauge_lines import ZERO_BAND, RunFit, fit_run
+from scara_kinetostatic.experiments.gauge_solution import Estimate
 from scara_kinetostatic.experiments.gauge_statistics import agreement
 from scara_kinetostatic.recording.gauge_readings import GRIPPER, PARTS, TIP, GaugeReadings
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from scara_kinetostatic.experiments.gauge_lines import Estimate
+from scara_kinetostatic.experiments.gauge_solution import Estimate
 from scara_kinetostatic.experiments.gauge_statistics import Agreement, agreement
 
 Floats = NDArray[np.float64]

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.experiments.gauge_lines import Estimate
 from scara_kinetostatic.experiments.gauge_reversals import (
     Line,
     Reversal,
@@ -32,6 +31,7 @@ from scara_kinetostatic.experiments.gauge_reversals import (
     fit_pair,
     pooled,
 )
+from scara_kinetostatic.experiments.gauge_solution import Estimate
 from scara_kinetostatic.experiments.gauge_statistics import Agreement, agreement
 
 Floats = NDArray[np.float64]

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
-from scara_kinetostatic.experiments.gauge_lines import Estimate
+from scara_kinetostatic.experiments.gauge_solution import Estimate
 
 Floats = NDArray[np.float64]
 

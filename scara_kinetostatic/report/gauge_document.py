@@ -10,9 +10,9 @@ import numpy as np
 from scara_kinetostatic import __version__
 from scara_kinetostatic.experiments.gauge import Part, Run
 from scara_kinetostatic.experiments.gauge_directions import DirectionMap
-from scara_kinetostatic.experiments.gauge_lines import Estimate
 from scara_kinetostatic.experiments.gauge_loops import Sense
 from scara_kinetostatic.experiments.gauge_reversals import Reversal
+from scara_kinetostatic.experiments.gauge_solution import Estimate
 from scara_kinetostatic.experiments.gauge_statistics import Agreement
 from scara_kinetostatic.experiments.gauge_study import GaugeStudy, LoopRecord, sense_name
 from scara_kinetostatic.report.document import Document
@@ -77,6 +77,7 @@ def _run(run: Run, units: tuple[str, str]) -> dict[str, Any]:
         'slope_positive': _estimate(fit.slopes[1], 'm/N'),
         'gap_of_each_cycle': fit.cycle_gaps,
         'sigma': fit.sigma,
+        'step': fit.step,
         'degrees_of_freedom': fit.degrees_of_freedom,
         'rows': {'found': len(fit.used), 'used': int(fit.used.sum())},
         'checks': [
