@@ -1,0 +1,300 @@
+"""The design question of section 5.1: how many touches, on which discs, where, how hard, in which posture.
+
+`design` answers it for one cell: the smallest set of touches for an accuracy of the tip and what proves it,
+what the accuracy depends on, and where discs should stand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.experiments.design_bound import Bound, find_bound
+from scara_kinetostatic.experiments.design_check import Check, check
+from scara_kinetostatic.experiments.design_discs import Layout, Map, map_of_one_more, place_discs
+from scara_kinetostatic.experiments.design_layout import Touching
+from scara_kinetostatic.experiments.design_pool import PER_DISC, Pool, candidate_plan, make_pool
+from scara_kinetostatic.experiments.design_prediction import Robot, predict
+from scara_kinetostatic.experiments.design_selection import Selection, smallest_set
+from scara_kinetostatic.experiments.design_study import (
+    Curve,
+    Row,
+    Tips,
+    row_of_discs,
+    study_discs,
+    study_levels,
+    study_number,
+    study_postures,
+)
+from scara_kinetostatic.experiments.design_workspace import (
+    Region,
+    Workspace,
+    free_tip,
+    loaded_tip,
+    make_workspace,
+    tip_std,
+)
+from scara_kinetostatic.simulation.plan import Plan
+
+Floats = NDArray[np.float64]
+Tell = Callable[[str, float], None]
+
+GOLDEN = 0.6180339887498949
+SHARPER = 0.999
+QUICK = 100
+"""Effort spent on the smallest set of a layout."""
+SEEDS = 3
+"""Searches for a layout; the best counts."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked.
+
+    Attributes:
+        accuracy: largest standard deviation of the tip over the workspace, m.
+        levels: force levels to choose from, N.
+        postures: elbow postures to choose from, +1 and -1.
+        per_disc: points around a disc to choose from.
+        load: force under which the loaded tip is predicted, N.
+        under_load: whether the accuracy is asked of the loaded tip.
+        region: the part of the base frame that matters, and where discs may stand.
+        number: of touches in comparisons.
+        radii: least and largest radius of a disc that is placed, m; None: as those of the cell.
+        most_discs: layouts of up to so many discs are looked for; 0 for none.
+        seed: of everything random.
+    """
+
+    accuracy: float = 1e-5
+    levels: tuple[float, ...] = (10.0, 25.0, 40.0)
+    postures: tuple[int, ...] = (1, -1)
+    per_disc: int = PER_DISC
+    load: float = 40.0
+    under_load: bool = False
+    region: Region = Region()
+    number: int = 36
+    radii: tuple[float, float] | None = None
+    most_discs: int = 3
+    seed: int = 0
+
+
+class Choice(NamedTuple):
+    """A smallest set of touches.
+
+    Attributes:
+        plan: the touches, in the order in which to make them.
+        row: what they will give.
+        check: what speaks for the set.
+        tried: what the best sets of smaller numbers reached, by number, m.
+        least: proven number of touches below which no set does.
+        value: largest standard deviation of the tip that was asked for, m; of a set with a spare, after the worst loss.
+    """
+
+    plan: Plan
+    row: Row
+    check: Check
+    tried: dict[int, float]
+    least: int
+    value: float
+
+
+class Placed(NamedTuple):
+    """Discs placed anew.
+
+    Attributes:
+        layout: the discs.
+        row: what evenly spread touches on them give.
+        needed: number of touches of the smallest set found there for the accuracy, None if it is out of reach.
+    """
+
+    layout: Layout
+    row: Row | None
+    needed: int | None
+
+
+@dataclass(frozen=True)
+class Design:
+    """The answer.
+
+    Attributes:
+        robot: whom it is for.
+        question: what was asked.
+        workspace: where the tip is asked for.
+        smallest: the smallest set that reaches the accuracy.
+        spare: the smallest that still does after any one touch is lost.
+        curve: accuracy by the number of touches.
+        tables: rows by what is varied: ``levels``, ``postures``, ``discs``, ``radius``.
+        placed: discs placed anew, one, two, ….
+        map: what one more disc would do.
+    """
+
+    robot: Robot
+    question: Question
+    workspace: Workspace
+    smallest: Choice
+    spare: Choice
+    curve: Curve
+    tables: dict[str, list[Row]]
+    placed: tuple[Placed, ...]
+    map: Map
+
+
+def design(robot: Robot, question: Question | None = None, tell: Tell | None = None) -> Design:
+    """Answer the design question for a cell.
+
+    Args:
+        robot: the robot with its cell and noise.
+        question: what is asked.
+        tell: is told what is being done, and the part of all that is done.
+
+    Raises:
+        CellError: a disc is out of reach.
+        UnsupportedDataError: the accuracy is.
+    """
+    question, tell = question or Question(), tell or (lambda what, part: None)
+    workspace = make_workspace(robot, question.region)
+    tips = Tips(free_tip(robot, workspace), loaded_tip(robot, workspace, question.load))
+    tell('what touches tell', 0.0)
+    pool = _pool(robot, question)
+    bound = find_bound(pool)
+    smallest, spare = _choose_both(robot, question, pool, bound, tips, tell)
+    tell('accuracy by the number of touches', 0.6)
+    known = [*smallest.tried.items(), (len(smallest.plan), smallest.value)]
+    asked = tips.loaded if question.under_load else tips.free
+    curve = study_number(robot, asked, pool, bound, known, question.seed)
+    tell('force levels, postures, discs', 0.7)
+    tables = _tables(robot, question, tips)
+    placed = tuple(_placed(robot, question, tips, tell))
+    tell('one more disc', 0.95)
+    return Design(robot, question, workspace, smallest, spare, curve, tables, placed, _map(robot, question))
+
+
+def _pool(robot: Robot, question: Question) -> Pool:
+    """The candidates, judged at the rims of the workspace and between: coarse, for the search."""
+    if question.under_load:
+        tip = loaded_tip(robot, make_workspace(robot, question.region, 3, 12), question.load, 4)
+    else:
+        tip = free_tip(robot, make_workspace(robot, question.region, 3))
+    return make_pool(robot, candidate_plan(robot, question.levels, question.postures, question.per_disc), tip)
+
+
+def _choose_both(
+    robot: Robot, question: Question, pool: Pool, bound: Bound, tips: Tips, tell: Tell
+) -> tuple[Choice, Choice]:
+    first = _choose(robot, question, pool, bound, tips, 0, 0, lambda n: tell(f'sets of {n} touches', 0.05))
+    least = len(first.plan) + 1
+    second = _choose(
+        robot, question, pool, bound, tips, 1, least, lambda n: tell(f'sets of {n} with one to spare', 0.3)
+    )
+    return first, second
+
+
+def _choose(
+    robot: Robot,
+    question: Question,
+    pool: Pool,
+    bound: Bound,
+    tips: Tips,
+    spare: int,
+    least: int,
+    tell: Callable[[int], None] | None = None,
+    effort: int | None = None,
+) -> Choice:
+    """The smallest set, checked on the full workspace and by singular values."""
+    asked, tip = question.accuracy, tips.loaded if question.under_load else tips.free
+    tried: dict[int, float] = {}
+    while True:
+        found = smallest_set(
+            pool, bound, asked, spare=spare, least=least, seed=question.seed, effort=effort, tell=tell
+        )
+        tried = {**found.tried, **tried}
+        chosen = ordered(found, pool)
+        plan = pool.plan.select(np.array(chosen))
+        reached = tip_std(tip, predict(robot, plan)).largest
+        if reached <= question.accuracy:
+            break
+        # the full workspace is a little wider than that of the search, and a direction may be unseen
+        if np.isfinite(reached):
+            asked, least = min(SHARPER, SHARPER * question.accuracy / reached) * asked, len(chosen)
+        else:
+            tried, least = {**tried, len(chosen): np.inf}, len(chosen) + 1
+    row = tips.row('smallest set, with one to spare' if spare else 'smallest set', robot, plan)
+    value = found.value if spare else reached
+    proven = bound.number(question.accuracy) + spare
+    return Choice(plan, row, check(robot, pool, chosen, plan, tip, question.seed), tried, proven, value)
+
+
+def ordered(found: Selection, pool: Pool) -> list[int]:
+    """The touches in an order that jumps around the cell, so that a drift in time looks like no place or level."""
+    plan = pool.plan
+    chosen = np.array(found.chosen)
+    around = chosen[np.lexsort((plan.posture[chosen], plan.angle[chosen], plan.disc[chosen]))]
+    return around[np.argsort(np.arange(len(around)) * GOLDEN % 1.0, kind='stable')].tolist()
+
+
+def _tables(robot: Robot, question: Question, tips: Tips) -> dict[str, list[Row]]:
+    levels, postures, number = question.levels, question.postures, question.number
+    discs, radius = study_discs(robot, tips, levels, postures, number)
+    return {
+        'discs': discs,
+        'radius': radius,
+        'levels': study_levels(robot, tips, levels, postures, number),
+        'postures': study_postures(robot, tips, levels, number),
+    }
+
+
+def _placed(robot: Robot, question: Question, tips: Tips, tell: Tell) -> list[Placed]:
+    """Layouts of one disc, two, …."""
+    found = []
+    tip = free_tip(robot, make_workspace(robot, question.region, 3, 24))
+    touching = Touching(question.levels, question.postures)
+    for count in range(1, question.most_discs + 1):
+        tell(f'places for {count} {"disc" if count == 1 else "discs"}', 0.75 + 0.2 * (count - 1) / question.most_discs)
+        layouts = [
+            place_discs(
+                robot, count, radii_of(question, robot), tip, touching=touching, number=question.number,
+                region=question.region, seed=question.seed + k,
+            )
+            for k in range(SEEDS)
+        ]  # fmt: skip
+        possible = [layout for layout in layouts if layout]
+        if possible:
+            found.append(_placed_one(robot, question, tips, min(possible, key=lambda layout: layout.largest)))
+    return found
+
+
+def _placed_one(robot: Robot, question: Question, tips: Tips, layout: Layout) -> Placed:
+    names = f'{len(layout.discs)} placed'
+    row = row_of_discs(robot, tips, names, layout.discs, question.levels, question.postures, question.number)
+    if row is None or row.free.largest > 10 * question.accuracy:
+        return Placed(layout, row, None)
+    other = replace(robot, cell=replace(robot.cell, discs=layout.discs))
+    pool = _pool(other, question)
+    try:
+        choice = _choose(other, question, pool, find_bound(pool), tips, 0, 0, effort=QUICK)
+    except UnsupportedDataError:
+        return Placed(layout, row, None)
+    return Placed(layout, row, len(choice.plan))
+
+
+def radii_of(question: Question, robot: Robot) -> tuple[float, float]:
+    """Least and largest radius of a disc that is placed, m."""
+    radii = robot.cell.radii
+    return question.radii or (float(radii.min()), float(radii.max()))
+
+
+def _map(robot: Robot, question: Question) -> Map:
+    least, most = radii_of(question, robot)
+    return map_of_one_more(
+        robot,
+        free_tip(robot, make_workspace(robot, question.region, 3, 24)),
+        touching=Touching(question.levels, question.postures),
+        numbers=(question.number, max(1, question.number // max(1, len(robot.cell.discs)))),
+        radius=float(np.median(robot.cell.radii)) if question.radii is None else (least + most) / 2,
+        region=question.region,
+    )
