@@ -22,13 +22,14 @@ from scara_kinetostatic.calibration.identifiability import (
 )
 from scara_kinetostatic.calibration.plausibility import check_plausible
 from scara_kinetostatic.calibration.prediction import base_force, force_error, force_residual, observe
-from scara_kinetostatic.calibration.projection import project, select
+from scara_kinetostatic.calibration.projection import select, turn_radial
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import (
     COARSE,
     FINAL,
     ROBUST,
     Fit,
+    Point,
     Subspace,
     minimise,
 )
@@ -115,24 +116,23 @@ def _check_rank(unseen: Floats) -> None:
 
 
 def _estimate(observations: Observations, cell: Cell, start: Parameters, free: NDArray[np.intp]) -> _Progress:
-    noise = cell.noise or USUAL_NOISE
+    """Coarse, robust, then final rounds until noise, bad touches and unseen directions stay as they are."""
+    noise, stage = cell.noise or USUAL_NOISE, ROBUST
     basis = np.zeros((len(NAMES), len(free)))
     basis[free, np.arange(len(free))] = SCALES[free]
-    everything = Subspace(start.as_array(), basis)
+    everything = subspace = Subspace(start.as_array(), basis)
+    used, unseen = np.ones(len(observations.joints), dtype=bool), np.empty((len(free), 0))
     fit = minimise(observations, start, first_guess(observations, start), everything, noise, COARSE)
-    used, iterations = np.ones(len(observations.joints), dtype=bool), fit.iterations
-    subspace, unseen, distance = everything, np.empty((len(free), 0)), fit.point.distance
-    stage = ROBUST
-    for _ in range(ROUNDS):
-        kept = observations.select(used)
-        adjusted = project(kept, fit.point.parameters, noise).adjusted
-        fit = minimise(kept, fit.point.parameters, adjusted, subspace, noise, stage)
-        iterations += fit.iterations
-        renewed = noise if cell.noise else _renew_noise(fit, basis, noise)
-        everyone = project(observations, fit.point.parameters, renewed)
-        distance = outliers.studentised(everyone.whitened, _covariance(fit, subspace), used)
+    adjusted, iterations = turn_radial(observations, fit.point, noise), fit.iterations
+    for last_round in [False] * ROUNDS + [True]:
+        fit = minimise(observations, fit.point.parameters, adjusted, subspace, noise, stage, used)
+        adjusted, iterations = fit.point.adjusted, iterations + fit.iterations
+        distance = outliers.studentised(fit.point.whitened, _covariance(fit, subspace), used)
+        if last_round:
+            break
+        renewed = noise if cell.noise else _renew_noise(fit.point, used, basis, noise)
         good = outliers.find_good(distance)
-        now_unseen = unseen_directions(observations.select(good), select(everyone, good), free, renewed)
+        now_unseen = unseen_directions(observations.select(good), select(fit.point, good), free, renewed)
         if stage is FINAL and _same(good, used) and now_unseen.shape == unseen.shape and _close(noise, renewed):
             break
         if now_unseen.shape != unseen.shape:
@@ -143,9 +143,9 @@ def _estimate(observations: Observations, cell: Cell, start: Parameters, free: N
     return _Progress(fit, used, noise, subspace, unseen, distance, iterations)
 
 
-def _renew_noise(fit: Fit, basis: Floats, noise: Noise) -> Noise:
-    point = fit.point
-    good = outliers.find_good(point.distance)
+def _renew_noise(point: Point, used: NDArray[np.bool_], basis: Floats, noise: Noise) -> Noise:
+    """The noise levels that the residuals of good touches call for."""
+    good = used & outliers.find_good(point.distance)
     if good.sum() > basis.shape[1] // 2 + 1:
         point = select(point, good)
     system = steps.compress(point.whitened.derivative @ basis, point.whitened.residual)
@@ -181,7 +181,7 @@ def _finish(
 ) -> Calibration:
     fit, used = progress.fit, progress.used
     parameters = fit.point.parameters
-    chi_square = float(fit.point.distance.sum())
+    chi_square = float(fit.point.distance[used].sum())
     freedoms = 2 * int(used.sum()) - progress.subspace.basis.shape[1]
     covariance = _covariance(fit, progress.subspace)
     if stats.chi2.sf(chi_square, freedoms) < MISFIT:
@@ -220,7 +220,7 @@ def _finish(
         degrees_of_freedom=freedoms,
         identifiability=Identifiability(
             rank=len(free) - progress.unseen.shape[1],
-            condition=condition_number(fit.point.whitened.derivative @ progress.subspace.basis),
+            condition=condition_number(fit.point.whitened.derivative[used] @ progress.subspace.basis),
             confounded=groups,
             combinations=determined_pairs(progress.unseen, free, parameters.as_array(), covariance),
             advice=advise(groups, magnitude),

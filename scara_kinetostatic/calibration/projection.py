@@ -5,14 +5,25 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.adjustment import Linearisation, Observations, adjust, first_guess
+from scara_kinetostatic.calibration.adjustment import Adjusted, Linearisation, Observations, adjust, first_guess
 from scara_kinetostatic.calibration.solver import COARSE, Point, evaluate
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 
 ROUNDS = 5
+STILL = np.zeros(len(NAMES))
 FAR = 1e3
 """A residual that no touch has: it makes `adjust` treat every touch as grossly off."""
+
+
+def turn_radial(observations: Observations, point: Point, noise: Noise) -> Adjusted:
+    """The observations as measured but for the direction of the force, which is made radial.
+
+    From here the adjustment proper can start: measured directions are not good enough to linearise at.
+    """
+    distant = point.whitened._replace(residual=point.whitened.residual + FAR)
+    with np.errstate(all='ignore'):
+        return adjust(observations, point.parameters, point.adjusted, point.linear, distant, STILL, noise)
 
 
 def project(observations: Observations, parameters: Parameters, noise: Noise) -> Point:
@@ -23,15 +34,12 @@ def project(observations: Observations, parameters: Parameters, noise: Noise) ->
         parameters: L̄.
         noise: σ_q and σ_f, the measure of distance.
     """
-    still = np.zeros(len(NAMES))
     with np.errstate(all='ignore'):
         point = evaluate(observations, parameters, first_guess(observations, parameters), noise, COARSE)
-        # first turn every force radial: measured directions are not good enough to linearise at
-        distant = point.whitened._replace(residual=point.whitened.residual + FAR)
-        adjusted = adjust(observations, parameters, point.adjusted, point.linear, distant, still, noise)
+        adjusted = turn_radial(observations, point, noise)
         for _ in range(ROUNDS):
             point = evaluate(observations, parameters, adjusted, noise)
-            adjusted = adjust(observations, parameters, point.adjusted, point.linear, point.whitened, still, noise)
+            adjusted = adjust(observations, parameters, point.adjusted, point.linear, point.whitened, STILL, noise)
         return evaluate(observations, parameters, adjusted, noise)
 
 

@@ -142,6 +142,7 @@ def minimise(
     subspace: Subspace,
     noise: Noise,
     stage: Stage,
+    used: NDArray[np.bool_] | None = None,
     max_iterations: int = MAX_ITERATIONS,
 ) -> Fit:
     """Find the L̄ of least cost in a subspace.
@@ -153,25 +154,27 @@ def minimise(
         subspace: the changes allowed.
         noise: σ_q and σ_f.
         stage: which run this is.
+        used: touches that count, (n,); the others are adjusted along, without a say. None for all.
         max_iterations: steps at most.
 
     Returns:
         The fit; how it ended is in `termination`, nothing is raised.
     """
     point = evaluate(observations, start, adjusted, noise, stage)
-    system, scale = _system(point, subspace, stage)
+    used = np.ones(len(point.distance), dtype=bool) if used is None else used
+    system, scale = _system(point, subspace, stage, used)
     damping, history, iterations, termination = stage.damping, [], 0, Termination.ITERATION_LIMIT
     while iterations < max_iterations:
         iterations += 1
         step = steps.damped_step(system, damping)
         trial = _move(observations, point, subspace.basis @ step, noise, stage)
-        cost, trial_cost = _cost(point, scale, stage), _cost(trial, scale, stage)
+        cost, trial_cost = (_cost(item.distance[used], scale, stage) for item in (point, trial))
         shift = steps.predicted_shift(system, step)
         settled = shift < stage.tolerance or float(np.abs(step).max(initial=0.0)) < STEP_TOLERANCE
         if np.isfinite(trial_cost) and (settled or shift < 1e-3 or trial_cost <= cost * (1 + STALL_TOLERANCE)):
             point, damping = trial, max(stage.damping, damping / 10 if damping > 1e-6 else 0.0)
             history.append(trial_cost)
-            system, scale = _system(point, subspace, stage)
+            system, scale = _system(point, subspace, stage, used)
             if settled:
                 termination = Termination.CONVERGED
                 break
@@ -194,11 +197,13 @@ def _move(observations: Observations, point: Point, change: Floats, noise: Noise
         return evaluate(observations, parameters, adjusted, noise, stage)
 
 
-def _system(point: Point, subspace: Subspace, stage: Stage) -> tuple[steps.Compressed, float]:
-    scale = steps.typical_scale(point.distance)
-    weights = steps.robust_weights(point.distance, scale) if stage.robust else None
+def _system(point: Point, subspace: Subspace, stage: Stage, used: NDArray[np.bool_]) -> tuple[steps.Compressed, float]:
+    scale = steps.typical_scale(point.distance[used])
+    weights = None if used.all() else used.astype(float)
+    if stage.robust:
+        weights = used * steps.robust_weights(point.distance, scale)
     return steps.compress(point.whitened.derivative @ subspace.basis, point.whitened.residual, weights), scale
 
 
-def _cost(point: Point, scale: float, stage: Stage) -> float:
-    return steps.robust_cost(point.distance, scale) if stage.robust else float(point.distance.sum())
+def _cost(distance: Floats, scale: float, stage: Stage) -> float:
+    return steps.robust_cost(distance, scale) if stage.robust else float(distance.sum())

@@ -11,8 +11,9 @@ from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.statics import Arm, Floats, view_arm
 
-MODE_SCALE = 1e-2
-"""Weight of lever arm against backlash in the choice of a mode, rad/m; any positive value is right."""
+MODE_SCALE = 1.0
+"""Weight of lever arm against backlash in the choice of a mode, rad/m. Any positive value is right; with this one a
+lever arm of a millimetre already outweighs a usual backlash, so that a flank gives way to the other one at once."""
 
 
 class State(NamedTuple):
