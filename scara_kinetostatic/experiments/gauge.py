@@ -148,9 +148,10 @@ def analyse(readings: GaugeReadings, zero_band: float = ZERO_BAND) -> GaugeAnaly
     """
     runs = [_run(rows, zero_band) for rows in split_runs(readings)]
     gripper = _part(GRIPPER, [run for run in runs if run.part == GRIPPER])
-    runs = _with_alarms([_without_gripper(run, gripper) for run in runs])
+    level = ALARM_LEVEL / sum(len(run.fit.checks) + 2 for run in runs)
+    runs = [_with_alarms(_without_gripper(run, gripper), level) for run in runs]
     parts = tuple(part for name in PARTS if (part := _part(name, [run for run in runs if run.part == name])))
-    warnings = (*readings.notes, *(text for run in runs for text in _warnings(run)), *_part_warnings(parts))
+    warnings = (*readings.notes, *(text for run in runs for text in _warnings(run)), *_part_warnings(parts, level))
     return GaugeAnalysis(parts, warnings, readings.sources)
 
 
@@ -257,16 +258,12 @@ def _part(name: str, runs: list[Run]) -> Part | None:
     return Part(name, tuple(runs), Estimate(first.mean, first.std), Estimate(second.mean, second.std), None, None)
 
 
-def _with_alarms(runs: list[Run]) -> list[Run]:
-    """Marks the checks that fail, with `ALARM_LEVEL` shared among all checks of the experiment."""
-    level = ALARM_LEVEL / max(1, sum(len(run.fit.checks) + 1 for run in runs))
-    return [
-        run._replace(
-            alarms=tuple(check for check in run.fit.checks if check.p_value < level),
-            outliers=tuple(np.flatnonzero(run.fit.row_p < level / max(1, run.fit.used.sum())).tolist()),
-        )
-        for run in runs
-    ]
+def _with_alarms(run: Run, level: float) -> Run:
+    """Marks the checks that fail; `level` is the share of each test in `ALARM_LEVEL`."""
+    return run._replace(
+        alarms=tuple(check for check in run.fit.checks if check.p_value < level),
+        outliers=tuple(np.flatnonzero(run.fit.row_p < level / run.fit.used.sum()).tolist()),
+    )
 
 
 _MEANING = {
@@ -296,20 +293,20 @@ def _warnings(run: Run) -> list[str]:
     return found + [f'{run.name}: {run.note}'] * bool(run.note)
 
 
-def _part_warnings(parts: tuple[Part, ...]) -> list[str]:
+def _part_warnings(parts: tuple[Part, ...], level: float) -> list[str]:
     found = []
     for part in parts:
         maps = (('compliance', part.compliance_map), ('gap', part.gap_map))
         for what, each in maps:
-            if each is not None and each.ellipse is not None and each.ellipse.p_value < ALARM_LEVEL / len(maps):
+            if each is not None and each.ellipse is not None and each.ellipse.p_value < level:
                 chance = f'p = {each.ellipse.p_value:.2g}'
                 found.append(f'{part.name}: the {what} over the direction is no ellipse ({chance})')
         if len(part.runs) > 1 and part.compliance_map is None:
-            found += _disagreements(part)
+            found += _disagreements(part, level)
     return found
 
 
-def _disagreements(part: Part) -> list[str]:
+def _disagreements(part: Part, level: float) -> list[str]:
     """Runs of one part, no map, that do not agree."""
     dof = np.array([run.fit.degrees_of_freedom for run in part.runs], dtype=float)
     quantities = {'compliance': [run.compliance for run in part.runs], 'gap': [run.gap for run in part.runs]}
@@ -317,6 +314,6 @@ def _disagreements(part: Part) -> list[str]:
     for what, estimates in quantities.items():
         values = np.array(estimates)
         test = agreement(values[:, 0], values[:, 1], dof)
-        if test.p_value < ALARM_LEVEL / len(quantities):
+        if test.p_value < level:
             found.append(f'{part.name}: the runs do not agree on the {what} (p = {test.p_value:.2g})')
     return found

@@ -90,7 +90,7 @@ def find_sweeps(time: Floats, displacement: Floats, force: Floats) -> list[Sweep
     peaks = [find_peaks(sign * displacement, prominence=least)[0] for sign in (1, -1)] if least > 0 else [[], []]
     turns = np.sort(np.concatenate(peaks)).astype(int)
     sweeps = []
-    for first, last in zip(turns, np.append(turns[1:], len(time) - 1), strict=True):
+    for first, last in zip(turns, [*turns[1:], len(time) - 1][: len(turns)], strict=True):
         rows = slice(first, last + 1)
         sense = 1 if displacement[last] > displacement[first] else -1
         distance, along = sense * (displacement[rows] - displacement[first]), sense * force[rows]

@@ -55,7 +55,7 @@ def agreement(values: Floats, std: Floats, dof: Floats | float, level: float = 0
         values: (n,), n of 2 or more.
         std: standard deviation of each, (n,).
         dof: degrees of freedom of each standard deviation, (n,), if each was estimated by itself; a single number
-            if all come from one common estimate.
+            if all come from one common estimate; infinite if they are known.
         level: below this p-value the variance between is added to that of the mean.
     """
     count = len(values)
@@ -75,7 +75,7 @@ def _p_value(chi_square: float, weight: Floats, dof: Floats | float) -> float:
     count = len(weight)
     ratio = chi_square / (count - 1)
     if np.ndim(dof) == 0:
-        return float(stats.f.sf(ratio, count - 1, dof))
+        return float(stats.f.sf(ratio, count - 1, dof) if np.isfinite(dof) else stats.chi2.sf(chi_square, count - 1))
     bend = float((((1 - weight / weight.sum()) ** 2) / dof).sum())
     ratio /= 1 + 2 * (count - 2) / (count**2 - 1) * bend
     return float(stats.f.sf(ratio, count - 1, (count**2 - 1) / (3 * bend)))
