@@ -32,6 +32,8 @@ HIDDEN = (
     'Friction in a transmission that comes to every touch from the same side: it looks like backlash.',
 )
 """What no set of such touches can show, whatever their number."""
+UNSEEN_JOINT_NOISE = 1e-6
+"""An estimate below this is none: it moves the force by less than a tenth of what sensors resolve, rad."""
 
 
 def verdict(outcome: Outcome) -> Verdict:
@@ -96,8 +98,12 @@ def fit_quality(outcome: Outcome) -> str:
 def noise(outcome: Outcome) -> str:
     """Noise levels and where they come from."""
     c = outcome.calibration
-    source = 'as the cell description gives them' if c.noise_source == 'given' else 'estimated from the residuals'
-    return f'{c.noise.joint * 1e6:.3g} µrad per joint and {c.noise.force:.3g} N per force component, {source}'
+    force = f'{c.noise.force:.3g} N per force component'
+    if c.noise_source == 'given':
+        return f'{c.noise.joint * 1e6:.3g} µrad per joint and {force}, as the cell description gives them'
+    if c.noise.joint < UNSEEN_JOINT_NOISE:
+        return f'{force}, estimated from the residuals; that of the joints does not show beside it'
+    return f'{c.noise.joint * 1e6:.3g} µrad per joint and {force}, estimated from the residuals'
 
 
 def identifiability(outcome: Outcome) -> list[str]:

@@ -8,6 +8,7 @@ import pytest
 
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.diagnose import Diagnosis
+from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.pipeline import Outcome
 from scara_kinetostatic.report import words
@@ -82,3 +83,16 @@ def test_every_verdict_has_its_words(plain: Outcome, diagnosis: Diagnosis, level
     assert expected in ' '.join(verdict.sentences)
     assert ('The twelve-parameter model explains' in verdict.headline) == (level == 'good')
     assert text_report(outcome).startswith(verdict.headline)
+
+
+@pytest.mark.parametrize(
+    ('joint', 'source', 'expected'),
+    [
+        (1e-5, 'given', '10 µrad per joint and 0.3 N per force component, as the cell description gives them'),
+        (1e-5, 'estimated', '10 µrad per joint and 0.3 N per force component, estimated from the residuals'),
+        (1e-8, 'estimated', 'that of the joints does not show beside it'),
+    ],
+)
+def test_noise_in_words(plain: Outcome, joint: float, source: str, expected: str) -> None:
+    calibration = replace(plain.calibration, noise=Noise(joint, 0.3), noise_source=source)
+    assert expected in words.noise(replace(plain, calibration=calibration))
