@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.simulation.streams import simulate_streams
 
     cell = _cell(args)
-    truth = _truth(args.truth, cell)
+    truth = truth_of(args.truth, cell)
     plan = _plan(args, cell)
     streams = simulate_streams(cell, truth, plan, sensors=_sensors(args, cell), seed=args.seed)
     write_streams(
@@ -122,7 +122,8 @@ def _cell(args: argparse.Namespace) -> Cell:
     return replace(cell, sensor=cell.sensor._replace(frame=frame, sign=sign))
 
 
-def _truth(what: str, cell: Cell) -> Parameters:
+def truth_of(what: str, cell: Cell) -> Parameters:
+    """The true parameters that a word or a file names: `paper`, `measured`, or a YAML file of all twelve."""
     from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
     from scara_kinetostatic.recording.yaml_text import parse_yaml, read_text
 

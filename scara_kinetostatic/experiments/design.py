@@ -46,9 +46,9 @@ Tell = Callable[[str, float], None]
 
 GOLDEN = 0.6180339887498949
 SHARPER = 0.999
-QUICK = 100
+QUICK = 60
 """Effort spent on the smallest set of a layout."""
-SEEDS = 3
+SEEDS = 2
 """Searches for a layout; the best counts."""
 
 
@@ -207,7 +207,7 @@ def _choose(
 ) -> Choice:
     """The smallest set, checked on the full workspace and by singular values."""
     asked, tip = question.accuracy, tips.loaded if question.under_load else tips.free
-    tried: dict[int, float] = {}
+    rank, tried = predict(robot, pool.plan).rank, dict[int, float]()
     while True:
         found = smallest_set(
             pool, bound, asked, spare=spare, least=least, seed=question.seed, effort=effort, tell=tell
@@ -215,10 +215,11 @@ def _choose(
         tried = {**found.tried, **tried}
         chosen = ordered(found, pool)
         plan = pool.plan.select(np.array(chosen))
-        reached = tip_std(tip, predict(robot, plan)).largest
+        prediction = predict(robot, plan)
+        reached = tip_std(tip, prediction).largest if prediction.rank >= rank else np.inf
         if reached <= question.accuracy:
             break
-        # the full workspace is a little wider than that of the search, and a direction may be unseen
+        # the workspace is a little wider than that of the search, and a set may not show all that the touches can
         if np.isfinite(reached):
             asked, least = min(SHARPER, SHARPER * question.accuracy / reached) * asked, len(chosen)
         else:

@@ -136,7 +136,7 @@ def place_discs(
     )  # fmt: skip
     if found.fun >= FORBIDDEN:
         return None
-    best = np.round(layouts(found.x[:, None]) / STEP) * STEP
+    best = np.round(layouts(found.x[:, None]) / STEP) * STEP + 0.0  # no -0
     largest = float(judge(robot, best, tip, touching, number, region or Region())[0])
     order = best[0][np.argsort(-best[0][:, 2])]
     return Layout(tuple(Disc(f'disc_{i}', *row.tolist()) for i, row in enumerate(order, 1)), largest)

@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 
 SCALINGS = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
 NUMBERS = (16, 20, 24, 30, 36, 48, 72, 108)
-STARTS = 2
+STARTS, LARGE = 2, 30
 BAND = (0.05, 0.5, 0.95)
 POSTURE_NAMES = {(1,): 'left', (-1,): 'right', (1, -1): 'both', (-1, 1): 'both'}
 
@@ -158,7 +158,7 @@ def study_number(
     reached = dict(best)
     for number in NUMBERS:
         if max(reached, default=0) < number <= len(pool.plan):
-            reached[number] = best_set(pool, bound, number, seed=seed, starts=STARTS).value
+            reached[number] = best_set(pool, bound, number, seed=seed, starts=STARTS if number < LARGE else 1).value
     numbers = np.array(sorted(reached))
     one = tip_std(tip, predict(robot, pool.plan, 1)).largest
     random = [np.quantile(largest_of_sets(pool, random_sets(pool, int(n), seed=seed)), BAND) for n in numbers]

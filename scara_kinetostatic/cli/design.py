@@ -1,0 +1,163 @@
+"""`scara-kinetostatic design`: how many touches, on which discs, where, how hard, for an accuracy of the tip."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real, whole
+from scara_kinetostatic.cli.progress import progress
+from scara_kinetostatic.errors import InputError
+
+if TYPE_CHECKING:
+    from scara_kinetostatic.experiments.design import Design, Question
+    from scara_kinetostatic.experiments.design_prediction import Robot
+
+PLAN, SPARE_PLAN = 'plan.yaml', 'plan_spare.yaml'
+DESCRIPTION = """\
+Predicts, before a single touch is made, how well a cell will be calibrated: the
+standard deviation of every parameter and of the tip over the workspace. Finds
+the smallest set of touches for an accuracy, and the best places for discs, and
+shows what the accuracy depends on. The set is written as a plan for `simulate
+--plan` and the simulated cell.
+"""
+EXAMPLE = """\
+  scara-kinetostatic design --cell cell.yaml --accuracy 1e-5 --out design
+  scara-kinetostatic simulate --cell cell.yaml --plan design/plan.yaml --out recording
+"""
+
+
+def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
+    """Adds the verb."""
+    parser = add_verb(subparsers, 'design', 'the smallest set of touches for an accuracy', DESCRIPTION, EXAMPLE)
+    parser.add_argument('--cell', type=Path, metavar='FILE', help="cell description; default: the paper's cell")
+    parser.add_argument(
+        '--accuracy',
+        type=real(0, above=True),
+        default=1e-5,
+        metavar='S',
+        help='largest standard deviation of the tip over the workspace, m (default: 1e-5)',
+    )
+    parser.add_argument(
+        '--out', type=Path, metavar='DIR', help=f'write {PLAN}, {SPARE_PLAN}, design.json and design.html there'
+    )
+    parser.add_argument('--json', action='store_true', help='print JSON instead of tables')
+    _add_robot(parser)
+    _add_choice(parser)
+    return parser
+
+
+def _add_robot(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group('robot')
+    group.add_argument(
+        '--expected',
+        default='nominal',
+        metavar='WHAT',
+        help='what the robot is expected to be: "nominal", "paper" (table 2), "measured" (figure 4d), or a YAML file '
+        'with all twelve parameters by name (default: nominal)',
+    )
+    group.add_argument('--noise-joint', type=real(0, above=True), metavar='S', help='of one touch, rad')
+    group.add_argument('--noise-force', type=real(0, above=True), metavar='S', help='of one touch, N')
+    group.add_argument('--load', type=real(0, above=True), metavar='F', help='on the loaded tip, N (default: highest level)')
+    group.add_argument('--under-load', action='store_true', help='ask the accuracy of the loaded tip, not of the free one')
+    group.add_argument(
+        '--region',
+        type=real(),
+        nargs=4,
+        metavar=('XMIN', 'XMAX', 'YMIN', 'YMAX'),
+        help='part of the base frame that matters, m (default: all within reach)',
+    )
+
+
+def _add_choice(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group('touches and discs to choose from')
+    group.add_argument(
+        '--levels', type=real(0, above=True), nargs='+', metavar='F', default=[10.0, 25.0, 40.0],
+        help='force levels, N (default: 10 25 40)',
+    )  # fmt: skip
+    group.add_argument('--postures', choices=('both', 'left', 'right'), default='both', help='of the elbow')
+    group.add_argument('--per-disc', type=whole(3), default=36, metavar='N', help='points around a disc (default: 36)')
+    group.add_argument('--touches', type=whole(12), default=36, metavar='N', help='in comparisons (default: 36)')
+    group.add_argument('--discs', type=whole(0), default=3, metavar='N', help='place up to so many anew (default: 3)')
+    group.add_argument(
+        '--disc-radius', type=real(0, above=True), nargs=2, metavar=('MIN', 'MAX'), help='m (default: as in the cell)'
+    )
+    group.add_argument('--seed', type=whole(0), default=0, metavar='N', help='of the searches (default: 0)')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Designs.
+
+    Raises:
+        InputError: the cell, the expected robot or an option is wrong, or DIR cannot be written.
+        UnsupportedDataError: the accuracy is out of reach.
+    """
+    question, robot = _question(args), _robot(args)
+    from scara_kinetostatic.experiments.design import design
+    from scara_kinetostatic.report import design_document
+    from scara_kinetostatic.report.design_text import text
+    from scara_kinetostatic.report.json_file import json_text
+
+    with progress() as tell:
+        found = design(robot, question, tell)
+        document = json_text(design_document.design_document(found))
+        names = _write(args.out, found, document) if args.out else []
+    print(document if args.json else text(found))
+    if names and not args.json:
+        print(f'\nwritten: {", ".join(str(args.out / name) for name in names)}')
+    return 0
+
+
+def _write(folder: Path, found: Design, document: str) -> list[str]:
+    from scara_kinetostatic.recording.plan_writer import dump_plan
+    from scara_kinetostatic.report import design_document, design_html
+    from scara_kinetostatic.report.design_text import choice_sentences
+    from scara_kinetostatic.report.write import write_texts
+
+    cell = found.robot.cell
+    texts = {
+        PLAN: dump_plan(found.smallest.plan, cell, tuple(choice_sentences(found.smallest, found))),
+        SPARE_PLAN: dump_plan(found.spare.plan, cell, tuple(choice_sentences(found.spare, found))),
+        design_document.NAME: document,
+        design_html.NAME: design_html.html_text(found),
+    }
+    write_texts(folder, texts)
+    return list(texts)
+
+
+def _question(args: argparse.Namespace) -> Question:
+    from scara_kinetostatic.experiments.design import Question
+    from scara_kinetostatic.experiments.design_workspace import Region
+
+    for option, values in (('--region', args.region), ('--disc-radius', args.disc_radius)):
+        for low, high in zip((values or [])[::2], (values or [])[1::2], strict=True):
+            if low > high or (low == high and option == '--region'):
+                raise InputError(option, f'expected the lower limit first, got {low:g} {high:g}')
+    return Question(
+        accuracy=args.accuracy,
+        levels=tuple(dict.fromkeys(args.levels)),
+        postures={'both': (1, -1), 'left': (1,), 'right': (-1,)}[args.postures],
+        per_disc=args.per_disc,
+        load=args.load or max(args.levels),
+        under_load=args.under_load,
+        region=Region(*args.region) if args.region else Region(),
+        number=args.touches,
+        radii=tuple(args.disc_radius) if args.disc_radius else None,
+        most_discs=args.discs,
+        seed=args.seed,
+    )
+
+
+def _robot(args: argparse.Namespace) -> Robot:
+    from scara_kinetostatic.cli.simulate import truth_of
+    from scara_kinetostatic.experiments.design_prediction import Robot
+    from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
+    from scara_kinetostatic.model.parameters import PAPER_NOMINAL
+    from scara_kinetostatic.recording.cell_file import load_cell
+    from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE
+
+    cell = load_cell(args.cell) if args.cell else Cell(PAPER_NOMINAL, PAPER_DISCS, noise=TYPICAL_NOISE)
+    usual = cell.noise or TYPICAL_NOISE
+    noise = Noise(args.noise_joint or usual.joint, args.noise_force or usual.force)
+    return Robot.of(cell, cell.nominal if args.expected == 'nominal' else truth_of(args.expected, cell), noise)
