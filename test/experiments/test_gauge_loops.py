@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -29,7 +31,7 @@ def record(
     force = np.zeros_like(time)
     edges = [0, *turns.tolist(), len(time)]
     speed = np.abs(np.gradient(moved, time))
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in pairwise(edges):
         rows = slice(first, last)
         sense = np.sign(moved[last - 1] - moved[first]) or 1.0
         distance = sense * (moved[rows] - moved[first])

@@ -51,7 +51,8 @@ def test_encodings_of_spreadsheets(encoding, tmp_path):
 
 
 def test_optional_columns_and_what_holds_without_them():
-    text = 'force_N,displacement_m,direction_deg,cycle,Joint,lever_mm,seat,time_s\n1,2e-6,90,3,Joint 2,330,TIP,0.5\n1,2e-6\n'
+    heading = 'force_N,displacement_m,direction_deg,cycle,Joint,lever_mm,seat,time_s'
+    text = f'{heading}\n1,2e-6,90,3,Joint 2,330,TIP,0.5\n1,2e-6\n'
     usual = Usual(part='joint1', lever=0.66, direction=math.pi, seat='link')
     readings = parse_readings(text, 'table.csv', usual)
     assert readings.part.tolist() == ['joint2', 'joint1']
@@ -101,7 +102,7 @@ def test_an_unknown_column_is_mentioned():
         ('force_N,displacement_m,cycle\n1,0,first\n', "line 2: cycle: expected the number of a cycle, got 'first'"),
         (
             'force_N,displacement_m,part\n1,0,elbow\n',
-            "line 2: part: expected one of gripper, joint1, joint2, got 'elbow'",
+            "line 2: part: expected one of .*, got 'elbow'",
         ),
         ('force_N,displacement_m,lever_m\n1,0,0\n', 'line 2: lever_m: expected a lever above 0'),
         ('force_N,displacement_m,direction_deg\n1,0,9000\n', 'line 2: direction_deg: 9000 is out of all reason'),

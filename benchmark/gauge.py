@@ -1,0 +1,72 @@
+"""Are the standard deviations of the gauge experiments right, and how often is there a false alarm.
+
+    python -m benchmark.gauge [--number 1000] [--json FILE]
+
+Every file is all of section 5.2, simulated: the gripper in 12 directions, both joints, 2 µm gauge noise, values of
+figure 4(d). The error of each compliance and gap is divided by its own standard deviation.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from scara_kinetostatic.experiments.gauge import analyse
+from scara_kinetostatic.experiments.gauge_simulation import GaugeTruth, simulate_experiments
+from scara_kinetostatic.recording.gauge_readings import GRIPPER, JOINT1, JOINT2
+
+
+def play(number: int) -> dict[str, object]:
+    """Pooled figures of so many files."""
+    truth = GaugeTruth()
+    z, warned, isotropy, ellipse = [], 0, [], []
+    for seed in range(number):
+        found = analyse(simulate_experiments(truth, seed=seed))
+        gripper = found.part(GRIPPER)
+        wanted = [(run, truth.p_ee, float(truth.gripper_gap(run.direction))) for run in gripper.runs]
+        wanted += [(found.part(JOINT1), truth.p1, truth.gap1), (found.part(JOINT2), truth.p2, truth.gap2)]
+        z.append(
+            [
+                ((each.compliance.value - p) / each.compliance.std, (each.gap.value - gap) / each.gap.std)
+                for each, p, gap in wanted
+            ]
+        )
+        warned += bool(found.warnings)
+        maps = gripper.compliance_map, gripper.gap_map
+        isotropy.append([each.isotropy.p_value for each in maps if each is not None])
+        ellipse.append(maps[1].ellipse.p_value if maps[1] is not None and maps[1].ellipse is not None else np.nan)
+    errors, p = np.array(z), np.array(isotropy)
+    rms = np.sqrt((errors**2).mean(axis=0))
+    return {
+        'files': number,
+        'rms': float(np.sqrt((errors**2).mean())),
+        'rms_smallest': float(rms.min()),
+        'rms_largest': float(rms.max()),
+        'largest': float(np.abs(errors).max()),
+        'files_with_a_false_warning': warned / number,
+        'compliance_called_anisotropic_at_1_percent': float((p[:, 0] < 0.01).mean()),
+        'gap_called_anisotropic_at_1_percent': float((p[:, 1] < 0.01).mean()),
+        'ellipse_refused_at_1_percent': float((np.array(ellipse) < 0.01).mean()),
+    }
+
+
+def main() -> int:
+    """Runs the benchmark."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--number', type=int, default=1000)
+    parser.add_argument('--json', type=Path, help='write the figures there')
+    args = parser.parse_args()
+    figures = play(args.number)
+    text = json.dumps(figures, indent=2)
+    print(text)
+    if args.json:
+        args.json.write_text(text + '\n', encoding='utf-8')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
