@@ -27,6 +27,7 @@ FLOOR = Noise(joint=1e-8, force=1e-5)
 """The least that a noise level is taken to be: joint readings may repeat to the last bit, and below this
 the weights would be those of rounding errors."""
 LARGEST_CHANGE = 10.0
+LEAST_SHARE = 0.5
 FEWEST_FREEDOMS = 10
 """With fewer degrees of freedom the ratio of the two levels is kept and only their size estimated."""
 
@@ -59,19 +60,26 @@ def estimate_noise(linear: Linearisation, whitened: Whitened, covariance: Floats
             matrix[k, j] = (
                 np.einsum('nij,nij->', parts[k], parts[j]) - 2 * np.trace(crossed) + np.trace(normals[k] @ normals[j])
             )
-    variances = _nonnegative(matrix, vector)
+    variances = _distinguishable(matrix, vector)
     return _bounded(noise, Noise(*np.sqrt(variances).tolist()))
 
 
-def _nonnegative(matrix: Floats, vector: Floats) -> Floats:
-    """Solve for two variances; where one would be negative, it is zero and the other is alone."""
-    solution: Floats = np.asarray(np.linalg.solve(matrix, vector), dtype=float)
-    if (solution >= 0).all():
+def _distinguishable(matrix: Floats, vector: Floats) -> Floats:
+    """Solve for two variances, neither smaller than what the residuals could tell from zero.
+
+    An estimate at or below zero says that a noise does not show, not that there is none: a weight
+    without bound would make sigmas too small. Such a variance is set to `LEAST_SHARE` of its own
+    standard deviation, and the other is solved for.
+    """
+    solution = np.asarray(np.linalg.solve(matrix, vector), dtype=float)
+    least = LEAST_SHARE * np.sqrt(2 * np.diag(np.linalg.inv(matrix)))
+    if (solution >= least).all():
         return solution
-    kept = int(np.argmax(solution))
-    alone = np.zeros(2)
-    alone[kept] = vector[kept] / matrix[kept, kept]
-    return alone
+    hidden = int(np.argmin(solution / least))
+    other = 1 - hidden
+    solution[hidden] = least[hidden]
+    solution[other] = max((vector[other] - matrix[other, hidden] * least[hidden]) / matrix[other, other], least[other])
+    return solution
 
 
 def _bounded(old: Noise, new: Noise) -> Noise:

@@ -192,3 +192,18 @@ def test_held_out_error_is_a_little_above_the_fitted_one():
     held_out = held_out_force_error(found)
     assert held_out.folds == 5
     assert found.force_error < held_out.force_error < 1.5 * found.force_error
+
+
+def test_a_noise_that_does_not_show_is_not_taken_for_none():
+    """With soft joints and gripper the force error hides that of the joints."""
+    for seed in range(15):
+        found = calibrate(touches(PAPER_MEASURED, seed, levels=(10.0, 25.0), postures=(1,)), replace(CELL, noise=None))
+        assert 2e-6 < found.noise.joint < 5e-5
+        assert 0.15 < found.noise.force < 0.5
+
+
+@pytest.mark.parametrize('robot', ROBOTS)
+def test_one_force_level_without_stated_noise(robot):
+    for seed in range(6):
+        found = calibrate(touches(robot, seed, levels=(40.0,)), replace(CELL, noise=None))
+        assert found.identifiability.confounded == (('p_ee', 'g_ee'),)
