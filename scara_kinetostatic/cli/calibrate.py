@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from scara_kinetostatic.cli.arguments import Subparsers, add_verb
 from scara_kinetostatic.cli.progress import progress
-from scara_kinetostatic.errors import InputError, RecordingError
+from scara_kinetostatic.errors import CellError, InputError, RecordingError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.model.cell import Cell
@@ -68,7 +68,11 @@ def run(args: argparse.Namespace) -> int:
     nominal = cell.nominal.as_dict()
     fixed = {name: nominal[name] if value is None else value for name, value in args.fix}
     with progress() as tell:
-        outcome = calibrate_recordings(args.bags, cell, fixed=fixed, progress=tell)
+        try:
+            outcome = calibrate_recordings(args.bags, cell, fixed=fixed, progress=tell)
+        except CellError as error:  # the data contradict it: say in which file
+            where = args.cell or f'the cell description in {args.bags[0]}'
+            raise CellError(f'{where}: {error.where}', error.problem, error.remedy) from error
         tell('writing the report', 1.0)
         files = write_results(outcome, args.out)
     print(text_report(outcome))

@@ -134,5 +134,6 @@ PAPER_MEASURED = PAPER_ACTUAL.replace(p_ee=3.76e-5, p1=3.23e-5, p2=1.08e-4, g_ee
 """Compliances and backlashes measured on the real robot, figure 4(d).
 
 The geometry is that of table 2, since the paper measured none; g_ee is the
-middle of the measured range 5.49e-5 … 2.05e-4 m.
+middle of the measured range 5.49e-5 … 2.05e-4 m. The values are taken as they stand; read as whole
+gaps, as section 5.2 describes them, g of (6) and (7) would be half of them.
 """
