@@ -2,9 +2,14 @@
 
     python -m benchmark.design [--number 200] [--json FILE]
 
-The paper's cell (three discs, 1e-5 rad, 0.3 N), 1e-5 m asked of the tip. Three cases: designed for L̄a of table 2 and played by
-it; designed for the nominal robot and played by L̄a, as in life; and the set with one touch to spare. Predicted and scattered
-standard deviations of the tip, at the worst place and in the mean, and of every parameter, must agree within 10 %.
+The paper's cell (three discs, 1e-5 rad, 0.3 N), 1e-5 m asked of the tip. Three cases: designed for L̄a of table 2
+and played by it; designed for the nominal robot and played by L̄a, as in life; and the set with one touch to spare.
+
+Each case is played twice. With independent noise, the tip's standard deviation, at the worst place and in the
+mean, must agree with the prediction within 10 %; those of the twelve parameters have a sampling error of 5 % each
+at 200 runs, and must agree within three of it. With balanced noise the sample covariance of the noise of all runs is
+exactly the stated one: that takes the sampling error away and leaves what the prediction itself gets wrong
+(non-linearity, rejected touches), and everything must agree within 10 %.
 """
 
 from __future__ import annotations
@@ -12,41 +17,59 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.experiments.design import Design, Question, design
+from scara_kinetostatic.experiments.design import design
 from scara_kinetostatic.experiments.design_prediction import Robot, predict
+from scara_kinetostatic.experiments.design_solution import Design, Question
 from scara_kinetostatic.experiments.design_workspace import Tip, free_tip, make_workspace, tip_std
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
+from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
-CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
+NOISE = Noise(joint=1e-5, force=0.3)
+CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=NOISE)
 WITHIN = 0.10
 
 
-def play(truth: Parameters, plan: Plan, number: int) -> tuple[NDArray[np.float64], int, int]:
+def played(truth: Parameters, plan: Plan, number: int, balanced: bool) -> Iterator[TouchSet]:
+    """Simulated touches of all runs, with independent or with balanced noise."""
+    if not balanced:
+        yield from (simulate_touches(CELL, truth, plan, seed=seed) for seed in range(number))
+        return
+    exact = simulate_touches(CELL, truth, plan, Noise(0.0, 0.0))
+    drawn = np.random.default_rng(0).standard_normal((number, 4 * len(plan)))
+    drawn -= drawn.mean(axis=0)
+    left, _, right = np.linalg.svd(drawn, full_matrices=False)
+    noise = (np.sqrt(number - 1) * left @ right).reshape(number, len(plan), 2, 2)
+    for joint, force in zip(NOISE.joint * noise[:, :, 0], NOISE.force * noise[:, :, 1], strict=True):
+        yield exact.replace(joints=exact.joints + joint, force=exact.force + force)
+
+
+def play(truth: Parameters, plan: Plan, number: int, balanced: bool) -> tuple[NDArray[np.float64], int, int]:
     """Errors of the estimates, (number, 12), touches rejected, and calibrations that did not see all twelve."""
     errors, rejected, blind = [], 0, 0
-    for seed in range(number):
-        found = calibrate(simulate_touches(CELL, truth, plan, seed=seed), CELL)
+    for touches in played(truth, plan, number, balanced):
+        found = calibrate(touches, CELL)
         errors.append(found.parameters.as_array() - truth.as_array())
         rejected += int((~found.used).sum())
         blind += found.identifiability.rank < len(NAMES)
     return np.array(errors), rejected, blind
 
 
-def compare(truth: Parameters, plan: Plan, number: int, promised: float) -> dict[str, object]:
+def compare(truth: Parameters, plan: Plan, number: int, balanced: bool) -> dict[str, object]:
     """Predicted against scattered, for a robot that is `truth`."""
     robot = Robot.of(CELL, truth)
     tip: Tip = free_tip(robot, make_workspace(robot))
     predicted = predict(robot, plan)
-    errors, rejected, blind = play(truth, plan, number)
+    errors, rejected, blind = play(truth, plan, number, balanced)
     moved = np.einsum('gdik,nk->ngdi', tip.derivative, errors)
     variance = (moved**2).sum(axis=-1).mean(axis=0)[:, 0]
     places = tip_std(tip, predicted).places.ravel()
@@ -56,18 +79,20 @@ def compare(truth: Parameters, plan: Plan, number: int, promised: float) -> dict
         'largest': (tip_std(tip, predicted).largest, largest),
         'rms': (tip_std(tip, predicted).rms, rms),
     }
-    worst = max(*(abs(b / a - 1) for a, b in tips.values()), float(np.abs(ratio - 1).max()))
+    tip_off = max(abs(b / a - 1) for a, b in tips.values())
+    parameters_off = float(np.abs(ratio - 1).max())
+    allowed = WITHIN if balanced else max(WITHIN, 3 / np.sqrt(2 * (number - 1)))
     return {
         'touches': len(plan),
-        'promised_by_the_design': promised,
         'tip': {name: {'predicted': a, 'scattered': b} for name, (a, b) in tips.items()},
         'places_ratio_range': [float((np.sqrt(variance) / places).min()), float((np.sqrt(variance) / places).max())],
         'parameters_scattered_over_predicted': dict(zip(NAMES, ratio.round(4).tolist(), strict=True)),
         'mean_error_over_std': dict(zip(NAMES, (errors.mean(axis=0) / predicted.std).round(3).tolist(), strict=True)),
         'touches_rejected': rejected,
         'calibrations_of_lower_rank': blind,
-        'largest_disagreement': worst,
-        'within_10_percent': worst <= WITHIN,
+        'tip_off_by': tip_off,
+        'parameters_off_by': parameters_off,
+        'confirmed': bool(tip_off <= WITHIN and parameters_off <= allowed),
     }
 
 
@@ -87,12 +112,14 @@ def main() -> int:
     }
     result: dict[str, object] = {'runs': options.number, 'sampling_error': 1 / np.sqrt(2 * (options.number - 1))}
     for name, choice in cases.items():
-        result[name] = compare(PAPER_ACTUAL, choice.plan, options.number, choice.row.free.largest)
+        for noise in ('independent', 'balanced'):
+            found = compare(PAPER_ACTUAL, choice.plan, options.number, noise == 'balanced')
+            result[f'{name}, {noise} noise'] = {'promised_by_the_design': choice.row.free.largest, **found}
     text = json.dumps(result, indent=2)
     print(text)
     if options.json:
         options.json.write_text(text + '\n', encoding='utf-8')
-    return 0 if all(case['within_10_percent'] for case in result.values() if isinstance(case, dict)) else 1
+    return 0 if all(case['confirmed'] for case in result.values() if isinstance(case, dict)) else 1
 
 
 if __name__ == '__main__':

@@ -11,8 +11,8 @@ from scara_kinetostatic.cli.progress import progress
 from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.experiments.design import Design, Question
     from scara_kinetostatic.experiments.design_prediction import Robot
+    from scara_kinetostatic.experiments.design_solution import Design, Question
 
 PLAN, SPARE_PLAN = 'plan.yaml', 'plan_spare.yaml'
 DESCRIPTION = """\
@@ -59,8 +59,8 @@ def _add_robot(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument('--noise-joint', type=real(0, above=True), metavar='S', help='of one touch, rad')
     group.add_argument('--noise-force', type=real(0, above=True), metavar='S', help='of one touch, N')
-    group.add_argument('--load', type=real(0, above=True), metavar='F', help='on the loaded tip, N (default: highest level)')
-    group.add_argument('--under-load', action='store_true', help='ask the accuracy of the loaded tip, not of the free one')
+    group.add_argument('--load', type=real(0, above=True), metavar='F', help='on the loaded tip (default: top level)')
+    group.add_argument('--under-load', action='store_true', help='the accuracy is asked of the loaded tip')
     group.add_argument(
         '--region',
         type=real(),
@@ -127,7 +127,7 @@ def _write(folder: Path, found: Design, document: str) -> list[str]:
 
 
 def _question(args: argparse.Namespace) -> Question:
-    from scara_kinetostatic.experiments.design import Question
+    from scara_kinetostatic.experiments.design_solution import Question
     from scara_kinetostatic.experiments.design_workspace import Region
 
     for option, values in (('--region', args.region), ('--disc-radius', args.disc_radius)):

@@ -7,22 +7,21 @@ what the accuracy depends on, and where discs should stand.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.experiments.design_bound import Bound, find_bound
-from scara_kinetostatic.experiments.design_check import Check, check
+from scara_kinetostatic.experiments.design_check import check
 from scara_kinetostatic.experiments.design_discs import Layout, Map, map_of_one_more, place_discs
 from scara_kinetostatic.experiments.design_layout import Touching
-from scara_kinetostatic.experiments.design_pool import PER_DISC, Pool, candidate_plan, make_pool
+from scara_kinetostatic.experiments.design_pool import Pool, candidate_plan, make_pool
 from scara_kinetostatic.experiments.design_prediction import Robot, predict
 from scara_kinetostatic.experiments.design_selection import Selection, smallest_set
+from scara_kinetostatic.experiments.design_solution import Choice, Design, Placed, Question
 from scara_kinetostatic.experiments.design_study import (
-    Curve,
     Row,
     Tips,
     row_of_discs,
@@ -32,14 +31,11 @@ from scara_kinetostatic.experiments.design_study import (
     study_postures,
 )
 from scara_kinetostatic.experiments.design_workspace import (
-    Region,
-    Workspace,
     free_tip,
     loaded_tip,
     make_workspace,
     tip_std,
 )
-from scara_kinetostatic.simulation.plan import Plan
 
 Floats = NDArray[np.float64]
 Tell = Callable[[str, float], None]
@@ -50,98 +46,6 @@ QUICK = 60
 """Effort spent on the smallest set of a layout."""
 SEEDS = 2
 """Searches for a layout; the best counts."""
-
-
-@dataclass(frozen=True)
-class Question:
-    """What is asked.
-
-    Attributes:
-        accuracy: largest standard deviation of the tip over the workspace, m.
-        levels: force levels to choose from, N.
-        postures: elbow postures to choose from, +1 and -1.
-        per_disc: points around a disc to choose from.
-        load: force under which the loaded tip is predicted, N.
-        under_load: whether the accuracy is asked of the loaded tip.
-        region: the part of the base frame that matters, and where discs may stand.
-        number: of touches in comparisons.
-        radii: least and largest radius of a disc that is placed, m; None: as those of the cell.
-        most_discs: layouts of up to so many discs are looked for; 0 for none.
-        seed: of everything random.
-    """
-
-    accuracy: float = 1e-5
-    levels: tuple[float, ...] = (10.0, 25.0, 40.0)
-    postures: tuple[int, ...] = (1, -1)
-    per_disc: int = PER_DISC
-    load: float = 40.0
-    under_load: bool = False
-    region: Region = Region()
-    number: int = 36
-    radii: tuple[float, float] | None = None
-    most_discs: int = 3
-    seed: int = 0
-
-
-class Choice(NamedTuple):
-    """A smallest set of touches.
-
-    Attributes:
-        plan: the touches, in the order in which to make them.
-        row: what they will give.
-        check: what speaks for the set.
-        tried: what the best sets of smaller numbers reached, by number, m.
-        least: proven number of touches below which no set does.
-        value: largest standard deviation of the tip that was asked for, m; of a set with a spare, after the worst loss.
-    """
-
-    plan: Plan
-    row: Row
-    check: Check
-    tried: dict[int, float]
-    least: int
-    value: float
-
-
-class Placed(NamedTuple):
-    """Discs placed anew.
-
-    Attributes:
-        layout: the discs.
-        row: what evenly spread touches on them give.
-        needed: number of touches of the smallest set found there for the accuracy, None if it is out of reach.
-    """
-
-    layout: Layout
-    row: Row | None
-    needed: int | None
-
-
-@dataclass(frozen=True)
-class Design:
-    """The answer.
-
-    Attributes:
-        robot: whom it is for.
-        question: what was asked.
-        workspace: where the tip is asked for.
-        smallest: the smallest set that reaches the accuracy.
-        spare: the smallest that still does after any one touch is lost.
-        curve: accuracy by the number of touches.
-        tables: rows by what is varied: ``levels``, ``postures``, ``discs``, ``radius``.
-        placed: discs placed anew, one, two, ….
-        map: what one more disc would do.
-    """
-
-    robot: Robot
-    question: Question
-    workspace: Workspace
-    smallest: Choice
-    spare: Choice
-    curve: Curve
-    tables: dict[str, list[Row]]
-    placed: tuple[Placed, ...]
-    map: Map
 
 
 def design(robot: Robot, question: Question | None = None, tell: Tell | None = None) -> Design:
@@ -207,11 +111,11 @@ def _choose(
 ) -> Choice:
     """The smallest set, checked on the full workspace and by singular values."""
     asked, tip = question.accuracy, tips.loaded if question.under_load else tips.free
-    rank, tried = predict(robot, pool.plan).rank, dict[int, float]()
+    every = predict(robot, pool.plan)
+    _check_determined(tip_std(tip, every).largest, robot, question)
+    rank, tried = every.rank, dict[int, float]()
     while True:
-        found = smallest_set(
-            pool, bound, asked, spare=spare, least=least, seed=question.seed, effort=effort, tell=tell
-        )
+        found = smallest_set(pool, bound, asked, spare=spare, least=least, seed=question.seed, effort=effort, tell=tell)
         tried = {**found.tried, **tried}
         chosen = ordered(found, pool)
         plan = pool.plan.select(np.array(chosen))
@@ -228,6 +132,16 @@ def _choose(
     value = found.value if spare else reached
     proven = bound.number(question.accuracy) + spare
     return Choice(plan, row, check(robot, pool, chosen, plan, tip, question.seed), tried, proven, value)
+
+
+def _check_determined(largest: float, robot: Robot, question: Question) -> None:
+    """Whether all touches together determine the tip."""
+    if np.isfinite(largest):
+        return
+    remedy = 'touch a second disc: about the centre of one, the whole robot may be turned'
+    if len(robot.cell.discs) > 1:
+        remedy = 'choose more force levels, the load among them' if question.under_load else 'move the discs apart'
+    raise UnsupportedDataError('the touches to choose from do not determine the tip, however many', remedy)
 
 
 def ordered(found: Selection, pool: Pool) -> list[int]:

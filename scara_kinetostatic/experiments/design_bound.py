@@ -1,14 +1,15 @@
 """How few touches can possibly do: a lower bound from the theory of optimal design.
 
-Let touches be shared out over the candidates in any parts ξ, fractions and repetitions allowed: the information of N touches
-is N Σ ξ_i I_i. The best largest variance of the tip is then φ*/N, and no real set of N touches is better. φ* is
-bracketed. For any weights λ of the places, L = Σ λ_g T_gᵀT_g and C = (Σ ξ_i I_i)⁻¹, the Cauchy–Schwarz
+Let touches be shared out over the candidates in any parts ξ, fractions and repetitions allowed: the information of
+N touches is N Σ ξ_i I_i. The best largest variance of the tip is then φ*/N, and no real set of N touches is better.
+φ* is bracketed. For any weights λ of the places, L = Σ λ_g T_gᵀT_g and C = (Σ ξ_i I_i)⁻¹, the Cauchy–Schwarz
 inequality gives for every other share ξ'
 
     tr(L C(ξ')) ≥ tr(L C)² / max_i tr(C L C I_i),
 
-whatever ξ and λ are; and the largest variance is no less than the mean by λ. Hence N ≥ φ/target² with the right side for φ. ξ and
-λ that make the bound tight are found by multiplicative iterations; ξ also says from which candidates good sets are drawn.
+whatever ξ and λ are; and the largest variance is no less than the mean by λ. Hence N ≥ φ/target² with the right side
+for φ. ξ and λ that make the bound tight are found by multiplicative iterations; ξ also says from which candidates good
+sets are drawn.
 
 Sources: Kiefer, Annals of Statistics 2 (1974) 849; Silvey, Titterington and Torsney, Communications in
 Statistics A 7 (1978) 1379, for the iteration.
@@ -62,7 +63,7 @@ def find_bound(pool: Pool, iterations: int = ITERATIONS) -> Bound:
     least, reached = 0.0, np.inf
     for step in range(iterations):
         information = np.tensordot(parts, pool.information, axes=1) + FAINT * PRIOR
-        covariance = np.linalg.inv(information)
+        covariance: Floats = np.asarray(np.linalg.inv(information), dtype=float)
         variance = pool.variance(covariance)
         through = pool.derivative @ covariance[:, pool.rows]
         gain = np.einsum('nik,kl,nil->n', through, _square(pool.quadric @ weights), through, optimize=True)

@@ -44,12 +44,9 @@ def check(robot: Robot, pool: Pool, chosen: Sequence[int], plan: Plan, tip: Tip,
         tip: whose uncertainty is to be small.
         seed: of the random sets.
     """
-    chosen = np.asarray(chosen)
-    each = np.stack([np.delete(chosen, k) for k in range(len(chosen))])
+    each = np.stack([np.delete(np.asarray(chosen), k) for k in range(len(chosen))])
     p = robot.parameters
-    soft = Robot(
-        robot.cell, p.replace(p_ee=SOFTER * p.p_ee, p1=SOFTER * p.p1, p2=SOFTER * p.p2), robot.noise
-    )
+    soft = Robot(robot.cell, p.replace(p_ee=SOFTER * p.p_ee, p1=SOFTER * p.p1, p2=SOFTER * p.p2), robot.noise)
     return Check(
         largest_of_sets(pool, each),
         np.sort(largest_of_sets(pool, random_sets(pool, len(chosen), seed=seed))),

@@ -1,7 +1,7 @@
 """Where discs should stand: one to three of them placed anew, or one more beside those that are there.
 
-The search is differential evolution over centres (polar about the base) and radii, seeded, so that the same cell gives the same
-discs. Where the whole reach counts, a layout may be turned about the base without any change; the
+The search is differential evolution over centres (polar about the base) and radii, seeded, so that the same cell
+gives the same discs. Where the whole reach counts, a layout may be turned about the base without any change; the
 first disc is then put on the y axis.
 
 Source: Storn and Price, J. Global Optimization 11 (1997) 341.
@@ -70,7 +70,7 @@ class Map(NamedTuple):
 
 
 def judge(robot: Robot, layouts: Floats, tip: Tip, touching: Touching, number: int, region: Region) -> Floats:
-    """Largest standard deviation of the tip for each layout (b, d, 3), (b,), m; above `FORBIDDEN` where it cannot be."""
+    """Largest standard deviation of the tip for layouts (b, d, 3), (b,), m; above `FORBIDDEN` where one cannot be."""
     b, d, _ = layouts.shape
     others = np.stack([np.delete(layouts, i, axis=1) for i in range(d)], axis=1).reshape(b * d, d - 1, 3)
     spread = spread_over(robot, layouts.reshape(b * d, 3), others, touching)
@@ -117,12 +117,12 @@ def place_discs(
     bounds = [(least, most), (0.0, 2 * np.pi), radii] * count
     if whole:
         bounds[1] = (np.pi / 2, np.pi / 2 + 1e-9)
-    nominal, done = robot.cell.nominal, [0]
+    base, done = np.array([robot.cell.nominal.x0, robot.cell.nominal.y0]), [0]
 
     def layouts(x: Floats) -> Floats:
         polar = x.T.reshape(-1, count, 3)
         shift = polar[..., :1] * np.stack([np.cos(polar[..., 1]), np.sin(polar[..., 1])], axis=-1)
-        return np.concatenate([shift + (nominal.x0, nominal.y0), polar[..., 2:]], axis=-1)
+        return np.concatenate([shift + base, polar[..., 2:]], axis=-1)
 
     def objective(x: Floats) -> Floats:
         done[0] += 1

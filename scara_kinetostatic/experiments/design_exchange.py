@@ -1,7 +1,7 @@
 """Exchange of touches one by one (Fedorov): how good a set is, and how it is made better.
 
-One touch changes the covariance C = I⁻¹ by -C Jᵀ (1 + J C Jᵀ)⁻¹ J C, so that all candidates for one place in the set are judged
-in a few matrix products. The largest variance over the workspace has edges at which exchange gets
+One touch changes the covariance C = I⁻¹ by -C Jᵀ (1 + J C Jᵀ)⁻¹ J C, so that all candidates for one place in the
+set are judged in a few matrix products. The largest variance over the workspace has edges at which exchange gets
 stuck; its stand-in, a mean of high power, has none. A set is improved by the stand-in first.
 
 With a `spare`, the judgement is on what is left after the loss of the touch that is missed most; exchanges are
@@ -30,7 +30,7 @@ WORST = 3
 
 def largest_variance(pool: Pool, chosen: list[int], spare: int = 0, *, smooth: bool = False) -> float:
     """Largest variance of the tip over the workspace, m²; with a spare, after the worst loss."""
-    return float(_judge(pool.variance(np.linalg.inv(_cases(pool, chosen, spare))), smooth).max())
+    return float(_judge(pool.variance(_inverse(_cases(pool, chosen, spare))), smooth).max())
 
 
 def improve(pool: Pool, chosen: list[int], spare: int = 0, sweeps: int = SWEEPS) -> list[int]:
@@ -61,12 +61,16 @@ def _improve(pool: Pool, chosen: list[int], spare: int, smooth: bool, sweeps: in
 
 def with_each(pool: Pool, chosen: list[int], spare: int = 0, *, smooth: bool = False) -> Floats:
     """The largest variance, m², that each candidate would bring if added, (n,); with a spare, an optimistic one."""
-    covariances = np.linalg.inv(_cases(pool, chosen, spare))
+    covariances = _inverse(_cases(pool, chosen, spare))
     if spare:
         order = np.argsort(_judge(pool.variance(covariances), False))
         covariances = covariances[order[-WORST:]]
     judged = [_judge(_added(pool, covariance), smooth) for covariance in covariances]
     return np.asarray(np.max(judged, axis=0))
+
+
+def _inverse(information: Floats) -> Floats:
+    return np.asarray(np.linalg.inv(information), dtype=float)
 
 
 def _cases(pool: Pool, chosen: list[int], spare: int) -> Floats:

@@ -1,8 +1,8 @@
 """Discs that need not be there yet: many layouts at once, judged by touches spread evenly over them.
 
-A layout is a few discs. Its touches go evenly around every disc, in the given postures, the force levels in turn, wherever the
-arm reaches, no other disc stands before the point and no joint's axis is close to the line of force. What is judged is the
-largest standard deviation of the tip for a given number of touches spread evenly over these.
+A layout is a few discs. Its touches go evenly around every disc, in the given postures, the force levels in turn,
+wherever the arm reaches, no other disc stands before the point and no joint's axis is close to the line of force.
+What is judged is the largest standard deviation of the tip for a given number of touches spread evenly over these.
 """
 
 from __future__ import annotations
@@ -86,7 +86,8 @@ def largest_std(information: Floats, tip: Tip) -> Floats:
     """Largest standard deviation of the tip for information (b, 12, 12) in `SCALES`, (b,), m."""
     scaled = (tip.derivative * SCALES).reshape(-1, 2, len(NAMES))
     squares = pack(np.einsum('gik,gil->gkl', scaled, scaled), twice=True)
-    return np.sqrt((pack(np.linalg.inv(information + PRIOR)) @ squares.T).max(axis=-1))
+    covariance: Floats = np.asarray(np.linalg.inv(information + PRIOR), dtype=float)
+    return np.asarray(np.sqrt((pack(covariance) @ squares.T).max(axis=-1)))
 
 
 def within_reach_of(robot: Robot, places: Floats) -> NDArray[np.bool_]:

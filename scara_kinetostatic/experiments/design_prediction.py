@@ -21,9 +21,9 @@ from scara_kinetostatic.calibration.solver import Point, evaluate
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.experiments.design_indices import Indices, observability
 from scara_kinetostatic.model.cell import Cell, Noise
-from scara_kinetostatic.model.state import State
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection
 from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.state import State
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, in_sensor_frame
 

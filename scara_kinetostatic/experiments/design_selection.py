@@ -1,9 +1,10 @@
 """The smallest set of touches that reaches an accuracy.
 
 What is to be small is the largest standard deviation of the tip over the workspace. Numbers of touches are tried
-from the proven bound (`design_bound`) upwards; for each, sets are drawn at random by the optimal parts of the candidates
-and improved by exchange (`design_exchange`). The first number at which a set reaches the accuracy is taken, with the
-best set of that number. The bound says how much a perfect search could still save.
+from the proven bound (`design_bound`) upwards; for each, sets are drawn at random by the optimal parts of the
+candidates and improved by exchange (`design_exchange`). The first number at which a set
+reaches the accuracy is taken, with the best set of that number. The bound says how much a perfect
+search could still save.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ FEWEST = 7
 """The calibration takes no fewer for twelve parameters."""
 MOST = 200
 """No larger set is looked for."""
-EFFORT = 200
+EFFORT = 500
 """Number of starts times number of touches."""
 SPARE_EFFORT = 60
 FIRST_FEW, HOPELESS = 4, 1.06

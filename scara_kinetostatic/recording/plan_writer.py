@@ -28,7 +28,5 @@ def dump_plan(plan: Plan, cell: Cell, remarks: tuple[str, ...] = ()) -> str:
         name = json.dumps(cell.discs[disc].name, ensure_ascii=False)
         degrees = round(float(np.degrees(angle)), DIGITS)
         angle_deg, newtons = (np.format_float_positional(v, trim='-') for v in (degrees, round(float(force), DIGITS)))
-        lines.append(
-            f'- {{disc: {name}, angle_deg: {angle_deg}, posture: {POSTURES[int(posture)]}, force: {newtons}}}'
-        )
+        lines.append(f'- {{disc: {name}, angle_deg: {angle_deg}, posture: {POSTURES[int(posture)]}, force: {newtons}}}')
     return '\n'.join(lines) + '\n'

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from scara_kinetostatic.experiments.design import Choice, Design, Placed
+from scara_kinetostatic.experiments.design_solution import Choice, Design, Placed
 from scara_kinetostatic.experiments.design_study import BAND, Row
 from scara_kinetostatic.experiments.design_workspace import TipStd
 from scara_kinetostatic.model.cell import Cell, Disc

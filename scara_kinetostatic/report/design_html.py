@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.experiments.design import Design
+from scara_kinetostatic.experiments.design_solution import Design
 from scara_kinetostatic.report import design_maps as maps
 from scara_kinetostatic.report import design_pictures as pictures
 from scara_kinetostatic.report import design_text as words

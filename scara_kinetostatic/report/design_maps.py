@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from scara_kinetostatic.experiments.design import Choice, Design
+from scara_kinetostatic.experiments.design_solution import Choice, Design
 from scara_kinetostatic.experiments.design_workspace import free_tip, loaded_tip, make_workspace, reach, tip_std
 from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.report.design_document import best_place

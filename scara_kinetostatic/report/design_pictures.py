@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import NDArray
 
-from scara_kinetostatic.experiments.design import Design
+from scara_kinetostatic.experiments.design_solution import Design
 from scara_kinetostatic.report.drawing import FAINT, INK, PAPER, SERIES, WARN, as_svg, mark, new_figure
 
 Floats = NDArray[np.float64]
@@ -36,7 +36,7 @@ def number_picture(design: Design) -> Markup:
     axes.plot(len(design.smallest.plan), MICRO * design.smallest.value, 'o', ms=11, mfc='none', mec=WARN, mew=1.6)
     axes.set_xscale('log')
     axes.set_yscale('log')
-    axes.set_ylim(0.85 * MICRO * float(c.bound.min()), top)
+    axes.set_ylim(0.74 * MICRO * float(c.bound.min()), top)
     axes.set_xlim(0.96 * n[0], 1.3 * n[-1])
     _plain_ticks(axes)
     axes.xaxis.set_major_locator(FixedLocator(n.tolist()))

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from scara_kinetostatic.experiments.design import Choice, Design
+from scara_kinetostatic.experiments.design_solution import Choice, Design
 from scara_kinetostatic.experiments.design_study import Row
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.report.design_document import best_place
@@ -22,6 +22,10 @@ TITLES = {
 }
 NONE = '–'
 """Where something is not determined."""
+UNDETERMINED = (
+    'the tip is not determined',
+    'the tip is not determined: the whole robot may be turned about the centre of a single disc',
+)
 
 
 def micro(value: float, digits: int = 3) -> str:
@@ -72,15 +76,19 @@ def disc_sentences(design: Design) -> list[str]:
             continue
         places = ', '.join(f'({d.x:.3f}, {d.y:.3f}) m radius {d.radius:.3f} m' for d in placed.layout.discs)
         free = micro(placed.row.free.largest)
-        found = 'the tip is not determined' if free == NONE else f'{free} µm with {design.question.number} touches'
+        found = (
+            UNDETERMINED[len(placed.layout.discs) == 1]
+            if free == NONE
+            else f'{free} µm with {design.question.number} touches'
+        )
         needed = f'; {placed.needed} touches reach the accuracy' if placed.needed else ''
         sentences.append(f'{count(len(placed.layout.discs), "disc")}: {places}: {found}{needed}.')
     place, one_more = best_place(design), design.map
     if place is not None:
         sentences.append(
             f'One more disc of radius {one_more.radius:.3f} m helps most at ({place[0]:.2f}, {place[1]:.2f}) m: with '
-            f'{one_more.touches[1]} touches there, {micro(place[2])} µm instead of {micro(one_more.without)} µm with as '
-            f'many more touches on the discs that are there.'
+            f'{one_more.touches[1]} touches there, {micro(place[2])} µm instead of {micro(one_more.without)} µm with '
+            f'as many more touches on the discs that are there.'
         )
     return sentences
 

@@ -1,0 +1,81 @@
+"""`scara-kinetostatic design`, end to end."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from scara_kinetostatic.cli.main import main
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell
+from scara_kinetostatic.model.parameters import PAPER_NOMINAL
+from scara_kinetostatic.recording.plan_file import parse_plan
+from scara_kinetostatic.recording.plan_writer import dump_plan
+from scara_kinetostatic.simulation.plan import default_plan
+
+QUICK = ['--accuracy', '2.5e-5', '--per-disc', '9', '--levels', '10', '40', '--discs', '0']
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    out = tmp_path_factory.mktemp('design') / 'out'
+    assert main(['design', *QUICK, '--out', str(out)]) == 0
+    return out
+
+
+def test_everything_is_written(folder):
+    assert sorted(path.name for path in folder.iterdir()) == [
+        'design.html', 'design.json', 'plan.yaml', 'plan_spare.yaml',
+    ]  # fmt: skip
+
+
+def test_the_document(folder):
+    document = json.loads((folder / 'design.json').read_text())
+    smallest = document['smallest']
+    assert document['schema'] == 'scara_kinetostatic/design/1'
+    assert smallest['tip_free']['largest'] <= 2.5e-5
+    assert smallest['touches'] == len(smallest['plan']) >= smallest['fewest_possible']
+    assert smallest['rank'] == 12
+    assert max(document['with_one_to_spare']['without_each_touch']) <= 2.5e-5
+    one_level = {row['label']: row for row in document['tables']['levels']}['40 N']
+    assert (one_level['rank'], one_level['confounded']) == (11, [['p_ee', 'g_ee']])
+    assert one_level['std']['p_ee'] is None
+    assert one_level['tip_free']['largest'] < 1e-5
+
+
+def test_the_page_stands_alone(folder):
+    page = (folder / 'design.html').read_text()
+    assert page.count('<svg') == 7
+    assert 'touches reach 25.0 µm' in page
+    assert 'http://' not in page.replace('http://www.w3.org', '')
+
+
+def test_the_plan_is_one_for_simulate(folder, tmp_path, capsys):
+    plan = parse_plan((folder / 'plan.yaml').read_text(), Cell(PAPER_NOMINAL, PAPER_DISCS))
+    assert main(['simulate', '--plan', str(folder / 'plan.yaml'), '--out', str(tmp_path / 'bag')]) == 0
+    assert f'{len(plan)} touches' in capsys.readouterr().out
+
+
+def test_a_plan_survives_the_round_trip():
+    cell = Cell(PAPER_NOMINAL, tuple(disc._replace(name=f'"{disc.name}": #') for disc in PAPER_DISCS))
+    plan = default_plan(cell, per_disc=7, levels=(12.345678901, 40.0))
+    again = parse_plan(dump_plan(plan, cell, ('a remark\nof two lines',)), cell)
+    assert (again.disc == plan.disc).all()
+    assert (again.posture == plan.posture).all()
+    assert abs(again.angle - plan.angle).max() < 1e-10
+    assert abs(again.force - plan.force).max() < 1e-8
+
+
+@pytest.mark.parametrize(
+    ('options', 'status', 'said'),
+    [
+        (['--accuracy', '0'], 2, 'above 0'),
+        (['--region', '0.3', '0.1', '0', '1'], 2, '--region'),
+        (['--region', '5', '6', '5', '6'], 2, 'within reach'),
+        (['--expected', 'nowhere.yaml'], 2, 'nowhere.yaml'),
+        (['--accuracy', '1e-8', '--per-disc', '6'], 3, 'out of reach'),
+    ],
+)
+def test_what_is_wrong_is_said(options, status, said, capsys):
+    assert main(['design', *options]) == status
+    assert said in capsys.readouterr().err
