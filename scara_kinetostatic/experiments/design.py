@@ -68,7 +68,8 @@ def design(robot: Robot, question: Question | None = None, tell: Tell | None = N
     bound = find_bound(pool)
     smallest, spare = _choose_both(robot, question, pool, bound, tips, tell)
     tell('accuracy by the number of touches', 0.6)
-    known = [*smallest.tried.items(), (len(smallest.plan), smallest.value)]
+    found = {**smallest.tried, len(smallest.plan): smallest.value}
+    known = [(number, value) for number, value in found.items() if np.isfinite(value)]
     asked = tips.loaded if question.under_load else tips.free
     curve = study_number(robot, asked, pool, bound, known, question.seed)
     tell('force levels, postures, discs', 0.7)
@@ -116,6 +117,7 @@ def _choose(
     rank, tried = every.rank, dict[int, float]()
     while True:
         found = smallest_set(pool, bound, asked, spare=spare, least=least, seed=question.seed, effort=effort, tell=tell)
+        # what was checked in full counts before what the search says
         tried = {**found.tried, **tried}
         chosen = ordered(found, pool)
         plan = pool.plan.select(np.array(chosen))
@@ -124,10 +126,12 @@ def _choose(
         if reached <= question.accuracy:
             break
         # the workspace is a little wider than that of the search, and a set may not show all that the touches can
+        tried = {**tried, len(chosen): min(reached, tried.get(len(chosen), np.inf))}
         if np.isfinite(reached):
             asked, least = min(SHARPER, SHARPER * question.accuracy / reached) * asked, len(chosen)
         else:
-            tried, least = {**tried, len(chosen): np.inf}, len(chosen) + 1
+            least = len(chosen) + 1
+    tried = {number: value for number, value in tried.items() if number < len(plan)}
     row = tips.row('smallest set, with one to spare' if spare else 'smallest set', robot, plan)
     value = found.value if spare else reached
     proven = bound.number(question.accuracy) + spare

@@ -150,7 +150,7 @@ def map_of_one_more(
     numbers: tuple[int, int] = (36, 12),
     radius: float,
     region: Region | None = None,
-    grid: int = 41,
+    grid: int = 73,
 ) -> Map:
     """Where one more disc would help most.
 

@@ -27,9 +27,11 @@ FEWEST = 7
 """The calibration takes no fewer for twelve parameters."""
 MOST = 200
 """No larger set is looked for."""
-EFFORT = 500
+EFFORT = 350
 """Number of starts times number of touches."""
 SPARE_EFFORT = 60
+CHEAP = 6000
+"""Size of the places times parameters up to which the effort is full."""
 FIRST_FEW, HOPELESS = 4, 1.06
 """If so many starts stay above the target by this factor, the number is given up."""
 
@@ -78,7 +80,7 @@ def smallest_set(
     while number <= min(MOST, len(pool.plan)):
         if tell:
             tell(number)
-        starts = max(2, (effort or (SPARE_EFFORT if spare else EFFORT)) // number)
+        starts = _starts(pool, number, effort or (SPARE_EFFORT if spare else EFFORT))
         found = best_set(pool, bound, number, spare=spare, seed=seed, starts=starts, target=target)
         if found.value <= target:
             return found._replace(tried=tried)
@@ -122,6 +124,11 @@ def best_set(
         if start + 1 >= FIRST_FEW and lowest > HOPELESS * target:
             break
     return Selection(tuple(sorted(best)), lowest, {})
+
+
+def _starts(pool: Pool, number: int, effort: int) -> int:
+    """How many sets of a number to improve; fewer where each costs more."""
+    return max(2, int(effort * min(1.0, CHEAP / pool.quadric.size)) // number)
 
 
 def _draw(parts: Floats, number: int, random: np.random.Generator) -> list[int]:

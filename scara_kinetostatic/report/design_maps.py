@@ -107,6 +107,8 @@ def placed_picture(design: Design) -> Markup:
     nominal = design.robot.cell.nominal
     base = (nominal.x0, nominal.y0)
     least, most = reach(design.robot)
+    discs = [disc for placed in layouts for disc in placed.layout.discs]
+    wide = 1.05 * max(most, *(max(abs(d.x - base[0]), abs(d.y - base[1])) + d.radius for d in discs))
     for one, placed in zip(axes, layouts, strict=True):
         for radius in (least, most):
             one.add_patch(Circle(base, radius, fill=False, edgecolor=LINE, lw=1.0))
@@ -119,8 +121,8 @@ def placed_picture(design: Design) -> Markup:
         said = f'{MICRO * largest:.3g} µm' if np.isfinite(largest) else 'tip not determined'
         number = len(placed.layout.discs)
         one.set(aspect='equal', xlabel='x  [m]', title=f'{number} disc{"s" if number > 1 else ""}: {said}')
-        one.set_xlim(base[0] - 1.05 * most, base[0] + 1.05 * most)
-        one.set_ylim(base[1] - 1.05 * most, base[1] + 1.05 * most)
+        one.set_xlim(base[0] - wide, base[0] + wide)
+        one.set_ylim(base[1] - wide, base[1] + wide)
     axes[0].set(ylabel='y  [m]')
     return as_svg(figure, 'placed', 'best layouts of one disc, two and three')
 

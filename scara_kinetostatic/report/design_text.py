@@ -52,7 +52,10 @@ def choice_sentences(choice: Choice, design: Design) -> list[str]:
     sentences = [f'{n} touches give {micro(choice.value)} µm {worst}. No set of fewer than {choice.least} can do it.']
     if choice.tried:
         fewer = max(choice.tried)
-        sentences.append(f'The best set of {fewer} touches that was found reaches {micro(choice.tried[fewer])} µm.')
+        reached = f'reaches {micro(choice.tried[fewer])} µm'
+        if not math.isfinite(choice.tried[fewer]):
+            reached = 'leaves a parameter undetermined'
+        sentences.append(f'The best set of {fewer} touches that was found {reached}.')
     if choice is design.smallest:
         sentences.append(
             f'Leaving out any one touch gives {micro(check.without_each.min())} µm at best. Of {len(check.random)} '

@@ -73,7 +73,7 @@ def test_leverages_sum_to_at_most_the_rank():
 
 @pytest.mark.parametrize('load', [None, 30.0])
 def test_derivative_of_the_tip(load):
-    """At given joint angles and force, the tip moves by T ΔL̄: the inverse kinetostatics of a moved tip closes the loop."""
+    """At given joint angles and force, the tip moves by T ΔL̄: there, the moved robot reads the same angles."""
     workspace = make_workspace(ROBOT, radii=3, angles=4)
     places, change = workspace.places, 1e-7 * np.linspace(-1, 1, 12)
     moved = Parameters.from_array(PAPER_ACTUAL.as_array() + change)
