@@ -1,0 +1,81 @@
+"""The pictures of the README and the documentation, drawn anew from the code.
+
+    python -m benchmark.pictures [--out docs/pictures]
+
+Every picture is that of a report, with the colours of its light page written in. All of them show simulated data.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from markupsafe import Markup
+
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.experiments.gauge_simulation import simulate_experiments
+from scara_kinetostatic.experiments.gauge_study import study
+from scara_kinetostatic.experiments.reproduction import reproduce
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.report import cell_picture, fit_pictures, gauge_pictures, paper_pictures
+from scara_kinetostatic.report.drawing import style
+from scara_kinetostatic.report.html import TEMPLATES
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
+
+FONT = 'system-ui, -apple-system, Segoe UI, Noto Sans, DejaVu Sans, sans-serif'
+
+
+def main() -> int:
+    """Draw and write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--out', type=Path, default=Path('docs/pictures'))
+    out = parser.parse_args().out
+    out.mkdir(parents=True, exist_ok=True)
+    with style():
+        for name, picture in pictures():
+            (out / f'{name}.svg').write_text(standalone(picture), encoding='utf-8')
+            print(out / f'{name}.svg')
+    return 0
+
+
+def pictures() -> Iterator[tuple[str, Markup]]:
+    """Name and SVG of each."""
+    cell = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
+    found = calibrate(simulate_touches(cell, PAPER_ACTUAL, default_plan(cell)), cell)
+    yield 'cell', cell_picture.cell_picture(found)
+    yield 'before_and_after', fit_pictures.error_picture(found)
+    paper = reproduce()
+    yield 'figure_3', paper_pictures.trend_picture(paper)
+    yield 'one_force_level', paper_pictures.unseen_picture(paper)
+    yield 'scatter', paper_pictures.scatter_picture(paper)
+    gauge = study([simulate_experiments()]).points
+    assert gauge is not None
+    gripper = gauge.part('gripper')
+    assert gripper.gap_map is not None
+    yield 'gripper_backlash', gauge_pictures.map_picture(gripper.gap_map, 'µm', 'backlash (gap)', 'gap')
+    yield 'gripper_force', gauge_pictures.force_picture(gripper.runs[0], 'force')
+
+
+def standalone(picture: Markup) -> str:
+    """An SVG file: the page's light colours and its type written in, on white."""
+    text = str(picture)
+    css = (TEMPLATES / 'page.css').read_text(encoding='utf-8')
+    light = css[: css.index('@media')]
+    for name, value in re.findall(r'(--[\w-]+):\s*(#[0-9a-fA-F]+)', light):
+        text = text.replace(f'var({name})', value)
+    box = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', text)
+    assert box is not None
+    head, rest = text.split('>', 1)
+    if 'xmlns=' not in head:
+        head = head.replace('<svg', '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"')
+    head += f' width="{box[1]}" height="{box[2]}" font-family="{FONT}"'
+    return f'{head}><rect width="100%" height="100%" fill="#ffffff"/>{rest}\n'
+
+
+if __name__ == '__main__':
+    sys.exit(main())
