@@ -21,7 +21,14 @@ from scara_kinetostatic.experiments.gauge_study import study
 from scara_kinetostatic.experiments.reproduction import reproduce
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
-from scara_kinetostatic.report import cell_picture, fit_pictures, gauge_pictures, paper_pictures
+from scara_kinetostatic.report import (
+    cell_picture,
+    design_maps,
+    design_pictures,
+    fit_pictures,
+    gauge_pictures,
+    paper_pictures,
+)
 from scara_kinetostatic.report.drawing import style
 from scara_kinetostatic.report.html import TEMPLATES
 from scara_kinetostatic.simulation.plan import default_plan
@@ -52,6 +59,9 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     paper = reproduce()
     yield 'figure_3', paper_pictures.trend_picture(paper)
     yield 'one_force_level', paper_pictures.unseen_picture(paper)
+    assert paper.design is not None
+    yield 'number_of_touches', design_pictures.number_picture(paper.design)
+    yield 'tip', design_maps.tip_picture(paper.design)
     yield 'scatter', paper_pictures.scatter_picture(paper)
     gauge = study([simulate_experiments()]).points
     assert gauge is not None
@@ -72,7 +82,9 @@ def standalone(picture: Markup) -> str:
     assert box is not None
     head, rest = text.split('>', 1)
     if 'xmlns=' not in head:
-        head = head.replace('<svg', '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"')
+        head = head.replace(
+            '<svg', '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+        )
     head += f' width="{box[1]}" height="{box[2]}" font-family="{FONT}"'
     return f'{head}><rect width="100%" height="100%" fill="#ffffff"/>{rest}\n'
 

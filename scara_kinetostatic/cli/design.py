@@ -102,28 +102,35 @@ def run(args: argparse.Namespace) -> int:
     with progress() as tell:
         found = design(robot, question, tell)
         document = json_text(design_document.design_document(found))
-        names = _write(args.out, found, document) if args.out else []
+        names = _write(args.out, found) if args.out else []
     print(document if args.json else text(found))
     if names and not args.json:
         print(f'\nwritten: {", ".join(str(args.out / name) for name in names)}')
     return 0
 
 
-def _write(folder: Path, found: Design, document: str) -> list[str]:
+def _write(folder: Path, found: Design) -> list[str]:
+    from scara_kinetostatic.report.write import write_texts
+
+    texts = design_texts(found)
+    write_texts(folder, texts)
+    return list(texts)
+
+
+def design_texts(found: Design) -> dict[str, str]:
+    """What goes into each file of a design, by name: both plans, the numbers, the page."""
     from scara_kinetostatic.recording.plan_writer import dump_plan
     from scara_kinetostatic.report import design_document, design_html
     from scara_kinetostatic.report.design_text import choice_sentences
-    from scara_kinetostatic.report.write import write_texts
+    from scara_kinetostatic.report.json_file import json_text
 
     cell = found.robot.cell
-    texts = {
+    return {
         PLAN: dump_plan(found.smallest.plan, cell, tuple(choice_sentences(found.smallest, found))),
         SPARE_PLAN: dump_plan(found.spare.plan, cell, tuple(choice_sentences(found.spare, found))),
-        design_document.NAME: document,
+        design_document.NAME: json_text(design_document.design_document(found)),
         design_html.NAME: design_html.html_text(found),
     }
-    write_texts(folder, texts)
-    return list(texts)
 
 
 def _question(args: argparse.Namespace) -> Question:

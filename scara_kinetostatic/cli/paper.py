@@ -11,11 +11,13 @@ from scara_kinetostatic.cli.progress import progress
 DESCRIPTION = """\
 Redoes the studies of the paper: its algorithm on the cell of figure 3, table 2
 without and with noise, the noise behind its third column, the scatter of both
-estimators over many data sets, what one force level cannot show, the general
-gripper of (7), and the gauge experiments of section 5.2. Writes into DIR
+estimators over many data sets, what one force level cannot show, the smallest
+set of touches, the general gripper of (7), and the gauge experiments of
+section 5.2. Writes into DIR
 
   paper.html   the paper's figures and tables beside ours, one page
   paper.json   all numbers
+  design.*, plan.yaml, plan_spare.yaml   the smallest set, as the verb design
 """
 EXAMPLE = """\
   scara-kinetostatic paper --out paper
@@ -27,6 +29,7 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     parser = add_verb(subparsers, 'paper', 'redo the studies of the paper', DESCRIPTION, EXAMPLE)
     parser.add_argument('--out', type=Path, default=Path('paper'), metavar='DIR', help='for the page (default: paper)')
     parser.add_argument('--runs', type=_count, default=1000, metavar='N', help='noisy data sets (default: 1000)')
+    parser.add_argument('--without-design', action='store_true', help='leave the design question out')
     return parser
 
 
@@ -36,17 +39,21 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         OutputError: DIR cannot be written.
     """
+    from scara_kinetostatic.cli.design import design_texts
     from scara_kinetostatic.experiments.reproduction import reproduce
     from scara_kinetostatic.report import paper_document, paper_html
+    from scara_kinetostatic.report.design_text import headline
     from scara_kinetostatic.report.json_file import json_text
     from scara_kinetostatic.report.write import write_texts
 
     with progress() as tell:
-        found = reproduce(args.runs, tell)
+        found = reproduce(args.runs, tell, with_design=not args.without_design)
         texts = {
             paper_html.NAME: paper_html.html_text(found),
             paper_document.NAME: json_text(paper_document.paper_document(found)),
         }
+        if found.design:
+            texts.update(design_texts(found.design))
         write_texts(args.out, texts)
     exact, scatter = found.exact, found.scatter
     print(f'figure 3   e_f {exact.paper.force_error:.1e} N after {exact.paper.iterations} iterations (paper: 4.5e-5 N)')
@@ -57,6 +64,8 @@ def run(args: argparse.Namespace) -> int:
     for item, name in ((scatter.paper, 'unweighted'), (scatter.ours, 'weighted')):
         ratio = item.found / item.predicted
         print(f'scatter    {name}: {ratio.min():.3f} to {ratio.max():.3f} of the predicted standard deviations')
+    if found.design:
+        print(f'design     {headline(found.design)}, predicted; python -m benchmark.design plays it')
     print('\n'.join(str(args.out / name) for name in texts))
     return 0
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+from scara_kinetostatic.experiments.design import design
+from scara_kinetostatic.experiments.design_prediction import Robot
+from scara_kinetostatic.experiments.design_solution import Design
 from scara_kinetostatic.experiments.gauge_simulation import simulate_experiments
 from scara_kinetostatic.experiments.gauge_study import GaugeStudy, study
 from scara_kinetostatic.experiments.general_gripper import Part, see_parts
@@ -50,6 +53,7 @@ class Reproduction(NamedTuple):
         scatter: both estimators over many data sets, three force levels.
         gripper: what touches show of the general gripper.
         gauge: section 5.2.
+        design: how many touches the cell of figure 3 needs; None if it was not asked for.
     """
 
     exact: Run
@@ -62,15 +66,19 @@ class Reproduction(NamedTuple):
     scatter: Comparison
     gripper: tuple[Part, ...]
     gauge: GaugeStudy
+    design: Design | None
 
 
-def reproduce(runs: int = RUNS, progress: Progress | None = None, workers: int = 2) -> Reproduction:
+def reproduce(
+    runs: int = RUNS, progress: Progress | None = None, workers: int = 2, with_design: bool = True
+) -> Reproduction:
     """Redo section 5.
 
     Args:
         runs: data sets of the scatter study.
         progress: told what is being done and how much of all is done, 0 to 1.
         workers: processes of the scatter study.
+        with_design: whether to ask the design question as well.
     """
     tell = progress or _silent
     tell('table 2 and figure 3', 0.0)
@@ -87,11 +95,22 @@ def reproduce(runs: int = RUNS, progress: Progress | None = None, workers: int =
     touches = simulate_touches(cell, PAPER_ACTUAL, default_plan(cell), Noise(0.0, 0.0))
     gripper = see_parts(touches, cell, PAPER_ACTUAL, cell.noise or stated)
     scatter = compare(
-        THREE_LEVELS, stated, runs, lambda done: tell(f'data set {done} of {runs}', 0.06 + 0.9 * done / runs), workers
+        THREE_LEVELS, stated, runs, lambda done: tell(f'data set {done} of {runs}', 0.06 + 0.6 * done / runs), workers
     )
+    question = design(Robot.of(cell), tell=lambda what, part: tell(what, 0.66 + 0.3 * part)) if with_design else None
     tell('drawing', 0.97)
     return Reproduction(
-        exact, exact_levels, noisy, one_level, noises, least_joint_chi_square(RATIOS), stated, scatter, gripper, gauge
+        exact,
+        exact_levels,
+        noisy,
+        one_level,
+        noises,
+        least_joint_chi_square(RATIOS),
+        stated,
+        scatter,
+        gripper,
+        gauge,
+        question,
     )
 
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from scara_kinetostatic import __version__
+from scara_kinetostatic.experiments.design_solution import Design
 from scara_kinetostatic.experiments.paper_values import (
     ESTIMATED,
     ESTIMATED_FROM_NOISE,
@@ -17,7 +18,7 @@ from scara_kinetostatic.experiments.paper_values import (
 from scara_kinetostatic.experiments.reproduction import Reproduction
 from scara_kinetostatic.experiments.section_5_1 import fixed_sum
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, UNITS, Parameters
-from scara_kinetostatic.report import gauge_html, paper_pictures
+from scara_kinetostatic.report import design_maps, design_pictures, design_text, gauge_html, paper_pictures
 from scara_kinetostatic.report.drawing import style
 from scara_kinetostatic.report.html import template
 
@@ -39,6 +40,8 @@ def html_text(r: Reproduction) -> str:
     """The page."""
     with style():
         pictures = {name: getattr(paper_pictures, f'{name}_picture')(r) for name in PICTURES}
+    with style():
+        question = _design(r.design) if r.design else None
     points = r.gauge.points
     assert points is not None
     with style():
@@ -52,6 +55,7 @@ def html_text(r: Reproduction) -> str:
         noises=_noises(r),
         scatter=_scatter(r),
         gripper=_gripper(r),
+        design=question,
         gauge_summary=gauge_html.summary(points),
         gauge=gauge,
         sums=[f'{1e6 * fixed_sum(p.as_array()):.2f}' for p in (PAPER_ACTUAL, ESTIMATED, ESTIMATED_FROM_NOISE)],
@@ -140,3 +144,14 @@ def _gripper(r: Reproduction) -> list[dict[str, Any]]:
         }
         for part in r.gripper
     ]
+
+
+def _design(design: Design) -> dict[str, Any]:
+    """Headline, sentences and pictures of the design question; `design.html` holds the rest."""
+    return {
+        'headline': design_text.headline(design),
+        'asked': design_text.asked(design),
+        'sentences': [*design_text.choice_sentences(design.smallest, design), *design_text.disc_sentences(design)],
+        'number': design_pictures.number_picture(design),
+        'tip': design_maps.tip_picture(design),
+    }
