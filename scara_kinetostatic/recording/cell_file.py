@@ -61,7 +61,7 @@ def parse_cell(text: str, where: str | Path = 'cell description') -> Cell:
     data = parse_yaml(text, where, CellError)
     top = _Section(str(where), '', data, required=('robot', 'objects'), optional=('sensor', 'noise', 'model'))
     robot = top.section('robot', required=('nominal',), optional=('joint_names',))
-    model = top.section('model', optional=('gripper_sign',))
+    model = top.section('model', optional=('gripper_sign', 'gripper_excess'))
     nominal = _nominal(robot)
     cell = Cell(
         nominal=nominal,
@@ -70,6 +70,7 @@ def parse_cell(text: str, where: str | Path = 'cell description') -> Cell:
         sensor=_sensor(top.section('sensor', optional=('joint_states', 'wrench', 'frame', 'sign'))),
         noise=_noise(top),
         gripper_sign=model.choice('gripper_sign', GripperSign.PHYSICAL),
+        gripper_excess=_excess(model),
     )
     _check_layout(cell, top)
     return cell
@@ -92,7 +93,10 @@ def dump_cell(cell: Cell) -> str:
     ]
     if cell.noise is not None:
         lines.append(f'noise: {_flow({"joint": cell.noise.joint, "force": cell.noise.force})}')
-    lines.append(f'model: {_flow({"gripper_sign": cell.gripper_sign.value})}')
+    model: dict[str, Any] = {'gripper_sign': cell.gripper_sign.value}
+    if not cell.gripper.isotropic:
+        model['gripper_excess'] = [list(row) for row in cell.gripper_excess]
+    lines.append(f'model: {_flow(model)}')
     return '\n'.join(lines) + '\n'
 
 
@@ -207,6 +211,19 @@ def _center(section: _Section) -> tuple[float, float]:
         raise section.error('center', f'expected [x, y], got {_shown(center)}')
     pair = _Section(section.where, f'{section.key}.center', dict(zip('xy', center, strict=True)), optional='xy')
     return pair.number('x', 'm'), pair.number('y', 'm')
+
+
+def _excess(section: _Section) -> tuple[tuple[float, float], tuple[float, float]]:
+    """P - p_ee I of the general gripper, by rows."""
+    rows = section.data.get('gripper_excess')
+    if rows is None:
+        return ((0.0, 0.0), (0.0, 0.0))
+    if not isinstance(rows, list) or len(rows) != 2 or not all(isinstance(row, list) and len(row) == 2 for row in rows):
+        raise section.error('gripper_excess', f'expected [[e11, e12], [e21, e22]], got {_shown(rows)}')
+    entries = {f'e{i}{j}': rows[i - 1][j - 1] for i in (1, 2) for j in (1, 2)}
+    matrix = _Section(section.where, f'{section.key}.gripper_excess', entries, optional=tuple(entries))
+    e11, e12, e21, e22 = (matrix.number(name, 'm/N') for name in entries)
+    return ((e11, e12), (e21, e22))
 
 
 def _sensor(section: _Section) -> Sensor:

@@ -70,6 +70,7 @@ def _cell(cell: Cell) -> Document:
         'objects': [{'name': disc.name, 'center': [disc.x, disc.y], 'radius': disc.radius} for disc in cell.discs],
         'sensor': {'frame': cell.sensor.frame.value, 'sign': cell.sensor.sign.value},
         'gripper_sign': cell.gripper_sign.value,
+        'gripper_excess': [list(row) for row in cell.gripper_excess],
     }
 
 

@@ -217,3 +217,15 @@ def test_files_that_cannot_be_read(tmp_path: Path, make, expected: str) -> None:
 def test_a_path_that_cannot_be_one() -> None:
     with pytest.raises(CellError):
         load_cell('a\0b')
+
+
+def test_general_gripper_survives_a_round_trip():
+    cell = Cell(PAPER_NOMINAL, PAPER_DISCS, gripper_excess=((1e-6, 2e-6), (2e-6, -1e-6)))
+    assert parse_cell(dump_cell(cell)) == cell
+
+
+@pytest.mark.parametrize('text', ['[[1e-6, 0]]', '[[0, .nan], [0, 0]]', '[[3, 0], [0, 0]]', '5', '[[a, 0], [0, 0]]'])
+def test_senseless_gripper_is_refused_by_name(text):
+    good = dump_cell(Cell(PAPER_NOMINAL, PAPER_DISCS))
+    with pytest.raises(CellError, match=r'model\.gripper_excess'):
+        parse_cell(good.replace('{gripper_sign: physical}', f'{{gripper_excess: {text}}}'))
