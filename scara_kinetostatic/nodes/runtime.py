@@ -3,7 +3,9 @@
 Ctrl-C and SIGTERM are the ordinary way to end a node. Left to itself, `rclpy`
 takes the context away in the middle of whatever callback runs then. Here the
 signals only take note; the node ends between two callbacks, with everything at
-hand to close its files, and a second Ctrl-C cannot break into that.
+hand to close its files, and a second Ctrl-C cannot break into that. `ros2
+launch` always sends a second one, which often arrives when the interpreter
+already winds up and has given the handlers back; so at the end both signals are ignored.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from scara_kinetostatic.errors import ScaraKinetostaticError
 
 EXIT_DONE = 0
 EXIT_WRONG_INPUT = 2
+ENDING = (signal.SIGINT, signal.SIGTERM)
 WAKE_UP = 0.2
 """Longest time from a signal to its effect, s."""
 
@@ -74,6 +77,7 @@ def run(
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
+        _ignore_signals()
     return EXIT_DONE
 
 
@@ -90,6 +94,11 @@ def _note_signals() -> list[int]:
     def note(number: int, _: FrameType | None) -> None:
         seen.append(number)
 
-    signal.signal(signal.SIGINT, note)
-    signal.signal(signal.SIGTERM, note)
+    for number in ENDING:
+        signal.signal(number, note)
     return seen
+
+
+def _ignore_signals() -> None:
+    for number in ENDING:
+        signal.signal(number, signal.SIG_IGN)

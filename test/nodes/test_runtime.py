@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from time import monotonic, sleep
 
 import pytest
 from rcl_interfaces.srv import GetParameters
@@ -34,6 +35,18 @@ def test_nodes_end_well_on_a_signal(
         assert 'Traceback' not in processes.log(name).read_text()
     (bag,) = (tmp_path / 'bags').iterdir()
     assert sorted(path.name for path in bag.iterdir()) == ['metadata.yaml', f'{bag.name}_0.mcap']
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_signals_until_the_very_end_do_no_harm(name: str, processes: NodeProcesses, client: DemoClient) -> None:
+    processes.start(name, {})
+    client.wait('the node', lambda: name in client._node.get_node_names(), WAIT)
+    (process,) = processes._running.values()
+    end = monotonic() + WAIT
+    while process.poll() is None and monotonic() < end:
+        process.send_signal(signal.SIGINT)
+        sleep(0.005)
+    assert process.returncode == 0
 
 
 @pytest.mark.parametrize('name', NODES)
