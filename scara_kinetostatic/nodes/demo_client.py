@@ -37,6 +37,8 @@ STANDSTILL = 20.0
 """Longest time without a new touch, s of wall time."""
 CALIBRATION = 120.0
 """Longest calibration, report included, s."""
+ASK_AGAIN = 2.0
+"""A first question that has not been answered by now was not heard, s."""
 WAIT = 0.1
 
 Progress = Callable[[str, int], None]
@@ -81,6 +83,7 @@ class DemoClient:
         self._node = rclpy.create_node('demo', context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
+        self._clients: dict[str, Client] = {}
         self.recording = ''
         self.touches = 0
         self.finished = False
@@ -124,11 +127,31 @@ class DemoClient:
         Raises:
             InputError: there was none in time.
         """
-        client: Client = self._node.create_client(service_type, service)
-        self.wait(f'the service {service}', client.service_is_ready, START_UP)
+        client = self._clients.get(service) or self._meet(service, service_type)
         future: Future = client.call_async(request)
         self.wait(f'an answer of {service}', future.done, timeout)
         return future.result()
+
+    def _meet(self, service: str, service_type: type) -> Client:
+        """Makes a client that the other end knows of.
+
+        We may find a service before its node has found our client; its answer is lost then. Endpoints become known in
+        the order in which they were made. So the node is asked something harmless, through a client made after this
+        one, until it answers.
+        """
+        client = self._clients[service] = self._node.create_client(service_type, service)
+        self.wait(f'the service {service}', client.service_is_ready, START_UP)
+        probe = self._node.create_client(GetParameters, f'{service.rpartition("/")[0]}/get_parameters')
+        asked: list[tuple[float, Future]] = []
+
+        def answered() -> bool:
+            if probe.service_is_ready() and (not asked or monotonic() > asked[-1][0] + ASK_AGAIN):
+                asked.append((monotonic(), probe.call_async(GetParameters.Request())))
+            return any(future.done() for _, future in asked)
+
+        self.wait(f'an answer of the node with {service}', answered, START_UP)
+        self._node.destroy_client(probe)
+        return client
 
     def parameters(self, node: str, group: str) -> NDArray[np.float64]:
         """The twelve parameters `<group>.<name>` of a node, (12,)."""
