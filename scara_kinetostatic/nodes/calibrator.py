@@ -67,6 +67,7 @@ class Calibrator(Node):
         self.create_subscription(String, 'collector/recording', self._note_recording, LATCHED)
         self.create_service(Trigger, '~/calibrate', self._calibrate, callback_group=ReentrantCallbackGroup())
         DiagnosticsPublisher(self, 'calibration', lambda: self._condition)
+        self.get_logger().info(f'ready; call {self.resolve_service_name("~/calibrate")}')
 
     def close(self) -> None:
         """Gives up a calibration that is under way; results are written all or nothing."""

@@ -4,7 +4,10 @@ Every message goes into the bag as it came. The same messages go through the
 touch detection; a touch is counted on `~/touches` only when the bag holds it
 durably. Services `~/start` and `~/stop` begin and end a recording, each in a
 new folder, which is announced on `~/recording`. A full or vanished disk ends
-the recording, not the node.
+the recording, not the node; so does a folder that cannot be written to.
+
+Messages are logged by the clock of the node. With `use_sim_time` there is no
+recording before `/clock` is heard. Touches are looked for by steady time.
 """
 
 from __future__ import annotations
@@ -15,12 +18,13 @@ from functools import partial
 from pathlib import Path
 
 from geometry_msgs.msg import WrenchStamped
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String, UInt32
 from std_srvs.srv import Trigger
 
-from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.errors import ParameterError, ScaraKinetostaticError
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.cell_parameter import cell_or_example
 from scara_kinetostatic.nodes.conversion import Sample, UnusableMessageError, joint_sample, wrench_sample
@@ -33,13 +37,15 @@ from scara_kinetostatic.nodes.stream_subscription import StreamSubscription
 
 POLL = 0.1
 """Between two looks for finished touches, s."""
+PERSISTENT = 3
+"""So many reports in a row complain of the same before it is logged, too."""
 
 
 class Collector(Node):
     """Records on request.
 
     Raises:
-        InputError: a parameter or the cell makes no sense, or the folder cannot be written to (with `autostart`).
+        InputError: a parameter or the cell makes no sense.
     """
 
     def __init__(self) -> None:
@@ -47,7 +53,7 @@ class Collector(Node):
         self._cell = cell_or_example(self)
         output = 'folder in which each recording gets a folder of its own'
         declare.text(self, 'output', 'recordings', output, read_only=False)
-        autostart = declare.switch(self, 'autostart', False, 'begin to record at once')
+        self._autostart = declare.switch(self, 'autostart', False, 'begin to record at once')
         sensor = self._cell.sensor
         self._monitors = {
             Stream.JOINTS: StreamMonitor(sensor.joint_states),
@@ -55,16 +61,21 @@ class Collector(Node):
         }
         self._session: Session | None = None
         self._failure = ''
+        self._complaint, self._complained = '', 0
         self._touches = self.create_publisher(UInt32, '~/touches', LATCHED)
         self._recording = self.create_publisher(String, '~/recording', LATCHED)
         StreamSubscription(self, JointState, sensor.joint_states, partial(self._receive, Stream.JOINTS))
         StreamSubscription(self, WrenchStamped, sensor.wrench, partial(self._receive, Stream.WRENCH))
         self.create_service(Trigger, '~/start', self._start)
         self.create_service(Trigger, '~/stop', self._stop)
-        self.create_timer(POLL, self._poll)
-        DiagnosticsPublisher(self, 'recording', self._examine)
-        if autostart:
-            self.get_logger().info(self._begin())
+        self.create_timer(POLL, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        DiagnosticsPublisher(self, 'recording', self._report)
+        if not self._autostart:
+            self.get_logger().info(f'not recording yet; call {self.resolve_service_name("~/start")}')
+        elif not self._now():
+            self.get_logger().warning('use_sim_time is set: recording begins with the first message on /clock')
+        else:
+            self._begin_by_itself()
 
     def close(self) -> None:
         """Ends the recording, so that the bag is complete."""
@@ -93,9 +104,20 @@ class Collector(Node):
         self.get_logger().info(response.message)
         return response
 
+    def _begin_by_itself(self) -> None:
+        self._autostart = False
+        try:
+            self.get_logger().info(self._begin())
+        except ScaraKinetostaticError as error:
+            self._fail(error)
+
     def _begin(self) -> str:
+        now = self._now()
+        if not now:
+            raise ParameterError('parameter use_sim_time', 'it is set, but nothing comes on /clock', 'publish /clock')
         parent = Path(str(self.get_parameter('output').value)).expanduser().absolute()
-        self._session = Session(parent, self._cell)
+        self._session = Session(parent, self._cell, now)
+        self._autostart = False
         self._failure = ''
         self._touches.publish(UInt32(data=0))
         self._recording.publish(String(data=str(self._session.folder)))
@@ -141,9 +163,12 @@ class Collector(Node):
         return wrench_sample(message)
 
     def _now(self) -> int:
+        """Time of the node's clock, ns; 0 while simulated time has not been heard of."""
         return int(self.get_clock().now().nanoseconds)
 
     def _poll(self) -> None:
+        if self._autostart and self._now():
+            self._begin_by_itself()
         if self._session is None:
             return
         try:
@@ -159,6 +184,16 @@ class Collector(Node):
         for line in lines:
             self.get_logger().info(line)
 
+    def _report(self) -> Condition:
+        """The condition; what is wrong for some time goes to the log once, for those who do not watch diagnostics."""
+        condition = self._examine()
+        complaint = condition.message if condition.level == WARN else ''
+        self._complained = self._complained + 1 if complaint == self._complaint else 1
+        self._complaint = complaint
+        if complaint and self._complained == PERSISTENT:
+            self.get_logger().warning(complaint)
+        return condition
+
     def _examine(self) -> Condition:
         values: dict[str, str] = {}
         complaints = []
@@ -170,6 +205,8 @@ class Collector(Node):
             values |= self._session.details()
         if self._failure:
             return Condition(ERROR, f'recording failed: {self._failure}', values)
+        if self._autostart:
+            complaints.append('waiting for /clock')
         if any(complaints):
             return Condition(WARN, '; '.join(filter(None, complaints)), values)
         return Condition(OK, 'idle' if self._session is None else f'recording to {self._session.folder}', values)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from scara_kinetostatic.nodes.qos import DIAGNOSTICS
@@ -37,7 +38,7 @@ class DiagnosticsPublisher:
     Args:
         node: on which to publish.
         title: of the status, after the node's name.
-        examine: gives the condition; called once a second.
+        examine: gives the condition; called once a second of wall time, also when simulated time stands still.
     """
 
     def __init__(self, node: Node, title: str, examine: Callable[[], Condition]) -> None:
@@ -45,7 +46,7 @@ class DiagnosticsPublisher:
         self._name = f'{node.get_name()}: {title}'
         self._examine = examine
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS)
-        self._timer = node.create_timer(PERIOD, self.publish)
+        self._timer = node.create_timer(PERIOD, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def publish(self) -> None:
         """Publishes the condition as it is now."""

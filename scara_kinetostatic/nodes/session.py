@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from enum import Enum
 from pathlib import Path
+from time import monotonic
 
 import numpy as np
 
@@ -14,6 +15,11 @@ from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.recording.detection import Detection
 from scara_kinetostatic.recording.live import LiveDetector
 from scara_kinetostatic.recording.writer import BagWriter, fresh_folder
+
+QUIET = 1.0
+"""After this long without a message, s, what the bag does not hold durably yet is secured."""
+ATTEMPTS = 10
+"""To find a name for the folder that no other collector takes at the same moment."""
 
 
 class Stream(Enum):
@@ -29,6 +35,7 @@ class Session:
     Args:
         parent: folder in which a new one is made.
         cell: the cell description, which travels in the bag.
+        log_time: now, ns, by the clock that gives the messages their log time.
 
     Attributes:
         folder: the bag.
@@ -40,14 +47,15 @@ class Session:
         OutputError: the folder cannot be made or written to; also in every method.
     """
 
-    def __init__(self, parent: Path, cell: Cell) -> None:
-        self.folder = fresh_folder(parent, 'touches')
+    def __init__(self, parent: Path, cell: Cell, log_time: int) -> None:
         self.touches = 0
         self.rejected = 0
         self.news = ''
         self._cell = cell
-        self._writer = BagWriter(self.folder, cell)
+        self._writer = _new_bag(parent, cell, log_time)
+        self.folder = self._writer.folder
         self._detector = LiveDetector(cell)
+        self._secured, self._last_message = True, monotonic()
 
     def take(self, stream: Stream, message: bytes, log_time: int, sample: Sample | None) -> None:
         """Takes a message in.
@@ -62,6 +70,7 @@ class Session:
             self._writer.write_joint_state(message, log_time)
         else:
             self._writer.write_wrench(message, log_time)
+        self._secured, self._last_message = False, monotonic()
         if sample is None:
             return
         if stream is Stream.JOINTS:
@@ -72,10 +81,15 @@ class Session:
     def poll(self) -> list[str]:
         """Looks for touches that have ended since the last call; the bag holds them when this returns.
 
+        Also secures the end of streams that have fallen silent, so that a calibration now and one after `close` agree.
+
         Returns:
             One line for each.
         """
-        return self._secure(self._detector.poll())
+        lines = self._secure(self._detector.poll())
+        if not self._secured and monotonic() - self._last_message > QUIET:
+            self._checkpoint()
+        return lines
 
     def close(self) -> list[str]:
         """Completes the bag; a touch still under way counts.
@@ -100,12 +114,16 @@ class Session:
     def _secure(self, new: Detection) -> list[str]:
         if not new.found:
             return []
-        self._writer.checkpoint()
+        self._checkpoint()
         self.touches += len(new.touches)
         self.rejected += len(new.rejected)
         lines = self._describe(new)
         self.news = lines[-1]
         return lines
+
+    def _checkpoint(self) -> None:
+        self._writer.checkpoint()
+        self._secured = True
 
     def _describe(self, new: Detection) -> list[str]:
         """One line for each touch, in the order of time."""
@@ -114,3 +132,15 @@ class Session:
         for index, disc, force in zip(touches.index, touches.disc, touches.force, strict=True):
             lines[int(index)] = f'touch {index}: {self._cell.discs[disc].name}, {np.hypot(*force):.1f} N'
         return [lines[index] for index in sorted(lines)]
+
+
+def _new_bag(parent: Path, cell: Cell, log_time: int) -> BagWriter:
+    """A bag in a folder of its own, even if another collector begins at the same moment."""
+    for _ in range(ATTEMPTS - 1):
+        folder = fresh_folder(parent, 'touches')
+        try:
+            return BagWriter(folder, cell, log_time=log_time)
+        except OutputError:
+            if not folder.exists():
+                raise
+    return BagWriter(fresh_folder(parent, 'touches'), cell, log_time=log_time)

@@ -15,7 +15,8 @@ class StreamMonitor:
         topic: its name.
         count: messages so far.
         unusable: messages so far that did not hold what is needed.
-        problem: what the last of these lacked; empty once a good message has come.
+        problem: what the last of these lacked; empty once a good message has come. Where good and unusable ones
+            alternate (several drivers publish joint states on one topic), there is none.
     """
 
     def __init__(self, topic: str) -> None:
@@ -24,24 +25,27 @@ class StreamMonitor:
         self.unusable = 0
         self.problem = ''
         self._counted = 0
+        self._accepted = False
         self._since = monotonic()
 
     def accept(self) -> None:
         """Notes a good message."""
         self.count += 1
+        self._accepted = True
         self.problem = ''
 
     def refuse(self, problem: str) -> None:
         """Notes a message that cannot be used."""
         self.count += 1
         self.unusable += 1
-        self.problem = problem
+        if not self._accepted:
+            self.problem = problem
 
     def rate(self) -> float:
         """Messages per second since the last call."""
         now = monotonic()
         rate = (self.count - self._counted) / max(now - self._since, 1e-9)
-        self._counted, self._since = self.count, now
+        self._counted, self._since, self._accepted = self.count, now, False
         return rate
 
     def details(self, rate: float) -> dict[str, str]:

@@ -12,10 +12,12 @@ import pytest
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.qos import QoSPresetProfiles, QoSProfile
+from rosbags.rosbag2 import Reader
+from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from scara_kinetostatic.nodes import conversion
+from scara_kinetostatic.nodes import conversion, session
 from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.conversion import Sample
@@ -23,6 +25,7 @@ from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN
 from scara_kinetostatic.nodes.processes import NodeProcesses
 from scara_kinetostatic.nodes.qos import RELIABLE_STREAM
+from scara_kinetostatic.nodes.stream_monitor import StreamMonitor
 from scara_kinetostatic.recording.detection import find_touches
 from scara_kinetostatic.recording.reader import embedded_cell, read_streams
 
@@ -153,6 +156,62 @@ def test_senseless_messages_do_not_end_the_node(spin: Callable[..., Node], tmp_p
     answer = collector._stop(Trigger.Request(), Trigger.Response())
     assert answer.success, answer.message
     assert collector._start(Trigger.Request(), Trigger.Response()).success
+
+
+def test_a_folder_that_cannot_be_written_leaves_the_node_up(spin: Callable[..., Node], tmp_path: Path) -> None:
+    (tmp_path / 'bags').write_text('a file where the folder should be')
+    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path / "bags"}')
+    assert collector._examine().level == ERROR
+    assert str(tmp_path / 'bags') in collector._examine().message
+    (tmp_path / 'bags').unlink()
+    assert collector._start(Trigger.Request(), Trigger.Response()).success
+
+
+def test_two_collectors_that_choose_the_same_name_record_both(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = iter(['taken', 'taken', 'free'])
+    monkeypatch.setattr(session, 'fresh_folder', lambda parent, stem: parent / next(names))
+    sessions = [session.Session(tmp_path, EXAMPLE_CELL, 1) for _ in range(2)]
+    assert [one.folder.name for one in sessions] == ['taken', 'free']
+    for one in sessions:
+        one.close()
+
+
+def test_joint_states_of_another_driver_on_the_same_topic_are_no_trouble() -> None:
+    monitor = StreamMonitor('/joint_states')
+    for _ in range(3):
+        monitor.accept()
+        monitor.refuse('expected positions of joint1 and joint2')
+        assert monitor.complaint(monitor.rate(), expected=True) == ''
+    monitor.refuse('expected positions of joint1 and joint2')
+    assert 'expected positions' in monitor.complaint(monitor.rate(), expected=True)
+    assert monitor.unusable == 4
+
+
+def test_simulated_time_begins_with_the_clock(spin: Callable[..., Node], tmp_path: Path) -> None:
+    arguments = ('use_sim_time:=true', 'autostart:=true', f'output:={tmp_path}')
+    collector = spin(Collector, '--ros-args', *(part for argument in arguments for part in ('-p', argument)))
+    assert 'waiting for /clock' in collector._examine().message
+    assert '/clock' in collector._start(Trigger.Request(), Trigger.Response()).message
+    clock = collector.create_publisher(ClockMessage, '/clock', 1)
+
+    def tick() -> bool:
+        clock.publish(ClockMessage(clock=conversion.stamp_of(1000 * conversion.NANOSECONDS)))
+        return collector._session is not None
+
+    assert eventually(tick)
+    publish(collector, RELIABLE_STREAM, 5)
+    assert eventually(lambda: all(monitor.count == 5 for monitor in collector._monitors.values()))
+    collector.close()
+    (bag,) = tmp_path.iterdir()
+    with Reader(bag) as reader:
+        assert reader.start_time == 1000 * conversion.NANOSECONDS
+        assert reader.duration < conversion.NANOSECONDS
+
+
+def test_the_end_of_a_silent_stream_is_secured(spin: Callable[..., Node], tmp_path: Path) -> None:
+    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
+    publish(collector, RELIABLE_STREAM, 20)
+    assert eventually(lambda: collector._session._writer.recorded == 40)
 
 
 @pytest.mark.parametrize('seed', [1, 2, 3])
