@@ -207,6 +207,7 @@ def adjust(
     whitened: Whitened,
     step: Floats,
     noise: Noise,
+    frozen: bool = False,
 ) -> Adjusted:
     """Adjusted observations after a step ΔL̄: [Q̂; F̂] = [Q; F] - Σ Bᵀ V⁻¹ (w + h_L̄ ΔL̄).
 
@@ -221,6 +222,7 @@ def adjust(
         whitened: the same, whitened.
         step: ΔL̄, (12,).
         noise: σ_q and σ_f.
+        frozen: whether every joint stays on its flank.
     """
     l11, l21, l22 = whitened.root
     left = whitened.residual + whitened.derivative @ step
@@ -235,13 +237,15 @@ def adjust(
     joints = o.joints - np.where(close, off_joints, 0.0)
     force = np.where(close, o.force - off_force, _turned_radial(o, parameters, adjusted.state))
     state = place_force(o, parameters, joints, force, adjusted.state)
-    return Adjusted(joints, force, settle_twice(o, parameters, joints, state))
+    return Adjusted(joints, force, settle_twice(o, parameters, joints, state, frozen))
 
 
-def settle_twice(observations: Observations, parameters: Parameters, joints: Floats, state: State) -> State:
+def settle_twice(
+    observations: Observations, parameters: Parameters, joints: Floats, state: State, frozen: bool = False
+) -> State:
     """Link angles and modes that go with joints and force; the second step is for changed modes."""
-    once = settle_links(parameters, joints, state, observations.gripper)
-    return settle_links(parameters, joints, once, observations.gripper)
+    once = settle_links(parameters, joints, state, observations.gripper, frozen)
+    return settle_links(parameters, joints, once, observations.gripper, frozen)
 
 
 def _turned_radial(observations: Observations, parameters: Parameters, state: State) -> Floats:

@@ -29,6 +29,8 @@ class HeldOut(NamedTuple):
 def held_out_force_error(calibration: Calibration, folds: int = 5) -> HeldOut:
     """Split the used touches at random into folds; predict each fold by a fit to the others.
 
+    Noise levels, bad touches and unseen directions are those of the whole fit.
+
     Args:
         calibration: the result whose touches, noise and free parameters are used.
         folds: how many; fewer where there are too few touches for it.

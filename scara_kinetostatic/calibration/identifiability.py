@@ -32,6 +32,7 @@ Floats = NDArray[np.float64]
 SCALES = np.array([0.02, 0.02, 0.05, 0.02, 0.05, 0.02, 1e-4, 1e-3, 1e-3, 1e-3, 5e-3, 5e-3])
 """Plausible range of each parameter about its nominal value, in its unit; also the solver's scaling."""
 NOISE_SHARE = 0.25
+CONSEQUENCE = 0.3
 MEMBER = 0.05
 """A parameter belongs to a group if its part of the unseen direction, in `SCALES`, is at least this."""
 
@@ -79,7 +80,7 @@ def unseen_directions(observations: Observations, point: Point, free: NDArray[np
         observations: the used touches.
         point: the fit there.
         free: positions of the parameters that are not fixed, (k,).
-        noise: σ_q and σ_f.
+        noise: σ_q and σ_f with which the fit was whitened.
 
     Returns:
         (k, d) orthonormal columns in units of `SCALES`; d = 0 where all is seen.
@@ -93,7 +94,29 @@ def unseen_directions(observations: Observations, point: Point, free: NDArray[np
     _, shares, directions = np.linalg.svd(triangle @ (seen / values), full_matrices=False)
     noisy = (seen / values) @ directions[shares**2 > NOISE_SHARE].T
     together = np.concatenate([system.right[:, weak], noisy / np.linalg.norm(noisy, axis=0)], axis=1)
-    return np.linalg.qr(together)[0] if together.size else np.empty((len(free), 0))
+    if not together.size:
+        return np.empty((len(free), 0))
+    by_noise = by_noise.reshape(-1, len(free))
+    pure = [_purified(row, scaled.reshape(-1, len(free)), by_noise) for row in _sparse_rows(together.T)]
+    return np.asarray(np.linalg.qr(np.array(pure).T)[0])
+
+
+def _purified(row: Floats, scaled: Floats, by_noise: Floats) -> Floats:
+    """An unseen direction freed of the parameters that noise has mixed into it.
+
+    Of its members, the largest first, as few are kept as make up an unseen direction by themselves.
+    """
+    order = np.argsort(-np.abs(row))
+    for size in range(1, int((np.abs(row) >= MEMBER * np.abs(row).max()).sum()) + 1):
+        members = order[:size]
+        vector = np.linalg.svd(np.linalg.qr(scaled[:, members], mode='r'))[2][-1]
+        seen = float(np.sum((scaled[:, members] @ vector) ** 2))
+        noise = float(np.sum((by_noise[:, members] @ vector) ** 2))
+        if seen < 1.0 or noise > NOISE_SHARE / 2 * seen:
+            out = np.zeros_like(row)
+            out[members] = vector
+            return out
+    return np.asarray(row / np.linalg.norm(row))
 
 
 def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -> list[Floats]:
@@ -120,11 +143,21 @@ def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -
     return changes
 
 
-def group_names(directions: Floats, free: NDArray[np.intp]) -> tuple[tuple[str, ...], ...]:
-    """The groups of parameters that unseen directions tie together, by name."""
+def group_names(directions: Floats, free: NDArray[np.intp], std: Floats | None = None) -> tuple[tuple[str, ...], ...]:
+    """The groups of parameters that unseen directions tie together, by name.
+
+    Args:
+        directions: (k, d), as `unseen_directions` gives them.
+        free: positions of the parameters that are not fixed, (k,).
+        std: standard deviations of the fit that holds these directions, (12,): a parameter that such a
+            direction could have moved by more than `CONSEQUENCE` of its own belongs to the group as well.
+    """
     groups = []
     for row in _sparse_rows(directions.T):
+        row = row / np.linalg.norm(row)
         members = np.abs(row) >= MEMBER * np.abs(row).max()
+        if std is not None:
+            members |= np.abs(row) * SCALES[free] > CONSEQUENCE * std[free]
         groups.append(tuple(NAMES[j] for j in free[members]))
     return tuple(groups)
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.adjustment import Observations
+from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.kinematics import rotate
@@ -16,7 +17,13 @@ Floats = NDArray[np.float64]
 
 
 def observe(touches: TouchSet, cell: Cell) -> Observations:
-    """The touches as the adjustment takes them."""
+    """The touches as the adjustment takes them.
+
+    Raises:
+        ParameterError: a touch names a disc that the cell does not have.
+    """
+    if len(touches) and not (touches.disc.min() >= 0 and touches.disc.max() < len(cell.discs)):
+        raise ParameterError('touches: disc', f'expected 0 to {len(cell.discs) - 1}, the discs of the cell')
     return Observations(
         touches.joints,
         touches.force,

@@ -37,6 +37,8 @@ STEP_TOLERANCE = 1e-14
 """A step shorter than this in scaled parameters is rounding error."""
 STALL_TOLERANCE = 1e-9
 MAX_DAMPING = 1e12
+FREEZE_AFTER = 12
+"""Steps of a run after which every joint stays on its flank: at the edge of a dead band it may else go to and fro."""
 
 
 class Termination(Enum):
@@ -167,7 +169,7 @@ def minimise(
     while iterations < max_iterations:
         iterations += 1
         step = steps.damped_step(system, damping)
-        trial = _move(observations, point, subspace.basis @ step, noise, stage)
+        trial = _move(observations, point, subspace.basis @ step, noise, stage, iterations > FREEZE_AFTER)
         cost, trial_cost = (_cost(item.distance[used], scale, stage) for item in (point, trial))
         shift = steps.predicted_shift(system, step)
         settled = shift < stage.tolerance or float(np.abs(step).max(initial=0.0)) < STEP_TOLERANCE
@@ -179,7 +181,7 @@ def minimise(
                 termination = Termination.CONVERGED
                 break
         else:
-            largest = float(system.values[0]) ** 2
+            largest = float(system.values.max(initial=0.0)) ** 2
             damping = max(10 * damping, 1e-10 * largest)
             if damping > MAX_DAMPING * largest:
                 termination = Termination.STALLED
@@ -187,11 +189,13 @@ def minimise(
     return Fit(point, system, iterations, tuple(history), termination)
 
 
-def _move(observations: Observations, point: Point, change: Floats, noise: Noise, stage: Stage) -> Point:
+def _move(observations: Observations, point: Point, change: Floats, noise: Noise, stage: Stage, frozen: bool) -> Point:
     parameters = Parameters.from_array(point.parameters.as_array() + change)
     with np.errstate(all='ignore'):
         if stage.adjusts:
-            adjusted = adjust(observations, parameters, point.adjusted, point.linear, point.whitened, change, noise)
+            adjusted = adjust(
+                observations, parameters, point.adjusted, point.linear, point.whitened, change, noise, frozen
+            )
         else:
             adjusted = as_measured(observations, parameters, point.adjusted.state)
         return evaluate(observations, parameters, adjusted, noise, stage)

@@ -66,6 +66,10 @@ def _triangle(rows: Floats) -> Floats:
     return np.asarray(np.linalg.qr(rows, mode='r'))
 
 
+def _seen(system: Compressed) -> NDArray[np.bool_]:
+    return np.asarray(system.values > RANK_TOLERANCE * max(system.values.max(initial=0.0), np.finfo(float).tiny))
+
+
 def damped_step(system: Compressed, damping: float) -> Floats:
     """The Levenberg–Marquardt step argmin ‖J y + r‖² + damping ‖y‖²; of least norm where J is singular.
 
@@ -76,8 +80,7 @@ def damped_step(system: Compressed, damping: float) -> Floats:
     Returns:
         y, (k,).
     """
-    s = system.values
-    seen = s > RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)
+    s, seen = system.values, _seen(system)
     gain = np.where(seen, s / np.where(seen, s * s + damping, 1.0), 0.0)
     return system.right @ (gain * system.left)
 
@@ -87,10 +90,9 @@ def predicted_shift(system: Compressed, step: Floats) -> float:
     return float(np.linalg.norm(system.values * (system.right.T @ step)))
 
 
-def covariance(system: Compressed) -> Floats:
-    """(JᵀJ)⁺, (k, k)."""
-    s = system.values
-    seen = s > RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)
+def covariance(system: Compressed, least: float = 0.0) -> Floats:
+    """(JᵀJ)⁺, (k, k), without the directions whose singular value is below `least`."""
+    s, seen = system.values, _seen(system) & (system.values >= least)
     root = system.right * np.where(seen, 1 / np.where(seen, s, 1.0), 0.0)
     return root @ root.T
 

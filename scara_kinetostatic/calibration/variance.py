@@ -47,9 +47,10 @@ def estimate_noise(linear: Linearisation, whitened: Whitened, covariance: Floats
     parts = [_whiten_matrix(outer(b), whitened.root) for b in (linear.by_joints, linear.by_force)]
     r, jacobian = whitened.residual, whitened.derivative
     freedoms = r.size - int(np.linalg.matrix_rank(covariance))
+    factor = np.sqrt(float((r**2).sum()) / max(freedoms, 1))
+    same_ratio = _bounded(noise, Noise(noise.joint * factor, noise.force * factor))
     if freedoms < FEWEST_FREEDOMS:
-        factor = np.sqrt(float((r**2).sum()) / max(freedoms, 1))
-        return _bounded(noise, Noise(noise.joint * factor, noise.force * factor))
+        return same_ratio
     weighted = [np.einsum('nij,njk->nik', part, jacobian) for part in parts]
     normals = [np.einsum('nik,nil->kl', jacobian, w) @ covariance for w in weighted]
     matrix, vector = np.empty((2, 2)), np.empty(2)
@@ -60,6 +61,9 @@ def estimate_noise(linear: Linearisation, whitened: Whitened, covariance: Floats
             matrix[k, j] = (
                 np.einsum('nij,nij->', parts[k], parts[j]) - 2 * np.trace(crossed) + np.trace(normals[k] @ normals[j])
             )
+    scale = np.array(noise) ** 2
+    if np.linalg.eigvalsh(matrix * np.outer(scale, scale)).min() <= 0:  # the two act alike: no telling them apart
+        return same_ratio
     variances = _distinguishable(matrix, vector)
     return _bounded(noise, Noise(*np.sqrt(variances).tolist()))
 

@@ -5,11 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from scipy import stats
 
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.diagnosis.structure import Trace, find_traces
 
+LARGEST_JOINT_NOISE = 2e-4
+"""Estimated repeatability of a joint beyond which it is an error of the model, rad."""
+LARGEST_ERROR_SHARE = 0.2
+"""The same for the force error as a part of the force."""
 SIGNIFICANCE = 0.01
 """Chance of a false alarm that is accepted."""
 
@@ -49,9 +54,26 @@ def diagnose(calibration: Calibration) -> Diagnosis:
     smallest = min([size, *(trace.p_value for trace in traces)])
     p_value = min(1.0, smallest * max(tests, 1))
     found = tuple(trace for trace in traces if trace.p_value * tests < SIGNIFICANCE)
+    incredible = _incredible(c)
+    if incredible:
+        return Diagnosis('unexplained', p_value, traces=found, advice=incredible)
     if p_value >= SIGNIFICANCE:
         return Diagnosis('none', p_value, advice=_too_quiet(c))
     return Diagnosis('unexplained', p_value, traces=found, advice=_advice(c, found))
+
+
+def _incredible(c: Calibration) -> str:
+    """Why estimated noise cannot be noise; empty if it can. A gross error of the model passes for noise otherwise."""
+    if c.noise_source == 'given':
+        return ''
+    share = c.force_error / float(np.hypot(c.force[:, 0], c.force[:, 1]).mean())
+    if c.noise.joint <= LARGEST_JOINT_NOISE and share <= LARGEST_ERROR_SHARE:
+        return ''
+    return (
+        f'the touches miss the model by {c.force_error:.2g} N, {100 * share:.0f} % of the force, as if the joints '
+        f'repeated to {c.noise.joint:.1e} rad only: no noise is like that; check the places and radii of '
+        'the discs, the fixed parameters, and whether a joint lost its zero'
+    )
 
 
 def _advice(c: Calibration, found: tuple[Trace, ...]) -> str:

@@ -16,13 +16,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from scara_kinetostatic.calibration.adjustment import whiten_by
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import Point
 from scara_kinetostatic.model.statics import view_arm
+from scara_kinetostatic.model.touch import TouchSet
 
 Floats = NDArray[np.float64]
+
+
+LEAST_NEW = 0.03
+"""Part of a unit column that must be new beside the fitted parameters; less is the noise of the measured force."""
+ROUNDING = 1e-8
+"""Mean square of a whitened residual below which it is rounding error."""
 
 
 class Family(NamedTuple):
@@ -30,7 +38,7 @@ class Family(NamedTuple):
 
     Attributes:
         name: that thing, in words.
-        columns: the functions at each touch, (n, m).
+        columns: the functions at each touch, (n, 2, m), whitened.
     """
 
     name: str
@@ -52,26 +60,72 @@ class Trace(NamedTuple):
 
 
 def families(calibration: Calibration, point: Point) -> tuple[Family, ...]:
-    """What the residual could depend on, as functions at the used touches."""
+    """What the residual could depend on, at the used touches: smooth functions, along and across the force; places
+    of the discs; joints whose zero changes.
+    """
     touches = calibration.touches.select(calibration.used)
     state = point.adjusted.state
-    arm = view_arm(point.parameters, *state[:4], observe(touches, calibration.cell).gripper)
+    arm = view_arm(point.parameters, *state[:4], calibration.cell.gripper)
     f, phi = state.magnitude, state.direction
     q1, q2 = point.adjusted.joints.T
     link2 = q1 + q2 + point.parameters.theta1 + point.parameters.theta2
-    return (
-        Family('the angle of joint 1', _waves(q1, 2)),
-        Family('the angle of joint 2', _waves(q2, 2)),
-        Family('the torque of joint 1', _powers(f * arm.a1)),
-        Family('the torque of joint 2', _powers(f * arm.a2)),
-        Family('the size of the force', _powers(f)),
-        Family('the direction of the force', _waves(phi, 2)),
-        Family('the direction of the force seen from link 2', _waves(phi - link2, 2)),
-        Family('the touched disc', _indicators(touches.disc)),
-        Family('the elbow posture', touches.posture[:, None].astype(float)),
-        Family('the sense of approach', np.sign(touches.approach)),
-        Family('time', _powers(touches.time)[:, :2]),
-    )
+    smooth = {
+        'the angle of joint 1': _waves(q1, 2),
+        'the angle of joint 2': _waves(q2, 2),
+        'the torque of joint 1': _powers(f * arm.lever1),
+        'the torque of joint 2': _powers(f * arm.lever2),
+        'the size of the force': _powers(f),
+        'the direction of the force': _waves(phi, 2),
+        'the direction of the force seen from link 2': _waves(phi - link2, 2),
+        'the touched disc': _indicators(touches.disc),
+        'the elbow posture': touches.posture[:, None].astype(float),
+        'the sense of approach': np.sign(touches.approach),
+        'time': _powers(touches.time)[:, :2],
+    }
+    one_side = [
+        Family(f'{name} ({side} the force)', _on_side(columns, k))
+        for name, columns in smooth.items()
+        for k, side in enumerate(('along', 'across'))
+    ]
+    return (*one_side, *_displaced_discs(touches, phi, point), *_changed_joints(touches, point))
+
+
+def _on_side(columns: Floats, side: int) -> Floats:
+    out = np.zeros((len(columns), 2, columns.shape[1]))
+    out[:, side] = columns
+    return out
+
+
+def _displaced_discs(touches: TouchSet, direction: Floats, point: Point) -> list[Family]:
+    """A disc elsewhere, or of another radius: h changes by -n, -t components of the move, and by the radius along n."""
+    c, s, one, none = np.cos(direction), np.sin(direction), np.ones_like(direction), np.zeros_like(direction)
+    moves = np.stack([np.stack([c, s, one], axis=-1), np.stack([-s, c, none], axis=-1)], axis=1)
+    return [
+        Family(
+            f'place and size of disc number {disc}',
+            whiten_by(moves * (touches.disc == disc)[:, None, None], point.whitened.root),
+        )
+        for disc in np.unique(touches.disc)
+    ]
+
+
+def _changed_joints(touches: TouchSet, point: Point) -> list[Family]:
+    """The zero of a joint that drifts with time, jumps at some time, or depends on the sense of approach."""
+    order = np.argsort(np.argsort(touches.time, kind='stable'))
+    parts = [np.where(order >= len(order) * part, 0.5, -0.5) for part in (0.25, 0.5, 0.75)]
+    turns = whiten_by(point.linear.by_joints, point.whitened.root)
+    drift = np.stack([_powers(touches.time)[:, 0], *parts], axis=-1)
+    return [
+        family
+        for joint in (0, 1)
+        for family in (
+            Family(f'time, through the zero of joint {joint + 1}', turns[:, :, joint, None] * drift[:, None, :]),
+            Family(
+                f'the sense of approach, through joint {joint + 1}',
+                turns[:, :, joint, None] * np.sign(touches.approach[:, joint])[:, None, None],
+            ),
+        )
+    ]
 
 
 def _waves(angle: Floats, most: int) -> Floats:
@@ -89,10 +143,10 @@ def _indicators(labels: NDArray[np.intp]) -> Floats:
 
 
 def find_traces(calibration: Calibration) -> tuple[Trace, ...]:
-    """Test every family, along and across the force.
+    """Test every family.
 
     Returns:
-        One trace per family and direction for which there are enough touches, the most significant first.
+        One trace per family that is new beside the fitted parameters, the most significant first.
     """
     c = calibration
     point = project(observe(c.touches.select(c.used), c.cell), c.parameters, c.noise)
@@ -102,12 +156,9 @@ def find_traces(calibration: Calibration) -> tuple[Trace, ...]:
     residual = point.whitened.residual.ravel() - base @ (base.T @ point.whitened.residual.ravel())
     traces = []
     for family in families(c, point):
-        for k, side in enumerate(('along', 'across')):
-            columns = np.zeros((n, 2, family.columns.shape[1]))
-            columns[:, k] = family.columns
-            trace = _test(residual, base, columns.reshape(2 * n, -1))
-            if trace is not None:
-                traces.append(Trace(f'{family.name} ({side} the force)', *trace))
+        trace = _test(residual, base, family.columns.reshape(2 * n, -1))
+        if trace is not None:
+            traces.append(Trace(family.name, *trace))
     return tuple(sorted(traces, key=lambda trace: trace.p_value))
 
 
@@ -117,10 +168,10 @@ def _test(residual: Floats, base: Floats, columns: Floats) -> tuple[float, float
     columns = columns[:, scale > 0] / scale[scale > 0]
     left = columns - base @ (base.T @ columns)
     u, values, _ = np.linalg.svd(left, full_matrices=False)
-    u = u[:, values > 1e-3]
+    u = u[:, values > LEAST_NEW]
     q, freedoms = u.shape[1], len(residual) - base.shape[1] - u.shape[1]
     total = float(residual @ residual)
-    if q == 0 or freedoms < 1 or total == 0:
+    if q == 0 or freedoms < 1 or total < ROUNDING * len(residual):
         return None
     explained = float(((u.T @ residual) ** 2).sum())
     ratio = (explained / q) / (max(total - explained, 1e-300) / freedoms)

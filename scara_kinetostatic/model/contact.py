@@ -12,7 +12,7 @@ from scara_kinetostatic.model.equations import parameter_derivative, touch_equat
 from scara_kinetostatic.model.equilibrium import nearest_equilibrium, solve_state
 from scara_kinetostatic.model.gripper import Gripper, as_gripper
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.parameters import THETA1, THETA2, Parameters
 from scara_kinetostatic.model.state import State, free_state
 
 Floats = NDArray[np.float64]
@@ -183,5 +183,5 @@ def contact_derivatives(
     # the force per metre of residual, (n, 2, 2)
     stiffness = n[:, :, None] * f_h[:, None, :] + (state.magnitude[:, None] * t)[:, :, None] * d_h[:, None, :]
     stiffness = np.where(loaded[:, None, None] > 0, -stiffness, 0.0)
-    h_q = h_l[:, :, [2, 4]]
+    h_q = h_l[:, :, [THETA1, THETA2]]
     return ContactDerivatives(stiffness @ h_q, stiffness @ h_l)

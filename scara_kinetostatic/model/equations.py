@@ -30,7 +30,22 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.gripper import Gripper
-from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.parameters import (
+    G1,
+    G2,
+    G_EE,
+    L1,
+    L2,
+    NAMES,
+    P1,
+    P2,
+    P_EE,
+    THETA1,
+    THETA2,
+    X0,
+    Y0,
+    Parameters,
+)
 from scara_kinetostatic.model.state import State, next_modes
 from scara_kinetostatic.model.statics import Arm, Floats, view_arm
 
@@ -198,19 +213,19 @@ def parameter_derivative(state: State, equations: Equations, gripper: Gripper) -
     un, ut = arm.ux * arm.nx + arm.uy * arm.ny, arm.uy * arm.nx - arm.ux * arm.ny
     vn, vt = arm.vx * arm.nx + arm.vy * arm.ny, arm.vy * arm.nx - arm.vx * arm.ny
     torque1, torque2 = f * arm.lever1 * on1, f * arm.lever2 * on2
-    out = np.empty((12, 2, len(f)))
-    out[0] = arm.nx, -arm.ny
-    out[1] = arm.ny, arm.nx
-    out[2] = e.g11 * on1, e.g21 * on1
-    out[3] = un + e.g11 * r.w1 * ut, ut + e.g21 * r.w1 * ut
-    out[4] = e.g12 * on2, e.g22 * on2
-    out[5] = vn + (e.g11 * r.w1 + e.g12 * r.w2) * vt, vt + (e.g21 * r.w1 + e.g22 * r.w2) * vt
-    out[6] = gripper.factor * f, np.zeros_like(f)
-    out[7] = -e.g11 * torque1, -e.g21 * torque1
-    out[8] = -e.g12 * torque2, -e.g22 * torque2
-    out[9] = -np.ones_like(f), np.zeros_like(f)
-    out[10] = -e.g11 * state.mode1, -e.g21 * state.mode1
-    out[11] = -e.g12 * state.mode2, -e.g22 * state.mode2
+    out = np.empty((len(NAMES), 2, len(f)))
+    out[X0] = arm.nx, -arm.ny
+    out[Y0] = arm.ny, arm.nx
+    out[THETA1] = e.g11 * on1, e.g21 * on1
+    out[L1] = un + e.g11 * r.w1 * ut, ut + e.g21 * r.w1 * ut
+    out[THETA2] = e.g12 * on2, e.g22 * on2
+    out[L2] = vn + (e.g11 * r.w1 + e.g12 * r.w2) * vt, vt + (e.g21 * r.w1 + e.g22 * r.w2) * vt
+    out[P_EE] = gripper.factor * f, np.zeros_like(f)
+    out[P1] = -e.g11 * torque1, -e.g21 * torque1
+    out[P2] = -e.g12 * torque2, -e.g22 * torque2
+    out[G_EE] = -np.ones_like(f), np.zeros_like(f)
+    out[G1] = -e.g11 * state.mode1, -e.g21 * state.mode1
+    out[G2] = -e.g12 * state.mode2, -e.g22 * state.mode2
     return np.moveaxis(out, -1, 0).swapaxes(1, 2)
 
 
@@ -240,13 +255,13 @@ def move_links(equations: Equations, state: State, change_f: Floats, change_d: F
     )
 
 
-def settle_links(parameters: Parameters, joints: Floats, state: State, gripper: Gripper) -> State:
-    """One Newton step of the rows alone, then the modes that the new link angles call for."""
+def settle_links(parameters: Parameters, joints: Floats, state: State, gripper: Gripper, frozen: bool = False) -> State:
+    """One Newton step of the rows alone, then, unless frozen, the modes that the new link angles call for."""
     r = joint_rows(parameters, joints, state, gripper)
     moved = state._replace(
         link1=state.link1 - (r.i11 * r.row1 + r.i12 * r.row2), link2=state.link2 - (r.i21 * r.row1 + r.i22 * r.row2)
     )
-    return renew_modes(parameters, joints, moved, gripper)
+    return moved if frozen else renew_modes(parameters, joints, moved, gripper)
 
 
 def renew_modes(parameters: Parameters, joints: Floats, state: State, gripper: Gripper) -> State:

@@ -111,11 +111,15 @@ class Parameters:
         """Whether a robot can have these values.
 
         Raises:
-            ParameterError: a link of no length, a negative compliance or backlash.
+            ParameterError: a link of no length, a negative compliance or backlash, no compliance at all.
         """
         for name in ('l1', 'l2'):
             if getattr(self, name) <= 0:
                 raise ParameterError(f'{where}: {name}', f'expected a positive length, got {getattr(self, name)}')
+        if self.p_ee == self.p1 == self.p2 == 0:
+            raise ParameterError(
+                f'{where}: p_ee, p1, p2', 'all compliances are 0: a rigid arm has no force of contact', 'estimate them'
+            )
         for name in ('p_ee', 'p1', 'p2', 'g_ee', 'g1', 'g2'):
             if getattr(self, name) < 0:
                 raise ParameterError(f'{where}: {name}', f'expected a value of 0 or more, got {getattr(self, name)}')

@@ -207,3 +207,63 @@ def test_one_force_level_without_stated_noise(robot):
     for seed in range(6):
         found = calibrate(touches(robot, seed, levels=(40.0,)), replace(CELL, noise=None))
         assert found.identifiability.confounded == (('p_ee', 'g_ee'),)
+
+
+def test_faint_touches_and_repeated_readings_are_left_out_by_name():
+    data = touches(PAPER_ACTUAL, 1)
+    force = data.force.copy()
+    force[3], force[4] = 0.0, [0.5, 0.2]
+    again = data.replace(force=force).select(np.r_[np.arange(72), 10])
+    again = again.replace(index=np.arange(73))
+    found = calibrate(again, CELL)
+    assert [item.index for item in found.rejected] == [3, 4, 72]
+    assert 'same reading as touch 10' in found.rejected[2].reason
+    assert '0.54 N' in found.rejected[1].reason
+
+
+def test_a_recording_given_twice_counts_once():
+    data = touches(PAPER_ACTUAL, 1)
+    twice = calibrate(data.concatenate([data, data]).replace(index=np.arange(144)), CELL)
+    np.testing.assert_allclose(twice.std, calibrate(data, CELL).std, rtol=1e-9)
+    assert len(twice.rejected) == 72
+
+
+def test_many_touches_settle_though_some_lie_at_the_edge_of_a_dead_band():
+    for seed in range(4):
+        found = calibrate(touches(PAPER_MEASURED, seed, per_disc=36), CELL)
+        assert found.termination is Termination.CONVERGED
+        assert found.iterations < 80
+
+
+def test_everything_fixed_or_senselessly_fixed():
+    with pytest.raises(ParameterError, match='all twelve'):
+        calibrate(touches(PAPER_ACTUAL), CELL, fixed=PAPER_ACTUAL.as_dict())
+    with pytest.raises(ParameterError, match='l1'):
+        calibrate(touches(PAPER_ACTUAL), CELL, fixed={'l1': -0.3})
+
+
+def test_forces_lost_in_the_noise_support_nothing():
+    with pytest.raises(UnsupportedDataError):
+        calibrate(touches(PAPER_ACTUAL, 2, levels=(0.1, 0.2, 0.4)), CELL)
+
+
+def test_touches_of_a_disc_that_is_not_there():
+    data = touches(PAPER_ACTUAL)
+    with pytest.raises(ParameterError, match='disc'):
+        calibrate(data.replace(disc=data.disc + 5), CELL)
+
+
+def test_one_disc_one_level_without_stated_noise_ends_cleanly():
+    for seed in range(20):
+        data = touches(PAPER_MEASURED, seed, levels=(40.0,))
+        found = calibrate(data.select(data.disc == seed % 3), replace(CELL, noise=None))
+        z = (found.parameters.as_array() - PAPER_MEASURED.as_array()) / found.std
+        assert np.nanmax(np.abs(z), initial=0.0) < 5
+
+
+def test_few_touches_do_not_bend_what_is_called_estimated():
+    for seed in range(40):
+        chosen = np.random.default_rng(seed).permutation(72)[:9]
+        found = calibrate(touches(PAPER_ACTUAL, seed).select(chosen), CELL)
+        z = (found.parameters.as_array() - PAPER_ACTUAL.as_array()) / found.std
+        assert np.nanmax(np.abs(z), initial=0.0) < 5

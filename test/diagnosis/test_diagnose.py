@@ -57,3 +57,28 @@ def test_overstated_noise_is_told():
     found = diagnose(calibrate(touches(PAPER_ACTUAL, 1, noise=Noise(3e-6, 0.1)), CELL))
     assert found.verdict == 'none'
     assert 'too large' in found.advice
+
+
+@pytest.mark.parametrize('given', [True, False])
+def test_a_displaced_disc_shows_whether_the_noise_is_known_or_not(given):
+    cell = replace(CELL, noise=NOISE if given else None)
+    for move in (1e-4, 2e-3, 3e-2):
+        moved = replace(cell, discs=(cell.discs[0], cell.discs[1]._replace(x=cell.discs[1].x + move), cell.discs[2]))
+        assert diagnose(calibrate(touches(PAPER_ACTUAL, 1), moved)).verdict == 'unexplained'
+
+
+@pytest.mark.parametrize('given', [True, False])
+def test_a_joint_that_lost_its_zero_midway_shows(given):
+    data = touches(PAPER_ACTUAL, 1)
+    joints = data.joints.copy()
+    joints[36:, 1] += 3e-4
+    found = diagnose(calibrate(data.replace(joints=joints), replace(CELL, noise=NOISE if given else None)))
+    assert found.verdict == 'unexplained'
+    assert any('zero of joint 2' in trace.name for trace in found.traces)
+
+
+def test_exact_data_are_not_unexplained():
+    for robot in (PAPER_ACTUAL, PAPER_ACTUAL.replace(g_ee=0.0, g1=0.0, g2=0.0)):
+        for noise in (NOISE, None):
+            found = calibrate(touches(robot, noise=Noise(0.0, 0.0)), replace(CELL, noise=noise))
+            assert diagnose(found).verdict == 'none'

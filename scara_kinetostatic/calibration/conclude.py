@@ -1,0 +1,110 @@
+"""From the end of the estimation to the result that leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from scara_kinetostatic.calibration import outliers
+from scara_kinetostatic.calibration.adjustment import Observations
+from scara_kinetostatic.calibration.estimate import Estimate, covariance_of_fit
+from scara_kinetostatic.calibration.identifiability import (
+    Identifiability,
+    advise,
+    condition_number,
+    determined_pairs,
+    group_names,
+)
+from scara_kinetostatic.calibration.prediction import base_force, force_error, force_residual
+from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.touch import Rejection, TouchSet
+
+Floats = NDArray[np.float64]
+
+MISFIT = 1e-3
+"""p-value of chi-square below which the stated noise does not cover the residuals and sigmas are enlarged."""
+
+
+def conclude(
+    touches: TouchSet,
+    cell: Cell,
+    start: Parameters,
+    fixed: Mapping[str, float],
+    observations: Observations,
+    found: Estimate,
+    left_out: Sequence[Rejection] = (),
+) -> Calibration:
+    """The result of an estimation.
+
+    Args:
+        touches: all touches of the fit.
+        cell: the cell.
+        start: L̄ where the fit began.
+        fixed: parameters held, by name.
+        observations: the touches as the fit took them.
+        found: where it ended.
+        left_out: touches that were not even given to the fit.
+    """
+    fit, used = found.fit, found.used
+    parameters = fit.point.parameters
+    chi_square = float(fit.point.distance[used].sum())
+    freedoms = 2 * int(used.sum()) - found.subspace.basis.shape[1]
+    covariance = covariance_of_fit(fit, found.subspace)
+    if stats.chi2.sf(chi_square, freedoms) < MISFIT:
+        covariance = covariance * (chi_square / freedoms)
+    std = np.sqrt(np.diag(covariance))
+    identifiability = _identifiability(found, observations, covariance, std, fixed)
+    confounded = {name for group in identifiability.confounded for name in group}
+    std[[name in confounded for name in NAMES]] = np.nan
+    status = {name: 'fixed' if name in fixed else 'confounded' if name in confounded else 'estimated' for name in NAMES}
+    residual, nominal = force_residual(observations, parameters), force_residual(observations, start)
+    rejected = [
+        outliers.explain(int(touches.index[i]), float(found.distance[i]), residual[i]) for i in np.flatnonzero(~used)
+    ]
+    return Calibration(
+        cell=cell,
+        fixed=dict(fixed),
+        subspace=found.subspace,
+        parameters=parameters,
+        covariance=covariance,
+        std=std,
+        status=status,
+        touches=touches,
+        used=used,
+        rejected=tuple(sorted((*left_out, *rejected), key=lambda item: item.index)),
+        noise=found.noise,
+        noise_source='given' if cell.noise else 'estimated',
+        force=base_force(observations, parameters),
+        residual=residual,
+        nominal_residual=nominal,
+        standardized=np.sqrt(found.distance),
+        force_error=force_error(residual[used]),
+        force_error_nominal=force_error(nominal[used]),
+        chi_square=chi_square,
+        degrees_of_freedom=freedoms,
+        identifiability=identifiability,
+        iterations=found.iterations,
+        termination=fit.termination,
+        history=fit.history,
+    )
+
+
+def _identifiability(
+    found: Estimate, observations: Observations, covariance: Floats, std: Floats, fixed: Mapping[str, float]
+) -> Identifiability:
+    free = np.array([j for j, name in enumerate(NAMES) if name not in fixed], dtype=np.intp)
+    groups = group_names(found.unseen, free, std)
+    magnitude = float(np.hypot(observations.force[:, 0], observations.force[:, 1]).mean())
+    values = found.fit.point.parameters.as_array()
+    return Identifiability(
+        rank=len(free) - found.unseen.shape[1],
+        condition=condition_number(found.fit.point.whitened.derivative[found.used] @ found.subspace.basis),
+        confounded=groups,
+        combinations=determined_pairs(found.unseen, free, values, covariance),
+        advice=advise(groups, magnitude),
+    )

@@ -1,0 +1,159 @@
+"""The rounds of the estimation: start, stages, noise, what is seen, outliers."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.calibration import outliers, steps
+from scara_kinetostatic.calibration.adjustment import Observations, first_guess
+from scara_kinetostatic.calibration.identifiability import SCALES, unseen_directions
+from scara_kinetostatic.calibration.projection import select, turn_radial
+from scara_kinetostatic.calibration.solver import (
+    COARSE,
+    FINAL,
+    ROBUST,
+    Fit,
+    Point,
+    Subspace,
+    Termination,
+    minimise,
+)
+from scara_kinetostatic.calibration.variance import estimate_noise
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.cell import Cell, Noise
+from scara_kinetostatic.model.parameters import NAMES, Parameters
+
+Floats = NDArray[np.float64]
+
+USUAL_NOISE = Noise(joint=1e-5, force=0.3)
+"""Where the noise is to be estimated, the first guess."""
+ROUNDS = 20
+SETTLING = 4
+"""Rounds in which an unseen direction may still be freed, as the noise levels find their place."""
+SAME_DIRECTION = 1e-3
+NOISE_TOLERANCE = 1e-3
+
+
+class Estimate(NamedTuple):
+    """Where the rounds of the estimation ended.
+
+    Attributes:
+        fit: the last one; it is that of `used`, `noise` and `subspace`.
+        used: touches that took part, (n,).
+        noise: given or estimated.
+        subspace: the changes of L̄ allowed.
+        unseen: directions left out, (k, d), in units of `SCALES`.
+        distance: squared studentised distances of all touches, (n,).
+        iterations: steps of all rounds.
+    """
+
+    fit: Fit
+    used: NDArray[np.bool_]
+    noise: Noise
+    subspace: Subspace
+    unseen: Floats
+    distance: Floats
+    iterations: int
+
+
+def check_number(touches: int, parameters: int) -> None:
+    """Whether there are more equations than parameters."""
+    needed = parameters // 2 + 1
+    if touches < needed:
+        raise UnsupportedDataError(
+            f'{touches} touches give {2 * touches} equations, too few for {parameters} parameters',
+            f'record {needed} touches at the very least, 36 or more for a good result',
+        )
+
+
+def check_rank(unseen: Floats) -> None:
+    """Whether at least half of the free parameters are determined; `unseen` is (k, d)."""
+    parameters, lost = unseen.shape
+    if 2 * lost > parameters:
+        raise UnsupportedDataError(
+            f'the touches are too much alike: they determine {parameters - lost} of {parameters} parameters',
+            'touch several discs, from all sides, in both postures and at two or more force levels',
+        )
+
+
+def estimate(observations: Observations, cell: Cell, start: Parameters, free: NDArray[np.intp]) -> Estimate:
+    """Coarse, robust, then final rounds until noise, bad touches and unseen directions stay as they are.
+
+    Args:
+        observations: the touches.
+        cell: whose noise is taken as true, if given.
+        start: L̄ to start from; fixed parameters at their values.
+        free: positions of the others, (k,).
+
+    Raises:
+        UnsupportedDataError: too few touches for the free parameters, or touches so much alike
+            that they determine less than half of them.
+    """
+    noise, stage = cell.noise or USUAL_NOISE, ROBUST
+    basis = np.zeros((len(NAMES), len(free)))
+    basis[free, np.arange(len(free))] = SCALES[free]
+    everything = subspace = Subspace(start.as_array(), basis)
+    used, unseen = np.ones(len(observations.joints), dtype=bool), np.empty((len(free), 0))
+    fit = minimise(observations, start, first_guess(observations, start), everything, noise, COARSE)
+    adjusted, iterations = turn_radial(observations, fit.point, noise), fit.iterations
+    for number in range(ROUNDS + 1):
+        fit = minimise(observations, fit.point.parameters, adjusted, subspace, noise, stage, used)
+        adjusted, iterations = fit.point.adjusted, iterations + fit.iterations
+        distance = outliers.studentised(fit.point.whitened, covariance_of_fit(fit, subspace), used)
+        if number == ROUNDS:
+            fit = fit._replace(termination=Termination.ITERATION_LIMIT)
+            break
+        renewed = noise if cell.noise else _renew_noise(fit.point, used, subspace, noise)
+        good = outliers.find_good(distance)
+        now_unseen = unseen_directions(observations.select(good), select(fit.point, good), free, noise)
+        if number >= SETTLING and now_unseen.shape[1] < unseen.shape[1]:
+            now_unseen = unseen  # what was unseen is not freed again: the two judgements could take turns for ever
+        if stage is FINAL and _same(good, used) and not _differ(now_unseen, unseen, number) and _close(noise, renewed):
+            break
+        if _differ(now_unseen, unseen, number):
+            check_rank(now_unseen)
+            subspace, unseen = _restrict(everything, now_unseen), now_unseen
+            fit = fit._replace(point=fit.point._replace(parameters=subspace.project(fit.point.parameters)))
+        used, noise, stage = good, renewed, FINAL
+        check_number(int(used.sum()), subspace.basis.shape[1])
+    return Estimate(fit, used, noise, subspace, unseen, distance, iterations)
+
+
+def _renew_noise(point: Point, used: NDArray[np.bool_], subspace: Subspace, noise: Noise) -> Noise:
+    """The noise levels that the residuals of good touches call for."""
+    good = used & outliers.find_good(point.distance)
+    if good.sum() > subspace.basis.shape[1] // 2 + 1:
+        point = select(point, good)
+    system = steps.compress(point.whitened.derivative @ subspace.basis, point.whitened.residual)
+    fitted = subspace.basis @ steps.covariance(system, least=1.0) @ subspace.basis.T
+    return estimate_noise(point.linear, point.whitened, fitted, noise)
+
+
+def covariance_of_fit(fit: Fit, subspace: Subspace) -> Floats:
+    """Covariance of the twelve at a fit, (12, 12); no statement about what the subspace leaves out."""
+    return subspace.basis @ steps.covariance(fit.system) @ subspace.basis.T
+
+
+def _restrict(everything: Subspace, unseen: Floats) -> Subspace:
+    """The subspace without the unseen directions: along those, L̄ stays at the origin."""
+    k, d = unseen.shape
+    complement = np.linalg.qr(np.concatenate([unseen, np.eye(k)], axis=1))[0][:, d:k]
+    return everything._replace(basis=everything.basis @ complement)
+
+
+def _differ(now: Floats, before: Floats, number: int) -> bool:
+    """Whether other directions are unseen than before; once settled, whether their number is another."""
+    if now.shape != before.shape:
+        return True
+    return number < SETTLING and float(np.abs(now - before @ (before.T @ now)).max(initial=0.0)) > SAME_DIRECTION
+
+
+def _same(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> bool:
+    return bool((a == b).all())
+
+
+def _close(old: Noise, new: Noise) -> bool:
+    return all(abs(b - a) <= NOISE_TOLERANCE * a for a, b in zip(old, new, strict=True))
