@@ -5,10 +5,10 @@ The layers, from the top; each imports only from those below it (`test/test_arch
     nodes, cli             thin: ROS nodes and the command line convert, delegate, publish
     report                 an outcome as data, text, JSON, ROS parameter file, HTML
     pipeline               from recordings to the outcome
-    recording, simulation  bags, touches in a stream; a cell that plays both topics
+    recording, simulation, bags, touches in a stream; a cell that plays both topics;
+    experiments            the paper's studies, the design question, the gauge experiments
     diagnosis              is anything left in the residual?
     calibration            from touches to the twelve parameters
-    effects                physical effects that the basic model lacks
     model                  parameters, cell, touches, kinematics, kinetostatics, contact
     errors                 one root for all errors
 

@@ -19,7 +19,6 @@ NAME = 'scara_kinetostatic'
 FLOORS = (
     ('errors',),
     ('model',),
-    ('effects',),
     ('calibration',),
     ('diagnosis',),
     ('recording', 'simulation', 'experiments'),
