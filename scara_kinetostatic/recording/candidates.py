@@ -96,7 +96,7 @@ def _gap(signals: Signals, begin: float, end: float) -> str:
     for topic in (signals.joints, signals.wrench):
         pause = topic.longest_pause(begin, end)
         if pause > topic.gap_limit:
-            return f'straddles a gap of {pause:.2f} s in {topic.name}, expected {topic.gap_limit:.2f} s at most'
+            return f'straddles a gap of {pause:.3f} s in {topic.name}, expected {topic.gap_limit:.3f} s at most'
     return ''
 
 
