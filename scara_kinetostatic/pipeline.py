@@ -9,6 +9,7 @@ from pathlib import Path
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.held_out import HeldOut, held_out_force_error
 from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.diagnose import Diagnosis, diagnose
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell
@@ -101,7 +102,7 @@ def calibrate_recordings(
     Raises:
         RecordingError: a recording cannot be read.
         CellError: the forces contradict the cell's sensor sign or frame.
-        UnsupportedDataError: no touches, or too few.
+        UnsupportedDataError: no touches, too few, or a fit that does not settle.
         ParameterError: `fixed` names no parameter.
     """
     detection = gather_touches(paths, cell, progress)
@@ -110,7 +111,7 @@ def calibrate_recordings(
     if not len(detection.touches):
         raise UnsupportedDataError(_no_touches(paths, detection), 'see what `inspect` says about the recording')
     _tell(progress, f'fitting {len(detection.touches)} touches', 0.0)
-    calibration = calibrate(detection.touches, cell, fixed=fixed)
+    calibration = _converged(paths, detection, cell, fixed)
     _tell(progress, 'predicting held-out touches', 0.5)
     held_out = held_out_force_error(calibration)
     diagnosis = diagnose(calibration)
@@ -125,6 +126,23 @@ def calibrate_recordings(
         sources=tuple(str(path) for path in paths),
         warnings=detection.warnings,
     )
+
+
+def _converged(
+    paths: Sequence[str | Path], detection: Detection, cell: Cell, fixed: Mapping[str, float] | None
+) -> Calibration:
+    """The calibration, if it is one; what is wrong with the data is told with their name."""
+    names = ', '.join(str(path) for path in paths)
+    try:
+        found = calibrate(detection.touches, cell, fixed=fixed)
+    except UnsupportedDataError as error:
+        raise UnsupportedDataError(f'{names}: {error.problem}', error.remedy) from error
+    if found.termination is not Termination.CONVERGED:
+        raise UnsupportedDataError(
+            f'{names}: the fit does not settle, at a force error of {found.force_error:.3g} N',
+            'check the places of the discs, the names and units of the joints, frame, sign and axes of the sensor',
+        )
+    return found
 
 
 def _no_touches(paths: Sequence[str | Path], detection: Detection) -> str:

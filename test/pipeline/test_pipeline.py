@@ -1,0 +1,45 @@
+"""From recordings to the outcome: what cannot be calibrated is told with the recording's name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.pipeline import calibrate_recordings
+from scara_kinetostatic.recording.writer import write_streams
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_streams
+
+CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
+
+
+def test_a_mirrored_sensor_gives_no_result(tmp_path):
+    streams = simulate_streams(CELL, PAPER_ACTUAL, default_plan(CELL), seed=3)
+    mirrored = replace(streams.wrench, force=streams.wrench.force * [1, -1])
+    write_streams(tmp_path / 'mirror.mcap', replace(streams, wrench=mirrored), CELL)
+    with pytest.raises(UnsupportedDataError, match=r'mirror\.mcap: the fit does not settle'):
+        calibrate_recordings([tmp_path / 'mirror.mcap'], CELL)
+
+
+def test_too_few_touches_name_the_recording(tmp_path):
+    few = default_plan(CELL).select(np.arange(4))
+    write_streams(tmp_path / 'few.mcap', simulate_streams(CELL, PAPER_ACTUAL, few), CELL)
+    with pytest.raises(UnsupportedDataError, match=r'few\.mcap: 4 touches'):
+        calibrate_recordings([tmp_path / 'few.mcap'], CELL)
+
+
+def test_two_recordings_are_calibrated_together(tmp_path):
+    plan = default_plan(CELL)
+    halves = (plan.select(np.arange(36)), plan.select(np.arange(36, 72)))
+    for number, half in enumerate(halves):
+        write_streams(tmp_path / str(number), simulate_streams(CELL, PAPER_ACTUAL, half, seed=number), CELL)
+    outcome = calibrate_recordings([tmp_path / '0', tmp_path / '1'], CELL)
+    assert outcome.found == 72
+    assert outcome.calibration.touches.index.tolist() == list(range(72))
+    errors = outcome.calibration.parameters.as_array() - PAPER_ACTUAL.as_array()
+    assert np.abs(errors / outcome.calibration.std).max() < 5
