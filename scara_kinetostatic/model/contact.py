@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scara_kinetostatic.model.cell import GripperSign
-from scara_kinetostatic.model.equations import parameter_derivative, touch_equations
 from scara_kinetostatic.model.equilibrium import nearest_equilibrium, solve_state
+from scara_kinetostatic.model.extended import all_derivatives, extended_equations
+from scara_kinetostatic.model.extension import Extension, Setting
 from scara_kinetostatic.model.gripper import Gripper, as_gripper
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import THETA1, THETA2, Parameters
@@ -50,6 +51,7 @@ def contact(
     gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
     tension: bool = False,
     near: ArrayLike | None = None,
+    extension: Extension | None = None,
 ) -> Contact:
     """A(Q, L̄) for touches whose disc is known.
 
@@ -63,26 +65,38 @@ def contact(
             continuation for fitting), instead of no force as (9) has it.
         near: a force per touch, (n, 2), N; where there are several equilibria, the one
             closest to it is taken.
+        extension: effects beyond the twelve parameters; their values are in `parameters.extra`.
 
     Returns:
         Force, tip and link angles. Without contact the force is zero, the joints
         are in the middle of their dead bands and the tip is at H(L, Q).
     """
-    joints, centers = np.atleast_2d(np.asarray(joints, dtype=float)), np.asarray(centers, dtype=float)
-    centers = np.broadcast_to(centers, joints.shape)
-    radii = np.broadcast_to(np.asarray(radii, dtype=float), joints.shape[:1])
-    gripper = as_gripper(gripper)
-    state, solved = solve_state(parameters, joints, centers, radii, gripper)
+    setting = _setting(joints, centers, radii, gripper, extension)
+    state, solved = solve_state(parameters, setting)
     if near is not None:
-        state = nearest_equilibrium(parameters, joints, centers, radii, gripper, state, np.asarray(near))
+        state = nearest_equilibrium(parameters, setting, state, np.asarray(near))
     if not tension:
-        free = free_state(parameters, joints, centers)
+        shifted = setting.shifted(parameters, state)
+        free = free_state(parameters, shifted.joints, shifted.centers)
         touching = solved & (state.magnitude > 0)
-        if gripper.sign is GripperSign.PHYSICAL:
-            touching &= _reaches(parameters, free, centers, radii)
+        if setting.gripper.sign is GripperSign.PHYSICAL:
+            touching &= _reaches(parameters, free, shifted.centers, setting.radii)
         zero = free._replace(mode1=np.zeros_like(free.mode1), mode2=np.zeros_like(free.mode2))
         state = zero.replace_where(touching, state)
-    return _as_contact(parameters, centers, radii, state, solved)
+    return _as_contact(parameters, setting, state, solved)
+
+
+def _setting(
+    joints: ArrayLike,
+    centers: ArrayLike,
+    radii: ArrayLike,
+    gripper: Gripper | GripperSign,
+    extension: Extension | None,
+) -> Setting:
+    joints = np.atleast_2d(np.asarray(joints, dtype=float))
+    centers = np.broadcast_to(np.asarray(centers, dtype=float), joints.shape)
+    radii = np.broadcast_to(np.asarray(radii, dtype=float), joints.shape[:1])
+    return Setting(joints, centers, radii, as_gripper(gripper), extension)
 
 
 def _reaches(parameters: Parameters, free: State, centers: Floats, radii: Floats) -> NDArray[np.bool_]:
@@ -94,14 +108,16 @@ def _reaches(parameters: Parameters, free: State, centers: Floats, radii: Floats
     return np.hypot(tip[:, 0] - centers[:, 0], tip[:, 1] - centers[:, 1]) < radii + NEGATIVE_PLAY
 
 
-def _as_contact(
-    parameters: Parameters, centers: Floats, radii: Floats, state: State, solved: NDArray[np.bool_]
-) -> Contact:
+def _as_contact(parameters: Parameters, setting: Setting, state: State, solved: NDArray[np.bool_]) -> Contact:
+    discs = setting.centers
+    if setting.extension is not None:
+        at = setting.situation(parameters, state)
+        discs = discs - setting.extension.shift(at)[1] + setting.extension.shift(at, robot_only=True)[1]
     unit = np.stack([np.cos(state.direction), np.sin(state.direction)], axis=-1)
     links = np.stack([state.link1, state.link2], axis=-1)
     rigid = forward(parameters, links)
     loaded = (state.magnitude != 0)[:, None]
-    tip = np.where(loaded, centers - radii[:, None] * unit, rigid)
+    tip = np.where(loaded, discs - setting.radii[:, None] * unit, rigid)
     return Contact(state.magnitude[:, None] * unit, state.magnitude, tip, links, state, solved)
 
 
@@ -139,7 +155,7 @@ class ContactDerivatives(NamedTuple):
 
     Attributes:
         joints: A_Q, (n, 2, 2), N/rad.
-        parameters: A_L̄ = J_L̄ (12), (n, 2, 12), N per unit of the parameter.
+        parameters: A_L̄ = J_L̄ (12), (n, 2, 12 + k), N per unit of the parameter; effects behind the twelve.
     """
 
     joints: Floats
@@ -153,6 +169,7 @@ def contact_derivatives(
     radii: ArrayLike,
     found: Contact,
     gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
+    extension: Extension | None = None,
 ) -> ContactDerivatives:
     """∂A/∂Q and ∂A/∂L̄ by the implicit function theorem: h_F dF = -h_Q dQ - h_L̄ dL̄.
 
@@ -163,17 +180,15 @@ def contact_derivatives(
         radii: its radius, (n,), m.
         found: what `contact` returned for the same arguments.
         gripper: the form of (7); a bare sign stands for the isotropic gripper.
+        extension: effects beyond the twelve parameters.
     """
-    joints, centers = np.atleast_2d(np.asarray(joints, dtype=float)), np.asarray(centers, dtype=float)
-    centers = np.broadcast_to(centers, joints.shape)
-    radii = np.broadcast_to(np.asarray(radii, dtype=float), joints.shape[:1])
-    gripper, state = as_gripper(gripper), found.state
+    setting, state = _setting(joints, centers, radii, gripper, extension), found.state
     loaded = (state.magnitude != 0).astype(float)
     state = state._replace(
         mode1=np.where(loaded == 0, 1, state.mode1), mode2=np.where(loaded == 0, 1, state.mode2)
     )  # an unloaded touch has derivative zero; any flank keeps the algebra regular
-    e = touch_equations(parameters, joints, centers, radii, state, gripper)
-    h_l = parameter_derivative(state, e, gripper)
+    e = extended_equations(parameters, setting, state)
+    h_l = all_derivatives(parameters, setting, state, e)
     det = e.normal_f * e.tangent_d - e.normal_d * e.tangent_f
     with np.errstate(divide='ignore', invalid='ignore'):
         f_h = np.stack([e.tangent_d, -e.normal_d], axis=-1) / det[:, None]

@@ -21,8 +21,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.model.equations import Equations, move_links, renew_modes, touch_equations
-from scara_kinetostatic.model.gripper import Gripper
+from scara_kinetostatic.model.equations import Equations, move_links
+from scara_kinetostatic.model.extended import extended_equations, renewed
+from scara_kinetostatic.model.extension import Setting
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.state import State, free_state, next_modes
 from scara_kinetostatic.model.statics import view_arm
@@ -32,6 +33,8 @@ Floats = NDArray[np.float64]
 TOLERANCE = 1e-13
 """Residual of a solved touch, m and rad."""
 STEPS = 12
+EXTENDED_STEPS = 25
+"""With effects: their derivatives over Q* are left out, so that the last digits come one by one."""
 STEPS_BY_MODES = 9
 PLAY_MARGIN = 2.5
 """A lever arm is small if the play of the joints, by this factor, could change its sign."""
@@ -39,24 +42,22 @@ TURN_LIMIT = 0.5
 """Largest turn of the force in one step, rad."""
 
 
-def solve_state(
-    parameters: Parameters, joints: Floats, centers: Floats, radii: Floats, gripper: Gripper
-) -> tuple[State, NDArray[np.bool_]]:
+def solve_state(parameters: Parameters, setting: Setting) -> tuple[State, NDArray[np.bool_]]:
     """Solve the equations of n touches, tension allowed.
 
     Returns:
         The state and whether it is solved, (n,); what is not solved is left free, with f = 0.
     """
-    start = state = free_state(parameters, joints, centers)
+    start = state = free_state(parameters, setting.joints, setting.centers)
     with np.errstate(all='ignore'):
-        for _ in range(STEPS):
-            e = touch_equations(parameters, joints, centers, radii, state, gripper)
-            solved = _obeys(e, parameters, joints, state)
+        for _ in range(STEPS if setting.extension is None else EXTENDED_STEPS):
+            e = extended_equations(parameters, setting, state)
+            solved = _obeys(e, parameters, setting, state)
             if solved.all():
                 return _newton_step(e, state), solved
-            state = renew_modes(parameters, joints, _newton_step(e, state), gripper)
-        todo = ~is_solved(parameters, joints, centers, radii, state, gripper)
-        part, done = _solve_by_modes(parameters, joints[todo], centers[todo], radii[todo], gripper)
+            state = renewed(parameters, setting, _newton_step(e, state))
+        todo = ~is_solved(parameters, setting, state)
+        part, done = _solve_by_modes(parameters, setting.select(todo))
     state, solved = _put(state, todo, part), _put_mask(~todo, todo, done)
     return start.replace_where(solved, state), solved
 
@@ -69,54 +70,40 @@ def _newton_step(e: Equations, state: State) -> State:
     return move_links(e, state, change_f, change_d)
 
 
-def is_solved(
-    parameters: Parameters, joints: Floats, centers: Floats, radii: Floats, state: State, gripper: Gripper
-) -> NDArray[np.bool_]:
+def is_solved(parameters: Parameters, setting: Setting, state: State) -> NDArray[np.bool_]:
     """Whether the state obeys equations and modes, (n,)."""
-    return _obeys(touch_equations(parameters, joints, centers, radii, state, gripper), parameters, joints, state)
+    return _obeys(extended_equations(parameters, setting, state), parameters, setting, state)
 
 
-def _obeys(e: Equations, parameters: Parameters, joints: Floats, state: State) -> NDArray[np.bool_]:
+def _obeys(e: Equations, parameters: Parameters, setting: Setting, state: State) -> NDArray[np.bool_]:
     error = np.max(np.abs([e.normal, e.tangent, e.rows.row1, e.rows.row2]), axis=0)
-    wanted = next_modes(parameters, joints, state, e.rows.arm)
+    wanted = next_modes(parameters, setting.shifted(parameters, state).joints, state, e.rows.arm)
     return (error < TOLERANCE) & (wanted.mode1 == state.mode1) & (wanted.mode2 == state.mode2)
 
 
 def _solve_by_modes(
-    parameters: Parameters,
-    joints: Floats,
-    centers: Floats,
-    radii: Floats,
-    gripper: Gripper,
-    near: Floats | None = None,
+    parameters: Parameters, setting: Setting, near: Floats | None = None
 ) -> tuple[State, NDArray[np.bool_]]:
     """Solve in each combination of modes; keep the first consistent one, or the one nearest to a force."""
-    best = start = free_state(parameters, joints, centers)
-    solved, distance = np.zeros(len(joints), dtype=bool), np.full(len(joints), np.inf)
+    n = len(setting.joints)
+    best = start = free_state(parameters, setting.joints, setting.centers)
+    solved, distance = np.zeros(n, dtype=bool), np.full(n, np.inf)
     for mode1, mode2 in product((-1, 1, 0), repeat=2):
         state = start._replace(mode1=np.full_like(start.mode1, mode1), mode2=np.full_like(start.mode2, mode2))
         for _ in range(STEPS_BY_MODES):
-            state = _newton_step(touch_equations(parameters, joints, centers, radii, state, gripper), state)
-        away = np.zeros(len(joints)) if near is None else _distance(state, near)
-        better = is_solved(parameters, joints, centers, radii, state, gripper) & (away < distance)
+            state = _newton_step(extended_equations(parameters, setting, state), state)
+        away = np.zeros(n) if near is None else _distance(state, near)
+        better = is_solved(parameters, setting, state) & (away < distance)
         best = best.replace_where(better, state)
         distance = np.where(better, away, distance)
         solved |= better
     return best, solved
 
 
-def nearest_equilibrium(
-    parameters: Parameters,
-    joints: Floats,
-    centers: Floats,
-    radii: Floats,
-    gripper: Gripper,
-    state: State,
-    near: Floats,
-) -> State:
+def nearest_equilibrium(parameters: Parameters, setting: Setting, state: State, near: Floats) -> State:
     """Where a joint could rest on either flank, the equilibrium nearest to a force."""
-    p = parameters
-    arm = view_arm(p, *state[:4], gripper)
+    p, radii = parameters, setting.radii
+    arm = view_arm(p, *state[:4], setting.gripper)
     # joints that swing through all their play slide the tip along the disc, which also turns the force
     slide = (abs(p.g1) + np.abs(p.p1 * state.magnitude * arm.b1)) * np.abs(arm.b1)
     slide += (abs(p.g2) + np.abs(p.p2 * state.magnitude * arm.b2)) * np.abs(arm.b2)
@@ -126,7 +113,7 @@ def nearest_equilibrium(
     if not toggles.any():
         return state
     with np.errstate(all='ignore'):
-        other, found = _solve_by_modes(p, joints[toggles], centers[toggles], radii[toggles], gripper, near[toggles])
+        other, found = _solve_by_modes(p, setting.select(toggles), near[toggles])
         closer = found & (_distance(other, near[toggles]) < _distance(state, near)[toggles])
     return _put(state, toggles, state.select(toggles).replace_where(closer, other))
 

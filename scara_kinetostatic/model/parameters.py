@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,6 +47,7 @@ X0, Y0, THETA1, L1, THETA2, L2, P_EE, P1, P2, G_EE, G1, G2 = range(12)
 class Parameters:
     """One set of values of L̄ = [L, L_c, L_g] (4), SI units, in the order of table 1.
 
+    `extra`, a tuple of floats, continues L̄ with the parameters of effects beyond the twelve (`extension.Law`).
     Estimates may be negative where noise makes them so; a description of a
     real robot may not: `check_physical` tells.
 
@@ -65,9 +67,13 @@ class Parameters:
     g_ee: float = 0.0
     g1: float = 0.0
     g2: float = 0.0
+    extra: Any = ()
 
     def __post_init__(self) -> None:
-        for field in fields(self):
+        object.__setattr__(self, 'extra', tuple(float(value) for value in self.extra))
+        if not np.isfinite(self.extra).all():
+            raise ParameterError('extra', f'expected finite numbers, got {self.extra}')
+        for field in fields(self)[: len(NAMES)]:
             value = getattr(self, field.name)
             if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
                 raise ParameterError(field.name, f'expected a number, got {value!r}')
@@ -77,8 +83,9 @@ class Parameters:
 
     @classmethod
     def from_array(cls, values: ArrayLike) -> Parameters:
-        """From the 12 values in the order of `NAMES`."""
-        return cls(*np.asarray(values, dtype=float).tolist())
+        """From the 12 values in the order of `NAMES`, those of `extra` behind them."""
+        listed = np.asarray(values, dtype=float).tolist()
+        return cls(**dict(zip(NAMES, listed, strict=False)), extra=tuple(listed[len(NAMES) :]))
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, float], where: str = 'parameters') -> Parameters:
@@ -96,14 +103,14 @@ class Parameters:
         return cls(**{name: values[name] for name in NAMES})
 
     def as_array(self) -> NDArray[np.float64]:
-        """The 12 values in the order of `NAMES`, shape (12,)."""
-        return np.array(astuple(self))
+        """The 12 values in the order of `NAMES`, then `extra`, shape (12 + k,)."""
+        return np.array([getattr(self, name) for name in NAMES] + list(self.extra))
 
     def as_dict(self) -> dict[str, float]:
-        """The values by name, in the order of `NAMES`."""
-        return dict(zip(NAMES, astuple(self), strict=True))
+        """The twelve by name, in the order of `NAMES`."""
+        return {name: getattr(self, name) for name in NAMES}
 
-    def replace(self, **changes: float) -> Parameters:
+    def replace(self, **changes: Any) -> Parameters:
         """The same with some values changed."""
         return replace(self, **changes)
 

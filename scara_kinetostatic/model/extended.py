@@ -1,0 +1,77 @@
+"""The equations of a touch with the effects that extend the model: shifts, and what these add to the derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scara_kinetostatic.model.equations import (
+    Equations,
+    parameter_derivative,
+    renew_modes,
+    settle_links,
+    touch_equations,
+)
+from scara_kinetostatic.model.extension import Setting, Shift
+from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.state import State
+from scara_kinetostatic.model.statics import Floats
+
+
+def extended_equations(parameters: Parameters, setting: Setting, state: State) -> Equations:
+    """`touch_equations` for a setting that may have effects.
+
+    To first order exact in f and φ; what the effects change over Q* is left out of the derivatives.
+    """
+    joints, centers, radii, gripper, _ = setting.shifted(parameters, state)
+    e = touch_equations(parameters, joints, centers, radii, state, gripper)
+    if setting.extension is None:
+        return e
+    joints_f, place_f, joints_d, place_d = setting.sensitivity(parameters, state)
+    on = np.stack([state.mode1 != 0, state.mode2 != 0])
+    (f1, f2), (d1, d2) = on * joints_f.T, on * joints_d.T
+    nx, ny = e.rows.arm.nx, e.rows.arm.ny
+    return e._replace(
+        row1_f=e.row1_f + f1,
+        row2_f=e.row2_f + f2,
+        row1_d=e.row1_d + d1,
+        row2_d=e.row2_d + d2,
+        normal_f=e.normal_f - e.g11 * f1 - e.g12 * f2 + place_f[:, 0] * nx + place_f[:, 1] * ny,
+        tangent_f=e.tangent_f - e.g21 * f1 - e.g22 * f2 + place_f[:, 1] * nx - place_f[:, 0] * ny,
+        normal_d=e.normal_d - e.g11 * d1 - e.g12 * d2 + place_d[:, 0] * nx + place_d[:, 1] * ny,
+        tangent_d=e.tangent_d - e.g21 * d1 - e.g22 * d2 + place_d[:, 1] * nx - place_d[:, 0] * ny,
+    )
+
+
+def shift_column(shift: Shift, state: State, equations: Equations) -> Floats:
+    """What a shift adds to h along n and t, (n, 2); what the sensor misreads is not in it."""
+    e, arm = equations, equations.rows.arm
+    out = np.zeros((len(state.magnitude), 2))
+    if shift.joints is not None:
+        turn1, turn2 = shift.joints[:, 0] * (state.mode1 != 0), shift.joints[:, 1] * (state.mode2 != 0)
+        out -= np.stack([e.g11 * turn1 + e.g12 * turn2, e.g21 * turn1 + e.g22 * turn2], axis=-1)
+    if shift.place is not None:
+        x, y = shift.place.T
+        out += np.stack([x * arm.nx + y * arm.ny, y * arm.nx - x * arm.ny], axis=-1)
+    return out
+
+
+def all_derivatives(parameters: Parameters, setting: Setting, state: State, equations: Equations) -> Floats:
+    """∂h/∂L̄ of n touches, f and φ held, the effects' parameters included, (n, 2, 12 + k)."""
+    twelve = parameter_derivative(state, equations, setting.gripper)
+    if setting.extension is None:
+        return twelve
+    shifts = setting.extension.derivative(setting.situation(parameters, state))
+    columns = [shift_column(shift, state, equations)[:, :, None] for shift in shifts]
+    return np.concatenate([twelve, *columns], axis=2)
+
+
+def renewed(parameters: Parameters, setting: Setting, state: State) -> State:
+    """The state with the modes it calls for."""
+    shifted = setting.shifted(parameters, state)
+    return renew_modes(parameters, shifted.joints, state, setting.gripper)
+
+
+def settled(parameters: Parameters, setting: Setting, state: State, frozen: bool = False) -> State:
+    """One Newton step of the rows alone, then, unless frozen, the modes that the new link angles call for."""
+    shifted = setting.shifted(parameters, state)
+    return settle_links(parameters, shifted.joints, state, setting.gripper, frozen)
