@@ -31,10 +31,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.model.cell import Noise, SensorFrame
-from scara_kinetostatic.model.equations import parameter_derivative, settle_links, touch_equations
+from scara_kinetostatic.model.extended import all_derivatives, extended_equations, settled
+from scara_kinetostatic.model.extension import Extension, Setting
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.parameters import THETA1, THETA2, Parameters
+from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2, Parameters
 from scara_kinetostatic.model.state import State, free_state
 
 Floats = NDArray[np.float64]
@@ -53,6 +54,7 @@ class Observations(NamedTuple):
         radii: its radius, (n,), m.
         frame: the sensor's frame.
         gripper: the form of (7).
+        extension: effects beyond the twelve parameters; None without.
     """
 
     joints: Floats
@@ -61,12 +63,26 @@ class Observations(NamedTuple):
     radii: Floats
     frame: SensorFrame
     gripper: Gripper
+    extension: Extension | None = None
 
     def select(self, which: NDArray[np.bool_]) -> Observations:
         """The touches that a mask picks."""
+        extension = None if self.extension is None else self.extension.select(which)
         return self._replace(
-            joints=self.joints[which], force=self.force[which], centers=self.centers[which], radii=self.radii[which]
+            joints=self.joints[which],
+            force=self.force[which],
+            centers=self.centers[which],
+            radii=self.radii[which],
+            extension=extension,
         )
+
+    def setting(self, joints: Floats) -> Setting:
+        """The touches at joint angles (n, 2), as the equations take them."""
+        return Setting(joints, self.centers, self.radii, self.gripper, self.extension)
+
+    def true_force(self, parameters: Parameters, reported: Floats) -> Floats:
+        """The forces behind what the sensor reports, (n, 2), N, in its frame."""
+        return reported if self.extension is None else self.extension.unread(parameters, reported)
 
 
 class Adjusted(NamedTuple):
@@ -88,7 +104,7 @@ class Linearisation(NamedTuple):
 
     Attributes:
         misclosure: w, (n, 2), m, along and across the force.
-        derivative: h_L̄, (n, 2, 12).
+        derivative: h_L̄, (n, 2, 12 + k), the k parameters of effects behind the twelve.
         by_joints: h_Q, (n, 2, 2), m/rad.
         by_force: h_F in radial and tangential components of F̂, (n, 2, 2), m/N.
     """
@@ -122,7 +138,8 @@ def first_guess(observations: Observations, parameters: Parameters) -> Adjusted:
 def place_force(
     observations: Observations, parameters: Parameters, joints: Floats, force: Floats, state: State
 ) -> State:
-    """The state with magnitude and base-frame direction of a force given in the sensor's frame."""
+    """The state with magnitude and base-frame direction of a force as the sensor reports it."""
+    force = observations.true_force(parameters, force)
     direction = np.arctan2(force[:, 1], force[:, 0])
     if observations.frame is SensorFrame.TOOL:
         direction = direction + joints[:, 0] + joints[:, 1] + parameters.theta1 + parameters.theta2
@@ -133,8 +150,9 @@ def linearise(observations: Observations, parameters: Parameters, adjusted: Adju
     """The equations and their derivatives at the adjusted observations."""
     o = observations
     state = place_force(o, parameters, adjusted.joints, adjusted.force, adjusted.state)
-    e = touch_equations(parameters, adjusted.joints, o.centers, o.radii, state, o.gripper)
-    derivative = parameter_derivative(state, e, o.gripper)
+    setting = o.setting(adjusted.joints)
+    e = extended_equations(parameters, setting, state)
+    derivative = all_derivatives(parameters, setting, state, e)
     by_joints = derivative[:, :, [THETA1, THETA2]]
     turned = np.stack([e.normal_d, e.tangent_d], axis=-1)
     if o.frame is SensorFrame.TOOL:  # the sensor turns with link 2, so the force does
@@ -144,11 +162,22 @@ def linearise(observations: Observations, parameters: Parameters, adjusted: Adju
     by_force = np.empty_like(by_joints)
     by_force[:, 0, 0], by_force[:, 1, 0] = e.normal_f, e.tangent_f
     by_force[:, :, 1] = turned / state.magnitude[:, None]
+    if o.extension is not None and o.extension.reads:
+        derivative[:, :, len(NAMES) :] += _misread(o.extension, parameters, adjusted, by_force)
     off_joints = o.joints - adjusted.joints
     off_force = along_and_across(o.force - adjusted.force, adjusted.force)
     misclosure = np.stack([e.normal, e.tangent], axis=-1)
     misclosure += np.einsum('nij,nj->ni', by_joints, off_joints) + np.einsum('nij,nj->ni', by_force, off_force)
     return Linearisation(misclosure, derivative, by_joints, by_force)
+
+
+def _misread(extension: Extension, parameters: Parameters, adjusted: Adjusted, by_force: Floats) -> Floats:
+    """What misread forces do to h by the parameters of the effects, (n, 2, k)."""
+    columns = []
+    for error in extension.reading_derivative(parameters, adjusted.force):
+        error = np.zeros_like(adjusted.force) if error is None else error
+        columns.append(-np.einsum('nij,nj->ni', by_force, along_and_across(error, adjusted.force)))
+    return np.stack(columns, axis=-1)
 
 
 def along_and_across(vectors: Floats, force: Floats) -> Floats:
@@ -244,8 +273,8 @@ def settle_twice(
     observations: Observations, parameters: Parameters, joints: Floats, state: State, frozen: bool = False
 ) -> State:
     """Link angles and modes that go with joints and force; the second step is for changed modes."""
-    once = settle_links(parameters, joints, state, observations.gripper, frozen)
-    return settle_links(parameters, joints, once, observations.gripper, frozen)
+    setting = observations.setting(joints)
+    return settled(parameters, setting, settled(parameters, setting, state, frozen), frozen)
 
 
 def _turned_radial(observations: Observations, parameters: Parameters, state: State) -> Floats:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.conclude import conclude
-from scara_kinetostatic.calibration.estimate import check_number, estimate
+from scara_kinetostatic.calibration.estimate import Near, check_number, estimate
 from scara_kinetostatic.calibration.plausibility import check_plausible
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.solution import Calibration
@@ -25,13 +25,17 @@ NO_FORCE = 1e-6
 """The same where the noise is not known, N."""
 
 
-def calibrate(touches: TouchSet, cell: Cell, *, fixed: Mapping[str, float] | None = None) -> Calibration:
+def calibrate(
+    touches: TouchSet, cell: Cell, *, fixed: Mapping[str, float] | None = None, near: Near | None = None
+) -> Calibration:
     """Estimate L̄ from touches.
 
     Args:
         touches: what the sensor measured, in the sensor's frame.
-        cell: the cell; its noise, if given, is taken as true.
+        cell: the cell; its noise, if given, is taken as true; the parameters of its effects are estimated
+            along with the twelve.
         fixed: parameters to hold, by name, at these values.
+        near: an earlier fit of the same touches, without those it left out; saves the search.
 
     Returns:
         The calibration. Parameters that the data cannot tell apart are held, together,
@@ -48,12 +52,13 @@ def calibrate(touches: TouchSet, cell: Cell, *, fixed: Mapping[str, float] | Non
     """
     fixed = dict(fixed or {})
     start = _start(cell, fixed)
-    free = np.array([j for j, name in enumerate(NAMES) if name not in fixed], dtype=np.intp)
+    names = [*NAMES, *('effect' for _ in start.extra)]
+    free = np.array([j for j, name in enumerate(names) if name not in fixed], dtype=np.intp)
     touches, left_out = _leave_out(touches, cell)
     check_number(len(touches), len(free))
     observations = observe(touches, cell)
     check_plausible(observations, cell)
-    found = estimate(observations, cell, start, free)
+    found = estimate(observations, cell, start, free, near)
     return conclude(touches, cell, start, fixed, observations, found, left_out)
 
 
@@ -64,6 +69,8 @@ def _start(cell: Cell, fixed: Mapping[str, float]) -> Parameters:
     if len(fixed) == len(NAMES):
         raise ParameterError('fixed parameters', 'all twelve are fixed', 'leave one free at least')
     start = cell.nominal.replace(**fixed)
+    if not start.extra:
+        start = start.replace(extra=tuple(value for law in cell.effects for value in law.start))
     start.check_physical('fixed parameters' if fixed else 'nominal')
     return start
 

@@ -17,6 +17,7 @@ from scara_kinetostatic.calibration.identifiability import (
     condition_number,
     determined_pairs,
     group_names,
+    scales_of,
 )
 from scara_kinetostatic.calibration.prediction import base_force, force_error, force_residual
 from scara_kinetostatic.calibration.solution import Calibration
@@ -58,9 +59,10 @@ def conclude(
     if stats.chi2.sf(chi_square, freedoms) < MISFIT:
         covariance = covariance * (chi_square / freedoms)
     std = np.sqrt(np.diag(covariance))
-    identifiability = _identifiability(found, observations, covariance, std, fixed)
+    names = NAMES + tuple(label for law in cell.effects for label in law.labels)
+    identifiability = _identifiability(found, observations, covariance, std, fixed, names)
     confounded = {name for group in identifiability.confounded for name in group}
-    std[[name in confounded for name in NAMES]] = np.nan
+    std[[name in confounded for name in names]] = np.nan
     status = {name: 'fixed' if name in fixed else 'confounded' if name in confounded else 'estimated' for name in NAMES}
     residual, nominal = force_residual(observations, parameters), force_residual(observations, start)
     rejected = [
@@ -72,7 +74,8 @@ def conclude(
         subspace=found.subspace,
         parameters=parameters,
         covariance=covariance,
-        std=std,
+        std=std[: len(NAMES)],
+        extra_std=std[len(NAMES) :],
         status=status,
         touches=touches,
         used=used,
@@ -95,10 +98,15 @@ def conclude(
 
 
 def _identifiability(
-    found: Estimate, observations: Observations, covariance: Floats, std: Floats, fixed: Mapping[str, float]
+    found: Estimate,
+    observations: Observations,
+    covariance: Floats,
+    std: Floats,
+    fixed: Mapping[str, float],
+    names: tuple[str, ...],
 ) -> Identifiability:
-    free = np.array([j for j, name in enumerate(NAMES) if name not in fixed], dtype=np.intp)
-    groups = group_names(found.unseen, free, std)
+    free = np.array([j for j, name in enumerate(names) if name not in fixed], dtype=np.intp)
+    groups = group_names(found.unseen, free, std, scales_of(observations), names)
     magnitude = float(np.hypot(observations.force[:, 0], observations.force[:, 1]).mean())
     values = found.fit.point.parameters.as_array()
     return Identifiability(

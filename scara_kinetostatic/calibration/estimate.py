@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration import outliers, steps
-from scara_kinetostatic.calibration.adjustment import Observations, first_guess
-from scara_kinetostatic.calibration.identifiability import SCALES, unseen_directions
-from scara_kinetostatic.calibration.projection import select, turn_radial
+from scara_kinetostatic.calibration.adjustment import Adjusted, Observations, first_guess
+from scara_kinetostatic.calibration.identifiability import scales_of, unseen_directions
+from scara_kinetostatic.calibration.projection import project, select, turn_radial
 from scara_kinetostatic.calibration.solver import (
     COARSE,
     FINAL,
@@ -24,7 +24,7 @@ from scara_kinetostatic.calibration.solver import (
 from scara_kinetostatic.calibration.variance import estimate_noise
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell, Noise
-from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.parameters import Parameters
 
 Floats = NDArray[np.float64]
 
@@ -35,6 +35,20 @@ SETTLING = 4
 """Rounds in which an unseen direction may still be freed, as the noise levels find their place."""
 SAME_DIRECTION = 1e-3
 NOISE_TOLERANCE = 1e-3
+
+
+class Near(NamedTuple):
+    """An earlier fit that is close to the one wanted.
+
+    Attributes:
+        parameters: L̄, with start values of effects that are new.
+        noise: σ_q and σ_f.
+        used: touches that took part, (n,).
+    """
+
+    parameters: Parameters
+    noise: Noise
+    used: NDArray[np.bool_]
 
 
 class Estimate(NamedTuple):
@@ -79,7 +93,13 @@ def check_rank(unseen: Floats) -> None:
         )
 
 
-def estimate(observations: Observations, cell: Cell, start: Parameters, free: NDArray[np.intp]) -> Estimate:
+def estimate(
+    observations: Observations,
+    cell: Cell,
+    start: Parameters,
+    free: NDArray[np.intp],
+    near: Near | None = None,
+) -> Estimate:
     """Coarse, robust, then final rounds until noise, bad touches and unseen directions stay as they are.
 
     Args:
@@ -87,21 +107,22 @@ def estimate(observations: Observations, cell: Cell, start: Parameters, free: ND
         cell: whose noise is taken as true, if given.
         start: L̄ to start from; fixed parameters at their values.
         free: positions of the others, (k,).
+        near: an earlier fit close by, from which no coarse stage is needed.
 
     Raises:
         UnsupportedDataError: too few touches for the free parameters, or touches so much alike
             that they determine less than half of them.
     """
-    noise, stage = cell.noise or USUAL_NOISE, ROBUST
-    basis = np.zeros((len(NAMES), len(free)))
-    basis[free, np.arange(len(free))] = SCALES[free]
+    scales = scales_of(observations)
+    basis = np.zeros((len(scales), len(free)))
+    basis[free, np.arange(len(free))] = scales[free]
     everything = subspace = Subspace(start.as_array(), basis)
-    used, unseen = np.ones(len(observations.joints), dtype=bool), np.empty((len(free), 0))
-    fit = minimise(observations, start, first_guess(observations, start), everything, noise, COARSE)
-    adjusted, iterations = turn_radial(observations, fit.point, noise), fit.iterations
+    unseen = np.empty((len(free), 0))
+    parameters, adjusted, noise, used, iterations = _begin(observations, cell, everything, near)
+    stage = ROBUST if near is None else FINAL
     for number in range(ROUNDS + 1):
-        fit = minimise(observations, fit.point.parameters, adjusted, subspace, noise, stage, used)
-        adjusted, iterations = fit.point.adjusted, iterations + fit.iterations
+        fit = minimise(observations, parameters, adjusted, subspace, noise, stage, used)
+        parameters, adjusted, iterations = fit.point.parameters, fit.point.adjusted, iterations + fit.iterations
         distance = outliers.studentised(fit.point.whitened, covariance_of_fit(fit, subspace), used)
         if number == ROUNDS:
             fit = fit._replace(termination=Termination.ITERATION_LIMIT)
@@ -116,10 +137,23 @@ def estimate(observations: Observations, cell: Cell, start: Parameters, free: ND
         if _differ(now_unseen, unseen, number):
             check_rank(now_unseen)
             subspace, unseen = _restrict(everything, now_unseen), now_unseen
-            fit = fit._replace(point=fit.point._replace(parameters=subspace.project(fit.point.parameters)))
+            parameters = subspace.project(parameters)
         used, noise, stage = good, renewed, FINAL
         check_number(int(used.sum()), subspace.basis.shape[1])
     return Estimate(fit, used, noise, subspace, unseen, distance, iterations)
+
+
+def _begin(
+    observations: Observations, cell: Cell, everything: Subspace, near: Near | None
+) -> tuple[Parameters, Adjusted, Noise, NDArray[np.bool_], int]:
+    """Where the rounds begin: L̄, adjusted observations, noise, touches that count, steps so far."""
+    if near is not None:
+        noise = cell.noise or near.noise
+        return near.parameters, project(observations, near.parameters, noise).adjusted, noise, near.used, 0
+    noise, start = cell.noise or USUAL_NOISE, Parameters.from_array(everything.origin)
+    fit = minimise(observations, start, first_guess(observations, start), everything, noise, COARSE)
+    used = np.ones(len(observations.joints), dtype=bool)
+    return fit.point.parameters, turn_radial(observations, fit.point, noise), noise, used, fit.iterations
 
 
 def _renew_noise(point: Point, used: NDArray[np.bool_], subspace: Subspace, noise: Noise) -> Noise:

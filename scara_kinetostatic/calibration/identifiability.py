@@ -24,7 +24,7 @@ from scara_kinetostatic.calibration.adjustment import Adjusted, Observations, li
 from scara_kinetostatic.calibration.solver import Point
 from scara_kinetostatic.calibration.steps import compress
 from scara_kinetostatic.model.cell import Noise
-from scara_kinetostatic.model.equations import settle_links
+from scara_kinetostatic.model.extended import settled
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 
 Floats = NDArray[np.float64]
@@ -35,6 +35,12 @@ NOISE_SHARE = 0.25
 CONSEQUENCE = 0.3
 MEMBER = 0.05
 """A parameter belongs to a group if its part of the unseen direction, in `SCALES`, is at least this."""
+
+
+def scales_of(observations: Observations) -> Floats:
+    """`SCALES` and, behind them, those of the effects, (12 + k,)."""
+    laws = () if observations.extension is None else observations.extension.laws
+    return np.concatenate([SCALES, *(np.array(law.scales) for law in laws)])
 
 
 class Combination(NamedTuple):
@@ -85,11 +91,12 @@ def unseen_directions(observations: Observations, point: Point, free: NDArray[np
     Returns:
         (k, d) orthonormal columns in units of `SCALES`; d = 0 where all is seen.
     """
-    scaled = point.whitened.derivative[:, :, free] * SCALES[free]
+    scales = scales_of(observations)
+    scaled = point.whitened.derivative[:, :, free] * scales[free]
     system = compress(scaled, point.whitened.residual)
     weak = system.values < 1.0
     seen, values = system.right[:, ~weak], system.values[~weak]
-    by_noise = np.concatenate(_noise_derivatives(observations, point, noise))[:, :, free] * SCALES[free]
+    by_noise = np.concatenate(_noise_derivatives(observations, point, noise))[:, :, free] * scales[free]
     triangle = np.linalg.qr(by_noise.reshape(-1, len(free)), mode='r')
     _, shares, directions = np.linalg.svd(triangle @ (seen / values), full_matrices=False)
     noisy = (seen / values) @ directions[shares**2 > NOISE_SHARE].T
@@ -134,16 +141,21 @@ def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -
         shifted = []
         for sign in (1, -1):
             force = a.force + sign * left[:, None] * direction
-            state = settle_links(
-                point.parameters, a.joints, place_force(o, point.parameters, a.joints, force, a.state), o.gripper
-            )
+            placed = place_force(o, point.parameters, a.joints, force, a.state)
+            state = settled(point.parameters, o.setting(a.joints), placed)
             linear = linearise(o, point.parameters, Adjusted(a.joints, force, state))
             shifted.append(whiten_by(linear.derivative, point.whitened.root))
         changes.append((shifted[0] - shifted[1]) / 2)
     return changes
 
 
-def group_names(directions: Floats, free: NDArray[np.intp], std: Floats | None = None) -> tuple[tuple[str, ...], ...]:
+def group_names(
+    directions: Floats,
+    free: NDArray[np.intp],
+    std: Floats | None = None,
+    scales: Floats = SCALES,
+    names: tuple[str, ...] = NAMES,
+) -> tuple[tuple[str, ...], ...]:
     """The groups of parameters that unseen directions tie together, by name.
 
     Args:
@@ -151,14 +163,16 @@ def group_names(directions: Floats, free: NDArray[np.intp], std: Floats | None =
         free: positions of the parameters that are not fixed, (k,).
         std: standard deviations of the fit that holds these directions, (12,): a parameter that such a
             direction could have moved by more than `CONSEQUENCE` of its own belongs to the group as well.
+        scales: (12,), or more with effects.
+        names: of all parameters.
     """
     groups = []
     for row in _sparse_rows(directions.T):
         row = row / np.linalg.norm(row)
         members = np.abs(row) >= MEMBER * np.abs(row).max()
         if std is not None:
-            members |= np.abs(row) * SCALES[free] > CONSEQUENCE * std[free]
-        groups.append(tuple(NAMES[j] for j in free[members]))
+            members |= np.abs(row) * scales[free] > CONSEQUENCE * std[free]
+        groups.append(tuple(names[j] for j in free[members]))
     return tuple(groups)
 
 
@@ -197,6 +211,8 @@ def determined_pairs(
             continue
         # moving along `row` leaves u + c v as it is for c = -du/dv
         v, u = (int(free[m]) for m in members)
+        if max(u, v) >= len(NAMES):
+            continue
         du, dv = row[members[1]] * SCALES[u], row[members[0]] * SCALES[v]
         factor = -du / dv
         weights = np.zeros(len(values))

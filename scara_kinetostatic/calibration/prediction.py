@@ -9,6 +9,7 @@ from scara_kinetostatic.calibration.adjustment import Observations
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.extension import Extension, Tags
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
@@ -31,21 +32,29 @@ def observe(touches: TouchSet, cell: Cell) -> Observations:
         cell.radii[touches.disc],
         cell.sensor.frame,
         cell.gripper,
+        Extension(cell.effects, Tags(touches.disc, touches.time, touches.approach, touches.posture))
+        if cell.effects
+        else None,
     )
 
 
 def base_force(observations: Observations, parameters: Parameters) -> Floats:
-    """The measured forces in the base frame, (n, 2), N; the tool frame turns with q1 + theta1 + q2 + theta2."""
+    """The measured forces in the base frame, (n, 2), N; the tool frame turns with q1 + theta1 + q2 + theta2.
+
+    What the sensor misreads, if the model has such an effect, is taken off.
+    """
+    force = observations.true_force(parameters, observations.force)
     if observations.frame is SensorFrame.BASE:
-        return observations.force
-    return rotate(observations.force, observations.joints.sum(axis=1) + parameters.theta1 + parameters.theta2)
+        return force
+    return rotate(force, observations.joints.sum(axis=1) + parameters.theta1 + parameters.theta2)
 
 
 def force_residual(observations: Observations, parameters: Parameters) -> Floats:
     """F - A(Q, L̄) with the contact unilateral, as (10) takes it, (n, 2), N."""
     o = observations
     measured = base_force(o, parameters)
-    return measured - contact(parameters, o.joints, o.centers, o.radii, o.gripper, near=measured).force
+    found = contact(parameters, o.joints, o.centers, o.radii, o.gripper, near=measured, extension=o.extension)
+    return measured - found.force
 
 
 def force_error(residual: Floats) -> float:

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 from scara_kinetostatic.calibration.adjustment import Adjusted, Linearisation, Observations, adjust, first_guess
 from scara_kinetostatic.calibration.solver import COARSE, Point, evaluate
 from scara_kinetostatic.model.cell import Noise
-from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.parameters import Parameters
 
 ROUNDS = 5
-STILL = np.zeros(len(NAMES))
 FAR = 1e3
 """A residual that no touch has: it makes `adjust` treat every touch as grossly off."""
 
@@ -21,9 +20,10 @@ def turn_radial(observations: Observations, point: Point, noise: Noise) -> Adjus
 
     From here the adjustment proper can start: measured directions are not good enough to linearise at.
     """
+    still = np.zeros(point.whitened.derivative.shape[2])
     distant = point.whitened._replace(residual=point.whitened.residual + FAR)
     with np.errstate(all='ignore'):
-        return adjust(observations, point.parameters, point.adjusted, point.linear, distant, STILL, noise)
+        return adjust(observations, point.parameters, point.adjusted, point.linear, distant, still, noise)
 
 
 def project(observations: Observations, parameters: Parameters, noise: Noise) -> Point:
@@ -39,7 +39,8 @@ def project(observations: Observations, parameters: Parameters, noise: Noise) ->
         adjusted = turn_radial(observations, point, noise)
         for _ in range(ROUNDS):
             point = evaluate(observations, parameters, adjusted, noise)
-            adjusted = adjust(observations, parameters, point.adjusted, point.linear, point.whitened, STILL, noise)
+            still = np.zeros(point.whitened.derivative.shape[2])
+            adjusted = adjust(observations, parameters, point.adjusted, point.linear, point.whitened, still, noise)
         return evaluate(observations, parameters, adjusted, noise)
 
 

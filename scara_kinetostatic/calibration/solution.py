@@ -26,9 +26,10 @@ class Calibration:
         fixed: parameters that were held at a given value.
         subspace: the changes of L̄ that the fit could make: without what is fixed or unseen.
         parameters: L̄.
-        covariance: of the twelve, (12, 12), in their units; zero rows where fixed, and no
-            statement about what is confounded.
-        std: standard deviations, (12,): 0 where fixed, NaN where confounded.
+        covariance: of the twelve and, behind them, the parameters of the cell's effects, (12 + k, 12 + k), in
+            their units; zero rows where fixed, and no statement about what is confounded.
+        std: standard deviations of the twelve, (12,): 0 where fixed, NaN where confounded.
+        extra_std: the same of the effects' parameters, (k,).
         status: by name, ``estimated``, ``fixed`` or ``confounded``.
         touches: all touches, used or not.
         used: which took part in the fit, (n,).
@@ -55,6 +56,7 @@ class Calibration:
     parameters: Parameters
     covariance: Floats
     std: Floats
+    extra_std: Floats
     status: Mapping[str, str]
     touches: TouchSet
     used: NDArray[np.bool_]

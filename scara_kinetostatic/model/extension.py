@@ -97,12 +97,10 @@ class Shift(NamedTuple):
     Attributes:
         joints: δ, (n, 2), rad.
         place: d, base frame, (n, 2), m.
-        reading: e, in the sensor's frame, (n, 2), N.
     """
 
     joints: Floats | None = None
     place: Floats | None = None
-    reading: Floats | None = None
 
 
 class Law(Protocol):
@@ -111,6 +109,14 @@ class Law(Protocol):
     @property
     def scales(self) -> tuple[float, ...]:
         """Plausible size of each parameter, in its unit."""
+
+    @property
+    def start(self) -> tuple[float, ...]:
+        """Where the estimation of each parameter begins."""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Each parameter's name with the effect's, such as ``encoder_gain[joint1].gain``."""
 
     @property
     def on_object(self) -> bool:
@@ -155,6 +161,13 @@ class Extension(NamedTuple):
         """The derivatives of all laws, in the order of their parameters in L̄."""
         pairs = zip(self.laws, self.values(at.parameters), strict=True)
         return [part for law, values in pairs for part in law.derivative(at, values)]
+
+    def reading_derivative(self, parameters: Parameters, force: Floats) -> list[Floats | None]:
+        """The derivatives of e for forces (n, 2), in the order of the parameters in L̄; None where there is none."""
+        out: list[Floats | None] = []
+        for law, values in zip(self.laws, self.values(parameters), strict=True):
+            out += law.reading_derivative(force, values) or (None,) * len(law.scales)
+        return out
 
     def read(self, parameters: Parameters, force: Floats) -> Floats:
         """What the sensor reports for true forces in its frame, (n, 2), N."""

@@ -23,8 +23,9 @@ class TouchSet:
         time: middle of the hold since the start of the recording, (n,), s.
         index: number of the touch in the recording (or of all recordings in
             turn), 0-based, rejected ones counted, (n,).
-        approach: joint motion from free to the hold, (n, 2), rad; its sign is
-            the sense in which each joint came to the touch.
+        approach: motion of each joint in its last movement before the hold, (n, 2), rad: from where
+            it last turned round, or from the free pose if it never did, to the hold; its sign is the
+            sense in which the joint came to rest; 0 where it did not move beyond noise.
         joint_scatter: standard deviation of the samples in the hold, (n, 2), rad.
         force_scatter: the same of the force, (n, 2), N.
         samples: number of force samples in the hold, (n,).
