@@ -8,7 +8,8 @@ The layers, from the top; each imports only from those below it (`test/test_arch
     recording, simulation, bags, touches in a stream; a cell that plays both topics;
     experiments            the paper's studies, the design question, the gauge experiments
     diagnosis              is anything left in the residual?
-    calibration            from touches to the twelve parameters
+    calibration            from touches to the twelve parameters, and to those of effects
+    effects                what the twelve parameters lack, one physical effect per file
     model                  parameters, cell, touches, kinematics, kinetostatics, contact
     errors                 one root for all errors
 

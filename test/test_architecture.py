@@ -19,6 +19,7 @@ NAME = 'scara_kinetostatic'
 FLOORS = (
     ('errors',),
     ('model',),
+    ('effects',),
     ('calibration',),
     ('diagnosis',),
     ('recording', 'simulation', 'experiments'),

@@ -1,0 +1,208 @@
+"""What a physical effect is: the one interface behind which each of them stands.
+
+An effect says what it does to a touch (`model.extension`): δ, an angle between actuator and link beside the
+law of the joint (6); d, a displacement of tip or object beside (7) and (11); e, an error of the force sensor. Most
+effects are linear in their parameters: such a one only names its `basis`, the shift per unit of each parameter.
+
+To add an effect of your own, write a class like those beside this file and `register` it.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.model.extension import Shift, Situation
+
+Floats = NDArray[np.float64]
+
+
+class Parameter(NamedTuple):
+    """A parameter of an effect.
+
+    Attributes:
+        name: as in the results.
+        unit: SI.
+        scale: plausible size; in units of it the fit is scaled.
+        meaning: in a few words.
+        start: where the estimation begins.
+    """
+
+    name: str
+    unit: str
+    scale: float
+    meaning: str
+    start: float = 0.0
+
+
+class Trial(NamedTuple):
+    """One way in which an effect may be present, linear in what is to be found first.
+
+    Attributes:
+        columns: shift per unit of each coefficient.
+        readings: error of the sensor per unit of each coefficient, (n, 2) each, sensor's frame; empty if none.
+        values: from the coefficients found to values of the effect's parameters.
+    """
+
+    columns: tuple[Shift, ...]
+    readings: tuple[Floats, ...] = ()
+    values: Callable[[Floats], Floats] = np.asarray
+
+
+@dataclass(frozen=True)
+class Effect(ABC):
+    """A physical effect that the twelve parameters lack.
+
+    Attributes:
+        target: the joint (``joint1``), link or disc it is about; None if it is about the whole cell.
+        name: of the kind of effect, as in the results.
+        parameters: what is to be estimated.
+        hides_behind: what it cannot be told from, and when.
+        reveal: the touches that bring it to light.
+        betrays: the variable over which its residual is best looked at, a key of `variables.VARIABLES`.
+        on_object: whether `place` belongs to the object rather than to the robot.
+    """
+
+    target: str | None = None
+
+    name: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    hides_behind: ClassVar[str]
+    reveal: ClassVar[str]
+    betrays: ClassVar[str]
+    on_object: ClassVar[bool] = False
+
+    @property
+    def label(self) -> str:
+        """Name and target, such as ``encoder_gain[joint1]``."""
+        return f'{self.name}[{self.target}]' if self.target else self.name
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Each parameter's name behind the effect's."""
+        return tuple(f'{self.label}.{parameter.name}' for parameter in self.parameters)
+
+    @property
+    def scales(self) -> tuple[float, ...]:
+        """Plausible size of each parameter."""
+        return tuple(parameter.scale for parameter in self.parameters)
+
+    @property
+    def start(self) -> tuple[float, ...]:
+        """Where the estimation begins."""
+        return tuple(parameter.start for parameter in self.parameters)
+
+    @abstractmethod
+    def shift(self, at: Situation, values: Floats) -> Shift:
+        """δ and d at n touches for values (k,) of the parameters."""
+
+    @abstractmethod
+    def derivative(self, at: Situation, values: Floats) -> tuple[Shift, ...]:
+        """The derivatives of `shift`, one per parameter."""
+
+    def reading(self, force: Floats, values: Floats) -> Floats | None:
+        """e for true forces (n, 2) in the sensor's frame, N; None unless the effect is one of the sensor."""
+        return None
+
+    def reading_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
+        """The derivatives of `reading`, one per parameter."""
+        return ()
+
+    def trials(self, at: Situation, force: Floats) -> Sequence[Trial]:
+        """The ways in which it may be present in these touches; `force` is in the sensor's frame, (n, 2), N."""
+        values = np.array(self.start)
+        return (Trial(self.derivative(at, values), self.reading_derivative(force, values)),)
+
+
+@dataclass(frozen=True)
+class LinearEffect(Effect):
+    """An effect that is linear in its parameters."""
+
+    @abstractmethod
+    def basis(self, at: Situation) -> tuple[Shift, ...]:
+        """The shift per unit of each parameter."""
+
+    def shift(self, at: Situation, values: Floats) -> Shift:
+        parts = self.basis(at)
+        return Shift(
+            _combine([part.joints for part in parts], values), _combine([part.place for part in parts], values)
+        )
+
+    def derivative(self, at: Situation, values: Floats) -> tuple[Shift, ...]:
+        return self.basis(at)
+
+
+@dataclass(frozen=True)
+class SensorEffect(Effect):
+    """An error of the force sensor: it moves nothing."""
+
+    def shift(self, at: Situation, values: Floats) -> Shift:
+        return Shift()
+
+    def derivative(self, at: Situation, values: Floats) -> tuple[Shift, ...]:
+        return tuple(Shift() for _ in self.parameters)
+
+
+@dataclass(frozen=True)
+class JointEffect(LinearEffect):
+    """A linear effect of one joint: δ of that joint alone.
+
+    Attributes:
+        joint: 0 or 1.
+    """
+
+    joint: int = 0
+
+    @classmethod
+    def of(cls, joint: int) -> JointEffect:
+        """The effect of joint 0 or 1."""
+        return cls(target=f'joint{joint + 1}', joint=joint)
+
+    @abstractmethod
+    def angles(self, at: Situation) -> tuple[Floats, ...]:
+        """δ of the joint per unit of each parameter, (n,) each, rad."""
+
+    def basis(self, at: Situation) -> tuple[Shift, ...]:
+        return tuple(Shift(joints=at_joint(angle, self.joint)) for angle in self.angles(at))
+
+
+@dataclass(frozen=True)
+class DiscEffect(LinearEffect):
+    """A linear effect of one disc.
+
+    Attributes:
+        disc: its number in the cell.
+    """
+
+    disc: int = 0
+    on_object: ClassVar[bool] = True
+
+    @classmethod
+    def of(cls, disc: int, name: str) -> DiscEffect:
+        """The effect of one disc, by number and name."""
+        return cls(target=name, disc=disc)
+
+    @abstractmethod
+    def places(self, at: Situation) -> tuple[Floats, ...]:
+        """d per unit of each parameter, as if every touch were on this disc, (n, 2) each, m."""
+
+    def basis(self, at: Situation) -> tuple[Shift, ...]:
+        touched = (at.tags.disc == self.disc)[:, None]
+        return tuple(Shift(place=place * touched) for place in self.places(at))
+
+
+def at_joint(angle: Floats, joint: int) -> Floats:
+    """δ (n, 2) that is `angle` (n,) at one joint and zero at the other."""
+    out = np.zeros((len(angle), 2))
+    out[:, joint] = angle
+    return out
+
+
+def _combine(parts: list[Floats | None], values: Floats) -> Floats | None:
+    terms = [value * part for part, value in zip(parts, values, strict=True) if part is not None]
+    return None if not terms else np.asarray(np.sum(terms, axis=0))

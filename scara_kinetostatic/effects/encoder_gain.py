@@ -1,0 +1,26 @@
+"""Gain of an encoder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from scara_kinetostatic.effects.base import Floats, JointEffect, Parameter
+from scara_kinetostatic.model.extension import Situation
+
+
+@dataclass(frozen=True)
+class EncoderGain(JointEffect):
+    """The encoder reports q where the actuator is at (1 + gain) q: δ = -gain q.
+
+    A torque on the joint that grows with its angle, as a cable or a spring makes it, looks the same.
+    """
+
+    name: ClassVar[str] = 'encoder_gain'
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('gain', '1', 1e-3, 'true angle over reported, less 1'),)
+    hides_behind: ClassVar[str] = 'the offset of the joint, if its angle hardly varies; a torque that grows with it'
+    reveal: ClassVar[str] = 'touches over the whole range of the joint, in both elbow postures'
+    betrays: ClassVar[str] = 'angle'
+
+    def angles(self, at: Situation) -> tuple[Floats, ...]:
+        return (-at.joints[:, self.joint],)

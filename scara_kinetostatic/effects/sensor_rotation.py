@@ -1,0 +1,29 @@
+"""A force sensor that is mounted askew."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from scara_kinetostatic.effects.base import Floats, Parameter, SensorEffect
+
+
+@dataclass(frozen=True)
+class SensorRotation(SensorEffect):
+    """The sensor reports R(angle) F: e = (R(angle) - I) F."""
+
+    name: ClassVar[str] = 'sensor_rotation'
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('angle', 'rad', 0.05, 'by which reported forces are turned'),)
+    hides_behind: ClassVar[str] = 'contact friction, if the tip slides the same way in all touches'
+    reveal: ClassVar[str] = 'touches that slide in both senses: press beyond the force and let it down, every other time'
+    betrays: ClassVar[str] = 'direction'
+
+    def reading(self, force: Floats, values: Floats) -> Floats:
+        c, s = np.cos(values[0]) - 1, np.sin(values[0])
+        return np.stack([c * force[:, 0] - s * force[:, 1], s * force[:, 0] + c * force[:, 1]], axis=-1)
+
+    def reading_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
+        c, s = np.cos(values[0]), np.sin(values[0])
+        return (np.stack([-s * force[:, 0] - c * force[:, 1], c * force[:, 0] - s * force[:, 1]], axis=-1),)
