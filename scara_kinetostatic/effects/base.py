@@ -106,7 +106,7 @@ class Effect(ABC):
         """The derivatives of `shift`, one per parameter."""
 
     def reading(self, force: Floats, values: Floats) -> Floats | None:
-        """e for true forces (n, 2) in the sensor's frame, N; None unless the effect is one of the sensor."""
+        """The error e for true forces (n, 2) in the sensor's frame, N; None unless the effect is one of the sensor."""
         return None
 
     def reading_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
@@ -189,7 +189,7 @@ class DiscEffect(LinearEffect):
 
     @abstractmethod
     def places(self, at: Situation) -> tuple[Floats, ...]:
-        """d per unit of each parameter, as if every touch were on this disc, (n, 2) each, m."""
+        """Each d per unit of its parameter, as if every touch were on this disc, (n, 2) each, m."""
 
     def basis(self, at: Situation) -> tuple[Shift, ...]:
         touched = (at.tags.disc == self.disc)[:, None]
