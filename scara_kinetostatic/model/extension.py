@@ -126,10 +126,13 @@ class Law(Protocol):
         """δ and d at n touches for values (k,) of the effect's parameters."""
 
     def derivative(self, at: Situation, values: Floats) -> tuple[Shift, ...]:
-        """The derivatives of `shift` and of `reading`, one per parameter."""
+        """The derivatives of δ and d, one per parameter."""
 
     def reading(self, force: Floats, values: Floats) -> Floats | None:
-        """E for true forces (n, 2) in the sensor's frame, N; None if the effect is not one of the sensor."""
+        """The error e for true forces (n, 2) in the sensor's frame, N; None if it is not an effect of the sensor."""
+
+    def reading_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
+        """The derivatives of e, one per parameter; none if it is not an effect of the sensor."""
 
 
 class Extension(NamedTuple):

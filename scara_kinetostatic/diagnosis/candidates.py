@@ -1,0 +1,145 @@
+"""The candidates of a diagnosis: every effect as columns of the linear problem."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.diagnosis.problem import Problem
+from scara_kinetostatic.effects.base import Effect, Trial
+
+Floats = NDArray[np.float64]
+
+PARTNERS = 12
+"""Beside how many of the other candidates the frequency of an effect is searched for again."""
+RIDGE = 1e-6
+LEAST_NEW = 0.03
+"""Part of a unit column that must be new beside the twelve; less is the noise of the measured force."""
+
+
+class Candidate(NamedTuple):
+    """One way in which one effect may be present.
+
+    Attributes:
+        effect: the effect.
+        trial: the way.
+        unit: orthonormal basis of what its columns add to the twelve, (2n, r).
+        tried: how many trials the effect has.
+    """
+
+    effect: Effect
+    trial: Trial
+    unit: Floats
+    tried: int
+
+    @property
+    def freedoms(self) -> int:
+        """Parameters of the effect that can show beside the twelve."""
+        return self.unit.shape[1] + len(self.effect.parameters) - len(self.trial.columns)
+
+
+class Unseen(NamedTuple):
+    """An effect that these touches cannot show.
+
+    Attributes:
+        effect: the effect.
+        new: largest part of a unit column of it that is new beside the twelve.
+    """
+
+    effect: Effect
+    new: float
+
+
+class Scan(NamedTuple):
+    """An effect with many trials.
+
+    Attributes:
+        effect: the effect.
+        trials: the ways in which it may be present.
+        columns: of all trials, less what the twelve take up, (2n, t, m).
+    """
+
+    effect: Effect
+    trials: Sequence[Trial]
+    columns: Floats
+
+
+class Field(NamedTuple):
+    """All that competes.
+
+    Attributes:
+        candidates: the best way of each effect, and further ways of those with many.
+        unseen: effects that these touches cannot show.
+    """
+
+    candidates: tuple[Candidate, ...]
+    unseen: tuple[Unseen, ...]
+
+    @property
+    def number(self) -> int:
+        """How many different effects compete."""
+        return len({candidate.effect.label for candidate in self.candidates})
+
+
+def gather(problem: Problem, effects: Iterable[Effect]) -> Field:
+    """The candidates among effects.
+
+    An effect with many trials (a frequency to be found) takes part with the one that explains
+    most by itself, and with those that explain most beside one of the other candidates.
+    """
+    found: list[Candidate] = []
+    unseen, scans = [], []
+    for effect in effects:
+        trials = effect.trials(problem.situation, problem.force)
+        if len(trials) > 1:
+            columns = np.stack([problem.columns(trial) for trial in trials], axis=1)
+            flat = columns.reshape(len(problem.left), -1)
+            flat = flat - problem.base @ (problem.base.T @ flat)
+            scans.append(Scan(effect, trials, flat.reshape(columns.shape)))
+            continue
+        unit, new = new_part(problem, problem.columns(trials[0]))
+        if unit.shape[1]:
+            found.append(Candidate(effect, trials[0], unit, 1))
+        else:
+            unseen.append(Unseen(effect, new))
+    alone = [best_trial(problem, scan) for scan in scans]
+    partners = sorted(found + alone, key=lambda c: -explained(problem, c))[:PARTNERS]
+    for scan, first in zip(scans, alone, strict=True):
+        beside = [best_trial(problem, scan, partner) for partner in partners if partner.effect != scan.effect]
+        found += list({id(c.trial): c for c in (first, *beside)}.values())
+    return Field(tuple(found), tuple(unseen))
+
+
+def explained(problem: Problem, candidate: Candidate) -> float:
+    """What of the sum of squares a candidate takes away by itself."""
+    return float(np.sum((candidate.unit.T @ problem.left) ** 2))
+
+
+def new_part(problem: Problem, columns: Floats) -> tuple[Floats, float]:
+    """Orthonormal basis of what columns (2n, m) add to the twelve, and the largest part of a unit column that does."""
+    scale = np.linalg.norm(columns, axis=0)
+    columns = columns[:, scale > 0] / scale[scale > 0]
+    if not columns.size:
+        return np.empty((len(columns), 0)), 0.0
+    left = columns - problem.base @ (problem.base.T @ columns)
+    u, values, _ = np.linalg.svd(left, full_matrices=False)
+    return u[:, values > LEAST_NEW], float(values[0])
+
+
+def best_trial(problem: Problem, scan: Scan, beside: Candidate | None = None) -> Candidate:
+    """The trial that explains most, by itself or beside another candidate."""
+    left, columns = problem.left, scan.columns
+    if beside is not None:
+        unit = beside.unit
+        left = left - unit @ (unit.T @ left)
+        columns = columns - np.einsum('rk,ktm->rtm', unit, np.einsum('rk,rtm->ktm', unit, columns))
+    gram = np.einsum('rtm,rtk->tmk', columns, columns)
+    projected = np.einsum('r,rtm->tm', left, columns)
+    size = np.trace(gram, axis1=1, axis2=2)
+    ridge = (RIDGE * size.max())[..., None, None] * np.eye(columns.shape[2])
+    coefficients = np.linalg.solve(gram + ridge, projected[..., None])[..., 0]
+    k = int(np.argmax(np.einsum('tm,tm->t', projected, coefficients)))
+    return Candidate(scan.effect, scan.trials[k], new_part(problem, scan.columns[:, k])[0], len(scan.trials))

@@ -1,0 +1,157 @@
+"""Which effects explain what is left: all singles and pairs, then larger sets, on equal footing.
+
+A set of effects is judged by minus twice its logarithmic likelihood and a price per effect,
+
+    score = deviance + Σ (m ln n + 2 ln (M t)),
+
+with m parameters of the effect, n touches, M effects that compete and t trials of this one: the
+Bayesian information criterion with a prior that takes every number of effects for equally likely
+(Chen and Chen, Biometrika 95 (2008) 759). So a flexible effect pays for its parameters and a long list for
+its length. The deviance is χ² where the noise is given (divided by its own size where no set of effects comes down to
+that noise), and ν ln RSS where it is estimated.
+
+Sets whose score comes within `CREDIBLE` of the best are credible too: odds of less than e⁵ decide
+nothing. An effect that is in all of them is found; those that replace each other are rivals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.diagnosis.candidates import Candidate, Field
+from scara_kinetostatic.diagnosis.problem import Problem
+
+Floats = NDArray[np.float64]
+
+CREDIBLE = 10.0
+"""Twice the logarithm of the odds beyond which a set of effects is out."""
+LARGEST = 4
+"""Effects in a set at most."""
+KEPT = 12
+"""Sets of each size from which larger ones are made."""
+PARALLEL = 1e-4
+"""Least eigenvalue of the unit columns of a set: less, and the data do not tell them apart."""
+
+
+class Entry(NamedTuple):
+    """A set of candidates with what it achieves.
+
+    Attributes:
+        members: places in the field, ascending.
+        rest: sum of squares left.
+        rank: columns that the set adds.
+        price: Σ (m ln n + 2 ln (M t)).
+        score: see above; lower is better.
+    """
+
+    members: tuple[int, ...]
+    rest: float
+    rank: int
+    price: float
+    score: float = 0.0
+
+
+class Contest(NamedTuple):
+    """The outcome.
+
+    Attributes:
+        field: who competed.
+        entries: sets examined, the best first; the empty one is among them.
+        credible: those that the data do not rule out, the best first.
+        scale: s², the size of the noise in which deviances are counted.
+    """
+
+    field: Field
+    entries: tuple[Entry, ...]
+    credible: tuple[Entry, ...]
+    scale: float
+
+    def labels(self, entry: Entry) -> tuple[str, ...]:
+        """Labels of an entry's effects."""
+        return tuple(self.field.candidates[k].effect.label for k in entry.members)
+
+
+def compete(problem: Problem, field: Field) -> Contest:
+    """Examine all singles and pairs, and larger sets made from the best ones."""
+    judge = _Judge(problem, field)
+    entries = [judge.enter(())]
+    layer = [judge.enter((k,)) for k in range(len(field.candidates))]
+    while layer:
+        entries += layer
+        size = len(layer[0].members) + 1
+        if size > LARGEST:
+            break
+        pairs = combinations(range(len(field.candidates)), 2)
+        sets = pairs if size == 2 else _grown(sorted(layer, key=lambda e: e.rest + e.price)[:KEPT], judge)
+        layer = [judge.enter(members) for members in sets if judge.allows(members)]
+    scale = _scale(problem, entries)
+    ranked = sorted((_scored(problem, entry, scale) for entry in entries), key=lambda entry: entry.score)
+    contest = Contest(field, tuple(ranked), (), scale)
+    return contest._replace(credible=_credible(contest))
+
+
+class _Judge:
+    """Sums of squares of any set, from the inner products of all columns."""
+
+    def __init__(self, problem: Problem, field: Field) -> None:
+        candidates = field.candidates
+        together = np.concatenate([np.empty((len(problem.left), 0)), *(c.unit for c in candidates)], axis=1)
+        ends = np.cumsum([c.unit.shape[1] for c in candidates])
+        self.places = [np.arange(end - c.unit.shape[1], end) for c, end in zip(candidates, ends, strict=True)]
+        self.gram, self.projected = together.T @ together, together.T @ problem.left
+        self.total = float(problem.left @ problem.left)
+        self.touches = len(problem.left) // 2
+        self.names = [c.effect.label for c in candidates]
+        self.prices = [self._price(c, field.number) for c in candidates]
+
+    def _price(self, candidate: Candidate, number: int) -> float:
+        return float(candidate.freedoms * np.log(self.touches) + 2 * np.log(number * candidate.tried))
+
+    def allows(self, members: Sequence[int]) -> bool:
+        """Whether no effect is in a set twice."""
+        return len({self.names[k] for k in members}) == len(members)
+
+    def enter(self, members: tuple[int, ...]) -> Entry:
+        """What a set achieves."""
+        if not members:
+            return Entry((), self.total, 0, 0.0)
+        at = np.concatenate([self.places[k] for k in members])
+        values, vectors = np.linalg.eigh(self.gram[np.ix_(at, at)])
+        seen = values > PARALLEL
+        part = vectors[:, seen].T @ self.projected[at]
+        explained = float(np.sum(part**2 / values[seen]))
+        price = sum(self.prices[k] for k in members)
+        return Entry(members, self.total - explained, int(seen.sum()), price)
+
+
+def _grown(best: Sequence[Entry], judge: _Judge) -> set[tuple[int, ...]]:
+    everyone = range(len(judge.places))
+    return {tuple(sorted((*entry.members, k))) for entry in best for k in everyone if k not in entry.members}
+
+
+def _scale(problem: Problem, entries: Sequence[Entry]) -> float:
+    """s²: 1 if the noise is given and some set comes down to it; else what the best set leaves per freedom."""
+    least = min(entry.rest / max(problem.freedoms - entry.rank, 1) for entry in entries)
+    return max(least, 1.0) if problem.noise_given else least
+
+
+def _scored(problem: Problem, entry: Entry, scale: float) -> Entry:
+    likelihood = problem.freedoms * np.log(max(entry.rest, 1e-300))
+    deviance = entry.rest / scale if problem.noise_given else float(likelihood)
+    return entry._replace(score=deviance + entry.price)
+
+
+def _credible(contest: Contest) -> tuple[Entry, ...]:
+    """Sets near the best, without those that only add to a credible one, and each set of effects once."""
+    found: list[Entry] = []
+    limit = contest.entries[0].score + CREDIBLE
+    for entry in sorted((e for e in contest.entries if e.score <= limit), key=lambda e: (len(e.members), e.score)):
+        names = set(contest.labels(entry))
+        if not any(set(contest.labels(other)) <= names for other in found):
+            found.append(entry)
+    return tuple(sorted(found, key=lambda entry: entry.score))

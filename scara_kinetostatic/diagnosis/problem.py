@@ -1,0 +1,111 @@
+"""What a fit left over, as a linear problem in which every effect can be tried without fitting anew.
+
+At a fit, the whitened misclosures of the used touches are linear in what is added to the model:
+
+    y + J Δ + X θ = ε,   ε ~ (0, s² I),
+
+with J the derivatives by the twelve and X those by the parameters of effects. Where the fit already has
+effects, y is what would be left without them at the same adjusted observations. So all effects, those found
+included, compete on equal terms; fitting them only improves the point of linearisation and the noise.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.calibration.adjustment import along_and_across, whiten_by
+from scara_kinetostatic.calibration.prediction import observe
+from scara_kinetostatic.calibration.projection import project
+from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.solver import Point
+from scara_kinetostatic.effects.base import Trial
+from scara_kinetostatic.model.equations import Equations
+from scara_kinetostatic.model.extended import extended_equations, shift_column
+from scara_kinetostatic.model.extension import Extension, Shift, Situation, Tags
+from scara_kinetostatic.model.parameters import NAMES
+
+Floats = NDArray[np.float64]
+
+NEGLIGIBLE = 1e-9
+"""A unit column with less than this left beside the others adds no rank."""
+
+
+class Problem(NamedTuple):
+    """The linear problem of n touches.
+
+    Attributes:
+        point: where all is linearised.
+        equations: of the touches there.
+        situation: the touches as effects see them.
+        force: true forces in the sensor's frame, (n, 2), N.
+        base: orthonormal basis of J, (2n, r).
+        left: y less what the twelve can take up, (2n,).
+        noise_given: whether s is known to be 1.
+    """
+
+    point: Point
+    equations: Equations
+    situation: Situation
+    force: Floats
+    base: Floats
+    left: Floats
+    noise_given: bool
+
+    @property
+    def freedoms(self) -> int:
+        """Rows less what the twelve take."""
+        return len(self.left) - self.base.shape[1]
+
+    def columns(self, trial: Trial) -> Floats:
+        """X of a trial, whitened, (2n, m)."""
+        readings = trial.readings or (None,) * len(trial.columns)
+        columns = [self.column(shift, reading) for shift, reading in zip(trial.columns, readings, strict=True)]
+        return np.stack(columns, axis=-1)
+
+    def column(self, shift: Shift, reading: Floats | None = None) -> Floats:
+        """What a shift, and an error of the sensor, do to the whitened misclosures, (2n,)."""
+        h = shift_column(shift, self.point.adjusted.state, self.equations)
+        if reading is not None:
+            off = along_and_across(reading, self.point.adjusted.force)
+            h = h - np.einsum('nij,nj->ni', self.point.linear.by_force, off)
+        return whiten_by(h, self.point.whitened.root).ravel()
+
+
+def pose_problem(calibration: Calibration) -> Problem:
+    """The linear problem that a calibration leaves; its cell may have effects or not."""
+    c = calibration
+    touches = c.touches.select(c.used)
+    observations = observe(touches, c.cell)
+    point = project(observations, c.parameters, c.noise)
+    tags = Tags(touches.disc, touches.time, touches.approach, touches.posture)
+    extension = observations.extension or Extension((), tags)
+    setting = observations._replace(extension=extension).setting(point.adjusted.joints)
+    state = point.adjusted.state
+    jacobian = point.whitened.derivative[:, :, : len(NAMES)] @ c.subspace.basis[: len(NAMES)]
+    base = orthonormal(jacobian.reshape(2 * len(touches), -1))
+    problem = Problem(
+        point=point,
+        equations=extended_equations(point.parameters, setting, state),
+        situation=setting.situation(point.parameters, state),
+        force=extension.unread(point.parameters, point.adjusted.force),
+        base=base,
+        left=np.empty(0),
+        noise_given=c.noise_source == 'given',
+    )
+    joints, place = extension.shift(problem.situation)
+    reading = extension.read(point.parameters, problem.force) - problem.force
+    y = point.whitened.residual.ravel() - problem.column(Shift(joints, place), reading)
+    return problem._replace(left=y - base @ (base.T @ y))
+
+
+def orthonormal(columns: Floats, beside: Floats | None = None) -> Floats:
+    """Orthonormal basis of what columns (m, k) add to a space given by an orthonormal basis (m, r), (m, ≤ k)."""
+    scale = np.linalg.norm(columns, axis=0)
+    columns = columns[:, scale > 0] / scale[scale > 0]
+    if beside is not None:
+        columns = columns - beside @ (beside.T @ columns)
+    u, values, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(u[:, values > NEGLIGIBLE])

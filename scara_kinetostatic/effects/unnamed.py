@@ -1,0 +1,150 @@
+"""Structure without a name: a smooth function of whatever the residual depends on.
+
+What no physical effect of the list explains is still described, by what it depends on, and corrected by a
+function fitted to it. Such a term says that something is there and how large it is, not what it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from scara_kinetostatic.effects.base import Effect, Floats, LinearEffect, Parameter, at_joint
+from scara_kinetostatic.model.extension import Shift, Situation
+
+WAVES = 3
+POWERS = 4
+PLACE_WAVES = (2, 3, 4)
+"""Once around a disc is a displaced centre."""
+ANGLES = ('q1', 'q2', 'direction', 'direction_from_link2')
+VARIABLES = {
+    'q1': 'the angle of joint 1',
+    'q2': 'the angle of joint 2',
+    'torque1': 'the torque of joint 1',
+    'torque2': 'the torque of joint 2',
+    'force': 'the size of the force',
+    'direction': 'the direction of the force',
+    'direction_from_link2': 'the direction of the force seen from link 2',
+    'time': 'time',
+}
+CHANNELS = {
+    'joint1': 'joint 1 deviates by an angle',
+    'joint2': 'joint 2 deviates by an angle',
+    'along': 'the tip deviates along the force',
+    'across': 'the tip deviates across the force',
+    'reading': 'the sensor deviates by a force',
+}
+
+
+@dataclass(frozen=True)
+class Unnamed(LinearEffect):
+    """A smooth deviation over one variable.
+
+    Attributes:
+        channel: where it acts, a key of `CHANNELS`.
+        variable: what it depends on, a key of `VARIABLES`.
+        middle: of the variable in the touches.
+        half: half its range there.
+        disc: number of the disc if it acts there alone; -1 for all.
+    """
+
+    channel: str = 'along'
+    variable: str = 'direction'
+    middle: float = 0.0
+    half: float = 1.0
+    disc: int = -1
+
+    name: ClassVar[str] = 'unnamed'
+    hides_behind: ClassVar[str] = 'anything that depends on the same variable'
+    reveal: ClassVar[str] = 'touches in which this variable changes while all others stay'
+    betrays: ClassVar[str] = 'angle'
+
+    @property
+    def label(self) -> str:
+        """Channel and variable; the target too."""
+        return f'unnamed[{self.channel} over {self.variable}{f" of {self.target}" if self.disc >= 0 else ""}]'
+
+    @property
+    def description(self) -> str:
+        """What deviates, and over what, in words."""
+        where = f' on {self.target}' if self.disc >= 0 else ''
+        return f'{CHANNELS[self.channel]}{where}, depending on {VARIABLES[self.variable]}'
+
+    @property
+    def on_object(self) -> bool:  # type: ignore[override]
+        """Only what one disc does belongs to the object."""
+        return self.disc >= 0
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        """One coefficient per function."""
+        unit, scale = {'along': ('m', 1e-4), 'across': ('m', 1e-4), 'reading': ('N', 1.0)}.get(
+            self.channel, ('rad', 1e-4)
+        )
+        sides = ('x_', 'y_') if self.channel == 'reading' else ('',)
+        return tuple(
+            Parameter(f'{side}{name}', unit, scale, 'coefficient') for side in sides for name in self._function_names()
+        )
+
+    def _function_names(self) -> list[str]:
+        if self.variable in ANGLES:
+            return [f'{wave}{k}' for k in self._orders() for wave in ('cos', 'sin')]
+        return [f'power{k}' for k in range(1, POWERS + 1)]
+
+    def _orders(self) -> Sequence[int]:
+        return PLACE_WAVES if self.disc >= 0 else range(1, WAVES + 1)
+
+    def functions(self, at: Situation) -> list[Floats]:
+        """The functions of the variable, (n,) each."""
+        value = variable(at, self.variable)
+        if self.variable in ANGLES:
+            return [wave(k * value) for k in self._orders() for wave in (np.cos, np.sin)]
+        z = (value - self.middle) / self.half
+        return [z**k for k in range(1, POWERS + 1)]
+
+    def basis(self, at: Situation) -> tuple[Shift, ...]:
+        parts = self.functions(at)
+        if self.disc >= 0:
+            parts = [part * (at.tags.disc == self.disc) for part in parts]
+        if self.channel in ('joint1', 'joint2'):
+            return tuple(Shift(joints=at_joint(part, int(self.channel == 'joint2'))) for part in parts)
+        side = at.normal if self.channel == 'along' else at.tangent
+        return tuple(Shift(place=part[:, None] * side) for part in parts)
+
+
+def variable(at: Situation, name: str) -> Floats:
+    """A key of `VARIABLES` at n touches, (n,); SI units."""
+    direction = np.arctan2(at.normal[:, 1], at.normal[:, 0])
+    values: dict[str, Floats] = {
+        'q1': at.joints[:, 0],
+        'q2': at.joints[:, 1],
+        'torque1': at.torques[:, 0],
+        'torque2': at.torques[:, 1],
+        'force': at.magnitude,
+        'direction': direction,
+        'direction_from_link2': direction - np.arctan2(at.link2[:, 1], at.link2[:, 0]),
+        'time': at.tags.time,
+    }
+    return values[name]
+
+
+def unnamed_effects(at: Situation, discs: Sequence[str]) -> Iterator[Effect]:
+    """All that residuals of these touches could depend on.
+
+    Args:
+        at: the touches.
+        discs: names of the cell's discs.
+    """
+    for channel in ('joint1', 'joint2', 'along', 'across'):
+        for name in VARIABLES:
+            value = variable(at, name)
+            middle, half = float(value.max() + value.min()) / 2, float(np.ptp(value)) / 2 or 1.0
+            if name in ANGLES:
+                middle, half = 0.0, 1.0
+            yield Unnamed(None, channel, name, middle, half)
+    for disc in np.unique(at.tags.disc):
+        for channel in ('along', 'across'):
+            yield Unnamed(discs[disc], channel, 'direction', disc=int(disc))
