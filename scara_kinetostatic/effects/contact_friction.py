@@ -34,7 +34,9 @@ class ContactFriction(Effect):
         Parameter('coefficient', '1', 0.1, 'angle of friction: that of the force from the normal'),
     )
     hides_behind: ClassVar[str] = 'a turned force sensor, if the tip slides the same way in all touches'
-    reveal: ClassVar[str] = 'touches that slide in both senses: press beyond the force and let it down, every other time'
+    reveal: ClassVar[str] = (
+        'touches that slide in both senses: press beyond the force and let it down, every other time'
+    )
     betrays: ClassVar[str] = 'slide'
     on_object: ClassVar[bool] = True
 

@@ -15,9 +15,13 @@ class SensorRotation(SensorEffect):
     """The sensor reports R(angle) F: e = (R(angle) - I) F."""
 
     name: ClassVar[str] = 'sensor_rotation'
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('angle', 'rad', 0.05, 'by which reported forces are turned'),)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter('angle', 'rad', 0.05, 'by which reported forces are turned'),
+    )
     hides_behind: ClassVar[str] = 'contact friction, if the tip slides the same way in all touches'
-    reveal: ClassVar[str] = 'touches that slide in both senses: press beyond the force and let it down, every other time'
+    reveal: ClassVar[str] = (
+        'touches that slide in both senses: press beyond the force and let it down, every other time'
+    )
     betrays: ClassVar[str] = 'direction'
 
     def reading(self, force: Floats, values: Floats) -> Floats:

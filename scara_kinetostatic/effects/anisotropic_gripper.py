@@ -1,0 +1,41 @@
+"""A gripper that gives way aside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from scara_kinetostatic.effects.base import Floats, LinearEffect, Parameter
+from scara_kinetostatic.model.extension import Shift, Situation
+
+
+@dataclass(frozen=True)
+class AnisotropicGripper(LinearEffect):
+    """The compliance of the gripper couples along and across link 2: d = -coupling (F·v w + F·w v), w = R90 v.
+
+    v is the direction of link 2, the coupling is p12 = p21 of P in its frame. That P differs along and across,
+    p11 - p22, cannot be seen: it is another p_ee and p2. So is all of P where the arm has
+    one link angle only. The lever arms' change, of second order, is left out.
+    """
+
+    name: ClassVar[str] = 'anisotropic_gripper'
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter('coupling', 'm/N', 1e-6, 'p12 in the frame of link 2: yield across it per force along it'),
+    )
+    hides_behind: ClassVar[str] = (
+        'p_ee, p1 and p2, if the forces come from few directions seen from link 2; '
+        'the difference p11 - p22 hides in p_ee and p2 always'
+    )
+    reveal: ClassVar[str] = 'forces from all directions seen from link 2, in both elbow postures'
+    betrays: ClassVar[str] = 'direction_from_link2'
+
+    def basis(self, at: Situation) -> tuple[Shift, ...]:
+        along = at.link2
+        across = turned(along)
+        f_along, f_across = ((at.force * axis).sum(axis=1)[:, None] for axis in (along, across))
+        return (Shift(place=-(f_along * across + f_across * along)),)
+
+
+def turned(vectors: Floats) -> Floats:
+    """Vectors (n, 2) turned by 90°."""
+    return vectors[:, ::-1] * (-1.0, 1.0)

@@ -1,0 +1,35 @@
+"""Compliance of the base."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from scara_kinetostatic.effects.base import LinearEffect, Parameter
+from scara_kinetostatic.model.extension import Shift, Situation
+
+
+@dataclass(frozen=True)
+class BaseCompliance(LinearEffect):
+    """The robot stands on springs: pushed by -F, its base moves by d = -[[excess, coupling], [coupling, -excess]] F.
+
+    That is the part of a compliance matrix, in the base frame, that the twelve parameters lack: what is the same in
+    all directions is another p_ee, what turns the base about joint 1 another p1.
+    """
+
+    name: ClassVar[str] = 'base_compliance'
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter('excess', 'm/N', 1e-6, 'yield along x beyond the mean of x and y; as much less along y'),
+        Parameter('coupling', 'm/N', 1e-6, 'yield along y per force along x'),
+    )
+    hides_behind: ClassVar[str] = (
+        'the compliances of gripper and joints, if the arm hardly turns; its mean over all directions in p_ee always'
+    )
+    reveal: ClassVar[str] = 'forces in all directions of the base frame, with the arm turned many ways'
+    betrays: ClassVar[str] = 'direction'
+
+    def basis(self, at: Situation) -> tuple[Shift, ...]:
+        x, y = at.force.T
+        return Shift(place=np.stack([-x, y], axis=-1)), Shift(place=np.stack([-y, -x], axis=-1))

@@ -1,0 +1,53 @@
+"""A base that is tilted against gravity (section 2.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from scara_kinetostatic.effects.base import Floats, LinearEffect, Parameter, at_joint
+from scara_kinetostatic.model.extension import Shift, Situation
+
+
+@dataclass(frozen=True)
+class BaseTilt(LinearEffect):
+    """The part of gravity that lies in the plane of the arm loads the joints.
+
+    With γ the acceleration in the plane (9.81 m/s² times the tilt), s1 the static moment along link 1 of the arm beyond
+    joint 1 and s2 that along link 2 of the arm beyond joint 2 (kg m), M1 = s1 γ and M2 = s2 γ (Nm), u and v the
+    directions of the links and a × b = a_x b_y - a_y b_x, gravity turns the joints by
+
+        t1 = u × M1 + v × M2,   t2 = v × M2.
+
+    The actuators hold only what it leaves, C - t, so q - q* = p (c - t) + …: δ_i = -p_i t_i. That the
+    flank of the backlash might change as well is left out. M1 and M2 are
+    taken as independent of each other, though both point downhill.
+    """
+
+    name: ClassVar[str] = 'base_tilt'
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter('m1_x', 'Nm', 1.0, 'static moment along link 1 times gravity along x'),
+        Parameter('m1_y', 'Nm', 1.0, 'static moment along link 1 times gravity along y'),
+        Parameter('m2_x', 'Nm', 1.0, 'static moment along link 2 times gravity along x'),
+        Parameter('m2_y', 'Nm', 1.0, 'static moment along link 2 times gravity along y'),
+    )
+    hides_behind: ClassVar[str] = (
+        'a transmission error of joint 1 of one cycle per turn, which m1 alone exactly is; the base position and the '
+        'offsets, if there is one elbow posture'
+    )
+    reveal: ClassVar[str] = 'touches all over the workspace in both elbow postures; a level shows the tilt itself'
+    betrays: ClassVar[str] = 'angle'
+
+    def basis(self, at: Situation) -> tuple[Shift, ...]:
+        first = [-at.parameters.p1 * torque for torque in _torques(at.link1)]
+        second = [
+            np.stack([-at.parameters.p1 * torque, -at.parameters.p2 * torque], axis=-1) for torque in _torques(at.link2)
+        ]
+        return (*(Shift(joints=at_joint(angle, 0)) for angle in first), *(Shift(joints=angles) for angles in second))
+
+
+def _torques(link: Floats) -> tuple[Floats, Floats]:
+    """Torque link × M per unit of M_x and of M_y, (n,) each."""
+    return -link[:, 1], link[:, 0]

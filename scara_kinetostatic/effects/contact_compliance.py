@@ -1,0 +1,50 @@
+"""Compliance of the contact between tip and disc."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from scara_kinetostatic.effects.base import LinearEffect, Parameter
+from scara_kinetostatic.model.extension import Shift, Situation
+
+HERTZ = 2 / 3
+"""Exponent of force in Hertz's law of a ball on a surface."""
+
+
+@dataclass(frozen=True)
+class ContactCompliance(LinearEffect):
+    """Hertz's contact: the tip sinks into the disc by yield · f^(2/3), so d = -yield f^(2/3) n.
+
+    Where the tip would have to pull, f < 0, the law continues as an odd function.
+
+    Attributes:
+        disc: number in the cell of the one disc that is soft; None for all.
+    """
+
+    disc: int | None = None
+
+    name: ClassVar[str] = 'contact_compliance'
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter('yield', 'm/N^(2/3)', 1e-5, 'depth of the tip in the disc under 1 N'),
+    )
+    hides_behind: ClassVar[str] = (
+        'p_ee and g_ee together, if all discs are soft and the force levels few: f^(2/3) is nearly a straight line; '
+        'the radius of a soft disc, if it is touched with one force only'
+    )
+    reveal: ClassVar[str] = 'touches of every disc at many force levels, very small ones above all'
+    betrays: ClassVar[str] = 'magnitude'
+    on_object: ClassVar[bool] = True
+
+    @classmethod
+    def of(cls, disc: int, name: str) -> ContactCompliance:
+        """That of one disc, by number and name."""
+        return cls(target=name, disc=disc)
+
+    def basis(self, at: Situation) -> tuple[Shift, ...]:
+        depth = np.sign(at.magnitude) * np.abs(at.magnitude) ** HERTZ
+        if self.disc is not None:
+            depth = depth * (at.tags.disc == self.disc)
+        return (Shift(place=-depth[:, None] * at.normal),)

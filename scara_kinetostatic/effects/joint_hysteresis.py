@@ -1,0 +1,30 @@
+"""Hysteresis of a joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from scara_kinetostatic.effects.base import Floats, JointEffect, Parameter
+from scara_kinetostatic.model.extension import Situation
+
+
+@dataclass(frozen=True)
+class JointHysteresis(JointEffect):
+    """Coulomb friction in the transmission: the link stays behind the actuator by δ = width · sense of approach.
+
+    The friction torque τ winds the spring up beside the load, so that width = p τ.
+    """
+
+    name: ClassVar[str] = 'joint_hysteresis'
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter('width', 'rad', 1e-4, 'by which the link stays behind, half the width of the loop'),
+    )
+    hides_behind: ClassVar[str] = 'the backlash of the joint, if it always moves on in the sense of its torque'
+    reveal: ClassVar[str] = 'touches reached from both sides: press beyond the force and let it down, every other time'
+    betrays: ClassVar[str] = 'approach'
+
+    def angles(self, at: Situation) -> tuple[Floats, ...]:
+        return (np.sign(at.tags.approach[:, self.joint]),)

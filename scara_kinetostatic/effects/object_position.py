@@ -1,0 +1,30 @@
+"""A disc that is not where it is said to be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from scara_kinetostatic.effects.base import DiscEffect, Floats, Parameter
+from scara_kinetostatic.model.extension import Situation
+
+
+@dataclass(frozen=True)
+class ObjectPosition(DiscEffect):
+    """The centre of the disc is displaced by (x, y): d = -(x, y)."""
+
+    name: ClassVar[str] = 'object_position'
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter('x', 'm', 1e-4, 'true place of the centre less the stated one, x'),
+        Parameter('y', 'm', 1e-4, 'true place of the centre less the stated one, y'),
+    )
+    hides_behind: ClassVar[str] = (
+        'x0, y0 and theta1, if there is one disc; with two, one of them moved may be the other and the base moved'
+    )
+    reveal: ClassVar[str] = 'touches all round three or more discs, in both elbow postures'
+    betrays: ClassVar[str] = 'place'
+
+    def places(self, at: Situation) -> tuple[Floats, ...]:
+        return tuple(-np.broadcast_to(unit, at.normal.shape) for unit in np.eye(2))

@@ -1,0 +1,23 @@
+"""A disc of another radius than stated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from scara_kinetostatic.effects.base import DiscEffect, Floats, Parameter
+from scara_kinetostatic.model.extension import Situation
+
+
+@dataclass(frozen=True)
+class ObjectRadius(DiscEffect):
+    """The disc is larger by `radius` than stated: d = radius · n."""
+
+    name: ClassVar[str] = 'object_radius'
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('radius', 'm', 1e-4, 'true radius less the stated one'),)
+    hides_behind: ClassVar[str] = 'g_ee, if there is one disc: all radii larger is a smaller backlash of the gripper'
+    reveal: ClassVar[str] = 'touches of two or more discs, all round each'
+    betrays: ClassVar[str] = 'disc'
+
+    def places(self, at: Situation) -> tuple[Floats, ...]:
+        return (at.normal,)

@@ -1,0 +1,30 @@
+"""A force sensor that does not read zero."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from scara_kinetostatic.effects.base import Floats, Parameter, SensorEffect
+
+
+@dataclass(frozen=True)
+class SensorBias(SensorEffect):
+    """The sensor reports F + b, b = (x, y) constant in its frame: what the tare before the touch left, e = b."""
+
+    name: ClassVar[str] = 'sensor_bias'
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter('x', 'N', 1.0, 'reported too much along x of the sensor'),
+        Parameter('y', 'N', 1.0, 'reported too much along y of the sensor'),
+    )
+    hides_behind: ClassVar[str] = 'the places of the discs, if each is touched from one side or with one force only'
+    reveal: ClassVar[str] = 'touches from all sides of the discs, some of them with little force'
+    betrays: ClassVar[str] = 'direction'
+
+    def reading(self, force: Floats, values: Floats) -> Floats:
+        return np.broadcast_to(np.asarray(values, dtype=float), force.shape)
+
+    def reading_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
+        return tuple(np.broadcast_to(unit, force.shape) for unit in np.eye(2))

@@ -1,0 +1,44 @@
+"""Drift with time: links that grow as they warm up, joints whose zero creeps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from scara_kinetostatic.effects.base import Floats, JointEffect, LinearEffect, Parameter
+from scara_kinetostatic.model.extension import Shift, Situation
+
+
+@dataclass(frozen=True)
+class LinkGrowth(LinearEffect):
+    """Both links grow with time t since the start of the recording: d = rate t (l1 u + l2 v).
+
+    u and v are the directions of the links; l1 and l2 are the lengths at the start.
+    """
+
+    name: ClassVar[str] = 'thermal_drift'
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('rate', '1/s', 1e-6, 'growth of the links, per length'),)
+    hides_behind: ClassVar[str] = 'places, postures or forces that change in the same order as time goes on'
+    reveal: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
+    betrays: ClassVar[str] = 'time'
+
+    def basis(self, at: Situation) -> tuple[Shift, ...]:
+        reach = at.parameters.l1 * at.link1 + at.parameters.l2 * at.link2
+        return (Shift(place=at.tags.time[:, None] * reach),)
+
+
+@dataclass(frozen=True)
+class ZeroDrift(JointEffect):
+    """The zero of a joint creeps with time t since the start of the recording: δ = -rate t.
+
+    The true angle is q + rate t: it is as if the offset theta of the joint grew.
+    """
+
+    name: ClassVar[str] = 'thermal_drift'
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('rate', 'rad/s', 1e-6, 'growth of the true angle'),)
+    hides_behind: ClassVar[str] = 'places, postures or forces that change in the same order as time goes on'
+    reveal: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
+    betrays: ClassVar[str] = 'time'
+
+    def angles(self, at: Situation) -> tuple[Floats, ...]:
+        return (-at.tags.time,)

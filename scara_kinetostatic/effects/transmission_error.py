@@ -1,0 +1,85 @@
+"""Transmission error of a joint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+
+from scara_kinetostatic.effects.base import Effect, Floats, Parameter, Trial, at_joint
+from scara_kinetostatic.model.extension import Shift, Situation
+
+LOWEST, HIGHEST = 1.0, 120.0
+"""Frequencies that are looked for, cycles per turn of the joint."""
+GRID = 0.75
+"""Step of the grid times the standard deviation σ of the joint's angles, rad: a wave half a step off a frequency of the
+grid keeps 1 - (GRID/2)² = 86 % of its power or more, as the phases along the angles differ by GRID/2 at one σ."""
+LARGEST_GRID = np.pi
+"""Step of the grid times the span of the angles at most: half of 2π/span."""
+
+
+@dataclass(frozen=True)
+class TransmissionError(Effect):
+    """A wave of the gear, the coupling or the encoder: δ = amplitude · cos(cycles · q - phase).
+
+    Attributes:
+        joint: 0 or 1.
+    """
+
+    joint: int = 0
+
+    name: ClassVar[str] = 'transmission_error'
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter('amplitude', 'rad', 1e-4, 'by which the angle errs at most'),
+        Parameter('phase', 'rad', 1.0, 'cycles times the angle at which it errs most'),
+        Parameter('cycles', '1/turn', 1.0, 'waves per turn of the joint', LOWEST),
+    )
+    hides_behind: ClassVar[str] = (
+        'x0, y0, the offsets and the link lengths, if there are few cycles per turn and one elbow posture only; '
+        'other frequencies, if the angles are evenly spaced'
+    )
+    reveal: ClassVar[str] = 'touches at many different angles of the joint, unevenly spaced, in both elbow postures'
+    betrays: ClassVar[str] = 'angle'
+
+    @classmethod
+    def of(cls, joint: int) -> TransmissionError:
+        """That of joint 0 or 1."""
+        return cls(target=f'joint{joint + 1}', joint=joint)
+
+    def shift(self, at: Situation, values: Floats) -> Shift:
+        amplitude, phase, cycles = values
+        return Shift(joints=at_joint(amplitude * np.cos(cycles * at.joints[:, self.joint] - phase), self.joint))
+
+    def derivative(self, at: Situation, values: Floats) -> tuple[Shift, ...]:
+        amplitude, phase, cycles = values
+        angle = at.joints[:, self.joint]
+        wave, turned = np.cos(cycles * angle - phase), amplitude * np.sin(cycles * angle - phase)
+        return tuple(Shift(joints=at_joint(column, self.joint)) for column in (wave, turned, -angle * turned))
+
+    def trials(self, at: Situation, force: Floats) -> Sequence[Trial]:
+        """One per frequency of a grid: a cosine and a sine."""
+        angle = at.joints[:, self.joint]
+        trials = []
+        for cycles in frequencies(angle):
+            waves = np.cos(cycles * angle), np.sin(cycles * angle)
+            columns = tuple(Shift(joints=at_joint(wave, self.joint)) for wave in waves)
+            trials.append(Trial(columns, values=partial(_as_wave, cycles=float(cycles))))
+        return trials
+
+
+def frequencies(angle: Floats) -> Floats:
+    """The frequencies to try for a joint's angles (n,), rad: a grid over which no wave is lost, cycles per turn."""
+    span, spread = float(np.ptp(angle)), float(np.std(angle))
+    if spread == 0.0:
+        return np.array([LOWEST])
+    step = min(GRID / spread, LARGEST_GRID / span)
+    return np.linspace(LOWEST, HIGHEST, int(np.ceil((HIGHEST - LOWEST) / step)) + 1)
+
+
+def _as_wave(coefficients: Floats, cycles: float) -> Floats:
+    """Amplitude, phase and cycles of the wave with given parts of cosine and sine."""
+    cosine, sine = coefficients
+    return np.array([np.hypot(cosine, sine), np.arctan2(sine, cosine), cycles])
