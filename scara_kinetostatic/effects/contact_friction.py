@@ -12,13 +12,20 @@ from scara_kinetostatic.model.extension import Shift, Situation
 
 
 def slide(at: Situation) -> Floats:
-    """Sense in which the last movement before the hold drags the tip along the disc: of t·J ΔQ, (n,), +1, -1 or 0."""
+    """Sense in which the last movement before the hold drags the tip along the disc: of t·J ΔQ, (n,), +1, -1 or 0.
+
+    t runs around the disc at the rigid tip H(L, Q). Taken at the measured angles the sense is given with the touch:
+    seen along the force, which leans by it, a tip pressed along the normal would have neither.
+    """
     p = at.parameters
-    x, y = p.l2 * at.link2[:, 0], p.l2 * at.link2[:, 1]
-    x_all, y_all = x + p.l1 * at.link1[:, 0], y + p.l1 * at.link1[:, 1]
-    dq1, dq2 = at.tags.approach.T
-    move = np.stack([-y_all * dq1 - y * dq2, x_all * dq1 + x * dq2], axis=-1)
-    return np.asarray(np.sign((move * at.tangent).sum(axis=1)))
+    links = at.joints + (p.theta1, p.theta2)
+    first, second = links[:, 0], links.sum(axis=1)
+    x2, y2 = p.l2 * np.cos(second), p.l2 * np.sin(second)
+    x1, y1 = p.l1 * np.cos(first) + x2, p.l1 * np.sin(first) + y2
+    turn1, turn2 = at.tags.approach.T
+    move_x, move_y = -y1 * turn1 - y2 * turn2, x1 * turn1 + x2 * turn2
+    inward_x, inward_y = at.centers[:, 0] - p.x0 - x1, at.centers[:, 1] - p.y0 - y1
+    return np.asarray(np.sign(inward_x * move_y - inward_y * move_x))
 
 
 @dataclass(frozen=True)
