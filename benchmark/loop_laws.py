@@ -1,0 +1,94 @@
+"""What is made of loops whose law is known: false alarms on law (6), and which effect is named.
+
+    python -m benchmark.loop_laws [--seeds N] [--alarms N] [--json FILE]
+
+Every candidate is played at three sizes, with white noise and with noise that hangs together over some 20 samples, and
+judged as measured loops are. Sizes: of slip, the load at which it slips; of softening likewise; of the others, their
+force as a part of the elastic one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections import Counter
+from pathlib import Path
+
+from scara_kinetostatic.experiments.loops_choice import LEVEL, NONE, UNEXPLAINED, Choice, choose
+from scara_kinetostatic.experiments.loops_dependence import anything_left, dependences
+from scara_kinetostatic.experiments.loops_fit import fit
+from scara_kinetostatic.experiments.loops_laws import (
+    BACKLASH,
+    CANDIDATES,
+    FRICTION,
+    SLIP,
+    SLIP_NO_GAP,
+    SOFTENING,
+    VISCOUS,
+    Law,
+)
+from scara_kinetostatic.experiments.loops_motion import Motion
+from scara_kinetostatic.experiments.loops_simulation import played
+
+NOISE = 100.0
+CORRELATIONS = (0.0, 0.9)
+TRUTH = {'zero': 0.001, 'compliance': 1e-6, 'half_gap': 2e-3, 'force_zero': 50.0}
+"""Peak force of law (6): 17 to 19 kN."""
+SIZES = {
+    SOFTENING.name: (40e3, 20e3, 10e3),
+    VISCOUS.name: (1e3, 3e3, 10e3),
+    FRICTION.name: (100.0, 300.0, 1000.0),
+    SLIP_NO_GAP.name: (18e3, 14e3, 8e3),
+    SLIP.name: (16e3, 12e3, 7e3),
+}
+
+
+def values(law: Law, size: float) -> dict[str, float]:
+    """Parameters of a law at a size."""
+    more = {'start': 0.0, 'slip_positive': size, 'slip_negative': 0.9 * size, 'damping': size, 'friction': size}
+    return {each.name: {**TRUTH, **more}[each.name] for each in law.parameters}
+
+
+def named(choice: Choice) -> str:
+    """What came out, in a word."""
+    if choice.winner is None:
+        return choice.verdict
+    return choice.winner.law.name if not choice.rivals else '|'.join(sorted((choice.winner.law.name, *choice.rivals)))
+
+
+def alarmed(motion: Motion) -> bool:
+    """Whether the residual of law (6) is found to have structure."""
+    residual = fit(BACKLASH, motion, motion.scored | ~motion.scored).residual
+    return anything_left(dependences(motion, residual)) < LEVEL
+
+
+def main() -> int:
+    """Runs the study."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--seeds', type=int, default=10, help='of each effect at each size (default: 10)')
+    parser.add_argument('--alarms', type=int, default=500, help='records of law (6) alone (default: 500)')
+    parser.add_argument('--json', type=Path, help='write the counts there')
+    args = parser.parse_args()
+    found: dict[str, dict[str, int]] = {}
+    for correlation in CORRELATIONS:
+        alarms = sum(alarmed(played(BACKLASH, TRUTH, NOISE, seed, correlation)) for seed in range(args.alarms))
+        found[f'backlash, correlation {correlation:g}'] = {'alarm': alarms, NONE: args.alarms - alarms}
+        for law in CANDIDATES:
+            for size in SIZES[law.name]:
+                records = (played(law, values(law, size), NOISE, seed, correlation) for seed in range(args.seeds))
+                counts = Counter(named(choose(record)) for record in records)
+                found[f'{law.name} {size:g}, correlation {correlation:g}'] = dict(counts)
+    right = sum(counts.get(name.split()[0], 0) for name, counts in found.items() if not name.startswith('backlash'))
+    total = sum(sum(counts.values()) for name, counts in found.items() if not name.startswith('backlash'))
+    for name, counts in found.items():
+        print(f'{name:40}', ', '.join(f'{word}: {count}' for word, count in counts.items()))
+    missed = sum(counts.get(NONE, 0) + counts.get(UNEXPLAINED, 0) for name, counts in found.items() if name[0] != 'b')
+    print(f'named alone and rightly: {right} of {total}; not named at all: {missed}')
+    if args.json:
+        args.json.write_text(json.dumps(found, indent=2) + '\n', encoding='utf-8')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,68 @@
+"""`loops.html`: one self-contained page on what measured loops show beyond slope and gap."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from scara_kinetostatic import __version__
+from scara_kinetostatic.experiments.loops_choice import AMBIGUOUS, LEVEL, UNEXPLAINED
+from scara_kinetostatic.experiments.loops_study import LoopsStudy, Record
+from scara_kinetostatic.report import loops_pictures as pictures
+from scara_kinetostatic.report import loops_text as words
+from scara_kinetostatic.report.drawing import style
+from scara_kinetostatic.report.gauge_text import Table
+from scara_kinetostatic.report.html import template
+
+NAME = 'loops.html'
+
+
+def html_text(study: LoopsStudy) -> str:
+    """The page."""
+    with style():
+        records = [_record(record, f'loop{k}') for k, record in enumerate(study.records)]
+        transfer = pictures.transfer_picture(study, 'transfer') if study.transfers else None
+    return template('loops.html.j2').render(
+        version=__version__,
+        sources=[record.source for record in study.records],
+        summary=_table(words.summary_table(study)),
+        errors=words.ERRORS,
+        records=records,
+        transfer=transfer,
+        transfer_words=words.TRANSFER,
+        transfer_table=_table(words.transfer_table(study)),
+        notes=[note for record in study.records for note in record.notes],
+    )
+
+
+def _record(record: Record, name: str) -> dict[str, Any]:
+    headline, sentences = words.verdict(record)
+    return {
+        'source': record.source,
+        'what': words.sweeps(record),
+        'level': _level(record),
+        'headline': headline,
+        'sentences': sentences,
+        'loop': pictures.loop_picture(record, f'{name}_record'),
+        'residual': pictures.residual_picture(record, f'{name}_residual'),
+        'candidates': _table(words.candidate_table(record)),
+        'refinements': _table(words.refinement_table(record)) if record.choice.refinements else None,
+        'dependences': _table(words.dependence_table(record)),
+        'parameters': _table(words.parameter_table(record)),
+    }
+
+
+def _level(record: Record) -> str:
+    """Good only where nothing is left."""
+    if record.choice.verdict == UNEXPLAINED:
+        return 'bad'
+    open_still = record.choice.verdict == AMBIGUOUS or words.structured(record) or record.choice.p_left < LEVEL
+    return 'caution' if open_still else 'good'
+
+
+def _table(table: Table) -> dict[str, Any]:
+    numbers = [words.is_number(table, k) for k in range(len(table.heading))]
+    return {
+        'columns': list(zip(table.heading, table.units, numbers, strict=True)),
+        'rows': table.rows,
+        'numbers': numbers,
+    }
