@@ -58,6 +58,12 @@ def _add_plan(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         '--levels', type=real(0, above=True), nargs='+', metavar='F', help='force levels, N (default: 10 25 40)'
     )
+    group.add_argument(
+        '--overpress',
+        type=real(0),
+        metavar='PART',
+        help='press every other touch beyond its force by this part of it, then ease down to the hold (default: 0)',
+    )
 
 
 def _add_sensors(parser: argparse.ArgumentParser) -> None:
@@ -90,8 +96,9 @@ def run(args: argparse.Namespace) -> int:
         InputError: the cell, the plan, the truth or an option is wrong, or BAG exists or cannot be written.
         UnsupportedDataError: the simulated robot cannot reach a touch.
     """
-    if args.plan and (args.per_disc or args.levels):
-        raise InputError('--plan', 'a plan says all about the touches', 'leave --per-disc and --levels out')
+    if args.plan and (args.per_disc or args.levels or args.overpress is not None):
+        advice = 'leave --per-disc, --levels and --overpress out'
+        raise InputError('--plan', 'a plan says all about the touches', advice)
     from scara_kinetostatic.recording.writer import write_streams
     from scara_kinetostatic.simulation.streams import simulate_streams
 
@@ -99,9 +106,7 @@ def run(args: argparse.Namespace) -> int:
     truth = truth_of(args.truth, cell)
     plan = _plan(args, cell)
     streams = simulate_streams(cell, truth, plan, sensors=_sensors(args, cell), seed=args.seed)
-    write_streams(
-        args.out, streams, cell, storage=args.storage, compression=args.compression, with_cell=not args.plain
-    )
+    write_streams(args.out, streams, cell, storage=args.storage, compression=args.compression, with_cell=not args.plain)
     duration = 1e-9 * float(max(streams.joints.stamp[-1], streams.wrench.stamp[-1]) - streams.joints.stamp[0])
     print(f'{args.out}: {len(plan)} touches in {duration:.0f} s of simulated time')
     print('truth: ' + ', '.join(f'{name} {value:.6g}' for name, value in truth.as_dict().items()))
@@ -147,7 +152,7 @@ def _plan(args: argparse.Namespace, cell: Cell) -> Plan:
 
     if args.plan:
         return load_plan(args.plan, cell)
-    choices = {'per_disc': args.per_disc, 'levels': args.levels}
+    choices = {'per_disc': args.per_disc, 'levels': args.levels, 'overpress': args.overpress}
     return default_plan(cell, **{name: value for name, value in choices.items() if value is not None})
 
 

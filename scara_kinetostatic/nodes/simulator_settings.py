@@ -16,7 +16,7 @@ from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.cell_parameter import cell_or_example
 from scara_kinetostatic.nodes.declare import Range
 from scara_kinetostatic.recording.plan_file import load_plan
-from scara_kinetostatic.simulation.plan import Plan, default_plan
+from scara_kinetostatic.simulation.plan import LARGEST_OVERPRESS, Plan, default_plan
 from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, SensorModel
 
 TRUTH_RANGES = {
@@ -57,10 +57,9 @@ def declare_simulator(node: Node) -> SimulatorSettings:
         InputError: the cell or the plan cannot be read, or a value makes no sense.
     """
     cell = _cell(node)
-    plan_file = declare.text(node, 'plan', '', 'plan of touches (YAML file); empty: a plan over all discs of the cell')
     return SimulatorSettings(
         cell=cell,
-        plan=load_plan(plan_file, cell) if plan_file else default_plan(cell),
+        plan=_plan(node, cell),
         truth=_truth(node, cell.nominal),
         sensors=_sensors(node, cell),
         seed=declare.whole(node, 'seed', 0, 'seed of the noise', Range(0, 2**31 - 1)),
@@ -79,6 +78,15 @@ def _cell(node: Node) -> Cell:
         sign=_choice('sign', sign, cell.sensor.sign, SensorSign),
     )
     return replace(cell, sensor=sensor)
+
+
+def _plan(node: Node, cell: Cell) -> Plan:
+    file = declare.text(node, 'plan', '', 'plan of touches (YAML file); empty: a plan over all discs of the cell')
+    beyond = 'part of its force by which every other touch is first pressed beyond it; with a plan: 0'
+    overpress = declare.number(node, 'overpress', 0.0, beyond, Range(0.0, LARGEST_OVERPRESS))
+    if file and overpress > 0:
+        raise ParameterError('parameter overpress', 'a plan says all about the touches', 'leave overpress or plan out')
+    return load_plan(file, cell) if file else default_plan(cell, overpress=overpress)
 
 
 def _choice(name: str, value: str, default: _E, choices: type[_E]) -> _E:

@@ -1,7 +1,8 @@
 """Touches found in a stream: free motion, contact, settled hold, retraction.
 
 `segmentation` finds the contacts, `zero` what the sensor reads before each, `settling` the
-settled parts, `candidates` what speaks against them, `assignment` the discs. Every
+settled parts, `candidates` what speaks against them, `approach` how the joints came to them,
+`assignment` the discs. Every
 contact without a settled part is one rejected touch; every settled part is one touch,
 accepted or rejected. The collector's count (`live`) and the calibration of a
 recording run this same code.
@@ -15,14 +16,13 @@ import numpy as np
 
 from scara_kinetostatic.model.cell import Cell, SensorSign
 from scara_kinetostatic.model.touch import Rejection, TouchSet
+from scara_kinetostatic.recording.approach import approach, resolution
 from scara_kinetostatic.recording.assignment import assign
 from scara_kinetostatic.recording.candidates import Candidate, find_candidates
 from scara_kinetostatic.recording.segmentation import find_contacts
 from scara_kinetostatic.recording.signals import Floats, Signals, as_signals
 from scara_kinetostatic.recording.streams import Streams
 
-BEFORE_CONTACT = 0.05
-"""The approach is measured from this long before the contact, s."""
 ZERO_CHANGE = 1.0
 """A change of the sensor's zero within a recording that is worth a warning, N."""
 
@@ -135,7 +135,6 @@ def _touch_set(signals: Signals, candidates: list[Candidate], cell: Cell) -> Tou
     kept = [candidates[number] for number in index]
     joints, force = _means(kept, cell)
     plateaus = [candidate.plateau for candidate in kept if candidate.plateau is not None]
-    before = [signals.joints.at(candidate.contact[0] - BEFORE_CONTACT) for candidate in kept]
     return TouchSet(
         joints=joints,
         force=force,
@@ -143,11 +142,25 @@ def _touch_set(signals: Signals, candidates: list[Candidate], cell: Cell) -> Tou
         posture=np.array([candidate.posture for candidate in kept]),
         time=np.array([0.5 * (p.intervals[0, 0] + p.intervals[-1, 1]) for p in plateaus]),
         index=np.array(index),
-        approach=joints - np.array(before),
+        approach=_approaches(signals, kept, candidates),
         joint_scatter=np.array([p.joint_scatter for p in plateaus]),
         force_scatter=np.array([p.force_scatter for p in plateaus]),
         samples=np.array([p.samples for p in plateaus]),
     )
+
+
+def _approaches(signals: Signals, kept: list[Candidate], candidates: list[Candidate]) -> Floats:
+    """The last movement of the joints before each settled candidate, (n, 2), rad."""
+    ends = np.unique([candidate.contact[1] for candidate in candidates])
+    step = resolution(signals.joints)
+    found = []
+    for candidate in kept:
+        if candidate.plateau is not None:
+            contact = candidate.contact[0]
+            before = ends[ends <= contact]
+            earliest = float(before[-1]) if len(before) else -np.inf
+            found.append(approach(signals.joints, candidate.plateau, contact, earliest, step))
+    return np.array(found)
 
 
 def _episode(number: int, candidate: Candidate) -> Episode:

@@ -42,6 +42,9 @@ CREEP = 0.05
 """Plateaus that differ by less than this, of the force,"""
 CREEP_TIME = 0.1
 """and follow each other within this time, s, are one that creeps."""
+PEAK = 0.5
+"""A plateau shorter than this part of another in the same contact, and settled for less than the time of
+a mean, is none: the means on both sides of a peak agree as well."""
 SAME_JOINT = 5e-5
 """Plateaus closer than this are one, rad."""
 
@@ -190,7 +193,8 @@ def _plateaus(
         elif found and _creeps(found[-1], plateau):
             plateau = max(found.pop(), plateau, key=lambda one: one.duration)
         found.append(plateau)
-    return found
+    longest = max((plateau.duration for plateau in found), default=0.0)
+    return [plateau for plateau in found if plateau.duration >= min(3 * half, PEAK * longest)]
 
 
 def _inner(begin: float, end: float, half: float) -> tuple[float, float]:

@@ -19,6 +19,7 @@ from scara_kinetostatic.errors import CellError, ParameterError
 from scara_kinetostatic.model.cell import Cell
 
 Floats = NDArray[np.float64]
+Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 REACH_MARGIN = 0.03
@@ -27,6 +28,8 @@ BASE_MARGIN = 0.08
 """Distance of the tip from the first axis, m."""
 CLEARANCE = 0.018
 """Distance of the free pose from the disc, m; see `simulation.trajectory`."""
+LARGEST_OVERPRESS = 5.0
+"""Of a press that goes beyond the hold, of the force of the hold."""
 
 
 @dataclass(frozen=True)
@@ -38,19 +41,25 @@ class Plan:
         angle: place on the disc: direction from its centre to the contact, (m,), rad.
         posture: elbow posture, +1 or -1, (m,).
         force: force of the hold, (m,), N.
+        overpress: part of that force by which the press goes beyond it before it eases down to
+            the hold, so that the joints come to it from the other side, (m,); default 0.
 
     Raises:
-        ParameterError: shapes that do not fit, a posture other than +1 or -1, a force not above 0.
+        ParameterError: shapes that do not fit, a posture other than +1 or -1, a force not above 0,
+            an overpress below 0 or above `LARGEST_OVERPRESS`.
     """
 
-    disc: NDArray[np.intp]
+    disc: Index
     angle: Floats
-    posture: NDArray[np.intp]
+    posture: Index
     force: Floats
+    overpress: Floats = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         for item in fields(self):
-            array = np.array(getattr(self, item.name), dtype=np.intp if item.name in ('disc', 'posture') else float)
+            value = getattr(self, item.name)
+            value = np.zeros(len(self.disc)) if value is None else value
+            array = np.array(value, dtype=np.intp if item.name in ('disc', 'posture') else float)
             if array.shape != (len(self.disc),):
                 raise ParameterError(f'plan: {item.name}', f'expected shape {(len(self.disc),)}, got {array.shape}')
             array.flags.writeable = False
@@ -61,6 +70,8 @@ class Plan:
             raise ParameterError('plan: force', 'expected forces above 0 N')
         if not np.all(np.isfinite(self.angle)):
             raise ParameterError('plan: angle', 'expected finite angles')
+        if not np.all((self.overpress >= 0) & (self.overpress <= LARGEST_OVERPRESS)):
+            raise ParameterError('plan: overpress', f'expected 0 to {LARGEST_OVERPRESS:g} of the force')
 
     def __len__(self) -> int:
         return len(self.disc)
@@ -73,9 +84,9 @@ class Plan:
         """Where the tip touches, (m, 2), m, base frame."""
         return cell.centers[self.disc] + cell.radii[self.disc, None] * self.normal()
 
-    def select(self, which: Mask | NDArray[np.intp]) -> Plan:
+    def select(self, which: Mask | Index) -> Plan:
         """The touches that a mask or an array of positions picks."""
-        return Plan(self.disc[which], self.angle[which], self.posture[which], self.force[which])
+        return Plan(**{item.name: getattr(self, item.name)[which] for item in fields(self)})
 
 
 def default_plan(
@@ -83,8 +94,12 @@ def default_plan(
     per_disc: int = 12,
     levels: Sequence[float] = (10.0, 25.0, 40.0),
     postures: Sequence[int] = (1, -1),
+    overpress: float = 0.0,
 ) -> Plan:
     """Evenly spaced points around every disc, each in every posture, the force levels in turn.
+
+    Whether the press goes beyond the hold changes from point to point, so that half of the
+    touches do, on every disc, in every posture and at every level.
 
     Points that the nominal arm reaches only nearly stretched, nearly folded or
     close to its base are left out, and those before which another disc stands.
@@ -94,6 +109,7 @@ def default_plan(
         per_disc: points around each disc.
         levels: force levels, N.
         postures: elbow postures, +1 or -1.
+        overpress: part of its force by which every other touch is first pressed beyond it.
 
     Raises:
         CellError: a disc has no point within reach.
@@ -113,6 +129,7 @@ def default_plan(
         angle=2.0 * np.pi * point / per_disc,
         posture=np.array(postures)[side],
         force=np.array(levels, dtype=float)[(point + disc + side) % len(levels)],
+        overpress=np.where(_every_other(point, disc, side, len(levels)), overpress, 0.0),
     )
     reachable = within_reach(cell, plan)
     for number, described in enumerate(cell.discs):
@@ -138,6 +155,12 @@ def within_reach(cell: Cell, plan: Plan) -> Mask:
         apart[np.arange(len(plan)), plan.disc] = np.inf
         reachable &= apart.min(axis=1) > CLEARANCE / 2
     return reachable
+
+
+def _every_other(point: Index, disc: Index, side: Index, levels: int) -> Mask:
+    """True and False in turn around every disc, alike often with each of the levels that are taken in turn, too."""
+    turn = point + disc + (side if levels % 2 else point // levels)
+    return np.asarray(turn % 2 == 1)
 
 
 def _stride(count: int) -> int:

@@ -7,6 +7,7 @@ import numpy as np
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.recording.approach import last_movement
 from scara_kinetostatic.recording.streams import JointStream, Streams, WrenchStream
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.sensors import SensorModel, in_sensor_frame
@@ -82,5 +83,5 @@ def simulate_touches(cell: Cell, truth: Parameters, plan: Plan, noise: Noise | N
         disc=plan.disc,
         posture=plan.posture,
         time=motion.hold_time,
-        approach=motion.hold_joints - motion.contact_joints,
+        approach=last_movement(motion.way, motion.hold_joints),
     )

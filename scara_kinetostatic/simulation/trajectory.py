@@ -1,12 +1,14 @@
 """The whole motion of a recording: joint angles and contact force at any time.
 
-Each touch runs through seven phases (`PHASES`). Free phases interpolate between
+Each touch runs through eight phases (`PHASES`). Free phases interpolate between
 poses in joint space; the arm travels with its third axis lifted, so the tip may
 pass over the discs without force. A touch comes from the free pose, on the normal
 of the disc at a clearance, to the pose at which the backlash is used up and the
 force begins, `Ḡ(S, 0+)`. From there on the contact S stays and the force follows
 its time law: Q(t) = Ḡ(S, F(t)), hence F(t) = A(Q(t), L̄) all along, without an
-inner solve. Every phase follows the minimum-jerk law 10 s³ - 15 s⁴ + 6 s⁵.
+inner solve. Every phase follows the minimum-jerk law 10 s³ - 15 s⁴ + 6 s⁵. A press
+with overpress goes beyond the force of the hold and eases down to it; without, that
+phase lasts no time.
 """
 
 from __future__ import annotations
@@ -26,8 +28,8 @@ from scara_kinetostatic.simulation.plan import CLEARANCE, Plan
 
 Floats = NDArray[np.float64]
 
-PHASES = ('travel', 'pause', 'approach', 'press', 'hold', 'release', 'retract')
-TRAVEL, PAUSE, APPROACH, PRESS, HOLD, RELEASE, RETRACT = range(7)
+PHASES = ('travel', 'pause', 'approach', 'press', 'ease', 'hold', 'release', 'retract')
+TRAVEL, PAUSE, APPROACH, PRESS, EASE, HOLD, RELEASE, RETRACT = range(8)
 FIRST_FORCE = 1e-6
 """The 0+ of `Ḡ(S, 0+)`, N: the sense of the force is settled, its size is not yet felt."""
 
@@ -40,7 +42,8 @@ class Timing:
         travel: shortest travel between two touches.
         pause: rest at the free pose before the approach.
         approach: from the free pose to the disc.
-        press: from no force to the force of the hold.
+        press: from no force to the force of the hold, or to the peak beyond it.
+        ease: from the peak down to the force of the hold, where there is one.
         hold: at rest under the force.
         release: back to no force.
         retract: back to the free pose.
@@ -55,6 +58,7 @@ class Timing:
     pause: float = 0.1
     approach: float = 0.4
     press: float = 0.3
+    ease: float = 0.2
     hold: float = 0.5
     release: float = 0.2
     retract: float = 0.2
@@ -77,7 +81,7 @@ class Instant(NamedTuple):
         touch: number of the touch in the plan, (k,); after the last touch, the last.
         phase: which of `PHASES`, (k,).
         progress: how much of the phase has passed, by the time law, 0 to 1, (k,).
-        level: contact force as a part of that of the hold, 0 to 1, (k,).
+        level: contact force as a part of that of the hold, 0 to 1 + overpress, (k,).
     """
 
     joints: Floats
@@ -99,9 +103,10 @@ class Motion:
 
     Attributes:
         duration: of the whole motion, s.
-        knots: start of every phase, (m, 7), s.
+        knots: start of every phase, (m, 8), s.
         hold_joints: Q in each hold, (m, 2), rad.
         hold_force: F on the object in each hold, base frame, (m, 2), N.
+        peak_joints: Q under the largest force, (m, 2), rad; that of the hold without overpress.
         contact_joints: Q at which each contact begins, (m, 2), rad.
         free_joints: Q of each free pose, (m, 2), rad.
 
@@ -118,6 +123,7 @@ class Motion:
         self.hold_force = plan.force[:, None] * self._inward
         self.hold_joints = self._pose(self._contact, self.hold_force)
         self.contact_joints = self._near_hold(self._pose(self._contact, FIRST_FORCE * self._inward))
+        self.peak_joints = self._pressed(np.arange(len(plan)), 1.0 + plan.overpress)
         clear = self._contact - self.timing.clearance * self._inward
         self.free_joints = self._near_hold(self._pose(clear, np.zeros_like(clear)))
         self._check_reach()
@@ -128,6 +134,11 @@ class Motion:
     def hold_time(self) -> Floats:
         """Middle of each hold, (m,), s."""
         return self.knots[:, HOLD] + 0.5 * self.timing.hold
+
+    @property
+    def way(self) -> Floats:
+        """Joint angles through which each touch comes to its hold: free, first contact, peak, (3, m, 2), rad."""
+        return np.stack([self.free_joints, self.contact_joints, self.peak_joints])
 
     def at(self, time: ArrayLike) -> tuple[Floats, Floats]:
         """Joint angles and force at any times.
@@ -153,22 +164,30 @@ class Motion:
         begin, end = self._poses()
         joints = begin[row] + progress[:, None] * (end[row] - begin[row])
         going_home = row == len(starts) - 1
-        level = np.select([phase == PRESS, phase == HOLD, phase == RELEASE], [progress, 1.0, 1.0 - progress], 0.0)
-        level[going_home] = 0.0
+        level = np.where(going_home, 0.0, self._level(touch, phase, progress))
         force = level[:, None] * self.hold_force[touch]
         loaded = np.flatnonzero((phase >= PRESS) & (phase <= RELEASE) & ~going_home)
         joints[loaded] = self._pressed(touch[loaded], level[loaded])
         return Instant(joints, force, touch, phase, progress, level)
 
+    def _level(self, touch: NDArray[np.intp], phase: NDArray[np.intp], progress: Floats) -> Floats:
+        """Force as a part of that of the hold, (k,)."""
+        beyond = self.plan.overpress[touch]
+        levels = [progress * (1.0 + beyond), 1.0 + beyond * (1.0 - progress), np.ones_like(progress), 1.0 - progress]
+        return np.select([phase == which for which in (PRESS, EASE, HOLD, RELEASE)], levels, 0.0)
+
     def _pose(self, tip: Floats, force: Floats) -> Floats:
         """Ḡ of one pose per touch."""
-        return inverse_kinetostatics(self.truth, tip, force, self.plan.posture, self.cell.gripper)[0]
+        return self._inverse(np.arange(len(self.plan)), tip, force)
+
+    def _inverse(self, touch: NDArray[np.intp], tip: Floats, force: Floats) -> Floats:
+        """Ḡ in the posture of each touch: Q for places of the tip and forces, (k, 2) each."""
+        return inverse_kinetostatics(self.truth, tip, force, self.plan.posture[touch], self.cell.gripper)[0]
 
     def _pressed(self, touch: NDArray[np.intp], level: Floats) -> Floats:
         """Ḡ under a part of the force of the hold, without a jump of a full turn within the touch."""
         force = np.maximum(level * self.plan.force[touch], FIRST_FORCE)[:, None] * self._inward[touch]
-        posture, sign = self.plan.posture[touch], self.cell.gripper
-        joints, _ = inverse_kinetostatics(self.truth, self._contact[touch], force, posture, sign)
+        joints = self._inverse(touch, self._contact[touch], force)
         hold = self.hold_joints[touch]
         turned = np.abs(joints - hold) > np.pi
         return np.where(turned, hold + wrap(joints - hold), joints)
@@ -177,7 +196,7 @@ class Motion:
         return self.hold_joints + wrap(joints - self.hold_joints)
 
     def _check_reach(self) -> None:
-        poses = np.hstack([self.hold_joints, self.contact_joints, self.free_joints])
+        poses = np.hstack([self.hold_joints, self.peak_joints, self.contact_joints, self.free_joints])
         lost = np.flatnonzero(~np.isfinite(poses).all(axis=1))
         if len(lost):
             name = self.cell.discs[self.plan.disc[lost[0]]].name
@@ -193,16 +212,17 @@ class Motion:
         distance = np.abs(np.diff(stops, axis=0)).max(axis=1)
         travel = np.maximum(self.timing.travel, distance / self.timing.speed)
         durations = np.column_stack([travel[:-1], np.tile(fixed, (len(self.plan), 1))])
+        durations[:, EASE] *= self.plan.overpress > 0
         ends = np.cumsum(durations)
         starts = np.concatenate([[0.0], ends[:-1]]).reshape(durations.shape)
         return starts, float(ends[-1] + travel[-1])
 
     def _poses(self) -> tuple[Floats, Floats]:
         """Joint angles at the start and at the end of every phase, the way home last, (7 m + 1, 2) each."""
-        free, touch, hold = self.free_joints, self.contact_joints, self.hold_joints
+        free, touch, peak, hold = self.free_joints, self.contact_joints, self.peak_joints, self.hold_joints
         before = np.vstack([self._home[:1], free[:-1]])
-        begin = np.stack([before, free, free, touch, hold, hold, touch], axis=1).reshape(-1, 2)
-        end = np.stack([free, free, touch, hold, hold, touch, free], axis=1).reshape(-1, 2)
+        begin = np.stack([before, free, free, touch, peak, hold, hold, touch], axis=1).reshape(-1, 2)
+        end = np.stack([free, free, touch, peak, hold, hold, touch, free], axis=1).reshape(-1, 2)
         return np.vstack([begin, free[-1:]]), np.vstack([end, self._home[1:]])
 
 

@@ -6,11 +6,13 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 from cli.command import Run
 
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED
-from scara_kinetostatic.recording.reader import embedded_cell
+from scara_kinetostatic.recording.detection import find_touches
+from scara_kinetostatic.recording.reader import embedded_cell, read_streams
 
 TRUTH = PAPER_ACTUAL.as_dict()
 
@@ -105,6 +107,17 @@ def test_simulate_is_repeatable_and_follows_its_options(run: Run, recordings: Pa
     assert (cell.sensor.frame.value, cell.sensor.sign.value) == ('tool', 'on_robot')
     simulate('e.mcap', '--plain')
     assert embedded_cell(tmp_path / 'e.mcap') is None
+
+
+def test_simulate_presses_every_other_touch_beyond_its_hold(run: Run, tmp_path: Path) -> None:
+    for name, options in (('plain.mcap', ()), ('beyond.mcap', ('--overpress', '0.3'))):
+        assert run('simulate', '--out', name, '--per-disc', '2', *options).status == 0
+    cell = embedded_cell(tmp_path / 'beyond.mcap')
+    assert cell is not None
+    plain, beyond = (find_touches(read_streams(tmp_path / f'{name}.mcap', cell), cell) for name in ('plain', 'beyond'))
+    assert plain.found == beyond.found == len(beyond.touches) == 12
+    turned = np.sign(plain.touches.approach) != np.sign(beyond.touches.approach)
+    assert turned.any(axis=1).sum() == 6
 
 
 def test_simulate_takes_the_truth_by_name_or_from_a_file(run: Run, recordings: Path, tmp_path: Path) -> None:

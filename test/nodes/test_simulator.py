@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -68,6 +69,18 @@ def test_frame_and_sign_can_be_other_than_the_cell_says(spin: Callable[..., Node
     assert simulator._settings.cell.sensor.sign is SensorSign.ON_ROBOT
 
 
+def test_every_other_touch_can_be_pressed_beyond_its_hold(spin: Callable[..., Node]) -> None:
+    simulator = spin(ContactSimulator, '--ros-args', '-p', 'overpress:=0.3')
+    assert np.mean(simulator._settings.plan.overpress == 0.3) == 0.5
+
+
+def test_a_plan_says_all_about_the_touches(spin: Callable[..., Node], tmp_path: Path) -> None:
+    plan = tmp_path / 'plan.yaml'
+    plan.write_text('- {disc: disc_1, angle_deg: 30, posture: left, force: 25}')
+    with pytest.raises(ParameterError, match='parameter overpress: a plan says all'):
+        spin(ContactSimulator, '--ros-args', '-p', 'overpress:=0.3', '-p', f'plan:={plan}')
+
+
 @pytest.mark.parametrize(
     ('argument', 'error', 'message'),
     [
@@ -76,6 +89,8 @@ def test_frame_and_sign_can_be_other_than_the_cell_says(spin: Callable[..., Node
         ('time_factor:=0.0', ParameterError, 'parameter time_factor'),
         ('truth.l1:=.nan', ParameterError, 'parameter truth.l1'),
         ('joint_rate:=1.0e+9', ParameterError, 'parameter joint_rate'),
+        ('overpress:=-0.1', ParameterError, 'parameter overpress'),
+        ('overpress:=30.0', ParameterError, 'parameter overpress'),
         ('cell:=/no/such/cell.yaml', CellError, '/no/such/cell.yaml'),
     ],
 )

@@ -11,7 +11,8 @@ from scara_kinetostatic.errors import CellError, InputError, ParameterError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Disc
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
-from scara_kinetostatic.recording.plan_file import load_plan
+from scara_kinetostatic.recording.plan_file import load_plan, parse_plan
+from scara_kinetostatic.recording.plan_writer import dump_plan
 from scara_kinetostatic.simulation.plan import CLEARANCE, REACH_MARGIN, Plan, default_plan
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS)
@@ -60,7 +61,48 @@ def test_disc_without_reachable_point():
         default_plan(replace(CELL, discs=(*PAPER_DISCS, Disc('lost', 0.66, 0.02, 0.01))))
 
 
-@pytest.mark.parametrize('change', [{'posture': [0]}, {'force': [0.0]}, {'force': [1.0, 2.0]}, {'angle': [np.nan]}])
+@pytest.mark.parametrize('levels', [(40.0,), (10.0, 40.0), (10.0, 25.0, 40.0), (10.0, 20.0, 30.0, 40.0)])
+def test_every_other_touch_is_overpressed(levels):
+    plain, plan = default_plan(CELL, levels=levels), default_plan(CELL, levels=levels, overpress=0.3)
+    assert not plain.overpress.any()
+    np.testing.assert_array_equal(plan.force, plain.force)
+    beyond = plan.overpress > 0
+    assert np.all(plan.overpress[beyond] == 0.3)
+    assert beyond.mean() == 0.5
+    for kinds in (plan.disc, plan.posture, plan.force, plan.angle):
+        shares = [beyond[kinds == kind].mean() for kind in np.unique(kinds)]
+        np.testing.assert_allclose(shares, 0.5, atol=0.17)
+    for disc in range(3):
+        here = plan.disc == disc
+        assert [beyond[here & (plan.posture == side)].mean() for side in (1, -1)] == [0.5, 0.5]
+        assert abs(np.corrcoef(beyond[here], plan.force[here])[0, 1] if len(levels) > 1 else 0.0) < 0.15
+        for wave in (np.cos, np.sin):
+            assert abs(np.corrcoef(beyond[here], wave(plan.angle[here]))[0, 1]) < 0.22
+    assert abs(np.corrcoef(beyond, np.arange(len(plan)))[0, 1]) < 0.1
+
+
+def test_overpress_goes_with_the_touch():
+    plan = default_plan(CELL, overpress=0.3)
+    np.testing.assert_array_equal(plan.select(plan.overpress > 0).overpress, np.full(36, 0.3))
+    text = dump_plan(plan, CELL)
+    assert text.count('overpress: 0.3') == 36
+    np.testing.assert_array_equal(parse_plan(text, CELL).overpress, plan.overpress)
+    assert 'overpress' not in dump_plan(default_plan(CELL), CELL)
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        {'posture': [0]},
+        {'force': [0.0]},
+        {'force': [1.0, 2.0]},
+        {'angle': [np.nan]},
+        {'overpress': [-0.1]},
+        {'overpress': [5.1]},
+        {'overpress': [np.nan]},
+        {'overpress': [0.1, 0.1]},
+    ],
+)
 def test_senseless_plan(change):
     with pytest.raises(ParameterError, match=next(iter(change))):
         Plan(**{'disc': [0], 'angle': [0.0], 'posture': [1], 'force': [10.0], **change})
@@ -94,6 +136,9 @@ def test_plan_file(tmp_path):
         ('- {disc: disc_1, angle_deg: north, posture: left, force: 3}', 'touch 0: angle_deg: expected a number'),
         ('- {disc: disc_1, angle_deg: .nan, posture: left, force: 3}', 'touch 0: angle_deg: expected a number'),
         ('- {disc: [1], angle_deg: 0, posture: left, force: 3}', 'touch 0: unknown disc'),
+        ('- {disc: disc_1, angle_deg: 0, posture: left, force: 3, overpress: -1}', 'overpress: expected 0 to 5'),
+        ('- {disc: disc_1, angle_deg: 0, posture: left, force: 3, overpress: 30}', 'overpress: expected 0 to 5'),
+        ('- {disc: disc_1, angle_deg: 0, posture: left, force: 3, overpress: yes}', 'overpress: expected a number'),
         ('[', 'not valid YAML'),
     ],
 )

@@ -15,27 +15,30 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PA
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import START, simulate_streams, simulate_touches
-from scara_kinetostatic.simulation.trajectory import APPROACH, HOLD, PRESS, RELEASE, RETRACT, Motion, Timing
+from scara_kinetostatic.simulation.trajectory import APPROACH, EASE, HOLD, PRESS, RELEASE, RETRACT, Motion, Timing
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3))
 PLAN = default_plan(CELL)
+BEYOND = default_plan(CELL, overpress=0.3)
 SMALL = PLAN.select(np.arange(12))
 
 
 @pytest.mark.parametrize('truth', [PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL], ids=['actual', 'measured', 'nominal'])
-def test_force_is_that_of_the_model_all_along(truth):
-    motion = Motion(CELL, truth, PLAN)
+@pytest.mark.parametrize('plan', [PLAN, BEYOND], ids=['plain', 'beyond'])
+def test_force_is_that_of_the_model_all_along(truth, plan):
+    motion = Motion(CELL, truth, plan)
     instant = motion.instant(np.sort(np.random.default_rng(0).uniform(0, motion.duration, 4000)))
     near = instant.phase >= APPROACH
-    disc = PLAN.disc[instant.touch[near]]
+    disc = plan.disc[instant.touch[near]]
     expected = contact(truth, instant.joints[near], CELL.centers[disc], CELL.radii[disc]).force
     np.testing.assert_allclose(instant.force[near], expected, rtol=0, atol=5e-6)
     assert np.all(instant.force[~near] == 0)
 
 
 @pytest.mark.parametrize('sign', list(GripperSign))
-def test_motion_is_continuous_and_rises_steadily(sign):
-    motion = Motion(replace(CELL, gripper_sign=sign), PAPER_MEASURED, PLAN)
+@pytest.mark.parametrize('plan', [PLAN, BEYOND], ids=['plain', 'beyond'])
+def test_motion_is_continuous_and_rises_steadily(sign, plan):
+    motion = Motion(replace(CELL, gripper_sign=sign), PAPER_MEASURED, plan)
     time = np.linspace(-0.1, motion.duration + 0.1, 200_000)
     instant = motion.instant(time)
     assert np.abs(np.diff(instant.joints, axis=0)).max() < 9.0 * (time[1] - time[0])
@@ -44,6 +47,7 @@ def test_motion_is_continuous_and_rises_steadily(sign):
     same = np.diff(instant.touch) == 0
     assert np.all(np.diff(load)[same & (instant.phase[1:] == PRESS)] >= -1e-9)
     assert np.all(np.diff(load)[same & (instant.phase[1:] == RELEASE)] <= 1e-9)
+    assert np.all(np.diff(load)[same & (instant.phase[:-1] == EASE)] <= 1e-9)
     assert np.all(load[(instant.phase == APPROACH) | (instant.phase == RETRACT)] == 0)
 
 
@@ -57,6 +61,30 @@ def test_holds_are_as_planned():
     assert np.all(motion.instant(motion.hold_time).phase == HOLD)
     free = forward(PAPER_ACTUAL, motion.free_joints) - CELL.centers[PLAN.disc]
     np.testing.assert_allclose(np.linalg.norm(free, axis=1), CELL.radii[PLAN.disc] + 0.018, atol=1e-9)
+
+
+def test_overpress_peaks_eases_and_leaves_the_holds():
+    motion, plain = Motion(CELL, PAPER_ACTUAL, BEYOND), Motion(CELL, PAPER_ACTUAL, PLAN)
+    np.testing.assert_array_equal(motion.hold_joints, plain.hold_joints)
+    ease = motion.knots[:, HOLD] - motion.knots[:, EASE]
+    np.testing.assert_allclose(ease, np.where(BEYOND.overpress > 0, Timing().ease, 0.0), atol=1e-9)
+    beyond = BEYOND.overpress > 0
+    peak = motion.instant(motion.knots[beyond, EASE])
+    assert np.all(peak.phase == EASE)
+    np.testing.assert_allclose(np.linalg.norm(peak.force, axis=1), 1.3 * BEYOND.force[beyond], rtol=1e-12)
+    np.testing.assert_allclose(peak.joints, motion.peak_joints[beyond], atol=1e-12)
+    held = motion.instant(motion.hold_time)
+    assert np.all(held.phase == HOLD)
+    np.testing.assert_array_equal(held.joints, motion.hold_joints)
+
+
+def test_without_overpress_the_ease_is_nowhere():
+    time = np.linspace(0.0, 60.0, 20_000)
+    assert not np.any(Motion(CELL, PAPER_ACTUAL, PLAN).instant(time).phase == EASE)
+    usual, other = (simulate_streams(CELL, PAPER_ACTUAL, PLAN, timing=Timing(ease=ease)) for ease in (0.2, 3.0))
+    np.testing.assert_array_equal(usual.joints.position, other.joints.position)
+    np.testing.assert_array_equal(usual.wrench.force, other.wrench.force)
+    np.testing.assert_array_equal(usual.wrench.stamp, other.wrench.stamp)
 
 
 def test_unreachable_for_the_simulated_robot():
