@@ -10,7 +10,8 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.held_out import HeldOut, held_out_force_error
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.diagnosis.diagnose import Diagnosis, diagnose
+from scara_kinetostatic.diagnosis.diagnose import diagnose
+from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import Rejection, TouchSet
@@ -26,9 +27,10 @@ class Outcome:
     """All that a calibration of recordings gives.
 
     Attributes:
-        calibration: L̄ and its uncertainty.
-        held_out: force error on touches not used in the fit.
-        diagnosis: whether the model is enough.
+        calibration: the twelve parameters alone, with their uncertainty.
+        held_out: force error of that model on touches not used in the fit.
+        diagnosis: whether the model is enough, and what is missing.
+        extended_held_out: as `held_out`, of the model extended by what was found; the same where nothing was.
         found: touches in the recordings, rejected ones included.
         rejected: all that were not used, by index: by the detection and by the fit.
         sources: the recordings.
@@ -38,10 +40,16 @@ class Outcome:
     calibration: Calibration
     held_out: HeldOut
     diagnosis: Diagnosis
+    extended_held_out: HeldOut
     found: int
     rejected: tuple[Rejection, ...]
     sources: tuple[str, ...]
     warnings: tuple[str, ...]
+
+    @property
+    def final(self) -> Calibration:
+        """The calibration to use: extended by what was found, where something was."""
+        return self.diagnosis.extended or self.calibration
 
 
 def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress | None = None) -> Detection:
@@ -112,15 +120,19 @@ def calibrate_recordings(
         raise UnsupportedDataError(_no_touches(paths, detection), 'see what `inspect` says about the recording')
     _tell(progress, f'fitting {len(detection.touches)} touches', 0.0)
     calibration = _converged(paths, detection, cell, fixed)
-    _tell(progress, 'predicting held-out touches', 0.5)
-    held_out = held_out_force_error(calibration)
+    _tell(progress, 'looking for what the model lacks', 0.3)
     diagnosis = diagnose(calibration)
+    _tell(progress, 'predicting held-out touches', 0.8)
+    final = diagnosis.extended or calibration
+    held_out = held_out_force_error(replace(calibration, used=final.used))
+    extended_held_out = held_out if final is calibration else held_out_force_error(final)
     _tell(progress, 'done', 1.0)
-    rejected = sorted((*detection.rejected, *calibration.rejected), key=lambda item: item.index)
+    rejected = sorted((*detection.rejected, *final.rejected), key=lambda item: item.index)
     return Outcome(
         calibration=calibration,
         held_out=held_out,
         diagnosis=diagnosis,
+        extended_held_out=extended_held_out,
         found=detection.found,
         rejected=tuple(rejected),
         sources=tuple(str(path) for path in paths),

@@ -30,6 +30,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.calibration.misreading import along_and_across, misread, unreading
 from scara_kinetostatic.model.cell import Noise, SensorFrame
 from scara_kinetostatic.model.extended import all_derivatives, extended_equations, settled
 from scara_kinetostatic.model.extension import Extension, Setting
@@ -163,27 +164,13 @@ def linearise(observations: Observations, parameters: Parameters, adjusted: Adju
     by_force[:, 0, 0], by_force[:, 1, 0] = e.normal_f, e.tangent_f
     by_force[:, :, 1] = turned / state.magnitude[:, None]
     if o.extension is not None and o.extension.reads:
-        derivative[:, :, len(NAMES) :] += _misread(o.extension, parameters, adjusted, by_force)
+        derivative[:, :, len(NAMES) :] += misread(o.extension, parameters, adjusted.force, by_force)
+        by_force = by_force @ unreading(o.extension, parameters, adjusted.force)
     off_joints = o.joints - adjusted.joints
     off_force = along_and_across(o.force - adjusted.force, adjusted.force)
     misclosure = np.stack([e.normal, e.tangent], axis=-1)
     misclosure += np.einsum('nij,nj->ni', by_joints, off_joints) + np.einsum('nij,nj->ni', by_force, off_force)
     return Linearisation(misclosure, derivative, by_joints, by_force)
-
-
-def _misread(extension: Extension, parameters: Parameters, adjusted: Adjusted, by_force: Floats) -> Floats:
-    """What misread forces do to h by the parameters of the effects, (n, 2, k)."""
-    columns = []
-    for error in extension.reading_derivative(parameters, adjusted.force):
-        error = np.zeros_like(adjusted.force) if error is None else error
-        columns.append(-np.einsum('nij,nj->ni', by_force, along_and_across(error, adjusted.force)))
-    return np.stack(columns, axis=-1)
-
-
-def along_and_across(vectors: Floats, force: Floats) -> Floats:
-    """Components of vectors (n, 2) along and across forces (n, 2)."""
-    x, y = np.moveaxis(force / np.hypot(force[:, 0], force[:, 1])[:, None], -1, 0)
-    return np.stack([vectors[:, 0] * x + vectors[:, 1] * y, vectors[:, 1] * x - vectors[:, 0] * y], axis=-1)
 
 
 def covariance_of(linear: Linearisation, noise: Noise) -> Floats:
@@ -278,14 +265,16 @@ def settle_twice(
 
 
 def _turned_radial(observations: Observations, parameters: Parameters, state: State) -> Floats:
-    """The measured forces turned so that they point from the tip to the disc's centre, sensor's frame."""
+    """The measured forces turned so that they point from the tip to the disc's centre, as the sensor reports them."""
     o = observations
     tip = forward(parameters, np.stack([state.link1, state.link2], axis=-1))
-    direction = np.arctan2(o.centers[:, 1] - tip[:, 1], o.centers[:, 0] - tip[:, 0])
+    to_disc = o.setting(o.joints).shifted(parameters, state).centers - tip
+    direction = np.arctan2(to_disc[:, 1], to_disc[:, 0])
     if o.frame is SensorFrame.TOOL:
         direction = direction - (o.joints[:, 0] + o.joints[:, 1] + parameters.theta1 + parameters.theta2)
-    magnitude = np.hypot(o.force[:, 0], o.force[:, 1])
-    return np.stack([magnitude * np.cos(direction), magnitude * np.sin(direction)], axis=-1)
+    magnitude = np.hypot(*o.true_force(parameters, o.force).T)
+    turned = np.stack([magnitude * np.cos(direction), magnitude * np.sin(direction)], axis=-1)
+    return turned if o.extension is None else o.extension.read(parameters, turned)
 
 
 def as_measured(observations: Observations, parameters: Parameters, state: State) -> Adjusted:

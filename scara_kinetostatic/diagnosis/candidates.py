@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.diagnosis.problem import Problem
-from scara_kinetostatic.effects.base import Effect, Trial
+from scara_kinetostatic.effects.base import Effect, LinearEffect, Trial
 
 Floats = NDArray[np.float64]
 
@@ -84,11 +85,16 @@ class Field(NamedTuple):
         return len({candidate.effect.label for candidate in self.candidates})
 
 
-def gather(problem: Problem, effects: Iterable[Effect]) -> Field:
+def gather(problem: Problem, effects: Iterable[Effect], fitted: Mapping[str, Floats] = MappingProxyType({})) -> Field:
     """The candidates among effects.
 
     An effect with many trials (a frequency to be found) takes part with the one that explains
-    most by itself, and with those that explain most beside one of the other candidates.
+    most by itself, with those that explain most beside one of the other candidates, and with the one already fitted.
+
+    Args:
+        problem: the touches.
+        effects: who may take part.
+        fitted: values of the parameters of effects that the last fit had, by label.
     """
     found: list[Candidate] = []
     unseen, scans = [], []
@@ -101,7 +107,9 @@ def gather(problem: Problem, effects: Iterable[Effect]) -> Field:
             scans.append(Scan(effect, trials, flat.reshape(columns.shape)))
             continue
         unit, new = new_part(problem, problem.columns(trials[0]))
-        if unit.shape[1]:
+        if effect.label in fitted and not isinstance(effect, LinearEffect):
+            found.append(_as_fitted(problem, effect, fitted[effect.label], 1))
+        elif unit.shape[1]:
             found.append(Candidate(effect, trials[0], unit, 1))
         else:
             unseen.append(Unseen(effect, new))
@@ -109,8 +117,17 @@ def gather(problem: Problem, effects: Iterable[Effect]) -> Field:
     partners = sorted(found + alone, key=lambda c: -explained(problem, c))[:PARTNERS]
     for scan, first in zip(scans, alone, strict=True):
         beside = [best_trial(problem, scan, partner) for partner in partners if partner.effect != scan.effect]
+        if scan.effect.label in fitted:
+            beside.append(_as_fitted(problem, scan.effect, fitted[scan.effect.label], len(scan.trials)))
         found += list({id(c.trial): c for c in (first, *beside)}.values())
     return Field(tuple(found), tuple(unseen))
+
+
+def _as_fitted(problem: Problem, effect: Effect, values: Floats, tried: int) -> Candidate:
+    """A nonlinear effect as the last fit had it, free to move about these values."""
+    at, reported = problem.situation, problem.force
+    trial = Trial(effect.derivative(at, values), effect.reading_derivative(reported, values), lambda _: values)
+    return Candidate(effect, trial, new_part(problem, problem.columns(trial))[0], tried)
 
 
 def explained(problem: Problem, candidate: Candidate) -> float:

@@ -6,9 +6,10 @@ A set of effects is judged by minus twice its logarithmic likelihood and a price
 
 with m parameters of the effect, n touches, M effects that compete and t trials of this one: the
 Bayesian information criterion with a prior that takes every number of effects for equally likely
-(Chen and Chen, Biometrika 95 (2008) 759). So a flexible effect pays for its parameters and a long list for
-its length. The deviance is χ² where the noise is given (divided by its own size where no set of effects comes down to
-that noise), and ν ln RSS where it is estimated.
+(Chen and Chen, Biometrika 95 (2008) 759). So a flexible effect pays for its parameters and a long list for its
+length. Structure without a name, which can take any shape, is believed only where it is clearly better than every
+physical effect: it pays `CREDIBLE` on top. The deviance is χ² where the noise is given (divided by its own size where
+no set of effects comes down to that noise), and ν ln RSS where it is estimated.
 
 Sets whose score comes within `CREDIBLE` of the best are credible too: odds of less than e⁵ decide
 nothing. An effect that is in all of them is found; those that replace each other are rivals.
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.diagnosis.candidates import Candidate, Field
 from scara_kinetostatic.diagnosis.problem import Problem
+from scara_kinetostatic.effects.unnamed import Unnamed
 
 Floats = NDArray[np.float64]
 
@@ -62,7 +64,7 @@ class Contest(NamedTuple):
     Attributes:
         field: who competed.
         entries: sets examined, the best first; the empty one is among them.
-        credible: those that the data do not rule out, the best first.
+        credible: those, the empty one apart, that the data do not rule out, the best first.
         scale: s², the size of the noise in which deviances are counted.
     """
 
@@ -110,7 +112,8 @@ class _Judge:
         self.prices = [self._price(c, field.number) for c in candidates]
 
     def _price(self, candidate: Candidate, number: int) -> float:
-        return float(candidate.freedoms * np.log(self.touches) + 2 * np.log(number * candidate.tried))
+        price = candidate.freedoms * np.log(self.touches) + 2 * np.log(number * candidate.tried)
+        return float(price) + (CREDIBLE if isinstance(candidate.effect, Unnamed) else 0.0)
 
     def allows(self, members: Sequence[int]) -> bool:
         """Whether no effect is in a set twice."""
@@ -149,8 +152,9 @@ def _scored(problem: Problem, entry: Entry, scale: float) -> Entry:
 def _credible(contest: Contest) -> tuple[Entry, ...]:
     """Sets near the best, without those that only add to a credible one, and each set of effects once."""
     found: list[Entry] = []
-    limit = contest.entries[0].score + CREDIBLE
-    for entry in sorted((e for e in contest.entries if e.score <= limit), key=lambda e: (len(e.members), e.score)):
+    some = [entry for entry in contest.entries if entry.members]
+    near = [entry for entry in some if entry.score <= some[0].score + CREDIBLE]
+    for entry in sorted(near, key=lambda e: (len(e.members), e.score)):
         names = set(contest.labels(entry))
         if not any(set(contest.labels(other)) <= names for other in found):
             found.append(entry)

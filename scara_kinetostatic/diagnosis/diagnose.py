@@ -1,99 +1,138 @@
-"""The verdict on the twelve-parameter model."""
+"""The verdict on the twelve-parameter model, and on the one that the search extends it to."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
 
 from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.diagnosis import advice
+from scara_kinetostatic.diagnosis.candidates import Field
+from scara_kinetostatic.diagnosis.problem import Problem, pose_problem
+from scara_kinetostatic.diagnosis.refit import effect_values
+from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
+from scara_kinetostatic.diagnosis.scores import score_singles, significance
+from scara_kinetostatic.diagnosis.search import Search, all_candidates, search
 from scara_kinetostatic.diagnosis.structure import Trace, find_traces
+from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.effects.unnamed import Unnamed
 
-LARGEST_JOINT_NOISE = 2e-4
-"""Estimated repeatability of a joint beyond which it is an error of the model, rad."""
-LARGEST_ERROR_SHARE = 0.2
-"""The same for the force error as a part of the force."""
 SIGNIFICANCE = 0.01
 """Chance of a false alarm that is accepted."""
 
 
-@dataclass(frozen=True)
-class Diagnosis:
-    """Whether the model is enough, and what is behind it if not.
+class Adequacy(NamedTuple):
+    """Whether a model is enough.
 
     Attributes:
-        verdict: ``none`` (nothing is missing), ``explained``, ``ambiguous`` or ``unexplained``.
-        p_value: of "the twelve-parameter model is enough", all tests taken together.
-        effects: what was found and added to the model.
-        rivals: effects that the data cannot tell apart.
-        traces: what the residual depends on, significant ones only.
-        advice: what to do next, in words; empty if nothing.
+        p_value: of "it is", Bonferroni's over all tests.
+        traces: what the residual depends on, significant ones only, the most significant first.
     """
 
-    verdict: str
     p_value: float
-    effects: tuple[dict[str, Any], ...] = ()
-    rivals: tuple[tuple[str, ...], ...] = ()
-    traces: tuple[Trace, ...] = ()
-    advice: str = ''
+    traces: tuple[Trace, ...]
 
 
-def diagnose(calibration: Calibration) -> Diagnosis:
-    """Test whether anything is left in the residual.
+def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) -> Diagnosis:
+    """Test whether anything is left in the residual, and find what.
 
-    The p-value is Bonferroni's over all tests: the F-tests of `find_traces`, and, where the
-    noise was given, chi-square of the residual against it. It assumes Gaussian noise and
-    independent touches.
+    Assumes Gaussian noise and independent touches. The p-value is Bonferroni's over all tests: the F-tests of
+    `find_traces` and of every effect, and, where the noise was given, chi-square of the residual.
+
+    Args:
+        calibration: of the twelve parameters.
+        effects: the catalogue; None for all that `effects.registry` lists.
+    """
+    c, known = calibration, tuple(catalogue(calibration.cell) if effects is None else effects)
+    problem = pose_problem(c)
+    field = all_candidates(c, problem, known)
+    before = adequacy(c, problem, field)
+    incredible = advice.incredible(c)
+    if before.p_value >= SIGNIFICANCE and not incredible:
+        return Diagnosis('none', before.p_value, remaining_p_value=before.p_value, advice=advice.too_quiet(c))
+    found = search(c, known)
+    ranking = _ranking(found)
+    if found.extended is None:
+        text = incredible or advice.unexplained(c, before.traces)
+        return Diagnosis('unexplained', before.p_value, traces=before.traces, ranking=ranking, advice=text)
+    after = adequacy(found.extended)
+    described = _describe(found)
+    verdict = _verdict(found, described, after)
+    return Diagnosis(
+        verdict=verdict,
+        p_value=before.p_value,
+        found=described,
+        rivals=found.rivals,
+        extended=found.extended,
+        traces=before.traces,
+        remaining=after.traces,
+        remaining_p_value=after.p_value,
+        ranking=ranking,
+        advice=advice.after_search(verdict, described, found.rivals, after.traces, known),
+    )
+
+
+def adequacy(calibration: Calibration, problem: Problem | None = None, field: Field | None = None) -> Adequacy:
+    """Test a model against all that its residual could depend on.
+
+    Args:
+        calibration: with or without effects.
+        problem: the linear problem it leaves.
+        field: further candidates to test; None for none.
     """
     c = calibration
-    traces = find_traces(c)
-    size = float(stats.chi2.sf(c.chi_square, c.degrees_of_freedom)) if c.noise_source == 'given' else 1.0
-    tests = len(traces) + (c.noise_source == 'given')
+    traces = list(find_traces(c))
+    if problem is not None and field is not None:
+        traces += [
+            Trace(_words(candidate.effect), *significance(problem, candidate))
+            for candidate in {candidate.effect.label: candidate for candidate in reversed(field.candidates)}.values()
+        ]
+    given = c.noise_source == 'given'
+    size = float(stats.chi2.sf(c.chi_square, c.degrees_of_freedom)) if given else 1.0
+    tests = max(len(traces) + given, 1)
     smallest = min([size, *(trace.p_value for trace in traces)])
-    p_value = min(1.0, smallest * max(tests, 1))
-    found = tuple(trace for trace in traces if trace.p_value * tests < SIGNIFICANCE)
-    incredible = _incredible(c)
-    if incredible:
-        return Diagnosis('unexplained', p_value, traces=found, advice=incredible)
-    if p_value >= SIGNIFICANCE:
-        return Diagnosis('none', p_value, advice=_too_quiet(c))
-    return Diagnosis('unexplained', p_value, traces=found, advice=_advice(c, found))
+    found = sorted((trace for trace in traces if trace.p_value * tests < SIGNIFICANCE), key=lambda t: t.p_value)
+    return Adequacy(min(1.0, smallest * tests), tuple(found))
 
 
-def _incredible(c: Calibration) -> str:
-    """Why estimated noise cannot be noise; empty if it can. A gross error of the model passes for noise otherwise."""
-    if c.noise_source == 'given':
-        return ''
-    share = c.force_error / float(np.hypot(c.force[:, 0], c.force[:, 1]).mean())
-    if c.noise.joint <= LARGEST_JOINT_NOISE and share <= LARGEST_ERROR_SHARE:
-        return ''
-    return (
-        f'the touches miss the model by {c.force_error:.2g} N, {100 * share:.0f} % of the force, as if the joints '
-        f'repeated to {c.noise.joint:.1e} rad only: no noise is like that; check the places and radii of '
-        'the discs, the fixed parameters, and whether a joint lost its zero'
-    )
+def _words(effect: Effect) -> str:
+    return effect.description if isinstance(effect, Unnamed) else effect.label
 
 
-def _advice(c: Calibration, found: tuple[Trace, ...]) -> str:
-    if not found:
-        return (
-            f'the residuals are {c.reduced_chi_square**0.5:.2g} times as large as the stated noise, without a pattern: '
-            'the noise is stated too small, or touches repeat worse than assumed; '
-            'leave the noise out of the cell file to have it estimated'
+def _verdict(found: Search, described: Sequence[Found], after: Adequacy) -> str:
+    if after.p_value < SIGNIFICANCE or any(isinstance(item.effect, Unnamed) for item in described):
+        return 'unexplained'
+    return 'ambiguous' if found.rivals else 'explained'
+
+
+def _describe(found: Search) -> tuple[Found, ...]:
+    """The effects of the extended model with their values."""
+    assert found.extended is not None
+    items = []
+    for effect, (values, stds) in zip(found.extended.cell.effects, effect_values(found.extended), strict=True):
+        assert isinstance(effect, Effect)
+        rows = tuple(
+            Value(p.name, float(v), float(s), p.unit, p.meaning)
+            for p, v, s in zip(effect.parameters, values, stds, strict=True)
         )
-    names = '; '.join(trace.name for trace in found[:3])
-    return (
-        f'the residual depends on {names}: the robot does something that the twelve parameters do not describe, '
-        'and they are bent by it; do not trust them to their standard deviations'
-    )
+        items.append(Found(effect, rows, effect.label in found.proved))
+    return tuple(items)
 
 
-def _too_quiet(c: Calibration) -> str:
-    if c.noise_source == 'given' and stats.chi2.cdf(c.chi_square, c.degrees_of_freedom) < 1e-3:
-        return (
-            f'the residuals are {c.reduced_chi_square**0.5:.2g} times the stated noise: it is stated too large, '
-            'and so are the standard deviations; leave the noise out of the cell file to have it estimated'
+def _ranking(found: Search) -> tuple[Ranked, ...]:
+    """Every effect by itself: its scores and what became of it."""
+    rivals = {label for group in found.rivals for label in group}
+    ranked = []
+    for score in score_singles(found.problem, found.contest):
+        label = score.candidate.effect.label
+        role = 'found' if label in found.proved else 'rival' if label in rivals else 'refuted'
+        ranked.append(
+            Ranked(score.candidate.effect, role, score.p_value, score.share, score.gain, score.held_out, 1.0)
         )
-    return ''
+    for item in found.contest.field.unseen:
+        ranked.append(Ranked(item.effect, 'unseen', np.nan, 0.0, 0.0, 0.0, item.new))
+    return tuple(ranked)

@@ -1,12 +1,12 @@
 """What a fit left over, as a linear problem in which every effect can be tried without fitting anew.
 
-At a fit, the whitened misclosures of the used touches are linear in what is added to the model:
+At a fit, the whitened misclosures of the used touches are linear in what is added to the model,
 
     y + J Δ + X θ = ε,   ε ~ (0, s² I),
 
-with J the derivatives by the twelve and X those by the parameters of effects. Where the fit already has
-effects, y is what would be left without them at the same adjusted observations. So all effects, those found
-included, compete on equal terms; fitting them only improves the point of linearisation and the noise.
+with J the derivatives by the twelve and X those by the parameters of effects. Where the fit already has effects, y is
+what would be left without them, to first order. So all effects, those found included, compete on equal terms;
+fitting them only improves the point of linearisation and the noise.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.adjustment import along_and_across, whiten_by
+from scara_kinetostatic.calibration.adjustment import whiten_by
+from scara_kinetostatic.calibration.misreading import along_and_across
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.solution import Calibration
@@ -95,9 +96,9 @@ def pose_problem(calibration: Calibration) -> Problem:
         left=np.empty(0),
         noise_given=c.noise_source == 'given',
     )
-    joints, place = extension.shift(problem.situation)
-    reading = extension.read(point.parameters, problem.force) - problem.force
-    y = point.whitened.residual.ravel() - problem.column(Shift(joints, place), reading)
+    strengths = [law.strength(part) for law, part in zip(extension.laws, extension.values(c.parameters), strict=True)]
+    effects = point.whitened.derivative[:, :, len(NAMES) :].reshape(len(base), -1)
+    y = point.whitened.residual.ravel() - effects @ np.concatenate([np.empty(0), *strengths])
     return problem._replace(left=y - base @ (base.T @ y))
 
 

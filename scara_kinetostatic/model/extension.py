@@ -128,6 +128,9 @@ class Law(Protocol):
     def derivative(self, at: Situation, values: Floats) -> tuple[Shift, ...]:
         """The derivatives of δ and d, one per parameter."""
 
+    def strength(self, values: Floats) -> Floats:
+        """The values, zero where they say how the effect is rather than how strong."""
+
     def reading(self, force: Floats, values: Floats) -> Floats | None:
         """The error e for true forces (n, 2) in the sensor's frame, N; None if it is not an effect of the sensor."""
 
@@ -198,8 +201,8 @@ class Extension(NamedTuple):
 
 
 def split(laws: tuple[Law, ...], parameters: Parameters) -> list[Floats]:
-    """Each law's part of `parameters.extra`."""
-    extra, parts, first = np.array(parameters.extra), [], 0
+    """Each law's part of `parameters.extra`; where that is empty, the start values."""
+    extra, parts, first = np.array(parameters.extra or [value for law in laws for value in law.start]), [], 0
     for law in laws:
         parts.append(extra[first : first + len(law.scales)])
         first += len(law.scales)

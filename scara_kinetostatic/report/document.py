@@ -138,7 +138,15 @@ def _diagnosis(outcome: Outcome) -> Document:
     return {
         'verdict': found.verdict,
         'p_value': _number(found.p_value),
-        'effects': [dict(effect) for effect in found.effects],
+        'effects': [
+            {
+                'name': item.effect.name,
+                'target': item.effect.target,
+                'parameters': {v.name: {'value': v.value, 'std': _number(v.std), 'unit': v.unit} for v in item.values},
+            }
+            for item in found.found
+            if item.proved
+        ],
         'rivals': [list(group) for group in found.rivals],
         'advice': found.advice,
         'traces': [

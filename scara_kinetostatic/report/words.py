@@ -61,7 +61,7 @@ def _fit(outcome: Outcome) -> tuple[str, str, str]:
         text = f'Nothing is left in the residuals that these touches could show beyond noise ({p}).'
         return 'good', 'The twelve-parameter model explains these touches', text
     if d.verdict == 'explained':
-        names = ', '.join(_effect(effect) for effect in d.effects)
+        names = ', '.join(item.effect.label for item in d.found)
         text = f'The twelve parameters alone do not explain the touches ({p}); with {names} added they do.'
         return 'caution', 'Something beyond the twelve parameters was found, and explains the rest', text
     if d.verdict == 'ambiguous':
@@ -70,11 +70,6 @@ def _fit(outcome: Outcome) -> tuple[str, str, str]:
         return 'caution', 'Something is missing in the model, and it could be one of several things', text
     text = f'The twelve parameters do not explain the touches ({p}).'
     return 'bad', 'Something is left that the model does not describe', text
-
-
-def _effect(effect: dict[str, object]) -> str:
-    target = effect.get('target')
-    return f'{effect["name"]} ({target})' if target else str(effect['name'])
 
 
 def force_errors(outcome: Outcome) -> str:

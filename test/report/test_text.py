@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.diagnosis.diagnose import Diagnosis
+from scara_kinetostatic.diagnosis.result import Diagnosis, Found
+from scara_kinetostatic.effects.object_radius import ObjectRadius
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.pipeline import Outcome
@@ -72,7 +73,7 @@ def test_lines_fit_a_terminal(plain: Outcome, confounded: Outcome) -> None:
     [
         (Diagnosis('none', 0.5), 'good', 'Nothing is left'),
         (Diagnosis('unexplained', 1e-60, advice='the residual depends on q1'), 'bad', '(p = below 1e-12)'),
-        (Diagnosis('explained', 1e-9, effects=({'name': 'object_radius', 'target': 'd2'},)), 'caution', '(d2)'),
+        (Diagnosis('explained', 1e-9, found=(Found(ObjectRadius.of(1, 'd2'), (), True),)), 'caution', '[d2]'),
         (Diagnosis('ambiguous', 1e-4, rivals=(('contact_friction', 'sensor_rotation'),)), 'caution', 'or sensor'),
     ],
 )

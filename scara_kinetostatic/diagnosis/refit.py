@@ -1,0 +1,70 @@
+"""The calibration fitted anew with effects in the model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.estimate import Near
+from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.diagnosis.candidates import LEAST_NEW, Candidate
+from scara_kinetostatic.diagnosis.problem import Problem
+from scara_kinetostatic.model.extension import split
+from scara_kinetostatic.model.parameters import Parameters
+
+Floats = NDArray[np.float64]
+
+
+def start_values(problem: Problem, members: Sequence[Candidate]) -> tuple[float, ...]:
+    """Values of the effects' parameters that fit the linear problem best, effect by effect."""
+    columns = [problem.columns(member.trial) for member in members]
+    together = np.concatenate(columns, axis=1)
+    scale = np.linalg.norm(together, axis=0)
+    scale[scale == 0] = 1.0
+    together = (together - problem.base @ (problem.base.T @ together)) / scale
+    found = -np.linalg.lstsq(together, problem.left, rcond=LEAST_NEW)[0] / scale
+    ends = np.cumsum([part.shape[1] for part in columns])
+    values = [
+        member.trial.values(found[end - part.shape[1] : end])
+        for member, part, end in zip(members, columns, ends, strict=True)
+    ]
+    return tuple(float(value) for part in values for value in part)
+
+
+def fit_with(
+    calibration: Calibration, latest: Calibration, problem: Problem, members: Sequence[Candidate]
+) -> Calibration:
+    """The touches of a calibration fitted with effects.
+
+    Args:
+        calibration: that of the twelve parameters.
+        latest: the fit at which the problem was posed.
+        problem: where the effects were found.
+        members: the effects.
+    """
+    effects = tuple(member.effect for member in members)
+    parameters = latest.parameters.replace(extra=start_values(problem, members))
+    cell = replace(calibration.cell, effects=effects)
+    near = Near(parameters, latest.noise, latest.used)
+    found = calibrate(calibration.touches, cell, fixed=calibration.fixed, near=near)
+    places = set(calibration.touches.index.tolist())
+    before = [item for item in calibration.rejected if item.index not in places]
+    rejected = sorted((*before, *found.rejected), key=lambda item: item.index)
+    return replace(found, rejected=tuple(rejected))
+
+
+def effect_values(calibration: Calibration) -> list[tuple[Floats, Floats]]:
+    """Values and standard deviations of the parameters of each effect of a calibration's cell."""
+    laws = calibration.cell.effects
+    spread = Parameters(extra=tuple(np.nan_to_num(calibration.extra_std, nan=0.0)))
+    hidden = Parameters(extra=tuple(np.isnan(calibration.extra_std).astype(float)))
+    return [
+        (values, np.where(lost > 0, np.nan, stds))
+        for values, stds, lost in zip(
+            split(laws, calibration.parameters), split(laws, spread), split(laws, hidden), strict=True
+        )
+    ]

@@ -1,0 +1,86 @@
+"""The outcome of a diagnosis, frozen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.diagnosis.structure import Trace
+from scara_kinetostatic.effects.base import Effect
+
+
+class Value(NamedTuple):
+    """A parameter of an effect: estimate, standard deviation (NaN where the data do not determine it), unit."""
+
+    name: str
+    value: float
+    std: float
+    unit: str
+    meaning: str = ''
+
+
+class Found(NamedTuple):
+    """An effect in the extended model.
+
+    Attributes:
+        effect: the effect.
+        values: its parameters.
+        proved: whether it is in every set of effects that the data allow; else it has rivals.
+    """
+
+    effect: Effect
+    values: tuple[Value, ...]
+    proved: bool
+
+
+class Ranked(NamedTuple):
+    """One effect of the catalogue, judged by itself.
+
+    Attributes:
+        effect: the effect.
+        role: ``found``, ``rival``, ``refuted`` or ``unseen``.
+        p_value: of "it is not there", the search over its frequencies counted; NaN if it cannot show.
+        share: part of the residual's sum of squares that it explains.
+        gain: twice the logarithm of its odds against no effect, all prices paid.
+        held_out: gain of twice the logarithmic predictive density on touches left out one by one.
+        new: largest part of it that is new beside the twelve; below `candidates.LEAST_NEW` it cannot show.
+    """
+
+    effect: Effect
+    role: str
+    p_value: float
+    share: float
+    gain: float
+    held_out: float
+    new: float
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Whether the twelve-parameter model is enough, and what is behind it if not.
+
+    Attributes:
+        verdict: ``none`` (nothing is missing), ``explained``, ``ambiguous`` or ``unexplained``.
+        p_value: of "the twelve-parameter model is enough", all tests taken together.
+        found: what the extended model has beyond the twelve: effects found, and rivals, which
+            take part together since the data cannot tell which of them it is.
+        rivals: effects that the data cannot tell apart, by label.
+        extended: the calibration with what was found; None if there is nothing.
+        traces: what the residual of the twelve-parameter model depends on, significant ones only.
+        remaining: the same of the extended model.
+        remaining_p_value: of "the extended model is enough"; that of the twelve if there is none.
+        ranking: the whole catalogue, the best first.
+        advice: what to do next, in words; empty if nothing.
+    """
+
+    verdict: str
+    p_value: float
+    found: tuple[Found, ...] = ()
+    rivals: tuple[tuple[str, ...], ...] = ()
+    extended: Calibration | None = None
+    traces: tuple[Trace, ...] = ()
+    remaining: tuple[Trace, ...] = ()
+    remaining_p_value: float = 1.0
+    ranking: tuple[Ranked, ...] = ()
+    advice: str = ''

@@ -1,0 +1,93 @@
+"""How single candidates score: significance, and the gain on touches held out.
+
+The held-out score leaves out one touch after the other, in closed form: with H the projection on all columns of a
+model and H_i its 2×2 block, the residual of a left-out touch is (I - H_i)⁻¹ e_i with covariance (I - H_i)⁻¹, so
+minus twice its logarithmic predictive density is e_iᵀ (I - H_i)⁻¹ e_i / s² - ln det(I - H_i). More parameters pay
+for themselves only if they predict touches that they have not seen.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from scara_kinetostatic.diagnosis.candidates import Candidate
+from scara_kinetostatic.diagnosis.contest import Contest
+from scara_kinetostatic.diagnosis.problem import Problem, orthonormal
+
+Floats = NDArray[np.float64]
+
+ROUNDING = 1e-8
+"""Mean square of a whitened residual below which it is rounding error."""
+
+
+class Score(NamedTuple):
+    """One effect by itself.
+
+    Attributes:
+        candidate: the effect, and the way in which it would be present.
+        p_value: of "it is not there", the search over its trials counted.
+        share: part of the residual's sum of squares that it explains.
+        gain: minus twice the logarithmic likelihood, less its price: what it gains by itself.
+        held_out: the same on touches left out; above 0 it predicts them better than the twelve parameters do.
+    """
+
+    candidate: Candidate
+    p_value: float
+    share: float
+    gain: float
+    held_out: float
+
+
+def score_singles(problem: Problem, contest: Contest) -> tuple[Score, ...]:
+    """Every effect by itself, in its best way, the best first."""
+    nothing = held_out_deviance(problem, None, contest.scale)
+    empty = next(entry for entry in contest.entries if not entry.members)
+    found: dict[str, Score] = {}
+    for entry in contest.entries:  # the best first
+        if len(entry.members) != 1:
+            continue
+        candidate = contest.field.candidates[entry.members[0]]
+        if candidate.effect.label in found:
+            continue
+        p_value, share = significance(problem, candidate)
+        held_out = nothing - held_out_deviance(problem, candidate.unit, contest.scale)
+        found[candidate.effect.label] = Score(candidate, p_value, share, empty.score - entry.score, held_out)
+    return tuple(found.values())
+
+
+def significance(problem: Problem, candidate: Candidate) -> tuple[float, float]:
+    """F-test of one candidate (Bonferroni over its trials), and the part of the sum of squares it explains."""
+    total = float(problem.left @ problem.left)
+    rank = candidate.unit.shape[1]
+    freedoms = problem.freedoms - rank
+    if freedoms < 1 or total < ROUNDING * len(problem.left):
+        return 1.0, 0.0
+    explained = float(np.sum((candidate.unit.T @ problem.left) ** 2))
+    ratio = (explained / rank) / (max(total - explained, 1e-300) / freedoms)
+    return min(1.0, candidate.tried * float(stats.f.sf(ratio, rank, freedoms))), explained / total
+
+
+def held_out_deviance(problem: Problem, unit: Floats | None, scale: float) -> float:
+    """Minus twice the logarithmic predictive density of all touches, each left out in turn.
+
+    Args:
+        problem: the touches.
+        unit: columns beside the twelve, (2n, k); None for none.
+        scale: s².
+    """
+    base, left = problem.base, problem.left
+    if unit is not None:
+        unit = orthonormal(unit, base)
+        left = left - unit @ (unit.T @ left)
+        base = np.concatenate([base, unit], axis=1)
+    rows = base.reshape(-1, 2, base.shape[1])
+    kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
+    e = left.reshape(-1, 2)
+    a, b, d = kept[:, 0, 0], kept[:, 0, 1], kept[:, 1, 1]
+    det = np.maximum(a * d - b * b, 1e-6)
+    distance = (d * e[:, 0] ** 2 - 2 * b * e[:, 0] * e[:, 1] + a * e[:, 1] ** 2) / det
+    return float(np.sum(distance / scale - np.log(det)))

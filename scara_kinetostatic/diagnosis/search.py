@@ -1,0 +1,104 @@
+"""The search for what is missing: contest, fit with the winners, contest again, until nothing changes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.diagnosis.candidates import Candidate, Field, gather
+from scara_kinetostatic.diagnosis.contest import Contest, compete
+from scara_kinetostatic.diagnosis.problem import Problem, pose_problem
+from scara_kinetostatic.diagnosis.refit import effect_values, fit_with
+from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.unnamed import unnamed_effects
+
+ROUNDS = 4
+MOST_IN_UNION = 5
+"""Rivals that are fitted together at most; of more, the best ones."""
+
+
+class Search(NamedTuple):
+    """Where the search ended.
+
+    Attributes:
+        problem: the last linear problem.
+        contest: its outcome.
+        extended: the fit with the winners; None if nothing won.
+        proved: labels of effects in every credible set.
+        rivals: labels of effects that replace each other.
+    """
+
+    problem: Problem
+    contest: Contest
+    extended: Calibration | None
+    proved: tuple[str, ...]
+    rivals: tuple[tuple[str, ...], ...]
+
+
+def search(calibration: Calibration, effects: Sequence[Effect]) -> Search:
+    """Find the effects that a calibration of the twelve parameters lacks.
+
+    Args:
+        calibration: without effects.
+        effects: the catalogue.
+    """
+    latest, before = calibration, frozenset[str]()
+    for _ in range(ROUNDS):
+        problem, contest = _contest(latest, effects)
+        winners = _winners(contest)
+        proved, rivals = _sort_out(contest)
+        labels = frozenset(candidate.effect.label for candidate in winners)
+        if labels == before:
+            break
+        before = labels
+        fitted = fit_with(calibration, latest, problem, winners)
+        if fitted.termination is not Termination.CONVERGED:
+            break
+        latest = fitted
+    return Search(problem, contest, latest if latest.cell.effects else None, proved, rivals)
+
+
+def _contest(latest: Calibration, effects: Sequence[Effect]) -> tuple[Problem, Contest]:
+    problem = pose_problem(latest)
+    field = all_candidates(latest, problem, effects)
+    return problem, compete(problem, field)
+
+
+def all_candidates(latest: Calibration, problem: Problem, effects: Sequence[Effect]) -> Field:
+    """The catalogue and unnamed structure as candidates."""
+    pairs = zip(latest.cell.effects, effect_values(latest), strict=True)
+    fitted = {effect.label: values for effect, (values, _) in pairs if isinstance(effect, Effect)}
+    discs = [disc.name for disc in latest.cell.discs]
+    return gather(problem, [*effects, *unnamed_effects(problem.situation, discs)], fitted)
+
+
+def _winners(contest: Contest) -> list[Candidate]:
+    """The effects of the best set, and with them those that could replace them."""
+    winners: dict[str, Candidate] = {}
+    for entry in contest.credible:
+        for k in entry.members:
+            candidate = contest.field.candidates[k]
+            if len(winners) < MOST_IN_UNION or entry is contest.credible[0]:
+                winners.setdefault(candidate.effect.label, candidate)
+    return list(winners.values())
+
+
+def _sort_out(contest: Contest) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """Which effects are in every credible set, and which replace each other."""
+    sets = [set(contest.labels(entry)) for entry in contest.credible]
+    proved = set.intersection(*sets)
+    best = contest.labels(contest.credible[0])
+    open_ones = [label for label in best if label not in proved]
+    groups: list[tuple[str, ...]] = []
+    for label in open_ones:
+        without = {frozenset(s - (set(best) - {label})) for s in sets if set(best) - {label} <= s}
+        group = [label, *sorted({x for s in without for x in s if x != label})]
+        if len(group) > 1:
+            groups.append(tuple(group))
+    grouped = {label for group in groups for label in group}
+    rest = sorted({label for s in sets for label in s} - proved - grouped)
+    if rest:
+        groups.append(tuple(rest + [label for label in open_ones if label not in grouped]))
+    return tuple(label for label in best if label in proved), tuple(groups)
