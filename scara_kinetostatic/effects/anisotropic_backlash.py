@@ -19,8 +19,8 @@ class AnisotropicBacklash(LinearEffect):
 
     name: ClassVar[str] = 'anisotropic_backlash'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('a', 'm', 1e-4, 'backlash along link 2 beyond the mean; as much less across it'),
-        Parameter('b', 'm', 1e-4, 'backlash at 45° to link 2 beyond the mean'),
+        Parameter('a', 'm', 1e-3, 'backlash along link 2 beyond the mean; as much less across it'),
+        Parameter('b', 'm', 1e-3, 'backlash at 45° to link 2 beyond the mean'),
     )
     hides_behind: ClassVar[str] = (
         'an anisotropic compliance of the gripper, and g_ee and g2, if there is one force level or few directions'

@@ -20,7 +20,7 @@ class AnisotropicGripper(LinearEffect):
 
     name: ClassVar[str] = 'anisotropic_gripper'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('coupling', 'm/N', 1e-6, 'p12 in the frame of link 2: yield across it per force along it'),
+        Parameter('coupling', 'm/N', 1e-5, 'p12 in the frame of link 2: yield across it per force along it'),
     )
     hides_behind: ClassVar[str] = (
         'p_ee, p1 and p2, if the forces come from few directions seen from link 2; '

@@ -21,8 +21,8 @@ class BaseCompliance(LinearEffect):
 
     name: ClassVar[str] = 'base_compliance'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('excess', 'm/N', 1e-6, 'yield along x beyond the mean of x and y; as much less along y'),
-        Parameter('coupling', 'm/N', 1e-6, 'yield along y per force along x'),
+        Parameter('excess', 'm/N', 1e-5, 'yield along x beyond the mean of x and y; as much less along y'),
+        Parameter('coupling', 'm/N', 1e-5, 'yield along y per force along x'),
     )
     hides_behind: ClassVar[str] = (
         'the compliances of gripper and joints, if the arm hardly turns; its mean over all directions in p_ee always'

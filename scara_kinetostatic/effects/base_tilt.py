@@ -28,10 +28,10 @@ class BaseTilt(LinearEffect):
 
     name: ClassVar[str] = 'base_tilt'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('m1_x', 'Nm', 1.0, 'static moment along link 1 times gravity along x'),
-        Parameter('m1_y', 'Nm', 1.0, 'static moment along link 1 times gravity along y'),
-        Parameter('m2_x', 'Nm', 1.0, 'static moment along link 2 times gravity along x'),
-        Parameter('m2_y', 'Nm', 1.0, 'static moment along link 2 times gravity along y'),
+        Parameter('m1_x', 'Nm', 10.0, 'static moment along link 1 times gravity along x'),
+        Parameter('m1_y', 'Nm', 10.0, 'static moment along link 1 times gravity along y'),
+        Parameter('m2_x', 'Nm', 10.0, 'static moment along link 2 times gravity along x'),
+        Parameter('m2_y', 'Nm', 10.0, 'static moment along link 2 times gravity along y'),
     )
     hides_behind: ClassVar[str] = (
         'a transmission error of joint 1 of one cycle per turn, which m1 alone exactly is; the base position and the '

@@ -28,7 +28,7 @@ class ContactCompliance(LinearEffect):
 
     name: ClassVar[str] = 'contact_compliance'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('yield', 'm/N^(2/3)', 1e-5, 'depth of the tip in the disc under 1 N'),
+        Parameter('yield', 'm/N^(2/3)', 1e-3, 'depth of the tip in the disc under 1 N'),
     )
     hides_behind: ClassVar[str] = (
         'p_ee and g_ee together, if all discs are soft and the force levels few: f^(2/3) is nearly a straight line; '

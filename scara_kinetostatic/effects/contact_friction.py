@@ -9,32 +9,49 @@ import numpy as np
 
 from scara_kinetostatic.effects.base import Effect, Floats, Parameter
 from scara_kinetostatic.model.extension import Shift, Situation
+from scara_kinetostatic.model.parameters import Parameters
+
+STICKING = 0.1
+"""A tip that comes within this angle of the normal sticks, as a usual coefficient of friction has it, rad."""
 
 
-def slide(at: Situation) -> Floats:
-    """Sense in which the last movement before the hold drags the tip along the disc: of t·J ΔQ, (n,), +1, -1 or 0.
+def slide(at: Situation, reference: Parameters | None = None) -> Floats:
+    """How far the last movement before the hold drags the tip aside, (n,): +1 or -1, or between where the tip sticks.
 
-    t runs around the disc at the rigid tip H(L, Q). Taken at the measured angles the sense is given with the touch:
-    seen along the force, which leans by it, a tip pressed along the normal would have neither.
+    It is the part along t, counter-clockwise around the disc, of the movement J ΔQ as a part of the whole: -1 and 1 are
+    reached at `STICKING`. The movement and t are those of the rigid tip at the measured angles.
+
+    Args:
+        at: the touches.
+        reference: L̄ by which the tip is placed; None for that of the touches.
     """
-    p = at.parameters
-    links = at.joints + (p.theta1, p.theta2)
+    p = reference or at.parameters
+    links = at.joints + np.array([p.theta1, p.theta2])
     first, second = links[:, 0], links.sum(axis=1)
     x2, y2 = p.l2 * np.cos(second), p.l2 * np.sin(second)
     x1, y1 = p.l1 * np.cos(first) + x2, p.l1 * np.sin(first) + y2
     turn1, turn2 = at.tags.approach.T
     move_x, move_y = -y1 * turn1 - y2 * turn2, x1 * turn1 + x2 * turn2
     inward_x, inward_y = at.centers[:, 0] - p.x0 - x1, at.centers[:, 1] - p.y0 - y1
-    return np.asarray(np.sign(inward_x * move_y - inward_y * move_x))
+    size = np.hypot(inward_x, inward_y) * np.hypot(move_x, move_y)
+    aside = (inward_x * move_y - inward_y * move_x) / np.where(size > 0, size, 1.0)
+    return np.asarray(np.clip(aside / STICKING, -1.0, 1.0))
 
 
 @dataclass(frozen=True)
 class ContactFriction(Effect):
     """Coulomb friction: the tip drags the disc along, so the force leans in the sense of the slide.
 
-    The force on the object is turned by α = coefficient · sense from the disc's inward normal: the tip touches at
-    S_c - r R(-α) n, so d = r (R(-α) - I) n. The coefficient is the angle of friction, which is μ up to μ³/3.
+    The force on the object is turned by α = coefficient · slide from the disc's inward normal: the tip touches at
+    S_c - r R(-α) n, so d = r (R(-α) - I) n. The coefficient is the angle of friction, which is μ up to μ³/3. A tip
+    pressed along the normal does not slide: it sticks, and the force leans as it came, less than by friction.
+
+    Attributes:
+        reference: L̄ by which the slide is judged, such as the nominal one: held, so that no touch
+            changes its sense while L̄ is estimated; None for L̄ itself.
     """
+
+    reference: Parameters | None = None
 
     name: ClassVar[str] = 'contact_friction'
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -48,12 +65,12 @@ class ContactFriction(Effect):
     on_object: ClassVar[bool] = True
 
     def shift(self, at: Situation, values: Floats) -> Shift:
-        lean = values[0] * slide(at)
+        lean = values[0] * slide(at, self.reference)
         along, across = at.radii * (np.cos(lean) - 1), -at.radii * np.sin(lean)
         return Shift(place=along[:, None] * at.normal + across[:, None] * at.tangent)
 
     def derivative(self, at: Situation, values: Floats) -> tuple[Shift, ...]:
-        sense = slide(at)
+        sense = slide(at, self.reference)
         lean = values[0] * sense
         along, across = -at.radii * np.sin(lean) * sense, -at.radii * np.cos(lean) * sense
         return (Shift(place=along[:, None] * at.normal + across[:, None] * at.tangent),)

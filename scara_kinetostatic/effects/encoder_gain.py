@@ -17,7 +17,7 @@ class EncoderGain(JointEffect):
     """
 
     name: ClassVar[str] = 'encoder_gain'
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('gain', '1', 1e-3, 'true angle over reported, less 1'),)
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('gain', '1', 1e-2, 'true angle over reported, less 1'),)
     hides_behind: ClassVar[str] = 'the offset of the joint, if its angle hardly varies; a torque that grows with it'
     reveal: ClassVar[str] = 'touches over the whole range of the joint, in both elbow postures'
     betrays: ClassVar[str] = 'angle'

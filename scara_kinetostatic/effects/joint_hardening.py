@@ -18,7 +18,7 @@ class JointHardening(JointEffect):
 
     name: ClassVar[str] = 'joint_hardening'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('rate', 'rad/(Nm)^3', 1e-8, 'by which the deflection falls short of p c, over c³'),
+        Parameter('rate', 'rad/(Nm)^3', 1e-6, 'by which the deflection falls short of p c, over c³'),
     )
     hides_behind: ClassVar[str] = 'compliance and backlash of the joint, if its torques are alike in size'
     reveal: ClassVar[str] = 'touches with torques on the joint from small to large, in three or more steps'

@@ -20,7 +20,7 @@ class JointHysteresis(JointEffect):
 
     name: ClassVar[str] = 'joint_hysteresis'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('width', 'rad', 1e-4, 'by which the link stays behind, half the width of the loop'),
+        Parameter('width', 'rad', 1e-3, 'by which the link stays behind, half the width of the loop'),
     )
     hides_behind: ClassVar[str] = 'the backlash of the joint, if it always moves on in the sense of its torque'
     reveal: ClassVar[str] = 'touches reached from both sides: press beyond the force and let it down, every other time'

@@ -36,7 +36,7 @@ class LinkBending(LinearEffect):
 
     name: ClassVar[str] = 'link_bending'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('compliance', 'rad/Nm', 1e-5, 'length over bending stiffness, l / EI'),
+        Parameter('compliance', 'rad/Nm', 1e-3, 'length over bending stiffness, l / EI'),
     )
     hides_behind: ClassVar[str] = (
         'p1 and p2, if the torques of the joints are nearly in proportion; bending of link 2 hides in p2 always'

@@ -17,8 +17,8 @@ class ObjectPosition(DiscEffect):
 
     name: ClassVar[str] = 'object_position'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('x', 'm', 1e-4, 'true place of the centre less the stated one, x'),
-        Parameter('y', 'm', 1e-4, 'true place of the centre less the stated one, y'),
+        Parameter('x', 'm', 1e-3, 'true place of the centre less the stated one, x'),
+        Parameter('y', 'm', 1e-3, 'true place of the centre less the stated one, y'),
     )
     hides_behind: ClassVar[str] = (
         'x0, y0 and theta1, if there is one disc; with two, one of them moved may be the other and the base moved'

@@ -14,7 +14,7 @@ class ObjectRadius(DiscEffect):
     """The disc is larger by `radius` than stated: d = radius · n."""
 
     name: ClassVar[str] = 'object_radius'
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('radius', 'm', 1e-4, 'true radius less the stated one'),)
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('radius', 'm', 1e-3, 'true radius less the stated one'),)
     hides_behind: ClassVar[str] = 'g_ee, if there is one disc: all radii larger is a smaller backlash of the gripper'
     reveal: ClassVar[str] = 'touches of two or more discs, all round each'
     betrays: ClassVar[str] = 'disc'

@@ -47,7 +47,7 @@ def each_of_several_discs(of: Callable[[int, str], Effect]) -> Factory:
 
 
 BUILT_IN: tuple[Factory, ...] = (
-    lambda cell: [ContactFriction()],
+    lambda cell: [ContactFriction(reference=cell.nominal)],
     lambda cell: [SensorRotation()],
     lambda cell: [SensorBias()],
     each_joint(EncoderGain.of),

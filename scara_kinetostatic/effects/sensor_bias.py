@@ -16,8 +16,8 @@ class SensorBias(SensorEffect):
 
     name: ClassVar[str] = 'sensor_bias'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('x', 'N', 1.0, 'reported too much along x of the sensor'),
-        Parameter('y', 'N', 1.0, 'reported too much along y of the sensor'),
+        Parameter('x', 'N', 3.0, 'reported too much along x of the sensor'),
+        Parameter('y', 'N', 3.0, 'reported too much along y of the sensor'),
     )
     hides_behind: ClassVar[str] = 'the places of the discs, if each is touched from one side or with one force only'
     reveal: ClassVar[str] = 'touches from all sides of the discs, some of them with little force'

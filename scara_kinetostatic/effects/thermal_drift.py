@@ -17,7 +17,7 @@ class LinkGrowth(LinearEffect):
     """
 
     name: ClassVar[str] = 'thermal_drift'
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('rate', '1/s', 1e-6, 'growth of the links, per length'),)
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('rate', '1/s', 1e-5, 'growth of the links, per length'),)
     hides_behind: ClassVar[str] = 'places, postures or forces that change in the same order as time goes on'
     reveal: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
     betrays: ClassVar[str] = 'time'
@@ -35,7 +35,7 @@ class ZeroDrift(JointEffect):
     """
 
     name: ClassVar[str] = 'thermal_drift'
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('rate', 'rad/s', 1e-6, 'growth of the true angle'),)
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('rate', 'rad/s', 1e-5, 'growth of the true angle'),)
     hides_behind: ClassVar[str] = 'places, postures or forces that change in the same order as time goes on'
     reveal: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
     betrays: ClassVar[str] = 'time'

@@ -33,7 +33,7 @@ class TransmissionError(Effect):
 
     name: ClassVar[str] = 'transmission_error'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('amplitude', 'rad', 1e-4, 'by which the angle errs at most'),
+        Parameter('amplitude', 'rad', 1e-3, 'by which the angle errs at most'),
         Parameter('phase', 'rad', 1.0, 'cycles times the angle at which it errs most'),
         Parameter('cycles', '1/turn', 1.0, 'waves per turn of the joint', LOWEST),
     )
@@ -58,6 +58,10 @@ class TransmissionError(Effect):
         angle = at.joints[:, self.joint]
         wave, turned = np.cos(cycles * angle - phase), amplitude * np.sin(cycles * angle - phase)
         return tuple(Shift(joints=at_joint(column, self.joint)) for column in (wave, turned, -angle * turned))
+
+    def strength(self, values: Floats) -> Floats:
+        """Its amplitude alone."""
+        return np.array([values[0], 0.0, 0.0])
 
     def trials(self, at: Situation, force: Floats) -> Sequence[Trial]:
         """One per frequency of a grid: a cosine and a sine."""
