@@ -6,6 +6,7 @@ from setuptools import find_packages, setup
 
 NAME = 'scara_kinetostatic'
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
+PHYSICS = ['mujoco>=3.13']  # the first with the integrator `discrete`
 TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML']
 README = Path('README.md')
 
@@ -50,7 +51,7 @@ setup(
         'lz4',
         'zstandard',
     ],
-    extras_require={'ros': ROS, 'test': TEST, 'bench': ['mujoco']},
+    extras_require={'ros': ROS, 'test': TEST, 'physics': PHYSICS, 'bench': PHYSICS},
     zip_safe=False,
     entry_points={
         'console_scripts': [

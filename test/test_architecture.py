@@ -22,7 +22,7 @@ FLOORS = (
     ('effects',),
     ('calibration',),
     ('diagnosis',),
-    ('recording', 'simulation', 'experiments'),
+    ('recording', 'simulation', 'experiments', 'physics'),
     ('pipeline',),
     ('report',),
     ('nodes', 'cli'),
@@ -35,6 +35,7 @@ KEPT_IN = {
     'matplotlib': 'report',
     'jinja2': 'report',
     'rich': 'cli',
+    'mujoco': 'physics',
 }
 MODULES = sorted(PACKAGE.rglob('*.py'))
 

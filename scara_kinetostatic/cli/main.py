@@ -18,7 +18,7 @@ from scara_kinetostatic.cli.arguments import EXIT_STATUSES, Parser
 from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
 
 PROGRAM = 'scara-kinetostatic'
-VERBS = ('calibrate', 'inspect', 'simulate', 'demo', 'gauge', 'loops', 'design', 'paper')
+VERBS = ('calibrate', 'inspect', 'simulate', 'physics', 'demo', 'gauge', 'loops', 'design', 'paper')
 DONE, INTERNAL, WRONG_INPUT, UNSUPPORTED, INTERRUPTED, BROKEN_PIPE, TERMINATED = 0, 1, 2, 3, 130, 141, 143
 DEBUG = 'SCARA_KINETOSTATIC_DEBUG'
 
