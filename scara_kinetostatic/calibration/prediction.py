@@ -32,9 +32,7 @@ def observe(touches: TouchSet, cell: Cell) -> Observations:
         cell.radii[touches.disc],
         cell.sensor.frame,
         cell.gripper,
-        Extension(cell.effects, Tags(touches.disc, touches.time, touches.approach, touches.posture))
-        if cell.effects
-        else None,
+        Extension(cell.effects, Tags.of(touches)) if cell.effects else None,
     )
 
 

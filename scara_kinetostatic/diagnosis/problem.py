@@ -81,8 +81,7 @@ def pose_problem(calibration: Calibration) -> Problem:
     touches = c.touches.select(c.used)
     observations = observe(touches, c.cell)
     point = project(observations, c.parameters, c.noise)
-    tags = Tags(touches.disc, touches.time, touches.approach, touches.posture)
-    extension = observations.extension or Extension((), tags)
+    extension = observations.extension or Extension((), Tags.of(touches))
     setting = observations._replace(extension=extension).setting(point.adjusted.joints)
     state = point.adjusted.state
     jacobian = point.whitened.derivative[:, :, : len(NAMES)] @ c.subspace.basis[: len(NAMES)]

@@ -30,7 +30,7 @@ def slide(at: Situation, reference: Parameters | None = None) -> Floats:
     first, second = links[:, 0], links.sum(axis=1)
     x2, y2 = p.l2 * np.cos(second), p.l2 * np.sin(second)
     x1, y1 = p.l1 * np.cos(first) + x2, p.l1 * np.sin(first) + y2
-    turn1, turn2 = at.tags.approach.T
+    turn1, turn2 = at.tags.press.T
     move_x, move_y = -y1 * turn1 - y2 * turn2, x1 * turn1 + x2 * turn2
     inward_x, inward_y = at.centers[:, 0] - p.x0 - x1, at.centers[:, 1] - p.y0 - y1
     size = np.hypot(inward_x, inward_y) * np.hypot(move_x, move_y)

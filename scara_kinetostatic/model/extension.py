@@ -22,6 +22,7 @@ from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.state import State
 from scara_kinetostatic.model.statics import view_arm
+from scara_kinetostatic.model.touch import TouchSet
 
 Floats = NDArray[np.float64]
 
@@ -39,21 +40,31 @@ class Tags(NamedTuple):
         time: middle of the hold, (n,), s.
         approach: each joint's motion in the last movement before the hold, (n, 2), rad.
         posture: +1 or -1, (n,).
+        press: the part of `approach` in contact, (n, 2), rad.
     """
 
     disc: NDArray[np.intp]
     time: Floats
     approach: Floats
     posture: NDArray[np.intp]
+    press: Floats
 
     @classmethod
     def plain(cls, n: int) -> Tags:
         """Of n touches about which nothing is known."""
-        return cls(np.zeros(n, dtype=np.intp), np.zeros(n), np.zeros((n, 2)), np.ones(n, dtype=np.intp))
+        still = np.zeros((n, 2))
+        return cls(np.zeros(n, dtype=np.intp), np.zeros(n), still, np.ones(n, dtype=np.intp), still)
+
+    @classmethod
+    def of(cls, touches: TouchSet) -> Tags:
+        """Those of touches."""
+        return cls(touches.disc, touches.time, touches.approach, touches.posture, touches.press)
 
     def select(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Tags:
         """The touches that a mask or an array of positions picks."""
-        return Tags(self.disc[which], self.time[which], self.approach[which], self.posture[which])
+        return Tags(
+            self.disc[which], self.time[which], self.approach[which], self.posture[which], self.press[which]
+        )
 
 
 class Situation(NamedTuple):

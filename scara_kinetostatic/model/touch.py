@@ -26,6 +26,8 @@ class TouchSet:
         approach: motion of each joint in its last movement before the hold, (n, 2), rad: from where
             it last turned round, or from the free pose if it never did, to the hold; its sign is the
             sense in which the joint came to rest; 0 where it did not move beyond noise.
+        press: the part of `approach` in contact: from where the contact began, or from
+            where the joint turned round after that, (n, 2), rad.
         joint_scatter: standard deviation of the samples in the hold, (n, 2), rad.
         force_scatter: the same of the force, (n, 2), N.
         samples: number of force samples in the hold, (n,).
@@ -41,6 +43,7 @@ class TouchSet:
     time: Floats = None  # type: ignore[assignment]
     index: NDArray[np.intp] = None  # type: ignore[assignment]
     approach: Floats = None  # type: ignore[assignment]
+    press: Floats = None  # type: ignore[assignment]
     joint_scatter: Floats = None  # type: ignore[assignment]
     force_scatter: Floats = None  # type: ignore[assignment]
     samples: NDArray[np.intp] = None  # type: ignore[assignment]
@@ -51,6 +54,7 @@ class TouchSet:
             'time': np.arange(n, dtype=float),
             'index': np.arange(n),
             'approach': np.zeros((n, 2)),
+            'press': np.zeros((n, 2)),
             'joint_scatter': np.zeros((n, 2)),
             'force_scatter': np.zeros((n, 2)),
             'samples': np.ones(n, dtype=np.intp),
@@ -58,7 +62,7 @@ class TouchSet:
         for item in fields(self):
             value = getattr(self, item.name)
             value = defaults[item.name] if value is None else value
-            pair = item.name in ('joints', 'force', 'approach', 'joint_scatter', 'force_scatter')
+            pair = item.name in ('joints', 'force', 'approach', 'press', 'joint_scatter', 'force_scatter')
             whole = item.name in ('disc', 'posture', 'index', 'samples')
             array = np.array(value, dtype=np.intp if whole else float)
             expected = (n, 2) if pair else (n,)
