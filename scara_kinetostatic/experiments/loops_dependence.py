@@ -2,11 +2,11 @@
 
 The residual is averaged in bins of a variable over the odd cycles; that curve is what the even cycles are predicted
 to have left, and the other way round. The share of the residual's square that it explains tells how much the
-variable betrays. The p-value is that of a one-sided t-test that the scalar product of residual and curve has
-mean zero over the sweeps (the smaller of both halves, doubled). It assumes that the residuals of different sweeps are
-independent, with mean zero, if nothing is missing; within a sweep they may hang together. Displacement alone cannot
-explain hysteresis: where the same variable explains more once the sense of the motion is known, no
-elastic law will do.
+variable betrays. The p-value is that of a one-sided t-test that the correlation of residual and curve has mean zero
+over the sweeps (the smaller of both halves, doubled). It assumes that, if nothing is missing, the residuals of
+different sweeps are independent and as likely with the one sign as with the other; within a sweep they may hang
+together. Displacement alone cannot explain hysteresis: where the same variable explains more once the sense of the
+motion is known, no elastic law will do.
 """
 
 from __future__ import annotations
@@ -67,11 +67,17 @@ def _dependence(motion: Motion, residual: Floats, variable: str) -> Dependence:
         asked = motion.scored & ~learned
         curve = _curve(place, residual, learned)[place]
         left[asked] -= curve[asked]
-        product = np.bincount(motion.sweep[asked], weights=(residual * curve)[asked], minlength=motion.sweeps)
-        chances.append(_above_zero(product[np.unique(motion.sweep[asked])]))
+        sums = [_by_sweep(motion, values, asked) for values in (residual * curve, residual**2, curve**2)]
+        size = np.sqrt(sums[1] * sums[2])
+        chances.append(_above_zero(sums[0][size > 0] / size[size > 0]))
     rows = motion.scored
     share = 1 - float((left[rows] ** 2).sum() / (residual[rows] ** 2).sum()) if np.any(residual[rows]) else 0.0
     return Dependence(variable, share, min(1.0, 2 * min(chances)))
+
+
+def _by_sweep(motion: Motion, values: Floats, rows: Rows) -> Floats:
+    """Sum over the rows of each sweep, (sweeps,)."""
+    return np.asarray(np.bincount(motion.sweep[rows], weights=values[rows], minlength=motion.sweeps), dtype=float)
 
 
 def _bin(motion: Motion, variable: str) -> NDArray[np.int64]:

@@ -166,9 +166,9 @@ def _slip(values: Values, motion: Motion) -> Floats:
 
 
 def _reset(values: Values, motion: Motion) -> Floats:
-    spring, first = _spring(values), motion.edges[motion.sweep]
-    moved = motion.displacement - motion.displacement[first]
-    here = [_state(motion.force[k] - values['force_zero'], spring, motion) for k in motion.edges[:-1]]
+    spring = _spring(values)
+    moved = motion.displacement - motion.displacement[motion.begins][motion.sweep]
+    here = [_state(motion.force[k] - values['force_zero'], spring, motion) for k in motion.begins]
     return values['force_zero'] + spring.force(np.array(here)[motion.sweep] + moved)
 
 
@@ -180,7 +180,7 @@ def _spring(values: Values) -> _Spring:
 
 def _state(force: float, spring: _Spring, motion: Motion) -> float:
     """The stretch that goes with a spring force; towards the middle of the gap where the force is small."""
-    place = force / (abs(force) + _INSIDE * motion.force_range)
+    place = min(max(force / (_INSIDE * motion.force_range), -1.0), 1.0)
     return force * (spring.positive if force > 0 else spring.negative) + place * spring.half_gap
 
 

@@ -38,7 +38,7 @@ class Motion:
         time: s, rising.
         displacement: m.
         force: N.
-        edges: first sample of each sweep, and n, (sweeps + 1,).
+        edges: first sample of each sweep, and n, (sweeps + 1,); the sample at a reversal is the last of its sweep.
         sweep: number of the sweep of each sample.
         sense: of the motion, +1 or -1.
         distance: since the reversal, m.
@@ -65,6 +65,11 @@ class Motion:
     def sweeps(self) -> int:
         """How many."""
         return len(self.edges) - 1
+
+    @property
+    def begins(self) -> NDArray[np.int64]:
+        """Sample at which each sweep begins: the reversal before it, (sweeps,)."""
+        return np.maximum(self.edges[:-1] - 1, 0)
 
     @property
     def travel(self) -> float:
@@ -127,13 +132,13 @@ def cut(time: Floats, displacement: Floats, force: Floats) -> Motion:
     time, displacement, force = (values[_moving(displacement)] for values in (time, displacement, force))
     least = PROMINENCE * float(np.ptp(displacement))
     turns = np.sort(np.concatenate([find_peaks(sign * displacement, prominence=least)[0] for sign in (1, -1)]))
-    edges = np.array([0, *turns.tolist(), len(time)], dtype=np.int64)
+    edges = np.array([0, *(turns + 1).tolist(), len(time)], dtype=np.int64)
     if len(edges) - 1 < FEWEST_SWEEPS or len(time) < _FEWEST_ROWS * (len(edges) - 1):
         found = f'{len(edges) - 1} sweeps of {len(time)} samples in all'
         need = f'{FEWEST_SWEEPS} sweeps of {_FEWEST_ROWS} samples each are needed'
         raise UnsupportedDataError(f'{found}; {need}', 'record more loops, sampled more densely')
     sweep = np.repeat(np.arange(len(edges) - 1), np.diff(edges))
-    start, last = displacement[edges[:-1]], displacement[edges[1:] - 1]
+    start, last = displacement[np.maximum(edges[:-1] - 1, 0)], displacement[edges[1:] - 1]
     return Motion(
         time=time.copy(),
         displacement=displacement.copy(),
@@ -161,7 +166,7 @@ def repeatability(motion: Motion) -> float:
     standard deviation of one, N. NaN if no motion repeats.
     """
     limit, square, count = _SAME_TURN * motion.travel, 0.0, 0
-    start, last = motion.displacement[motion.edges[:-1]], motion.displacement[motion.edges[1:] - 1]
+    start, last = motion.displacement[motion.begins], motion.displacement[motion.edges[1:] - 1]
     for k in range(motion.sweeps - 2):
         if max(abs(start[k + 2] - start[k]), abs(last[k + 2] - last[k])) > limit:
             continue

@@ -8,6 +8,7 @@ from scara_kinetostatic import __version__
 from scara_kinetostatic.experiments.loops_choice import AMBIGUOUS, LEVEL, UNEXPLAINED
 from scara_kinetostatic.experiments.loops_study import LoopsStudy, Record
 from scara_kinetostatic.report import loops_pictures as pictures
+from scara_kinetostatic.report import loops_tables as tables
 from scara_kinetostatic.report import loops_text as words
 from scara_kinetostatic.report.drawing import style
 from scara_kinetostatic.report.gauge_text import Table
@@ -24,12 +25,12 @@ def html_text(study: LoopsStudy) -> str:
     return template('loops.html.j2').render(
         version=__version__,
         sources=[record.source for record in study.records],
-        summary=_table(words.summary_table(study)),
+        summary=_table(tables.summary_table(study)),
         errors=words.ERRORS,
         records=records,
         transfer=transfer,
-        transfer_words=words.TRANSFER,
-        transfer_table=_table(words.transfer_table(study)),
+        transfer_words=[words.TRANSFER, *words.transfer_sentences(study)] if study.transfers else [],
+        transfer_table=_table(tables.transfer_table(study)),
         notes=[note for record in study.records for note in record.notes],
     )
 
@@ -44,10 +45,10 @@ def _record(record: Record, name: str) -> dict[str, Any]:
         'sentences': sentences,
         'loop': pictures.loop_picture(record, f'{name}_record'),
         'residual': pictures.residual_picture(record, f'{name}_residual'),
-        'candidates': _table(words.candidate_table(record)),
-        'refinements': _table(words.refinement_table(record)) if record.choice.refinements else None,
-        'dependences': _table(words.dependence_table(record)),
-        'parameters': _table(words.parameter_table(record)),
+        'candidates': _table(tables.candidate_table(record)),
+        'refinements': _table(tables.refinement_table(record)) if record.choice.refinements else None,
+        'dependences': _table(tables.dependence_table(record)),
+        'parameters': _table(tables.parameter_table(record)),
     }
 
 
@@ -60,7 +61,7 @@ def _level(record: Record) -> str:
 
 
 def _table(table: Table) -> dict[str, Any]:
-    numbers = [words.is_number(table, k) for k in range(len(table.heading))]
+    numbers = [tables.is_number(table, k) for k in range(len(table.heading))]
     return {
         'columns': list(zip(table.heading, table.units, numbers, strict=True)),
         'rows': table.rows,

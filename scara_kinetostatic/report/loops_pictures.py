@@ -48,7 +48,8 @@ def residual_picture(record: Record, name: str) -> Markup:
     """Held-out residual over the distance since the reversal: law (6), and the last law."""
     figure, panels = _panels(330)
     choice = record.choice
-    for axes, score, words in zip(panels, (choice.before, choice.after), ('before', 'after'), strict=True):
+    names = ('before', 'refined' if '+' in choice.after.law.name else 'after')
+    for axes, score, words in zip(panels, (choice.before, choice.after), names, strict=True):
         _residual(axes, record.motion, score)
         axes.axhline(0, color=FAINT, lw=0.9)
         axes.set(xlabel='distance since the reversal  [mm]')

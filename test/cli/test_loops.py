@@ -1,0 +1,115 @@
+"""The verb `loops`: records in, tables and a page out, one line where something is wrong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli.command import Run
+
+
+def record(slip: float = 6e3, seed: int = 0) -> str:
+    """Loops of a joint with a gap of 4 mm that slips at a load, as a table."""
+    time = np.arange(0, 8, 1 / 50)
+    moved = 0.02 * np.minimum(0.4 + time / 6, 1) * np.sin(np.pi * time)
+    force = []
+    anchor = 0.0
+    for x in moved.tolist():
+        anchor = min(max(anchor, x - 2e-3 - 1e-6 * slip), x + 2e-3 + 1e-6 * slip)
+        stretch = x - anchor
+        force.append(np.sign(stretch) * max(abs(stretch) - 2e-3, 0) / 1e-6)
+    noisy = np.array(force) + 20 * np.random.default_rng(seed).standard_normal(len(force))
+    rows = ['time_s,displacement_m,force_N']
+    rows += [f'{t:.4f},{x:.9f},{f:.3f}' for t, x, f in zip(time, moved, noisy, strict=True)]
+    return '\n'.join(rows) + '\n'
+
+
+@pytest.fixture
+def records(tmp_path: Path) -> list[str]:
+    names = []
+    for number, slip in enumerate((4e3, 6e3, 8e3)):
+        (tmp_path / f'loop{number}.csv').write_text(record(slip, number))
+        names.append(f'loop{number}.csv')
+    return names
+
+
+def test_tables_json_and_page(run: Run, records: list[str], tmp_path: Path) -> None:
+    result = run('loops', *records, '--tension', '4', '6', '8', '--out', 'result')
+    assert result.status == 0
+    assert result.err == ''
+    for word in ('Law (6) lacks friction in series', 'named', 'Before and after', 'held out', 'predicted'):
+        assert word in result.out
+    assert {path.name for path in (tmp_path / 'result').iterdir()} == {'loops.json', 'loops.html'}
+    document = json.loads((tmp_path / 'result' / 'loops.json').read_text(encoding='utf-8'))
+    assert document['schema'] == 'scara_kinetostatic/loops/1'
+    for found, slip in zip(document['records'], (4e3, 6e3, 8e3), strict=True):
+        assert found['effects'] == ['slip']
+        assert found['force_error']['after']['held_out'] < 0.1 * found['force_error']['before']['held_out']
+        estimate = found['parameters']['slip']['slip_positive']
+        assert estimate['value'] == pytest.approx(slip, rel=0.01)
+        assert estimate['unit'] == 'N'
+    assert len(document['predicted_from_the_others']) == 3
+    page = (tmp_path / 'result' / 'loops.html').read_text(encoding='utf-8')
+    assert page.count('<svg') == 2 * 3 + 1
+    assert '#01020' not in page  # no stand-in colour left
+    assert 'http' not in page.replace('http://www.w3.org', '')
+
+
+def test_json_on_stdout_is_that_of_the_file(run: Run, records: list[str], tmp_path: Path) -> None:
+    printed = json.loads(run('loops', records[0], '--json', '--out', 'result').out)
+    assert printed == json.loads((tmp_path / 'result' / 'loops.json').read_text(encoding='utf-8'))
+    assert printed['predicted_from_the_others'] == []
+
+
+def test_a_joint_that_never_slips_needs_nothing(run: Run, tmp_path: Path) -> None:
+    (tmp_path / 'still.csv').write_text(record(slip=1e9))
+    result = run('loops', 'still.csv', '--out', 'result')
+    assert result.status == 0
+    assert 'Law (6) is enough' in result.out
+    assert 'friction in series' not in result.out
+
+
+@pytest.mark.parametrize(
+    ('text', 'options', 'status', 'message'),
+    [
+        (None, [], 2, 'one.csv: there is no such file'),
+        ('force_N,displacement_mm\n1,x\n', [], 2, 'one.csv: line 2: displacement_mm: expected a number'),
+        (record(), ['one.csv'], 2, 'one.csv: is given twice'),
+        (record(), ['--tension', '3', '4'], 2, 'tension: expected one per file, 1, got 2'),
+        (record(), ['--tension', '3'], 2, 'tension: a line over the tension'),
+        (record(), ['--tension', 'x'], 2, 'expected a number'),
+        (record(), ['--out', 'one.csv'], 2, 'one.csv'),
+        ('force_N,displacement_mm\n1,2\n2,3\n', [], 3, 'one.csv: loops need the time'),
+        ('time_s,force_N,displacement_mm\n1,1,2\n0,2,3\n', [], 3, 'one.csv: the time does not rise'),
+        ('time_s,force_N,displacement_mm\n1,1,2\n2,2,3\n3,1,2\n', [], 3, 'one.csv: 2 sweeps'),
+    ],
+)
+def test_what_is_wrong_is_one_line(
+    run: Run, tmp_path: Path, text: str | None, options: list[str], status: int, message: str
+) -> None:
+    if text is not None:
+        (tmp_path / 'one.csv').write_text(text)
+    result = run('loops', 'one.csv', *options)
+    assert result.status == status
+    assert message in result.err
+    assert result.err.count('\n') == 1
+    assert 'Traceback' not in result.err
+    assert result.out == ''
+    assert not (tmp_path / 'result').exists()
+
+
+def test_nothing_is_written_if_a_table_is_wrong(run: Run, records: list[str], tmp_path: Path) -> None:
+    (tmp_path / records[2]).write_text(record() + 'oops\n')
+    assert run('loops', *records, '--out', 'result').status == 2
+    assert not (tmp_path / 'result').exists()
+
+
+def test_names_of_files_come_out_as_they_are(run: Run, tmp_path: Path) -> None:
+    name = '<b>&$\\frac$.csv'
+    (tmp_path / name).write_text(record())
+    assert run('loops', name, '--out', 'result').status == 0
+    page = (tmp_path / 'result' / 'loops.html').read_text(encoding='utf-8')
+    assert '<b>' not in page
+    assert '&lt;b&gt;&amp;$\\frac$.csv' in page
