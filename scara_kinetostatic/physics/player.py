@@ -38,6 +38,10 @@ DEEPEST = 0.02
 """The controller gives up when it aims this deep into a disc and the force is not there, m."""
 GRID = 60
 """Aims between the free pose and the deepest, for which the motor angles are worked out."""
+NEAR = 7e-3
+"""Closer than this to where the contact is expected the tip goes, m,"""
+NEAR_SPEED = 0.01
+"""at this speed, m/s, so that it hardly knocks."""
 FIRST_FORCE = 0.5
 """Sensed force that ends the approach, N;"""
 FIRM_FORCE = 2.0
@@ -162,7 +166,7 @@ class Player:
         self._phase, self._depth = APPROACH, -self.timing.clearance
         while self._force < FIRST_FORCE:
             passed += TICK
-            self._deepen(speed * min(1.0, passed / LIFTING))
+            self._deepen(NEAR_SPEED if self._depth > -NEAR else speed * min(1.0, passed / LIFTING))
         self._rest(PRESS, BOUNCE)
         while self._force < FIRM_FORCE:
             self._deepen(CREEP_SPEED)
