@@ -16,10 +16,10 @@ STICKING = 0.1
 
 
 def slide(at: Situation, reference: Parameters | None = None) -> Floats:
-    """How far the last movement before the hold drags the tip aside, (n,): +1 or -1, or between where the tip sticks.
+    """How far the last movement in contact drags the tip aside, (n,): +1 or -1, or between where the tip sticks.
 
-    It is the part along t, counter-clockwise around the disc, of the movement J ΔQ as a part of the whole: -1 and 1 are
-    reached at `STICKING`. The movement and t are those of the rigid tip at the measured angles.
+    It is the part along t of the movement J ΔQ, as a part of the whole; -1 and 1 are reached at `STICKING`. Both the
+    movement and t = R90 n are those of the rigid tip at the measured angles.
 
     Args:
         at: the touches.

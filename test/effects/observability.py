@@ -1,0 +1,86 @@
+"""What of each effect the touches can show beside the twelve parameters.
+
+``python -m effects.observability`` (with ``test`` and the package on the path) prints the table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from calibration.studies import CELL, NOISE
+from effects.scenes import exact_touches
+
+from scara_kinetostatic.calibration.adjustment import linearise, whiten_by
+from scara_kinetostatic.calibration.prediction import observe
+from scara_kinetostatic.calibration.projection import project
+from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.model.extension import Extension, Tags
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, Parameters
+from scara_kinetostatic.simulation.plan import default_plan
+
+FREQUENCIES = (1.0, 2.0, 7.3, 100.0)
+"""Of a transmission error, cycles per turn."""
+
+
+class Visibility(NamedTuple):
+    """How far one parameter of an effect shows.
+
+    Attributes:
+        label: effect and parameter.
+        new: part of its whitened column that the twelve parameters do not explain, 0 to 1.
+        doubling: its value at which it alone doubles the reduced chi-square, in its unit.
+        scale: its plausible size.
+        unit: its unit.
+    """
+
+    label: str
+    new: float
+    doubling: float
+    scale: float
+    unit: str
+
+
+def visibility(robot: Parameters, per_disc: int = 18, overpress: float = 0.3) -> list[Visibility]:
+    """Of every effect, for exact touches of the default plan and the usual noise."""
+    plan = default_plan(CELL, per_disc=per_disc, overpress=overpress)
+    touches = exact_touches(robot, plan)
+    bare = observe(touches, CELL)
+    point = project(bare, robot, NOISE)
+    base = np.linalg.qr(point.whitened.derivative.reshape(2 * len(touches), -1))[0]
+    tags = Tags.of(touches)
+    found = []
+    for effect in catalogue(CELL):
+        observations = bare._replace(extension=Extension((effect,), tags))
+        for name, values, k in _cases(effect):
+            linear = linearise(observations, robot.replace(extra=tuple(values)), point.adjusted)
+            column = whiten_by(linear.derivative[:, :, 12 + k : 13 + k], point.whitened.root).ravel()
+            left = np.linalg.norm(column - base @ (base.T @ column))
+            doubling = np.sqrt(2 * len(touches) - 12) / left if left > 0 else np.inf
+            about = effect.parameters[k]
+            found.append(Visibility(name, left / np.linalg.norm(column), doubling, about.scale, about.unit))
+    return found
+
+
+def _cases(effect: Effect) -> Iterator[tuple[str, tuple[float, ...], int]]:
+    """Label, values and position of each parameter; of a wave, its cosine and its sine at several frequencies."""
+    if effect.name == 'transmission_error':
+        for cycles in FREQUENCIES:
+            for wave, phase in (('cos', 0.0), ('sin', np.pi / 2)):
+                yield f'{effect.label} {wave} {cycles:g}', (0.0, phase, cycles), 0
+    else:
+        for k, label in enumerate(effect.labels):
+            yield label, effect.start, k
+
+
+def main() -> None:
+    actual, measured = (visibility(robot) for robot in (PAPER_ACTUAL, PAPER_MEASURED))
+    print(f'{"new beside the twelve; size that doubles chi-square":46s}   table 2            figure 4(d)       scale')
+    for a, b in zip(actual, measured, strict=True):
+        print(f'{a.label:46s} {a.new:7.3f} {a.doubling:9.1e}  {b.new:7.3f} {b.doubling:9.1e}  {a.scale:.0e} {a.unit}')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,123 @@
+"""Effects at plausible sizes, and touches at which to try them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from calibration.studies import CELL, EXACT
+from model.helpers import Poses, random_poses
+
+from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.extension import Extension, Setting, Shift, Situation, Tags
+from scara_kinetostatic.model.gripper import Gripper
+from scara_kinetostatic.model.kinematics import inverse
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection, joint_torques
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
+from scara_kinetostatic.model.state import State, free_state
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.simulation.plan import Plan, default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
+
+EFFECTS = catalogue(CELL)
+LABELS = [effect.label for effect in EFFECTS]
+SIZES = {
+    'contact_friction': (0.1,),
+    'sensor_rotation': (0.05,),
+    'sensor_bias': (1.0, -0.7),
+    'encoder_gain': (1e-3,),
+    'transmission_error': (1e-4, 0.7, 7.3),
+    'joint_hardening': (1e-9,),  # less than the compliance of the joint up to 60 Nm
+    'joint_hysteresis': (1e-4,),
+    'anisotropic_gripper': (1e-6,),
+    'anisotropic_backlash': (4e-5, -3e-5),
+    'link_bending': (1e-5,),
+    'base_compliance': (1e-6, -2e-6),
+    'base_tilt': (2.0, -1.0, 0.8, -0.4),
+    'contact_compliance': (1e-5,),
+    'object_position': (1e-4, -2e-4),
+    'object_radius': (1e-4,),
+    'thermal_drift': (1e-6,),
+}
+"""Values that would matter, by the effect's name."""
+
+
+class Scene(NamedTuple):
+    """Random loaded touches."""
+
+    poses: Poses
+    joints: np.ndarray
+    state: State
+    tags: Tags
+    parameters: Parameters
+
+    def setting(self, effect: Effect) -> Setting:
+        extension = Extension((effect,), self.tags)
+        return Setting(self.joints, self.poses.centers, self.poses.radii, Gripper(), extension)
+
+    def situation(self, effect: Effect, values: np.ndarray) -> Situation:
+        return self.setting(effect).situation(self.parameters.replace(extra=tuple(values)), self.state)
+
+
+def plausible(effect: Effect) -> np.ndarray:
+    """Values of an effect's parameters, of a size that would matter."""
+    return np.array(SIZES[effect.name])
+
+
+def random_scene(seed: int, n: int = 200, parameters: Parameters = PAPER_ACTUAL) -> Scene:
+    poses = random_poses(seed, n, parameters)
+    rng = np.random.default_rng(seed)
+    tags = Tags(
+        disc=rng.integers(0, len(CELL.discs), n),
+        time=rng.uniform(0, 300, n),
+        approach=rng.choice([-1.0, 1.0], (n, 2)) * rng.uniform(1e-4, 1e-3, (n, 2)),
+        posture=poses.posture,
+        press=rng.choice([-1.0, 1.0], (n, 2)) * rng.uniform(1e-4, 1e-3, (n, 2)),
+    )
+    joints, _ = inverse_kinetostatics(parameters, poses.tip, poses.force, poses.posture)
+    links = inverse(parameters, poses.tip, poses.posture)
+    free = free_state(parameters, links, poses.centers)
+    return Scene(poses, joints, free._replace(magnitude=np.hypot(*poses.force.T)), tags, parameters)
+
+
+def exact_touches(parameters: Parameters, plan: Plan, cell: Cell = CELL) -> TouchSet:
+    """Those of a robot without effects, with their movement in contact: from no force, or down from the overpress."""
+    touches = simulate_touches(cell, parameters, plan, EXACT)
+    before = np.where(plan.overpress > 0, 1 + plan.overpress, 1e-9)
+    start, end = (
+        inverse_kinetostatics(
+            parameters, plan.contact(cell), -(part * plan.force)[:, None] * plan.normal(), plan.posture
+        )[0]
+        for part in (before, np.ones(len(plan)))
+    )
+    return touches.replace(press=end - start)
+
+
+def press(effect: Effect, values: np.ndarray, parameters: Parameters = PAPER_ACTUAL, cell: Cell = CELL) -> TouchSet:
+    """108 exact touches or more of a robot with an effect: Ḡ with δ and d, found by repetition.
+
+    The places of contact are as planned, and every other touch is pressed beyond its force first.
+    """
+    plan = default_plan(cell, per_disc=20, overpress=0.3)
+    rigid = exact_touches(parameters, plan, cell)
+    whole = parameters.replace(extra=tuple(values))
+    tags = Tags.of(rigid)
+    centers, radii = cell.centers[plan.disc], cell.radii[plan.disc]
+    outward, joints, shift = plan.normal(), rigid.joints, Shift()
+    for _ in range(20):
+        moved = 0.0 if shift.place is None else shift.place
+        # the tip stays where it was planned to touch; the force points from there to the centre as the effect has it
+        normal = -(radii[:, None] * outward + moved) if effect.on_object else -outward
+        normal = normal / np.hypot(*normal.T)[:, None]
+        reach = radii + Gripper().stretch(parameters, plan.force)
+        force = plan.force[:, None] * normal
+        links = inverse(parameters, centers - reach[:, None] * normal - moved, plan.posture)
+        torques = joint_torques(parameters, links, force)
+        joints = links + joint_deflection(parameters, torques)
+        joints = joints if shift.joints is None else joints + shift.joints
+        state = State(*links.T, plan.force, np.arctan2(*normal.T[::-1]), *np.sign(torques).T)
+        at = Setting(joints, centers, radii, Gripper(), Extension((effect,), tags)).situation(whole, state)
+        shift = effect.shift(at, values)
+    return rigid.replace(joints=joints, force=Extension((effect,), tags).read(whole, force))

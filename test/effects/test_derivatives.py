@@ -1,0 +1,51 @@
+"""Every effect's derivatives against differences, at random touches."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from effects.scenes import EFFECTS, LABELS, plausible, random_scene
+from model.helpers import ROBOTS, assert_derivative
+
+from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.contact_friction import ContactFriction
+
+
+def check(effect: Effect, seed: int, robot: int) -> None:
+    """The one check of an effect's derivatives that all go through: `shift` and `reading` by its parameters."""
+    scene, values = random_scene(seed, 60, ROBOTS[robot]), plausible(effect)
+    at, steps = scene.situation(effect, values), 1e-4 * np.abs(values)
+    parts = effect.derivative(at, values)
+    assert len(parts) == len(values) == len(effect.parameters)
+    for where in ('joints', 'place'):
+        given = [getattr(part, where) for part in parts]
+        if getattr(effect.shift(at, values), where) is None:
+            assert all(part is None for part in given)
+            continue
+        analytic = np.stack([np.zeros_like(at.joints) if part is None else part for part in given], axis=-1)
+        assert_derivative(lambda x, where=where: getattr(effect.shift(at, x), where), values, analytic, steps)
+    reading = effect.reading_derivative(at.force, values)
+    if effect.reading(at.force, values) is None:
+        assert not reading
+    else:
+        assert_derivative(lambda x: effect.reading(at.force, x), values, np.stack(reading, axis=-1), steps)
+
+
+@pytest.mark.parametrize('robot', [0, 1])
+@pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
+def test_derivatives(effect, robot):
+    check(effect, seed=robot, robot=robot)
+
+
+def test_derivatives_of_friction_whose_slide_follows_the_estimate():
+    check(ContactFriction(), seed=2, robot=0)
+
+
+@pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
+def test_at_its_start_an_effect_does_nothing(effect):
+    scene, start = random_scene(1, 20), np.array(effect.start)
+    at = scene.situation(effect, start)
+    for part in effect.shift(at, start):
+        assert part is None or not part.any()
+    reading = effect.reading(at.force, start)
+    assert reading is None or not reading.any()

@@ -1,0 +1,25 @@
+"""What of the effects the default plan can show."""
+
+from __future__ import annotations
+
+import pytest
+from effects.observability import visibility
+from model.helpers import ROBOTS
+
+
+@pytest.mark.parametrize('robot', ROBOTS)
+def test_all_effects_show_but_the_exact_alias(robot):
+    for item in visibility(robot):
+        if item.label.startswith('link_bending[link2]'):
+            assert item.new < 1e-9
+        else:
+            assert item.new > 0.015, item
+            assert item.doubling < item.scale, item
+
+
+def test_hysteresis_shows_by_approaches_from_both_sides():
+    alike, both = ({v.label: v.new for v in visibility(ROBOTS[0], overpress=press)} for press in (0.0, 0.3))
+    for joint in (1, 2):
+        label = f'joint_hysteresis[joint{joint}].width'
+        assert alike[label] < 0.5
+        assert both[label] > 0.95

@@ -1,0 +1,180 @@
+"""What effects do, by other means than their formulas: signs and sizes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from calibration.studies import CELL
+from effects.scenes import Scene, random_scene
+
+from scara_kinetostatic.effects.anisotropic_gripper import AnisotropicGripper
+from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.base_compliance import BaseCompliance
+from scara_kinetostatic.effects.base_tilt import BaseTilt
+from scara_kinetostatic.effects.contact_compliance import ContactCompliance
+from scara_kinetostatic.effects.contact_friction import STICKING, ContactFriction, slide
+from scara_kinetostatic.effects.encoder_gain import EncoderGain
+from scara_kinetostatic.effects.joint_hardening import JointHardening
+from scara_kinetostatic.effects.joint_hysteresis import JointHysteresis
+from scara_kinetostatic.effects.link_bending import LinkBending
+from scara_kinetostatic.effects.object_position import ObjectPosition
+from scara_kinetostatic.effects.object_radius import ObjectRadius
+from scara_kinetostatic.effects.sensor_bias import SensorBias
+from scara_kinetostatic.effects.sensor_rotation import SensorRotation
+from scara_kinetostatic.effects.thermal_drift import LinkGrowth, ZeroDrift
+from scara_kinetostatic.model.contact import Contact, contact
+from scara_kinetostatic.model.extension import Extension, Tags
+from scara_kinetostatic.model.gripper import Gripper
+from scara_kinetostatic.model.kinematics import jacobian
+
+SCENE = random_scene(5, 150)
+FIRST = SCENE.tags.disc == 0
+
+
+def with_effect(effect: Effect, *values: float, scene: Scene = SCENE, tags: Tags | None = None) -> Contact:
+    extension = Extension((effect,), tags or scene.tags)
+    parameters = scene.parameters.replace(extra=values)
+    return contact(parameters, scene.joints, scene.poses.centers, scene.poses.radii, extension=extension)
+
+
+def plain(scene: Scene = SCENE, **changes) -> Contact:
+    """Without effect, joints, centres, radii, gripper or L̄ changed."""
+    joints, centers = changes.pop('joints', scene.joints), changes.pop('centers', scene.poses.centers)
+    radii, gripper = changes.pop('radii', scene.poses.radii), changes.pop('gripper', Gripper())
+    return contact(scene.parameters.replace(**changes), joints, centers, radii, gripper)
+
+
+def assert_same(one: Contact, other: Contact, tolerance: float = 1e-8) -> None:
+    """Equal forces where joints rest on the same flanks, which is nearly everywhere."""
+    same = (one.state.mode1 == other.state.mode1) & (one.state.mode2 == other.state.mode2)
+    assert same.mean() > 0.95
+    assert np.hypot(*one.force.T).max() > 10
+    np.testing.assert_allclose(one.force[same], other.force[same], rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize('joint', [0, 1])
+def test_errors_of_a_joint_are_those_of_its_angle(joint):
+    chosen = np.arange(2) == joint
+    assert_same(with_effect(EncoderGain.of(joint), 1e-4), plain(joints=SCENE.joints * (1 + 1e-4 * chosen)))
+    drifted = SCENE.joints + 1e-6 * SCENE.tags.time[:, None] * chosen
+    assert_same(with_effect(ZeroDrift.of(joint), 1e-6), plain(joints=drifted))
+
+
+@pytest.mark.parametrize('joint', [0, 1])
+def test_a_joint_that_moves_on_in_the_sense_of_its_torque_has_more_backlash(joint):
+    torques = SCENE.situation(EncoderGain.of(joint), np.zeros(1)).torques
+    backlash = f'g{joint + 1}'
+    more = {backlash: getattr(SCENE.parameters, backlash) + 1e-4}
+    found = with_effect(JointHysteresis.of(joint), 1e-4, tags=SCENE.tags._replace(approach=torques))
+    assert_same(found, plain(**more), 0.1)
+
+
+@pytest.mark.parametrize('joint', [0, 1])
+def test_a_hardened_joint_presses_harder(joint):
+    """Links nearer to the measured angles mean a tip deeper in the disc."""
+    before = plain()
+    after = with_effect(JointHardening.of(joint), 1e-9)
+    felt = np.abs(before.force[:, 0]) > 5
+    assert np.mean(after.magnitude[felt] > before.magnitude[felt]) > 0.98
+    softened = with_effect(JointHardening.of(joint), -1e-9)
+    assert np.mean(softened.magnitude[felt] < before.magnitude[felt]) > 0.98
+
+
+def test_bending_of_link_2_is_another_p2():
+    assert_same(with_effect(LinkBending.of(1), 3e-5), plain(p2=SCENE.parameters.p2 + 1e-5))
+
+
+def test_bending_of_link_1_is_that_of_a_beam():
+    """Castigliano: the joints' deflections are the gradient of ½ k ∫ M² ds, with M linear from c1 to c2."""
+    values, s = np.array([2e-5]), np.linspace(0, 1, 2001)
+    at = SCENE.situation(LinkBending.of(0), values)
+    shift = LinkBending.of(0).shift(at, values).joints
+    moment = at.torques[:, :1] * (1 - s) + at.torques[:, 1:] * s
+    slopes = [(moment[:, 1:] + moment[:, :-1]) @ (part[1:] + part[:-1]) / (4 * (len(s) - 1)) for part in (1 - s, s)]
+    np.testing.assert_allclose(shift, values[0] * np.stack(slopes, axis=-1), rtol=0, atol=1e-9)
+
+
+def test_a_gripper_that_yields_aside():
+    assert_same(with_effect(AnisotropicGripper(), 2e-6), plain(gripper=Gripper(excess=((0, 2e-6), (2e-6, 0)))), 0.05)
+    assert np.abs(with_effect(AnisotropicGripper(), 2e-6).force - plain().force).max() > 1
+
+
+def test_a_base_on_springs_moves_away_from_the_disc():
+    moved = [with_effect(BaseCompliance(), e, 0.0) for e in (0.0, 2e-6)]
+    along_x = np.abs(moved[0].force[:, 0]) > 0.98 * moved[0].magnitude
+    assert along_x.sum() > 5
+    assert np.all(moved[1].magnitude[along_x] < moved[0].magnitude[along_x])
+    work = BaseCompliance().shift(SCENE.situation(BaseCompliance(), np.zeros(2)), np.array([1e-6, 1e-6])).place
+    x, y = SCENE.poses.force.T
+    np.testing.assert_allclose((work * SCENE.poses.force).sum(axis=1), -1e-6 * (x * x - y * y + 2 * x * y))
+
+
+def test_gravity_draws_the_arm_downhill():
+    """The work that gravity does as the joints give way to it is positive, each touch, each part."""
+    values = np.array([3.0, -1.0, 1.5, -0.5])  # downhill is along (3, -1)
+    at = SCENE.situation(BaseTilt(), values)
+    sag = -BaseTilt().shift(at, values).joints
+    turn1, turn2 = sag[:, 0], sag.sum(axis=1)  # of link 1 and of link 2 in the base frame
+    across1, across2 = (np.stack([-link[:, 1], link[:, 0]], axis=-1) for link in (at.link1, at.link2))
+    work = turn1 * (across1 @ values[:2]) + turn2 * (across2 @ values[2:])
+    assert np.all(work > 0)
+
+
+def test_a_soft_disc_lets_the_tip_in():
+    found = with_effect(ContactCompliance.of(0, 'disc_1'), 1e-5)
+    pressed = found.magnitude > 0
+    depth = SCENE.poses.radii - np.hypot(*(found.tip - SCENE.poses.centers).T)
+    expected = np.where(FIRST, 1e-5 * np.cbrt(found.magnitude) ** 2, 0.0)
+    np.testing.assert_allclose(depth[pressed], expected[pressed], rtol=0, atol=1e-12)
+
+
+def test_a_disc_that_is_elsewhere_or_larger():
+    moved = SCENE.poses.centers + FIRST[:, None] * np.array([3e-4, -2e-4])
+    assert_same(with_effect(ObjectPosition.of(0, 'disc_1'), 3e-4, -2e-4), plain(centers=moved))
+    assert_same(with_effect(ObjectRadius.of(0, 'disc_1'), 2e-4), plain(radii=SCENE.poses.radii + 2e-4 * FIRST))
+
+
+def test_links_that_grow():
+    p, scene = SCENE.parameters, SCENE._replace(tags=SCENE.tags._replace(time=np.full(150, 100.0)))
+    assert_same(with_effect(LinkGrowth(), 1e-6, scene=scene), plain(l1=p.l1 * 1.0001, l2=p.l2 * 1.0001), 0.02)
+
+
+def test_friction_drags_the_disc_along():
+    """Away from sticking, the force leans by the angle of friction to the side to which the tip moves."""
+    links, rng = SCENE.joints, np.random.default_rng(0)
+    sideways = np.stack([-SCENE.poses.force[:, 1], SCENE.poses.force[:, 0]], axis=-1)
+    sense = rng.choice([-1, 1], len(links))
+    press = np.linalg.solve(jacobian(SCENE.parameters, links), (1e-5 * sense[:, None] * sideways)[..., None])[..., 0]
+    found = with_effect(ContactFriction(), 0.15, tags=SCENE.tags._replace(press=press))
+    to_center = SCENE.poses.centers - found.tip
+    cross = to_center[:, 0] * found.force[:, 1] - to_center[:, 1] * found.force[:, 0]
+    lean = np.arctan2(cross, (to_center * found.force).sum(axis=1))[found.magnitude > 0]
+    assert len(lean) > 100
+    np.testing.assert_allclose(lean, 0.15 * sense[found.magnitude > 0], rtol=0, atol=1e-9)
+
+
+def test_a_tip_pressed_along_the_normal_sticks():
+    links = SCENE.joints
+    aside = np.stack([-SCENE.poses.force[:, 1], SCENE.poses.force[:, 0]], axis=-1)
+    for part in (0.0, 0.5, -0.5):
+        move = SCENE.poses.force + part * STICKING * aside
+        press = np.linalg.solve(jacobian(SCENE.parameters, links), 1e-5 * move[..., None])[..., 0]
+        at = SCENE._replace(tags=SCENE.tags._replace(press=press)).situation(ContactFriction(), np.zeros(1))
+        np.testing.assert_allclose(slide(at), part, atol=0.1)
+    still = SCENE._replace(tags=SCENE.tags._replace(press=np.zeros_like(links)))
+    assert not slide(still.situation(ContactFriction(), np.zeros(1))).any()
+
+
+def test_the_sensor_turns_or_shifts_what_it_reports():
+    force = np.array([[10.0, 0.0], [0.0, -20.0]])
+    shifted = force + SensorBias().reading(force, np.array([1.0, -2.0]))
+    np.testing.assert_allclose(shifted, [[11.0, -2.0], [1.0, -22.0]])
+    turned = force + SensorRotation().reading(force, np.array([np.pi / 2]))
+    np.testing.assert_allclose(turned, [[0.0, 10.0], [20.0, 0.0]], atol=1e-12)
+
+
+def test_of_effects_of_a_disc_the_others_feel_nothing():
+    for number, disc in enumerate(CELL.discs):
+        for effect, k in ((ObjectPosition.of(number, disc.name), 2), (ObjectRadius.of(number, disc.name), 1)):
+            place = effect.shift(SCENE.situation(effect, np.zeros(k)), np.ones(k)).place
+            assert np.array_equal(place.any(axis=1), SCENE.tags.disc == number)

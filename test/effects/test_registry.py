@@ -1,0 +1,91 @@
+"""The list of effects."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from calibration.studies import CELL
+from effects.scenes import EFFECTS, LABELS, random_scene
+
+from scara_kinetostatic.effects.encoder_gain import EncoderGain
+from scara_kinetostatic.effects.registry import catalogue, find, register, unregister
+from scara_kinetostatic.effects.variables import VARIABLES
+from scara_kinetostatic.errors import ParameterError
+
+NAMES = {
+    'contact_friction', 'sensor_rotation', 'sensor_bias', 'encoder_gain', 'transmission_error', 'joint_hardening',
+    'joint_hysteresis', 'anisotropic_gripper', 'anisotropic_backlash', 'link_bending', 'base_compliance',
+    'contact_compliance', 'object_position', 'object_radius', 'thermal_drift', 'base_tilt',
+}  # fmt: skip
+
+
+def test_all_kinds_of_effects_are_listed():
+    assert {effect.name for effect in EFFECTS} == NAMES
+    assert len(set(LABELS)) == len(LABELS)
+    for kind in ('encoder_gain', 'transmission_error', 'joint_hardening', 'joint_hysteresis', 'thermal_drift'):
+        assert {f'{kind}[joint1]', f'{kind}[joint2]'} <= set(LABELS)
+    for kind in ('contact_compliance', 'object_position', 'object_radius'):
+        assert {f'{kind}[{disc.name}]' for disc in CELL.discs} <= set(LABELS)
+
+
+def test_a_cell_of_one_disc_has_no_soft_one_among_others():
+    labels = [effect.label for effect in catalogue(replace(CELL, discs=CELL.discs[:1]))]
+    assert 'contact_compliance' in labels
+    assert 'contact_compliance[disc_1]' not in labels
+
+
+@pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
+def test_an_effect_says_what_it_is(effect):
+    assert effect.betrays in VARIABLES
+    assert len(effect.hides_behind) > 10
+    assert len(effect.reveal) > 10
+    assert all(parameter.scale > 0 and parameter.meaning and parameter.unit for parameter in effect.parameters)
+    assert len(effect.labels) == len(effect.scales) == len(effect.start) == len(effect.parameters)
+    assert effect.label.startswith(effect.name)
+    assert find(CELL, effect.label) == effect
+
+
+def test_variables_have_one_value_per_touch():
+    at = random_scene(0, 30).situation(EFFECTS[0], np.zeros(1))
+    for variable in VARIABLES.values():
+        for joint in (None, 0, 1):
+            values = variable.values(at, joint)
+            assert values.shape == (30,)
+            assert np.isfinite(values).all()
+            assert np.ptp(values) > 0
+            assert '{' not in variable.title(joint)
+    np.testing.assert_array_equal(VARIABLES['torque'].values(at, 1), at.torques[:, 1])
+    assert VARIABLES['torque'].title(1) == 'torque of joint 2 (Nm)'
+
+
+def test_no_such_effect():
+    with pytest.raises(ParameterError, match=r'encoder_gain\[joint3\].*encoder_gain\[joint1\].*object_radius'):
+        find(CELL, 'encoder_gain[joint3]')
+
+
+def test_one_of_my_own_is_listed_until_taken_back():
+    def mine(cell):
+        return [EncoderGain(target='my joint', joint=1)]
+
+    try:
+        assert register(register(mine)) is mine
+        assert catalogue(CELL)[:-1] == EFFECTS
+        assert find(CELL, 'encoder_gain[my joint]').joint == 1
+    finally:
+        unregister(mine)
+    unregister(mine)
+    assert catalogue(CELL) == EFFECTS
+
+
+def test_two_of_one_label_are_refused():
+    def again(cell):
+        return [EncoderGain.of(0)]
+
+    register(again)
+    try:
+        with pytest.raises(ParameterError, match=r'encoder_gain\[joint1\]'):
+            catalogue(CELL)
+    finally:
+        unregister(again)
