@@ -9,7 +9,8 @@ A candidate is accepted if the residual of law (6) has structure, and if the can
 law (6), in the rms, in BIC and in the test, the level shared among the candidates. The one that predicts best is named;
 with it, as rivals, those accepted that do not predict worse by the same test. Slip with a gap is left out where it
 predicts no better than slip without one. Refinements of slip are added one by one by the same rule. They are chosen
-by their held-out errors: the last of these is a little too good.
+by their held-out errors: the last of these is a little too good. Refinements that another record has asked for
+(`refine_as`) are free of that.
 """
 
 from __future__ import annotations
@@ -213,6 +214,14 @@ def _bic(each: Score, motion: Motion, count: float) -> float:
 
 def _as_good(each: Score, winner: Score, count: int, motion: Motion) -> bool:
     return each is not winner and p_better(winner, each, motion) >= LEVEL / count
+
+
+def refine_as(winner: Score, other: Score, motion: Motion) -> Score:
+    """A record's winner with the refinements that another record asked for, chosen without a look at this one."""
+    found = winner
+    for name in other.law.name.split('+')[1:]:
+        found = score(found.law, motion, found, next(each for each in REFINEMENTS if each.name == name))
+    return found
 
 
 def _refine(winner: Score, motion: Motion) -> tuple[Score, tuple[tuple[Comparison, ...], ...]]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.experiments.gauge_solution import Estimate
-from scara_kinetostatic.experiments.loops_choice import Choice, choose, effective_count
+from scara_kinetostatic.experiments.loops_choice import Choice, Score, choose, effective_count, refine_as
 from scara_kinetostatic.experiments.loops_fit import Fit, fit, with_std
 from scara_kinetostatic.experiments.loops_laws import SLIP
 from scara_kinetostatic.experiments.loops_motion import Motion, motion_of, repeatability
@@ -47,10 +47,25 @@ class Record(NamedTuple):
         return (self.choice.winner or self.choice.before).whole.values['compliance']
 
 
+class Borrowed(NamedTuple):
+    """A record's winner with the refinements that another record has asked for: numbers of both, and how it does."""
+
+    record: int
+    other: int
+    score: Score
+
+
 class LoopsStudy(NamedTuple):
-    """All records, and each predicted from the others (empty without tensions)."""
+    """What all records say.
+
+    Attributes:
+        records: in the order given.
+        borrowed: each record refined as every other one with the same winner.
+        transfers: each record predicted from the others; empty without tensions.
+    """
 
     records: tuple[Record, ...]
+    borrowed: tuple[Borrowed, ...]
     transfers: tuple[Transfer, ...]
 
 
@@ -73,7 +88,7 @@ def loops_study(tables: Sequence[GaugeReadings], tensions: Sequence[float] = ())
         before = [record.choice.before.whole for record in records]
         slip = [_slip(record) for record in records]
         transfers = tuple(transfer(k, motions, tensions, before, slip) for k in range(len(records)))
-    return LoopsStudy(records, transfers)
+    return LoopsStudy(records, _borrowed(records), transfers)
 
 
 def check_tensions(records: int, tensions: Sequence[float]) -> None:
@@ -103,6 +118,19 @@ def _record(table: GaugeReadings) -> Record:
     parameters = {score.law.name: with_std(score.whole, motion) for score in scores}
     independent = effective_count(choice.after.whole.residual[motion.scored])
     return Record(source, motion, choice, parameters, repeatability(motion), independent, table.notes)
+
+
+def _borrowed(records: Sequence[Record]) -> tuple[Borrowed, ...]:
+    found = []
+    for k, record in enumerate(records):
+        own = record.choice.winner
+        for j, other in enumerate(records):
+            theirs = other.choice.winner
+            if j == k or own is None or theirs is None or own.law.name != theirs.law.name:
+                continue
+            if '+' in other.choice.after.law.name:
+                found.append(Borrowed(k, j, refine_as(own, other.choice.after, record.motion)))
+    return tuple(found)
 
 
 def _slip(record: Record) -> Fit:

@@ -24,6 +24,14 @@ def loops_document(study: LoopsStudy) -> Document:
         'schema': SCHEMA,
         'version': __version__,
         'records': [_record(record) for record in study.records],
+        'refined_as_another': [
+            {
+                'source': study.records[each.record].source,
+                'as': study.records[each.other].source,
+                'force_error': _errors(each.score, study.records[each.record]),
+            }
+            for each in study.borrowed
+        ],
         'predicted_from_the_others': [_transfer(each, study) for each in study.transfers],
     }
 

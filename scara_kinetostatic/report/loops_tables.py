@@ -52,7 +52,7 @@ def share(part: float) -> str:
 def summary_table(study: LoopsStudy) -> Table:
     """Before and after, record by record: errors on sweeps not used in the fit."""
     rows = []
-    for record in study.records:
+    for number, record in enumerate(study.records):
         choice = record.choice
         shown = [('before: law (6)', choice.before)]
         shown += [('after: ' + title(choice.winner.law), choice.winner)] if choice.winner else []
@@ -60,6 +60,11 @@ def summary_table(study: LoopsStudy) -> Table:
         for words, score in shown:
             first = record.source if score is choice.before else ''
             rows.append((first, words, *_errors(score, record)))
+        rows += [
+            ('', f'refined as {study.records[each.other].source}', *_errors(each.score, record))
+            for each in study.borrowed
+            if each.record == number
+        ]
     heading = ('file', 'law', 'fitted', 'held out', 'later half', 'earlier half', 'of range', 'as displacement')
     return Table(heading, ('', '', 'N', 'N', 'N', 'N', '%', 'mm'), tuple(rows))
 

@@ -10,7 +10,16 @@ from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.experiments.loops_choice import choose, effective_count, p_better
 from scara_kinetostatic.experiments.loops_dependence import anything_left, dependences
 from scara_kinetostatic.experiments.loops_fit import fit
-from scara_kinetostatic.experiments.loops_laws import BACKLASH, FRICTION, SLIP, SLIP_NO_GAP, SOFTENING, VISCOUS
+from scara_kinetostatic.experiments.loops_laws import (
+    BACKLASH,
+    FRICTION,
+    REFINEMENTS,
+    SLIP,
+    SLIP_NO_GAP,
+    SOFTENING,
+    VISCOUS,
+    refined,
+)
 from scara_kinetostatic.experiments.loops_simulation import played
 from scara_kinetostatic.experiments.loops_study import check_tensions, loops_study
 from scara_kinetostatic.recording.gauge_readings import GaugeReadings
@@ -114,6 +123,18 @@ def test_samples_that_hang_together_count_less():
 
 def table(motion, name):
     return GaugeReadings.of(motion.force, motion.displacement, time=motion.time, source=name)
+
+
+def test_refinements_of_one_record_are_tried_on_another():
+    rounding = next(each for each in REFINEMENTS if each.name == 'rounding')
+    values = {**TRUTH, **SLIPS, 'start': 0.0, 'rounding': 6e-4}
+    tables = [table(played(refined(SLIP, rounding), values, NOISE, seed), str(seed)) for seed in (0, 1)]
+    study = loops_study(tables)
+    assert [record.choice.after.law.name for record in study.records] == ['slip+rounding'] * 2
+    assert [(each.record, each.other) for each in study.borrowed] == [(0, 1), (1, 0)]
+    for each in study.borrowed:
+        assert each.score.held_out_rms < 1.1 * NOISE
+        assert each.score.held_out_rms < 0.7 * study.records[each.record].choice.winner.held_out_rms
 
 
 def test_a_tension_is_predicted_from_the_others_where_the_law_is_a_line():
