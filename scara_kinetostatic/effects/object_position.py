@@ -13,7 +13,11 @@ from scara_kinetostatic.model.extension import Situation
 
 @dataclass(frozen=True)
 class ObjectPosition(DiscEffect):
-    """The centre of the disc is displaced by (x, y): d = -(x, y)."""
+    """The centre of the disc is displaced by (x, y): d = -(x, y).
+
+    What the touches show are the distances between the discs, as x0, y0 and theta1 are free. With three discs a move
+    that changes only the distance of two of them may be that of either.
+    """
 
     name: ClassVar[str] = 'object_position'
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -21,7 +25,7 @@ class ObjectPosition(DiscEffect):
         Parameter('y', 'm', 1e-3, 'true place of the centre less the stated one, y'),
     )
     hides_behind: ClassVar[str] = (
-        'x0, y0 and theta1, if there is one disc; with two, one of them moved may be the other and the base moved'
+        'x0, y0 and theta1, if there is one disc; another disc, if the move changes the distance to that one only'
     )
     reveal: ClassVar[str] = 'touches all round three or more discs, in both elbow postures'
     betrays: ClassVar[str] = 'place'
