@@ -2,10 +2,13 @@
 
 Friction in a joint is settled by the sense of this movement, whatever came before it. A
 joint that never turns round on its way is followed back to the free pose: where the arm
-last rested, clear of the contact, or, where it never rests, to the contact before.
+last rested, clear of the contact, or, where it never rests, to the contact before. The part
+of it in contact, the press, is what drags the tip along the disc.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +31,18 @@ REST_SPEED = 1e-3
 """faster than this, rad/s."""
 CLEAR = 2e-3
 """Closer to the contact than this, in every joint, is no free pose, rad."""
+
+
+class Arrival(NamedTuple):
+    """How the joints came to a hold.
+
+    Attributes:
+        approach: last movement of each joint, (2,), rad.
+        press: the part of it in contact, (2,), rad.
+    """
+
+    approach: Floats
+    press: Floats
 
 
 def last_movement(path: ArrayLike, hold: ArrayLike, least: ArrayLike = LEAST_TURN) -> Floats:
@@ -56,8 +71,8 @@ def resolution(joints: Topic) -> float:
     return max((float(gap.min()) for gap in gaps if len(gap)), default=0.0)
 
 
-def approach(joints: Topic, plateau: Plateau, contact: float, earliest: float, step: float) -> Floats:
-    """The last movement of each joint before a settled part.
+def arrival(joints: Topic, plateau: Plateau, contact: float, earliest: float, step: float) -> Arrival:
+    """The last movement of each joint before a settled part, and its part in contact.
 
     Args:
         joints: the joint angles of the recording.
@@ -67,18 +82,23 @@ def approach(joints: Topic, plateau: Plateau, contact: float, earliest: float, s
         step: of the encoders, rad.
 
     Returns:
-        As `last_movement`, (2,), rad.
+        Both as `last_movement`. The press is that of the samples from the contact on, so it lacks what the joints
+        did while the force was still lost in the sensor's noise.
     """
     part = joints.stretch(max(earliest, contact - LONGEST_APPROACH), float(plateau.intervals[0, 0]))
-    time = joints.time[part]
+    time, value = joints.time[part], joints.value[part]
     if not len(time):
-        return np.zeros(2)
+        return Arrival(np.zeros(2), np.zeros(2))
     width = 2 * round(0.5 * SMOOTHING / joints.period) + 1
-    value = moving_mean(median_of_three(joints.value[part]), width)
+    smooth = moving_mean(median_of_three(value), width)
     scatter = plateau.joint_scatter / np.sqrt(width)
     least = np.maximum(max(LEAST_TURN, TURN_DIGITS * step), TURN_SIGMAS * scatter)
-    begin = _free_pose(time, value, int(np.searchsorted(time, contact)), float(least.max()))
-    return last_movement(value[begin:], plateau.joints, least)
+    touching = int(np.searchsorted(time, contact))
+    begin = _free_pose(time, smooth, touching, float(least.max()))
+    pressed = moving_mean(median_of_three(value[touching:]), width)
+    return Arrival(
+        last_movement(smooth[begin:], plateau.joints, least), last_movement(pressed, plateau.joints, least)
+    )
 
 
 def _free_pose(time: Floats, value: Floats, contact: int, least: float) -> int:

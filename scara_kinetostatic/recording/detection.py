@@ -16,7 +16,7 @@ import numpy as np
 
 from scara_kinetostatic.model.cell import Cell, SensorSign
 from scara_kinetostatic.model.touch import Rejection, TouchSet
-from scara_kinetostatic.recording.approach import approach, resolution
+from scara_kinetostatic.recording.approach import Arrival, arrival, resolution
 from scara_kinetostatic.recording.assignment import assign
 from scara_kinetostatic.recording.candidates import Candidate, find_candidates
 from scara_kinetostatic.recording.segmentation import find_contacts
@@ -135,6 +135,7 @@ def _touch_set(signals: Signals, candidates: list[Candidate], cell: Cell) -> Tou
     kept = [candidates[number] for number in index]
     joints, force = _means(kept, cell)
     plateaus = [candidate.plateau for candidate in kept if candidate.plateau is not None]
+    arrivals = _arrivals(signals, kept, candidates)
     return TouchSet(
         joints=joints,
         force=force,
@@ -142,15 +143,16 @@ def _touch_set(signals: Signals, candidates: list[Candidate], cell: Cell) -> Tou
         posture=np.array([candidate.posture for candidate in kept]),
         time=np.array([0.5 * (p.intervals[0, 0] + p.intervals[-1, 1]) for p in plateaus]),
         index=np.array(index),
-        approach=_approaches(signals, kept, candidates),
+        approach=np.array([one.approach for one in arrivals]),
+        press=np.array([one.press for one in arrivals]),
         joint_scatter=np.array([p.joint_scatter for p in plateaus]),
         force_scatter=np.array([p.force_scatter for p in plateaus]),
         samples=np.array([p.samples for p in plateaus]),
     )
 
 
-def _approaches(signals: Signals, kept: list[Candidate], candidates: list[Candidate]) -> Floats:
-    """The last movement of the joints before each settled candidate, (n, 2), rad."""
+def _arrivals(signals: Signals, kept: list[Candidate], candidates: list[Candidate]) -> list[Arrival]:
+    """How the joints came to each settled candidate."""
     ends = np.unique([candidate.contact[1] for candidate in candidates])
     step = resolution(signals.joints)
     found = []
@@ -159,8 +161,8 @@ def _approaches(signals: Signals, kept: list[Candidate], candidates: list[Candid
             contact = candidate.contact[0]
             before = ends[ends <= contact]
             earliest = float(before[-1]) if len(before) else -np.inf
-            found.append(approach(signals.joints, candidate.plateau, contact, earliest, step))
-    return np.array(found)
+            found.append(arrival(signals.joints, candidate.plateau, contact, earliest, step))
+    return found
 
 
 def _episode(number: int, candidate: Candidate) -> Episode:

@@ -84,4 +84,5 @@ def simulate_touches(cell: Cell, truth: Parameters, plan: Plan, noise: Noise | N
         posture=plan.posture,
         time=motion.hold_time,
         approach=last_movement(motion.way, motion.hold_joints),
+        press=last_movement(motion.way[1:], motion.hold_joints),
     )

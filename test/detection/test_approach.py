@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from detection.scenes import CELL, Scene
 
+from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.recording.approach import LEAST_TURN, last_movement, resolution
@@ -50,6 +51,35 @@ def test_streams_and_touches_agree(truth, overpress):
     np.testing.assert_allclose(found.approach, made.approach, rtol=0.02, atol=8e-5)
     turned = plan.overpress > 0
     np.testing.assert_allclose(found.approach[turned], made.approach[turned], rtol=0.05, atol=3e-6)
+
+
+@TRUTHS
+@pytest.mark.parametrize('overpress', [0.0, 0.1, 0.3, 1.0])
+def test_press_is_the_part_of_the_approach_in_contact(truth, overpress):
+    plan = default_plan(CELL, overpress=overpress)
+    found = find_touches(simulate_streams(CELL, truth, plan, seed=2), CELL).touches
+    made = simulate_touches(CELL, truth, plan, seed=2)
+    clear = np.abs(made.press) > 4 * LEAST_TURN
+    assert clear.mean() > 0.9
+    np.testing.assert_array_equal(np.sign(found.press[clear]), np.sign(made.press[clear]))
+    np.testing.assert_allclose(found.press, made.press, rtol=0.06, atol=1e-5)
+    motion = Motion(CELL, truth, plan)
+    turned = np.abs(motion.peak_joints - motion.hold_joints) > 4 * LEAST_TURN
+    for touches in (found, made):
+        moved = touches.press != 0
+        assert np.all(np.abs(touches.press[moved]) <= np.abs(touches.approach[moved]) + 1e-5)
+        np.testing.assert_allclose(touches.press[turned], touches.approach[turned], rtol=0.02, atol=2e-5)
+
+
+@TRUTHS
+def test_press_without_overpress_is_how_far_the_force_bends_the_joints(truth):
+    plan = default_plan(CELL)
+    motion = Motion(CELL, truth, plan)
+    bent = motion.hold_joints - motion.contact_joints
+    np.testing.assert_allclose(simulate_touches(CELL, truth, plan, Noise(0.0, 0.0)).press, bent, atol=LEAST_TURN)
+    slow = find_touches(simulate_streams(CELL, truth, plan, sensors=SensorModel(joint_rate=20.0)), CELL).touches
+    clear = np.abs(bent) > 2e-5
+    np.testing.assert_array_equal(np.sign(slow.press[clear]), np.sign(bent[clear]))
 
 
 @TRUTHS
@@ -125,6 +155,7 @@ def test_live_is_offline():
     offline = find_touches(streams, CELL).touches
     assert len(live) == len(plan)
     np.testing.assert_allclose(live.approach, offline.approach, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(live.press, offline.press, rtol=0.05, atol=1e-6)
 
 
 @pytest.mark.parametrize('rates', [(20.0, 25.0), (30.0, 98.0), (80.0, 30.0)])
