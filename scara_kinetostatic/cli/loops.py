@@ -55,18 +55,18 @@ def run(args: argparse.Namespace) -> int:
     """
     from scara_kinetostatic.experiments.loops_study import check_tensions, loops_study
     from scara_kinetostatic.report.json_file import json_text
-    from scara_kinetostatic.report.loops_document import loops_document
+    from scara_kinetostatic.report.loops_document import NAME, loops_document
     from scara_kinetostatic.report.loops_text import text
 
     check_tensions(len(args.tables), args.tension)
     study = loops_study(_tables(args.tables), args.tension)
     document = loops_document(study)
     if args.out:
-        from scara_kinetostatic.report import loops_document as json_file
-        from scara_kinetostatic.report import loops_html
+        from scara_kinetostatic.report.loops_html import NAME as PAGE
+        from scara_kinetostatic.report.loops_html import html_text
         from scara_kinetostatic.report.write import write_texts
 
-        texts = {json_file.NAME: json_text(document), loops_html.NAME: loops_html.html_text(study)}
+        texts = {NAME: json_text(document), PAGE: html_text(study)}
         write_texts(args.out, texts)
     print(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) if args.json else text(study))
     if args.out and not args.json:
