@@ -33,7 +33,9 @@ def load_engine() -> Any:
     try:
         import mujoco
     except ImportError as error:
-        raise InputError('mujoco', 'the physics engine is not installed', remedy) from error
+        missing = isinstance(error, ModuleNotFoundError)
+        problem = 'the physics engine is not installed' if missing else f'the physics engine cannot be loaded: {error}'
+        raise InputError('mujoco', problem, remedy) from error
     if not hasattr(mujoco.mjtIntegrator, 'mjINT_DISCRETE'):
         raise InputError('mujoco', f'expected version 3.13 or later, got {mujoco.__version__}', remedy)
     return mujoco
@@ -56,7 +58,7 @@ class Engine:
         self.model: mujoco.MjModel = self._mujoco.MjModel.from_xml_string(build(scene, cell))
         self.data: mujoco.MjData = self._mujoco.MjData(self.model)
         for number in scene.padded_discs(cell):
-            self._soften(number, scene.pad)
+            self._soften(number, scene.pad[0])
         self._motors = np.array([self.model.joint(name).qposadr[0] for name in ('motor1', 'motor2')])
         names = [self.model.joint(number).name for number in range(self.model.njnt)]
         self._turning = [
@@ -71,7 +73,7 @@ class Engine:
         self._mujoco.mj_forward(self.model, self.data)
 
     def _soften(self, disc: int, stiffness: float) -> None:
-        """Scales the contact with a disc such that pressed by `PAD_WIDTH` it has a stiffness, N/m.
+        """Scales the contact with a disc such that from the depth of the coat on it has a stiffness, N/m.
 
         MuJoCo's contact at rest holds f R = k r, with R = A (1 - d)/d, k = -solref d/d_max², d the impedance at
         the depth r and A the inverse mass that the engine ascribes to the contact.

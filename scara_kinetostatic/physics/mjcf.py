@@ -32,9 +32,8 @@ HARD = {'solref': f'{2 * TIMESTEP} 1', 'solimp': '0.9999 0.9999 0.001 0.5 2'}
 """Contacts and stops as hard as the engine makes them."""
 HARD_STOP = {'solreflimit': HARD['solref'], 'solimplimit': HARD['solimp']}
 HARD_FRICTION = {'solreffriction': HARD['solref'], 'solimpfriction': HARD['solimp']}
-PAD_ONSET, PAD_WIDTH = 0.3, 2e-3
-"""Impedance of a coat of the discs where it is hardly pressed, and the depth at which it is `PAD_FULL`, m."""
-PAD_FULL = 0.7
+PAD_ONSET, PAD_FULL = 0.3, 0.7
+"""Impedance of a coat on a disc where it is hardly pressed, and from the depth on that its stiffness is given for."""
 SWING = (0.9, 0.2)
 """Inertia that the damping of each transmission is laid out for, kg m²."""
 PLAY_INERTIA, PLAY_DAMPING = 0.5, 1.0
@@ -107,7 +106,10 @@ def _disc(world: Xml.Element, scene: Scene, cell: Cell, number: int) -> None:
     body = _put(world, 'body', name=f'disc{number}', pos=(disc.x + dx, disc.y + dy, 0.0))
     surface: dict[str, object] = dict(HARD)
     if number in scene.padded_discs(cell):
-        surface = {'solref': (-1.0, -1.0), 'solimp': (PAD_ONSET, PAD_FULL, PAD_WIDTH, 0.5, 2.0)}  # scaled in `engine`
+        surface = {
+            'solref': (-1.0, -1.0),
+            'solimp': (PAD_ONSET, PAD_FULL, scene.pad[1], 0.5, 2.0),
+        }  # scaled in `engine`
     friction = (scene.contact_friction, 0.0, 0.0)
     size = (disc.radius - tip_radius(cell), DISC_HEIGHT)
     condim = 3 if scene.contact_friction else 1

@@ -28,8 +28,8 @@ class Scene:
         base_compliance: of the springs the base stands on, along x and y, m/N.
         link_compliance: link 1 clamped at one end and bent by a moment at the other turns by this much, rad/Nm.
         padded: numbers of the discs with a soft coat; a cell with fewer discs counts round, here and above.
-        pad: its stiffness, force by depth, where it is pressed by `PAD_WIDTH`, N/m; it is softer
-            where it is pressed less.
+        pad: its stiffness, force by depth, N/m, where it is pressed by a depth, m; it is softer where it is
+            pressed less.
         tilt: of the base, about its x and y axes, rad.
         masses: of the two links, kg; felt only by a tilted base.
         cable: stiffness of a cable that pulls link 2 towards the straight arm, Nm/rad.
@@ -48,7 +48,7 @@ class Scene:
     base_compliance: Pair = (0.0, 0.0)
     link_compliance: float = 0.0
     padded: tuple[int, ...] = ()
-    pad: float = 0.0
+    pad: Pair = (0.0, 0.0)
     tilt: Pair = (0.0, 0.0)
     masses: Pair = (6.0, 4.0)
     cable: float = 0.0
@@ -66,6 +66,9 @@ class Scene:
             signed = item.name in ('displacement', 'tilt')
             if not np.all(np.isfinite(value)) or (not signed and np.any(value < 0)):
                 raise ParameterError(f'{where}: {item.name}', f'expected a finite value of 0 or more, got {value}')
+
+        if self.padded and min(self.pad) <= 0:
+            raise ParameterError(f'{where}: pad', f'expected a stiffness and a depth above 0, got {self.pad}')
 
     def displaced_disc(self, cell: Cell) -> int | None:
         """Number of the disc that stands beside its place, if one does."""
@@ -90,9 +93,9 @@ SCENES = {
         Scene('displaced_disc', displaced=1, displacement=(1.2e-4, -0.9e-4)),
         Scene('base_on_springs', base_compliance=(6e-6, 1e-6)),
         Scene('link_flex', link_compliance=1.5e-4),
-        Scene('soft_contact', padded=(0, 1, 2), pad=1e4),
-        Scene('soft_disc', padded=(1,), pad=2e6),
-        Scene('tilted_base', tilt=(0.12, -0.09), masses=(15.0, 10.0)),
+        Scene('soft_contact', padded=(0, 1, 2), pad=(7e3, 6e-3)),
+        Scene('soft_disc', padded=(1,), pad=(2e5, 2e-4)),
+        Scene('tilted_base', tilt=(0.08, -0.06), masses=(15.0, 10.0)),
         Scene('cable', cable=5.0),
         Scene('two', contact_friction=0.15, base_compliance=(6e-6, 1e-6)),
     )

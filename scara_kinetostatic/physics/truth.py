@@ -79,7 +79,12 @@ def built_effects(scene: Scene, cell: Cell) -> list[dict[str, Any]]:
     padded = scene.padded_discs(cell)
     if padded:
         everywhere = len(padded) == len(cell.discs)
-        add('contact_compliance', None if everywhere else cell.discs[padded[0]].name, stiffness=scene.pad)
+        add(
+            'contact_compliance',
+            None if everywhere else cell.discs[padded[0]].name,
+            stiffness=scene.pad[0],
+            depth=scene.pad[1],
+        )
     if any(scene.tilt):
         add('base_tilt', None, tilt_x=scene.tilt[0], tilt_y=scene.tilt[1])
     if scene.cable:
