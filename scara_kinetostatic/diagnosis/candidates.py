@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 PARTNERS = 12
 """Beside how many of the other candidates the frequency of an effect is searched for again."""
 RIDGE = 1e-6
-LEAST_NEW = 0.03
+LEAST_NEW = 0.012
 """Part of a unit column that must be new beside the twelve; less is the noise of the measured force."""
 
 

@@ -11,6 +11,8 @@ from scipy import stats
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.candidates import Field
+from scara_kinetostatic.diagnosis.contest import CREDIBLE
+from scara_kinetostatic.diagnosis.evidence import story
 from scara_kinetostatic.diagnosis.problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.refit import effect_values
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
@@ -23,6 +25,8 @@ from scara_kinetostatic.effects.unnamed import Unnamed
 
 SIGNIFICANCE = 0.01
 """Chance of a false alarm that is accepted."""
+SUSPICIOUS = 2
+"""Rejected touches from which on they are asked whether an effect explains them."""
 
 
 class Adequacy(NamedTuple):
@@ -49,22 +53,22 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
     """
     c, known = calibration, tuple(catalogue(calibration.cell) if effects is None else effects)
     problem = pose_problem(c)
-    field = all_candidates(c, problem, known)
-    before = adequacy(c, problem, field)
+    before = adequacy(c, problem, all_candidates(c, problem, known))
     incredible = advice.incredible(c)
-    if before.p_value >= SIGNIFICANCE and not incredible:
-        return Diagnosis('none', before.p_value, remaining_p_value=before.p_value, advice=advice.too_quiet(c))
-    found = search(c, known)
+    alarm = before.p_value < SIGNIFICANCE or bool(incredible)
+    found, p_value = _find(c, known, alarm, before.p_value)
+    if found is None:
+        return Diagnosis('none', p_value, remaining_p_value=p_value, advice=advice.too_quiet(c))
     ranking = _ranking(found)
     if found.extended is None:
         text = incredible or advice.unexplained(c, before.traces)
-        return Diagnosis('unexplained', before.p_value, traces=before.traces, ranking=ranking, advice=text)
+        return Diagnosis('unexplained', p_value, traces=before.traces, ranking=ranking, advice=text)
     after = adequacy(found.extended)
     described = _describe(found)
     verdict = _verdict(found, described, after)
     return Diagnosis(
         verdict=verdict,
-        p_value=before.p_value,
+        p_value=p_value,
         found=described,
         rivals=found.rivals,
         extended=found.extended,
@@ -74,6 +78,32 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
         ranking=ranking,
         advice=advice.after_search(verdict, described, found.rivals, after.traces, known),
     )
+
+
+def _find(
+    calibration: Calibration, known: Sequence[Effect], alarm: bool, p_value: float
+) -> tuple[Search | None, float]:
+    """What the twelve parameters lack, if they lack anything, and the p-value of "nothing".
+
+    Where the fit rejected several touches, they may not be bad at all: what explains all
+    touches is searched for as well, and the likelier story is told.
+    """
+    c = calibration
+    found = search(c, known) if alarm else None
+    if (~c.used).sum() < SUSPICIOUS:
+        return found, p_value
+    other = search(c, known, np.ones(len(c.touches), dtype=bool))
+    if other.extended is None:
+        return found, p_value
+    fits = [c, other.extended, *([found.extended] if found and found.extended else [])]
+    scale = max(1.0, min(fit.reduced_chi_square for fit in fits))
+    with_bad = story(c, 0.0, scale)
+    if found and found.extended:
+        with_bad = min(with_bad, story(found.extended, found.price, scale))
+    lead = with_bad - story(other.extended, other.price, scale)
+    if lead < (0.0 if alarm else CREDIBLE):
+        return found, p_value
+    return other, min(p_value, float(np.exp(-lead / 2)))
 
 
 def adequacy(calibration: Calibration, problem: Problem | None = None, field: Field | None = None) -> Adequacy:
@@ -104,7 +134,7 @@ def _words(effect: Effect) -> str:
 
 
 def _verdict(found: Search, described: Sequence[Found], after: Adequacy) -> str:
-    if after.p_value < SIGNIFICANCE or any(isinstance(item.effect, Unnamed) for item in described):
+    if after.p_value < SIGNIFICANCE or any(isinstance(item.effect, Unnamed) and item.proved for item in described):
         return 'unexplained'
     return 'ambiguous' if found.rivals else 'explained'
 

@@ -75,10 +75,15 @@ class Problem(NamedTuple):
         return whiten_by(h, self.point.whitened.root).ravel()
 
 
-def pose_problem(calibration: Calibration) -> Problem:
-    """The linear problem that a calibration leaves; its cell may have effects or not."""
+def pose_problem(calibration: Calibration, which: NDArray[np.bool_] | None = None) -> Problem:
+    """The linear problem that a calibration leaves; its cell may have effects or not.
+
+    Args:
+        calibration: the fit.
+        which: the touches to look at, (n,); None for those it used.
+    """
     c = calibration
-    touches = c.touches.select(c.used)
+    touches = c.touches.select(c.used if which is None else which)
     observations = observe(touches, c.cell)
     point = project(observations, c.parameters, c.noise)
     extension = observations.extension or Extension((), Tags.of(touches))

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import Termination
@@ -13,6 +17,7 @@ from scara_kinetostatic.diagnosis.problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.refit import effect_values, fit_with
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import unnamed_effects
+from scara_kinetostatic.errors import UnsupportedDataError
 
 ROUNDS = 4
 MOST_IN_UNION = 5
@@ -25,7 +30,8 @@ class Search(NamedTuple):
     Attributes:
         problem: the last linear problem.
         contest: its outcome.
-        extended: the fit with the winners; None if nothing won.
+        extended: the fit with the winners; None if it does not settle.
+        price: of the best set of effects.
         proved: labels of effects in every credible set.
         rivals: labels of effects that replace each other.
     """
@@ -33,37 +39,48 @@ class Search(NamedTuple):
     problem: Problem
     contest: Contest
     extended: Calibration | None
+    price: float
     proved: tuple[str, ...]
     rivals: tuple[tuple[str, ...], ...]
 
 
-def search(calibration: Calibration, effects: Sequence[Effect]) -> Search:
+def search(calibration: Calibration, effects: Sequence[Effect], which: NDArray[np.bool_] | None = None) -> Search:
     """Find the effects that a calibration of the twelve parameters lacks.
 
     Args:
         calibration: without effects.
         effects: the catalogue.
+        which: the touches to begin with, (n,); None for those that the calibration used. Each
+            fit with effects judges anew which touches are bad.
     """
-    latest, before = calibration, frozenset[str]()
+    start = calibration if which is None else replace(calibration, used=which)
+    latest, before = start, frozenset[str]()
     for _ in range(ROUNDS):
-        problem, contest = _contest(latest, effects)
+        problem = pose_problem(latest)
+        contest = compete(problem, all_candidates(latest, problem, effects))
         winners = _winners(contest)
-        proved, rivals = _sort_out(contest)
         labels = frozenset(candidate.effect.label for candidate in winners)
         if labels == before:
             break
         before = labels
-        fitted = fit_with(calibration, latest, problem, winners)
-        if fitted.termination is not Termination.CONVERGED:
+        fitted = _settled(calibration, latest, problem, winners)
+        if fitted is None:
             break
         latest = fitted
-    return Search(problem, contest, latest if latest.cell.effects else None, proved, rivals)
+    proved, rivals = _sort_out(contest)
+    extended = latest if latest.cell.effects else None
+    return Search(problem, contest, extended, contest.credible[0].price, proved, rivals)
 
 
-def _contest(latest: Calibration, effects: Sequence[Effect]) -> tuple[Problem, Contest]:
-    problem = pose_problem(latest)
-    field = all_candidates(latest, problem, effects)
-    return problem, compete(problem, field)
+def _settled(
+    calibration: Calibration, latest: Calibration, problem: Problem, winners: Sequence[Candidate]
+) -> Calibration | None:
+    """The fit with the winners; None if it does not settle."""
+    try:
+        fitted = fit_with(calibration, latest, problem, winners)
+    except UnsupportedDataError:
+        return None
+    return fitted if fitted.termination is Termination.CONVERGED else None
 
 
 def all_candidates(latest: Calibration, problem: Problem, effects: Sequence[Effect]) -> Field:

@@ -113,6 +113,12 @@ class Effect(ABC):
         """The derivatives of `reading`, one per parameter."""
         return ()
 
+    def strength(self, values: Floats) -> Floats:
+        """The values (k,), zero where they say how the effect is rather than how strong: what its derivatives,
+        times these, add up to is the effect to first order.
+        """
+        return values
+
     def trials(self, at: Situation, force: Floats) -> Sequence[Trial]:
         """The ways in which it may be present in these touches; `force` is in the sensor's frame, (n, 2), N."""
         values = np.array(self.start)

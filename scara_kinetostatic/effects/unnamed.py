@@ -17,6 +17,8 @@ from scara_kinetostatic.model.extension import Shift, Situation
 
 WAVES = 3
 POWERS = 4
+BEYOND = 1.05
+"""Half ranges from the middle beyond which a fitted curve stays flat: it knows nothing of what lies there."""
 PLACE_WAVES = (2, 3, 4)
 """Once around a disc is a displaced centre."""
 ANGLES = ('q1', 'q2', 'direction', 'direction_from_link2')
@@ -102,7 +104,7 @@ class Unnamed(LinearEffect):
         value = variable(at, self.variable)
         if self.variable in ANGLES:
             return [wave(k * value) for k in self._orders() for wave in (np.cos, np.sin)]
-        z = (value - self.middle) / self.half
+        z = np.clip((value - self.middle) / self.half, -BEYOND, BEYOND)
         return [z**k for k in range(1, POWERS + 1)]
 
     def basis(self, at: Situation) -> tuple[Shift, ...]:
