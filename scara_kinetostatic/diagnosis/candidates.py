@@ -143,7 +143,7 @@ def new_part(problem: Problem, columns: Floats) -> tuple[Floats, float]:
         return np.empty((len(columns), 0)), 0.0
     left = columns - problem.base @ (problem.base.T @ columns)
     u, values, _ = np.linalg.svd(left, full_matrices=False)
-    return u[:, values > LEAST_NEW], float(values[0])
+    return u[:, values > LEAST_NEW], min(1.0, float(values[0]))
 
 
 def best_trial(problem: Problem, scan: Scan, beside: Candidate | None = None) -> Candidate:

@@ -97,6 +97,15 @@ def compete(problem: Problem, field: Field) -> Contest:
     return contest._replace(credible=_credible(contest))
 
 
+def rank_singles(problem: Problem, field: Field) -> Contest:
+    """Examine single effects only: where nothing is missing, that is all there is to say."""
+    judge = _Judge(problem, field)
+    entries = [judge.enter(()), *(judge.enter((k,)) for k in range(len(field.candidates)))]
+    scale = _scale(problem, entries)
+    ranked = sorted((_scored(problem, entry, scale) for entry in entries), key=lambda entry: entry.score)
+    return Contest(field, tuple(ranked), (), scale)
+
+
 class _Judge:
     """Sums of squares of any set, from the inner products of all columns."""
 

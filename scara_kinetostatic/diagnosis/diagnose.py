@@ -11,17 +11,18 @@ from scipy import stats
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.candidates import Field
-from scara_kinetostatic.diagnosis.contest import CREDIBLE
+from scara_kinetostatic.diagnosis.contest import CREDIBLE, rank_singles
 from scara_kinetostatic.diagnosis.evidence import story
 from scara_kinetostatic.diagnosis.problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.refit import effect_values
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
-from scara_kinetostatic.diagnosis.scores import score_singles, significance
+from scara_kinetostatic.diagnosis.scores import hidden_bend, score_singles, significance
 from scara_kinetostatic.diagnosis.search import Search, all_candidates, search
 from scara_kinetostatic.diagnosis.structure import Trace, find_traces
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.unnamed import Unnamed
+from scara_kinetostatic.model.parameters import NAMES
 
 SIGNIFICANCE = 0.01
 """Chance of a false alarm that is accepted."""
@@ -53,13 +54,16 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
     """
     c, known = calibration, tuple(catalogue(calibration.cell) if effects is None else effects)
     problem = pose_problem(c)
-    before = adequacy(c, problem, all_candidates(c, problem, known))
+    field = all_candidates(c, problem, known)
+    before = adequacy(c, problem, field)
     incredible = advice.incredible(c)
     alarm = before.p_value < SIGNIFICANCE or bool(incredible)
     found, p_value = _find(c, known, alarm, before.p_value)
     if found is None:
-        return Diagnosis('none', p_value, remaining_p_value=p_value, advice=advice.too_quiet(c))
-    ranking = _ranking(found)
+        nothing = Search(problem, rank_singles(problem, field), None, 0.0, (), ())
+        ranking = _ranking(nothing, c)
+        return Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, advice=advice.too_quiet(c))
+    ranking = _ranking(found, c)
     if found.extended is None:
         text = incredible or advice.unexplained(c, before.traces)
         return Diagnosis('unexplained', p_value, traces=before.traces, ranking=ranking, advice=text)
@@ -153,16 +157,17 @@ def _describe(found: Search) -> tuple[Found, ...]:
     return tuple(items)
 
 
-def _ranking(found: Search) -> tuple[Ranked, ...]:
+def _ranking(found: Search, calibration: Calibration) -> tuple[Ranked, ...]:
     """Every effect by itself: its scores and what became of it."""
     rivals = {label for group in found.rivals for label in group}
+    std = (found.extended or calibration).std
     ranked = []
     for score in score_singles(found.problem, found.contest):
         label = score.candidate.effect.label
         role = 'found' if label in found.proved else 'rival' if label in rivals else 'refuted'
-        ranked.append(
-            Ranked(score.candidate.effect, role, score.p_value, score.share, score.gain, score.held_out, 1.0)
-        )
+        bend, place = hidden_bend(found.problem, score.candidate, std)
+        scores = score.p_value, score.share, score.gain, score.held_out
+        ranked.append(Ranked(score.candidate.effect, role, *scores, score.new, bend, NAMES[place]))
     for item in found.contest.field.unseen:
         ranked.append(Ranked(item.effect, 'unseen', np.nan, 0.0, 0.0, 0.0, item.new))
     return tuple(ranked)

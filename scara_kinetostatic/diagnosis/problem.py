@@ -30,6 +30,8 @@ from scara_kinetostatic.model.parameters import NAMES
 
 Floats = NDArray[np.float64]
 
+MOST = 2000
+"""Touches that a diagnosis looks at; the fit itself takes all."""
 NEGLIGIBLE = 1e-9
 """A unit column with less than this left beside the others adds no rank."""
 
@@ -45,6 +47,7 @@ class Problem(NamedTuple):
         base: orthonormal basis of J, (2n, r).
         left: y less what the twelve can take up, (2n,).
         noise_given: whether s is known to be 1.
+        response: what the twelve become when y does: L̄ follows y by it, (12, 2n).
     """
 
     point: Point
@@ -54,6 +57,7 @@ class Problem(NamedTuple):
     base: Floats
     left: Floats
     noise_given: bool
+    response: Floats
 
     @property
     def freedoms(self) -> int:
@@ -83,14 +87,15 @@ def pose_problem(calibration: Calibration, which: NDArray[np.bool_] | None = Non
         which: the touches to look at, (n,); None for those it used.
     """
     c = calibration
-    touches = c.touches.select(c.used if which is None else which)
+    touches = c.touches.select(_some(c.used if which is None else which))
     observations = observe(touches, c.cell)
     point = project(observations, c.parameters, c.noise)
     extension = observations.extension or Extension((), Tags.of(touches))
     setting = observations._replace(extension=extension).setting(point.adjusted.joints)
     state = point.adjusted.state
     jacobian = point.whitened.derivative[:, :, : len(NAMES)] @ c.subspace.basis[: len(NAMES)]
-    base = orthonormal(jacobian.reshape(2 * len(touches), -1))
+    jacobian = jacobian.reshape(2 * len(touches), -1)
+    base = orthonormal(jacobian)
     problem = Problem(
         point=point,
         equations=extended_equations(point.parameters, setting, state),
@@ -99,11 +104,22 @@ def pose_problem(calibration: Calibration, which: NDArray[np.bool_] | None = Non
         base=base,
         left=np.empty(0),
         noise_given=c.noise_source == 'given',
+        response=-c.subspace.basis[: len(NAMES)] @ np.linalg.pinv(jacobian),
     )
     strengths = [law.strength(part) for law, part in zip(extension.laws, extension.values(c.parameters), strict=True)]
     effects = point.whitened.derivative[:, :, len(NAMES) :].reshape(len(base), -1)
     y = point.whitened.residual.ravel() - effects @ np.concatenate([np.empty(0), *strengths])
     return problem._replace(left=y - base @ (base.T @ y))
+
+
+def _some(which: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """As many of the touches as are needed: `MOST`, drawn at random, if there are more."""
+    places = np.flatnonzero(which)
+    if len(places) <= MOST:
+        return which
+    drawn = np.zeros_like(which)
+    drawn[np.random.default_rng(0).choice(places, MOST, replace=False)] = True
+    return drawn
 
 
 def orthonormal(columns: Floats, beside: Floats | None = None) -> Floats:

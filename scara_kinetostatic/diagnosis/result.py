@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.diagnosis.structure import Trace
 from scara_kinetostatic.effects.base import Effect
@@ -45,6 +47,9 @@ class Ranked(NamedTuple):
         gain: twice the logarithm of its odds against no effect, all prices paid.
         held_out: gain of twice the logarithmic predictive density on touches left out one by one.
         new: largest part of it that is new beside the twelve; below `candidates.LEAST_NEW` it cannot show.
+        hidden_bend: by how many standard deviations one of the twelve may be off by such an effect that is just
+            too small to be found; NaN if it cannot show.
+        bent: name of that parameter.
     """
 
     effect: Effect
@@ -54,6 +59,8 @@ class Ranked(NamedTuple):
     gain: float
     held_out: float
     new: float
+    hidden_bend: float = np.nan
+    bent: str = ''
 
 
 @dataclass(frozen=True)

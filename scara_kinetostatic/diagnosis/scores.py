@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from scara_kinetostatic.diagnosis.candidates import Candidate
+from scara_kinetostatic.diagnosis.candidates import LEAST_NEW, Candidate, new_part
 from scara_kinetostatic.diagnosis.contest import Contest
 from scara_kinetostatic.diagnosis.problem import Problem, orthonormal
 
 Floats = NDArray[np.float64]
 
+FOUND = 40.0
+"""Noncentrality at which an effect is found in all but a few of a hundred recordings."""
 ROUNDING = 1e-8
 """Mean square of a whitened residual below which it is rounding error."""
 
@@ -32,7 +34,9 @@ class Score(NamedTuple):
         p_value: of "it is not there", the search over its trials counted.
         share: part of the residual's sum of squares that it explains.
         gain: minus twice the logarithmic likelihood, less its price: what it gains by itself.
-        held_out: the same on touches left out; above 0 it predicts them better than the twelve parameters do.
+        held_out: gain of minus twice the logarithmic predictive density on touches left out, less 2 ln t for the
+            search over t trials, which is not repeated; above 0 they are predicted better than by the twelve.
+        new: largest part of a unit column of it that is new beside the twelve.
     """
 
     candidate: Candidate
@@ -40,6 +44,7 @@ class Score(NamedTuple):
     share: float
     gain: float
     held_out: float
+    new: float
 
 
 def score_singles(problem: Problem, contest: Contest) -> tuple[Score, ...]:
@@ -54,9 +59,35 @@ def score_singles(problem: Problem, contest: Contest) -> tuple[Score, ...]:
         if candidate.effect.label in found:
             continue
         p_value, share = significance(problem, candidate)
-        held_out = nothing - held_out_deviance(problem, candidate.unit, contest.scale)
-        found[candidate.effect.label] = Score(candidate, p_value, share, empty.score - entry.score, held_out)
+        new = new_part(problem, problem.columns(candidate.trial))[1]
+        held_out = nothing - held_out_deviance(problem, candidate.unit, contest.scale) - 2 * np.log(candidate.tried)
+        found[candidate.effect.label] = Score(candidate, p_value, share, empty.score - entry.score, float(held_out), new)
     return tuple(found.values())
+
+
+def hidden_bend(problem: Problem, candidate: Candidate, std: Floats) -> tuple[float, int]:
+    """How far an effect that is just too small to be found may bend one of the twelve.
+
+    This is the external reliability of adjustment theory (Baarda, A Testing Procedure for Use in Geodetic
+    Networks, 1968): the effect has the size at which it would be found nearly always, noncentrality `FOUND`,
+    and, of an effect with several parameters, the worst direction.
+
+    Args:
+        problem: the touches.
+        candidate: the effect.
+        std: standard deviations of the twelve, (12,); NaN or 0 where there is none.
+
+    Returns:
+        The shift in standard deviations, and the place of the parameter it moves most.
+    """
+    columns = problem.columns(candidate.trial)
+    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    _, values, right = np.linalg.svd(columns - problem.base @ (problem.base.T @ columns), full_matrices=False)
+    seen = values > LEAST_NEW
+    shift = (problem.response @ columns) @ (right[seen].T / values[seen]) * np.sqrt(FOUND)
+    moved = np.linalg.norm(shift, axis=1) / np.where(std > 0, std, np.inf)
+    moved = np.nan_to_num(moved)
+    return float(moved.max()), int(np.argmax(moved))
 
 
 def significance(problem: Problem, candidate: Candidate) -> tuple[float, float]:
