@@ -1,4 +1,4 @@
-"""Node `calibrator`: turns a recording into the twelve parameters, on the service `~/calibrate`.
+"""Node `calibrator`: turns a recording into the twelve parameters and what lies beyond them, on `~/calibrate`.
 
 The recording is the one that the parameter `recording` names or, if that is
 empty, the one that the collector has announced last on `collector/recording`.
@@ -34,6 +34,7 @@ from scara_kinetostatic.nodes.summary import details, one_line
 from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.recording.cell_file import load_cell
 from scara_kinetostatic.recording.reader import embedded_cell
+from scara_kinetostatic.report.effect_parameters import effect_parameters
 
 THREADS = 3
 """One calibrates, one refuses a second call, one serves parameters and timers."""
@@ -111,8 +112,8 @@ class Calibrator(Node):
         self._condition = Condition(WARN, f'calibrating from {recording}', {})
         outcome = calibrate_recordings([recording], self._cell(recording), progress=self._progress)
         files = write_results(outcome, self._output(recording))
-        calibration = outcome.calibration
-        self._results.publish(calibration.parameters.as_array(), calibration.std)
+        final, effects = outcome.final, effect_parameters(outcome.diagnosis.found)
+        self._results.publish(list(final.parameters.as_dict().values()), final.std, effects)
         message = f'{one_line(outcome)}; written to {files.folder}'
         self._condition = Condition(OK, message, details(outcome))
         return message

@@ -1,12 +1,14 @@
 """The results of a calibration as parameters of the node: `calibrated.<name>` and `calibrated_std.<name>`.
 
 They are there once there is a result, from a calibration or from a parameter
-file of an earlier one, and the node alone changes them.
+file of an earlier one, and the node alone changes them. Effects found beyond the twelve come and go with
+the calibration that finds them: `effects.<name>.<target>.<parameter>` and `effects_std…`.
 """
 
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +17,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, UNITS
+from scara_kinetostatic.report import effect_parameters
+from scara_kinetostatic.report.effect_parameters import EffectParameter
 
 VALUE = 'calibrated'
 DEVIATION = 'calibrated_std'
@@ -23,6 +27,8 @@ DECLARED = {
     **{f'{DEVIATION}.{name}': f'{DESCRIPTIONS[name]}, standard deviation, {UNITS[name]}' for name in NAMES},
 }
 """Names and descriptions: first the values, then their standard deviations, each in the order of `NAMES`."""
+EFFECTS = (f'{effect_parameters.VALUE}.', f'{effect_parameters.DEVIATION}.')
+"""How the names of effects' parameters begin."""
 
 
 class ResultParameters:
@@ -42,40 +48,56 @@ class ResultParameters:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._writer: int | None = None
-        for full in DECLARED:
-            self._declare(full)
+        for full, description in DECLARED.items():
+            self._declare(full, description)
             if node.get_parameter_or(full).type_ == Parameter.Type.NOT_SET:
                 node.undeclare_parameter(full)
+        self._effects = [full for full in node._parameter_overrides if full.startswith(EFFECTS)]
+        for full in self._effects:
+            self._declare(full, 'of an effect beyond the twelve parameters')
         node.add_on_set_parameters_callback(self._guard)
 
-    def publish(self, values: ArrayLike, deviations: ArrayLike) -> None:
-        """Sets all of them at once.
+    def publish(self, values: ArrayLike, deviations: ArrayLike, effects: Sequence[EffectParameter] = ()) -> None:
+        """Sets all of them at once; those of effects that are no longer there are taken back.
 
         Args:
             values: the twelve parameters in the order of `NAMES`.
             deviations: their standard deviations; NaN where there is none.
+            effects: what was found beyond the twelve.
         """
         numbers = np.concatenate([np.asarray(values), np.asarray(deviations)]).tolist()
-        parameters = [
-            Parameter(full, Parameter.Type.DOUBLE, number) for full, number in zip(DECLARED, numbers, strict=True)
-        ]
+        named = dict(zip(DECLARED, numbers, strict=True))
+        described = dict(DECLARED)
+        for item in effects:
+            for start, number in zip(EFFECTS, (item.value, item.std), strict=True):
+                full = start + '.'.join(item.path)
+                named[full], described[full] = number, f'{item.meaning}, {item.unit}'
         self._writer = threading.get_ident()
         try:
-            for full in DECLARED:
+            self._take_back([full for full in self._effects if full not in named])
+            for full in named:
                 if not self._node.has_parameter(full):
-                    self._declare(full)
-            self._node.set_parameters_atomically(parameters)
+                    self._declare(full, described[full])
+            self._effects = [full for full in named if full not in DECLARED]
+            self._node.set_parameters_atomically(
+                [Parameter(full, Parameter.Type.DOUBLE, number) for full, number in named.items()]
+            )
         finally:
             self._writer = None
 
-    def _declare(self, full: str) -> None:
+    def _take_back(self, names: Sequence[str]) -> None:
+        for full in names:
+            if self._node.has_parameter(full):
+                self._node.undeclare_parameter(full)
+
+    def _declare(self, full: str, description: str) -> None:
         descriptor = ParameterDescriptor(
-            description=DECLARED[full], additional_constraints='read-only, the result of ~/calibrate'
+            description=description, additional_constraints='read-only, the result of ~/calibrate'
         )
         self._node.declare_parameter(full, Parameter.Type.DOUBLE, descriptor)
 
     def _guard(self, parameters: list[Parameter]) -> SetParametersResult:
-        taken = [parameter.name for parameter in parameters if parameter.name in DECLARED]
+        taken = [p.name for p in parameters if p.name in DECLARED or p.name.startswith(EFFECTS)]
         if taken and self._writer != threading.get_ident():
             return SetParametersResult(
                 successful=False, reason=f'{taken[0]} is read-only, the result of a calibration; call ~/calibrate'

@@ -3,34 +3,57 @@
 from __future__ import annotations
 
 from scara_kinetostatic.pipeline import Outcome
+from scara_kinetostatic.report.comparison import compare
+from scara_kinetostatic.report.quantities import rank_of_twelve
 
 
 def one_line(outcome: Outcome) -> str:
-    """What came out: touches, force error before and after, fit, what cannot be told apart, verdict."""
-    result = outcome.calibration
+    """What came out: touches, force error before and after, fit, what cannot be told apart, verdict, effects."""
+    result, compared = outcome.final, compare(outcome)
+    alone, extended = compared.alone, compared.extended
     parts = [
         f'{int(result.used.sum())} of {outcome.found} touches used',
-        f'force error {result.force_error_nominal:.4g} N before, {result.force_error:.4g} N after',
-        f'reduced chi-square {result.reduced_chi_square:.3g}',
+        f'force error {compared.nominal:.4g} N before, {alone.force_error:.4g} N after',
+        f'reduced chi-square {alone.reduced_chi_square:.3g}',
     ]
     for group in result.identifiability.confounded:
         parts.append(f'cannot be told apart: {" ".join(group)}')
-    parts.append(f'missing effects: {outcome.diagnosis.verdict}')
+    parts.append(f'missing effects: {_verdict(outcome)}')
+    if outcome.diagnosis.extended:
+        parts.append(
+            f'with them {extended.force_error:.4g} N, reduced chi-square {extended.reduced_chi_square:.3g}, '
+            f'on touches not used {alone.held_out:.4g} N before, {extended.held_out:.4g} N after'
+        )
     return '; '.join(parts)
+
+
+def _verdict(outcome: Outcome) -> str:
+    """The verdict and the effects behind it; rivals in brackets."""
+    d = outcome.diagnosis
+    proved = [item.effect.label for item in d.found if item.proved]
+    open_ones = [f'one of ({", ".join(group)})' for group in d.rivals]
+    return ', '.join([d.verdict, *proved, *open_ones])
 
 
 def details(outcome: Outcome) -> dict[str, str]:
     """The same by name."""
-    result = outcome.calibration
+    result, compared = outcome.final, compare(outcome)
+    alone, extended = compared.alone, compared.extended
+    found = outcome.diagnosis.found
     return {
         'touches found': str(outcome.found),
         'touches used': str(int(result.used.sum())),
-        'force error, nominal [N]': f'{result.force_error_nominal:.6g}',
-        'force error, calibrated [N]': f'{result.force_error:.6g}',
-        'force error, held out [N]': f'{outcome.held_out.force_error:.6g}',
-        'reduced chi-square': f'{result.reduced_chi_square:.6g}',
-        'rank': str(result.identifiability.rank),
+        'force error, nominal [N]': f'{compared.nominal:.6g}',
+        'force error, calibrated [N]': f'{alone.force_error:.6g}',
+        'force error, extended [N]': f'{extended.force_error:.6g}',
+        'force error, held out [N]': f'{alone.held_out:.6g}',
+        'force error, held out, extended [N]': f'{extended.held_out:.6g}',
+        'reduced chi-square': f'{alone.reduced_chi_square:.6g}',
+        'reduced chi-square, extended': f'{extended.reduced_chi_square:.6g}',
+        'rank': str(rank_of_twelve(result)),
         'confounded': ', '.join(' '.join(group) for group in result.identifiability.confounded) or 'none',
         'verdict': outcome.diagnosis.verdict,
+        'effects': ', '.join(item.effect.label for item in found if item.proved) or 'none',
+        'rivals': '; '.join(', '.join(group) for group in outcome.diagnosis.rivals) or 'none',
         'sources': ', '.join(outcome.sources),
     }

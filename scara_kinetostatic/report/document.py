@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from typing import Any
-
 import numpy as np
 
 from scara_kinetostatic import __version__
@@ -12,11 +9,14 @@ from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.pipeline import Outcome
+from scara_kinetostatic.report.comparison import Comparison, bends, compare
+from scara_kinetostatic.report.diagnosis_document import Document as Document
+from scara_kinetostatic.report.diagnosis_document import diagnosis_document
+from scara_kinetostatic.report.diagnosis_document import number as _number
+from scara_kinetostatic.report.quantities import rank_of_twelve
 
 SCHEMA = 'scara_kinetostatic/calibration/1'
 """Keys may be added under the same number; what is there keeps its name and meaning."""
-
-Document = dict[str, Any]
 
 
 def as_document(outcome: Outcome) -> Document:
@@ -24,31 +24,18 @@ def as_document(outcome: Outcome) -> Document:
 
     SI units. What the data do not determine, and numbers that are not finite, are None.
     """
-    c = outcome.calibration
+    c, compared = outcome.final, compare(outcome)
     return {
         'schema': SCHEMA,
         'version': __version__,
         'sources': list(outcome.sources),
         'warnings': list(outcome.warnings),
         'cell': _cell(c.cell),
-        'parameters': _parameters(c),
+        'parameters': _parameters(outcome),
         'covariance': _covariance(c),
         'touches': _touches(outcome),
         'noise': {'joint': c.noise.joint, 'force': c.noise.force, 'source': c.noise_source},
-        'force_error': {
-            'nominal': _number(c.force_error_nominal),
-            'calibrated': _number(c.force_error),
-            'extended': _number(c.force_error),
-        },
-        'held_out_force_error': {
-            'calibrated': _number(outcome.held_out.force_error),
-            'extended': _number(outcome.held_out.force_error),
-            'folds': outcome.held_out.folds,
-        },
-        'reduced_chi_square': {
-            'calibrated': _number(c.reduced_chi_square),
-            'extended': _number(c.reduced_chi_square),
-        },
+        **_errors(outcome, compared),
         'fit': {
             'chi_square': _number(c.chi_square),
             'degrees_of_freedom': c.degrees_of_freedom,
@@ -56,12 +43,36 @@ def as_document(outcome: Outcome) -> Document:
             'termination': c.termination.name.lower(),
         },
         'identifiability': _identifiability(c),
-        'diagnosis': _diagnosis(outcome),
+        'diagnosis': diagnosis_document(outcome.diagnosis),
     }
 
 
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
+def _errors(outcome: Outcome, compared: Comparison) -> Document:
+    """The twelve parameters alone and the extended model, on the same touches."""
+    alone, extended = compared.alone, compared.extended
+    return {
+        'force_error': {
+            'nominal': _number(compared.nominal),
+            'calibrated': _number(alone.force_error),
+            'extended': _number(extended.force_error),
+        },
+        'held_out_force_error': {
+            'calibrated': _number(alone.held_out),
+            'extended': _number(extended.held_out),
+            'folds': outcome.extended_held_out.folds,
+        },
+        'reduced_chi_square': {
+            'calibrated': _number(alone.reduced_chi_square),
+            'extended': _number(extended.reduced_chi_square),
+        },
+        'tip_error': {
+            'calibrated': _number(alone.tip.fitted),
+            'extended': _number(extended.tip.fitted),
+            'held_out': {'calibrated': _number(alone.tip.held_out), 'extended': _number(extended.tip.held_out)},
+            'noise': _number(extended.tip.noise),
+            'moved': {'rms': _number(compared.moved), 'largest': _number(compared.moved_most)},
+        },
+    }
 
 
 def _cell(cell: Cell) -> Document:
@@ -74,17 +85,24 @@ def _cell(cell: Cell) -> Document:
     }
 
 
-def _parameters(c: Calibration) -> Document:
-    values, nominal = c.parameters.as_dict(), c.cell.nominal.as_dict()
+def _parameters(outcome: Outcome) -> Document:
+    c = outcome.final
+    nominal = c.cell.nominal.as_dict()
     return {
-        name: {
-            'nominal': nominal[name],
-            'value': values[name],
-            'std': _number(c.std_of(name)),
-            'unit': UNITS[name],
-            'status': c.status[name],
+        bend.name: {
+            'nominal': nominal[bend.name],
+            'value': bend.value,
+            'std': _number(bend.std),
+            'unit': UNITS[bend.name],
+            'status': c.status[bend.name],
+            'twelve_alone': {
+                'value': bend.alone,
+                'std': _number(bend.alone_std),
+                'shift': bend.shift,
+                'shift_in_std': _number(bend.in_std),
+            },
         }
-        for name in NAMES
+        for bend in bends(outcome)
     }
 
 
@@ -96,7 +114,8 @@ def _covariance(c: Calibration) -> Document:
 
 
 def _touches(outcome: Outcome) -> Document:
-    c, t = outcome.calibration, outcome.calibration.touches
+    c, t = outcome.final, outcome.final.touches
+    before = outcome.calibration
     return {
         'found': outcome.found,
         'used': int(c.used.sum()),
@@ -110,7 +129,8 @@ def _touches(outcome: Outcome) -> Document:
                 'joints': t.joints[k].tolist(),
                 'force': c.force[k].tolist(),
                 'residual': c.residual[k].tolist(),
-                'nominal_residual': c.nominal_residual[k].tolist(),
+                'residual_alone': before.residual[k].tolist(),
+                'nominal_residual': before.nominal_residual[k].tolist(),
                 'distance': _number(c.standardized[k]),
                 'used': bool(c.used[k]),
             }
@@ -120,37 +140,17 @@ def _touches(outcome: Outcome) -> Document:
 
 
 def _identifiability(c: Calibration) -> Document:
+    """That of the twelve; groups in which none of them is stand apart."""
     found = c.identifiability
+    own = [group for group in found.confounded if set(group) & set(NAMES)]
     return {
-        'rank': found.rank,
+        'rank': rank_of_twelve(c),
         'condition': _number(found.condition),
-        'confounded': [list(group) for group in found.confounded],
+        'confounded': [list(group) for group in own],
+        'confounded_effects': [list(group) for group in found.confounded if group not in own],
         'combinations': [
             {'text': item.text, 'value': _number(item.value), 'std': _number(item.std), 'unit': item.unit}
             for item in found.combinations
         ],
         'advice': found.advice,
-    }
-
-
-def _diagnosis(outcome: Outcome) -> Document:
-    found = outcome.diagnosis
-    return {
-        'verdict': found.verdict,
-        'p_value': _number(found.p_value),
-        'effects': [
-            {
-                'name': item.effect.name,
-                'target': item.effect.target,
-                'parameters': {v.name: {'value': v.value, 'std': _number(v.std), 'unit': v.unit} for v in item.values},
-            }
-            for item in found.found
-            if item.proved
-        ],
-        'rivals': [list(group) for group in found.rivals],
-        'advice': found.advice,
-        'traces': [
-            {'name': trace.name, 'p_value': _number(trace.p_value), 'share': _number(trace.share)}
-            for trace in found.traces
-        ],
     }

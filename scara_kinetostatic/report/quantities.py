@@ -80,6 +80,15 @@ def _row(name: str, nominal: float, value: float, std: float, status: str) -> Ro
     )
 
 
+def rank_of_twelve(c: Calibration) -> int:
+    """How many of the twelve parameters, or of their combinations, the data determine.
+
+    Every unseen direction is one confounded group; those of effects alone do not count.
+    """
+    free = sum(status != 'fixed' for status in c.status.values())
+    return free - sum(bool(set(group) & set(NAMES)) for group in c.identifiability.confounded)
+
+
 def decimals(std: float) -> int | None:
     """How many decimals show two digits of a standard deviation; None where there is none."""
     if not math.isfinite(std) or std <= 0:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from threading import Event, Thread
 
@@ -29,6 +30,8 @@ from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
 
 WAIT = 20.0
+GROWN = 5e-5
+"""By which the radius of the second disc is larger than the cell says, m."""
 THREADS = 3
 
 
@@ -37,6 +40,16 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp('bags') / 'touches'
     streams = simulate_streams(EXAMPLE_CELL, PAPER_ACTUAL, default_plan(EXAMPLE_CELL), seed=3)
     write_streams(path, streams, EXAMPLE_CELL)
+    return path
+
+
+@pytest.fixture(scope='module')
+def grown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording with a disc that is larger than its cell description says."""
+    first, second, *rest = EXAMPLE_CELL.discs
+    true = replace(EXAMPLE_CELL, discs=(first, second._replace(radius=second.radius + GROWN), *rest))
+    path = tmp_path_factory.mktemp('bags') / 'grown'
+    write_streams(path, simulate_streams(true, PAPER_ACTUAL, default_plan(EXAMPLE_CELL), seed=3), EXAMPLE_CELL)
     return path
 
 
@@ -96,6 +109,57 @@ def test_a_parameter_file_of_results_can_be_loaded_again(
     np.testing.assert_array_equal(values(node, 'calibrated'), outcome.calibration.parameters.as_array())
     np.testing.assert_array_equal(values(node, 'calibrated_std'), outcome.calibration.std)
     assert 'read-only' in set_parameter(client, 'calibrated.g_ee', 1.0)
+
+
+def effects(node: Node) -> dict[str, float]:
+    """The parameters of effects that the node has, by name."""
+    groups = ('effects', 'effects_std')
+    return {f'{group}.{name}': p.value for group in groups for name, p in node.get_parameters_by_prefix(group).items()}
+
+
+def test_effects_come_and_go_with_the_calibration_that_finds_them(
+    spin: Callable[..., Node], client: DemoClient, recording: Path, grown: Path, tmp_path: Path
+) -> None:
+    node = spin(Calibrator, '--ros-args', '-p', f'output:={tmp_path}', '-p', f'recording:={grown}', threads=THREADS)
+    assert effects(node) == {}
+    answer = calibrate(client)
+    assert answer.success, answer.message
+    label = f'object_radius[{EXAMPLE_CELL.discs[1].name}]'
+    assert f'missing effects: explained, {label}; with them' in answer.message
+    assert node._condition.values['effects'] == label
+    assert float(node._condition.values['force error, held out, extended [N]']) < 0.5 * float(
+        node._condition.values['force error, held out [N]']
+    )
+    name = f'object_radius.{EXAMPLE_CELL.discs[1].name}.radius'
+    found = effects(node)
+    assert list(found) == [f'effects.{name}', f'effects_std.{name}']
+    assert abs(found[f'effects.{name}'] - GROWN) < 4 * found[f'effects_std.{name}']
+    final = calibrate_recordings([grown], EXAMPLE_CELL).final
+    assert values(node, 'calibrated') == list(final.parameters.as_dict().values())
+    assert values(node, 'calibrated_std') == list(final.std)
+    assert 'read-only' in set_parameter(client, f'effects.{name}', 1.0)
+
+    assert set_parameter(client, 'recording', str(recording)) == ''
+    answer = calibrate(client)
+    assert 'missing effects: none' in answer.message
+    assert effects(node) == {}
+
+
+def test_a_parameter_file_with_effects_can_be_loaded_again(
+    spin: Callable[..., Node], client: DemoClient, recording: Path, grown: Path, tmp_path: Path
+) -> None:
+    from scara_kinetostatic.report.write import write_results
+
+    outcome = calibrate_recordings([grown], EXAMPLE_CELL)
+    files = write_results(outcome, tmp_path / 'results')
+    arguments = ('--params-file', str(files.parameters), '-p', f'recording:={recording}', '-p', f'output:={tmp_path}')
+    node = spin(Calibrator, '--ros-args', *arguments, threads=THREADS)
+    ((value,),) = ([v.value for v in item.values] for item in outcome.diagnosis.found)
+    name, deviation = effects(node)
+    assert effects(node)[name] == value
+    assert 'read-only' in set_parameter(client, deviation, 1.0)
+    assert calibrate(client).success
+    assert effects(node) == {}, 'a calibration that finds none takes them back'
 
 
 def test_a_failure_says_why_and_leaves_the_results(

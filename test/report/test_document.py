@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from report.conftest import GROWN, NASTY
 
-from scara_kinetostatic.model.parameters import NAMES, UNITS
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, UNITS
 from scara_kinetostatic.pipeline import Outcome
 from scara_kinetostatic.report.document import as_document
 from scara_kinetostatic.report.json_file import json_text
@@ -47,7 +49,7 @@ def check(found: Any, expected: Any, path: str) -> None:
         assert not isinstance(found, bool), path
 
 
-@pytest.mark.parametrize('which', ['plain', 'confounded', 'nasty'])
+@pytest.mark.parametrize('which', ['plain', 'confounded', 'nasty', 'grown', 'ambiguous', 'unnamed'])
 def test_contract(which: str, request: pytest.FixtureRequest) -> None:
     outcome: Outcome = request.getfixturevalue(which)
     found = read(outcome)
@@ -57,14 +59,88 @@ def test_contract(which: str, request: pytest.FixtureRequest) -> None:
     for name, entry in found['parameters'].items():
         assert {'nominal', 'value', 'std', 'unit', 'status'} <= entry.keys()
         assert entry['unit'] == UNITS[name]
-        assert entry['value'] == getattr(outcome.calibration.parameters, name)
-    assert found['touches']['used'] + len(found['touches']['rejected']) == found['touches']['found'] == 37
-    assert [entry['index'] for entry in found['touches']['rejected']] == [0, 8]
+        assert entry['value'] == getattr(outcome.final.parameters, name)
+    assert found['touches']['used'] + len(found['touches']['rejected']) == found['touches']['found']
+    assert found['touches']['rejected'][0]['index'] == 0
     assert all(entry['reason'] for entry in found['touches']['rejected'])
     assert found['noise'] == {'joint': 1e-5, 'force': 0.3, 'source': 'given'}
     assert found['diagnosis']['verdict'] in ('none', 'explained', 'ambiguous', 'unexplained')
-    for group in ('force_error', 'held_out_force_error', 'reduced_chi_square'):
+
+
+@pytest.mark.parametrize('which', ['plain', 'confounded', 'nasty'])
+def test_nothing_found_extended_is_calibrated(which: str, request: pytest.FixtureRequest) -> None:
+    found = read(request.getfixturevalue(which))
+    assert [entry['index'] for entry in found['touches']['rejected']] == [0, 8]
+    for group in ('force_error', 'held_out_force_error', 'reduced_chi_square', 'tip_error'):
         assert found[group]['extended'] == found[group]['calibrated']
+    assert found['tip_error']['moved'] == {'rms': 0, 'largest': 0}
+    for entry in found['parameters'].values():
+        assert entry['twelve_alone']['value'] == entry['value']
+        assert entry['twelve_alone']['shift'] == 0
+    assert found['diagnosis']['verdict'] == 'none'
+    assert found['diagnosis']['effects'] == found['diagnosis']['rivals'] == []
+
+
+def test_an_effect_with_its_value_and_the_errors_without_it(grown: Outcome) -> None:
+    found = read(grown)
+    diagnosis = found['diagnosis']
+    assert (diagnosis['verdict'], diagnosis['rivals']) == ('explained', [])
+    (effect,) = diagnosis['effects']
+    assert (effect['name'], effect['target']) == ('object_radius', NASTY[1])
+    radius = effect['parameters']['radius']
+    assert abs(radius['value'] - GROWN) < 4 * radius['std'] < 0.1 * GROWN
+    assert radius['unit'] == 'm'
+    for group in ('force_error', 'held_out_force_error', 'reduced_chi_square', 'tip_error'):
+        assert found[group]['extended'] < 0.5 * found[group]['calibrated']
+    tip = found['tip_error']
+    assert tip['extended'] < tip['held_out']['extended'] < 2 * tip['noise']
+    assert tip['held_out']['calibrated'] > tip['calibrated'] > 2 * tip['extended']
+    assert GROWN / 10 < tip['moved']['rms'] < tip['moved']['largest'] < 10 * GROWN
+    roles = {(item['name'], item['target']): item['role'] for item in diagnosis['candidates']}
+    assert roles['object_radius', NASTY[1]] == 'found'
+    assert roles['link_bending', 'link2'] == 'unseen'
+    assert all(item['p_value'] is None for item in diagnosis['candidates'] if item['role'] == 'unseen')
+
+
+def test_the_parameters_are_those_of_the_extended_model(grown: Outcome) -> None:
+    found = read(grown)
+    truth = PAPER_ACTUAL.as_dict()
+    for name, entry in found['parameters'].items():
+        alone = entry['twelve_alone']
+        assert abs(entry['value'] - truth[name]) < 4 * entry['std']
+        assert alone['value'] == getattr(grown.calibration.parameters, name) != entry['value']
+        assert alone['shift'] == alone['value'] - entry['value']
+        assert alone['shift_in_std'] == pytest.approx(alone['shift'] / alone['std'])
+    assert found['identifiability']['rank'] == 12
+    assert found['covariance']['names'] == list(NAMES)
+
+
+def test_rivals_are_named_together_and_none_of_them_as_proved(ambiguous: Outcome) -> None:
+    diagnosis = read(ambiguous)['diagnosis']
+    assert diagnosis['verdict'] == 'ambiguous'
+    assert diagnosis['effects'] == []
+    assert [set(group) for group in diagnosis['rivals']] == [{'contact_friction', 'sensor_rotation'}]
+    ((first, second),) = diagnosis['rival_effects']
+    assert {first['name'], second['name']} == {'contact_friction', 'sensor_rotation'}
+    assert all(item['target'] is None and item['parameters'] for item in (first, second))
+    assert diagnosis['advice']
+
+
+def test_what_has_no_name_has_a_description(unnamed: Outcome) -> None:
+    diagnosis = read(unnamed)['diagnosis']
+    assert diagnosis['verdict'] == 'unexplained'
+    (effect,) = diagnosis['effects']
+    assert effect['name'] == 'unnamed'
+    assert effect['description'] == 'joint 1 deviates by an angle, depending on the angle of joint 2'
+
+
+def test_rank_is_that_of_the_twelve(plain: Outcome) -> None:
+    groups = (('contact_friction.coefficient', 'sensor_rotation.angle'), ('g_ee', 'object_radius[disc_1].radius'))
+    seen = replace(plain.calibration.identifiability, confounded=groups)
+    found = read(replace(plain, calibration=replace(plain.calibration, identifiability=seen)))['identifiability']
+    assert found['rank'] == 11
+    assert found['confounded'] == [list(groups[1])]
+    assert found['confounded_effects'] == [list(groups[0])]
 
 
 def test_status_and_std(confounded: Outcome) -> None:

@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import yaml
 
+from scara_kinetostatic.diagnosis.result import Found, Value
+from scara_kinetostatic.effects.object_radius import ObjectRadius
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.pipeline import Outcome
+from scara_kinetostatic.report.effect_parameters import effect_parameters
 from scara_kinetostatic.report.parameter_file import parameter_text
 
 
@@ -34,6 +38,38 @@ def test_every_number_is_read_as_a_real_one(plain: Outcome, value: float) -> Non
     found = yaml.safe_load(parameter_text(outcome))['/**']['ros__parameters']['calibrated']['x0']
     assert isinstance(found, float)
     assert found == value
+
+
+def test_effects_stand_behind_the_twelve(grown: Outcome, ambiguous: Outcome, unnamed: Outcome) -> None:
+    for outcome, expected in (
+        (grown, {'object_radius': {'_x_q_frac_': ['radius']}}),
+        (ambiguous, {'contact_friction': {'all': ['coefficient']}, 'sensor_rotation': {'all': ['angle']}}),
+        (unnamed, {'unnamed': {'joint1_over_q2': [f'{wave}{k}' for k in (1, 2, 3) for wave in ('cos', 'sin')]}}),
+    ):
+        found = yaml.safe_load(parameter_text(outcome))['/**']['ros__parameters']
+        assert list(found) == ['calibrated', 'calibrated_std', 'effects', 'effects_std']
+        assert found['calibrated'] == outcome.final.parameters.as_dict()
+        for group, kind in (('effects', 0), ('effects_std', 1)):
+            tree = found[group]
+            assert {n: {t: list(values) for t, values in inner.items()} for n, inner in tree.items()} == expected
+            numbers = {
+                path: float(number)
+                for name, inner in tree.items()
+                for target, values in inner.items()
+                for path, number in (((name, target, key), number) for key, number in values.items())
+            }
+            wanted = {item.path: (item.value, item.std)[kind] for item in effect_parameters(outcome.diagnosis.found)}
+            np.testing.assert_equal(numbers, wanted)
+
+
+def test_names_that_yaml_takes_for_something_else(plain: Outcome) -> None:
+    targets = ('no', '7', 'null', 'a.b', 'a b', '1e5')
+    value = Value('radius', 1e-5, math.nan, 'm', 'more: # of it\nindeed')
+    found = tuple(Found(ObjectRadius.of(0, target), (value,), True) for target in targets)
+    outcome = replace(plain, diagnosis=replace(plain.diagnosis, found=found))
+    tree = yaml.safe_load(parameter_text(outcome))['/**']['ros__parameters']
+    assert list(tree['effects']['object_radius']) == ['no', '7', 'null', 'a_b', 'a_b_2', '1e5']
+    assert math.isnan(tree['effects_std']['object_radius']['a_b']['radius'])
 
 
 def test_a_name_with_a_line_break_stays_in_its_comment(plain: Outcome) -> None:
