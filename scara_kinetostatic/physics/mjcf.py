@@ -6,7 +6,7 @@ bends) -> rotor of motor 2 -> transmission 2 -> link 2 -> third axis -> gripper 
 springs) -> tip, a ball with play on the gripper's pin. What the engine needs beside
 that, inertia and damping, is chosen so that motions die out within some 10 ms;
 at rest it has no part in the balance of forces. The integrator `discrete` is implicit in springs,
-dampers, contacts and stops together; the others let stiff stops and stiff springs rattle.
+dampers, contacts and stops together; with this time step the others let stiff stops and springs rattle.
 """
 
 from __future__ import annotations
