@@ -96,9 +96,7 @@ def arrival(joints: Topic, plateau: Plateau, contact: float, earliest: float, st
     touching = int(np.searchsorted(time, contact))
     begin = _free_pose(time, smooth, touching, float(least.max()))
     pressed = moving_mean(median_of_three(value[touching:]), width)
-    return Arrival(
-        last_movement(smooth[begin:], plateau.joints, least), last_movement(pressed, plateau.joints, least)
-    )
+    return Arrival(last_movement(smooth[begin:], plateau.joints, least), last_movement(pressed, plateau.joints, least))
 
 
 def _free_pose(time: Floats, value: Floats, contact: int, least: float) -> int:

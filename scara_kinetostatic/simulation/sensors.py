@@ -5,6 +5,9 @@ is its repeatability: an error that stays the same while the touch lasts, so tha
 no averaging takes it away. It belongs to the contact: its force part grows with
 the contact force, else the zero taken before the touch would remove it. The noise
 of the samples is white.
+
+An error of the force sensor that is played as an effect belongs to the contact for the same reason: what
+such an effect adds to no force, a bias, grows with the contact force up to the whole of it in the hold.
 """
 
 from __future__ import annotations
@@ -16,9 +19,11 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
+from scara_kinetostatic.model.extension import Extension, Tags
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.simulation.trajectory import TRAVEL, Instant
+from scara_kinetostatic.simulation.phases import TRAVEL
+from scara_kinetostatic.simulation.trajectory import Instant
 
 Floats = NDArray[np.float64]
 
@@ -95,16 +100,16 @@ class SensorModel:
         """Forces as the sensor reports them: its frame, its sign, its zero, (k, 2), N.
 
         Args:
-            cell: frame and sign of the sensor.
-            truth: its theta1 and theta2 place the tool frame.
+            cell: frame and sign of the sensor, effects.
+            truth: its theta1 and theta2 place the tool frame; in `extra` are the values of the effects.
             instant: the cell at the k stamps.
             errors: of each touch in the hold, base frame, (m, 2), N.
             random: source of the white noise.
         """
-        force = instant.force + instant.level[:, None] * errors[instant.touch]
-        reported = in_sensor_frame(cell, truth, instant.joints, force)
+        error = instant.level[:, None] * errors[instant.touch]
+        reported = reported_force(cell, truth, instant.joints, instant.force, error, instant.level)
         reported *= -1.0 if cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
-        return reported + self.bias + self.force_noise * random.standard_normal(force.shape)
+        return reported + self.bias + self.force_noise * random.standard_normal(reported.shape)
 
     def stamps(self, duration: float, rate: float, offset: float, random: np.random.Generator) -> NDArray[np.int64]:
         """Stamps of one topic from `offset` to `duration`, increasing, (k,), ns since the start."""
@@ -121,3 +126,26 @@ def in_sensor_frame(cell: Cell, truth: Parameters, joints: Floats, force: Floats
     if cell.sensor.frame is SensorFrame.BASE:
         return force
     return rotate(force, -(joints.sum(axis=1) + truth.theta1 + truth.theta2))
+
+
+def reported_force(
+    cell: Cell, truth: Parameters, joints: Floats, force: Floats, error: Floats, level: Floats | None = None
+) -> Floats:
+    """What the sensor makes of the force on the object, its sign and zero aside, (k, 2), N, in its frame.
+
+    Args:
+        cell: frame of the sensor, effects.
+        truth: places the tool frame; in `extra` are the values of the effects.
+        joints: Q, (k, 2), rad.
+        force: true force, base frame, (k, 2), N.
+        error: noise of the touch, base frame, (k, 2), N.
+        level: force as a part of that of the hold, (k,); None in the hold.
+    """
+    reported = in_sensor_frame(cell, truth, joints, force + error)
+    if cell.effects:
+        effects = Extension(cell.effects, Tags.plain(0))
+        true = in_sensor_frame(cell, truth, joints, force)
+        reported = reported + effects.read(truth, true) - true
+        if level is not None:
+            reported -= (1.0 - level)[:, None] * effects.read(truth, np.zeros_like(true))
+    return reported

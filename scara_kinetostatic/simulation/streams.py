@@ -7,11 +7,11 @@ import numpy as np
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.recording.approach import last_movement
 from scara_kinetostatic.recording.streams import JointStream, Streams, WrenchStream
+from scara_kinetostatic.simulation.phases import Timing
 from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.simulation.sensors import SensorModel, in_sensor_frame
-from scara_kinetostatic.simulation.trajectory import Motion, Timing
+from scara_kinetostatic.simulation.sensors import SensorModel, reported_force
+from scara_kinetostatic.simulation.trajectory import Motion
 
 START = 1_700_000_000_000_000_000
 """Stamp of the start of a simulated recording, ns."""
@@ -27,11 +27,11 @@ def simulate_streams(
     seed: int = 0,
     start: int = START,
 ) -> Streams:
-    """Both streams of one pass through a plan.
+    """Both streams of one pass through a plan, the effects of the cell among what is played.
 
     Args:
-        cell: discs, sensor and noise of a touch.
-        truth: the parameters of the simulated robot.
+        cell: discs, sensor, noise of a touch, effects.
+        truth: the parameters of the simulated robot; those of its effects in `extra`.
         plan: the touches.
         timing: how long the phases last.
         sensors: noise, bias and rates.
@@ -39,7 +39,8 @@ def simulate_streams(
         start: stamp of the start, ns.
 
     Raises:
-        UnsupportedDataError: the simulated robot cannot reach a touch.
+        UnsupportedDataError: the simulated robot cannot reach a touch, or hold its force.
+        ParameterError: `truth` does not hold the parameters of the effects.
     """
     sensors = sensors or SensorModel()
     motion = Motion(cell, truth, plan, timing)
@@ -57,13 +58,13 @@ def simulate_streams(
 
 
 def simulate_touches(cell: Cell, truth: Parameters, plan: Plan, noise: Noise | None = None, seed: int = 0) -> TouchSet:
-    """The touches of a plan without streams: Ḡ and the noise of one touch.
+    """The touches of a plan without streams: Ḡ, the effects of the cell, and the noise of one touch.
 
     The same seed gives the same noise of the touches as in `simulate_streams`.
 
     Args:
-        cell: discs and sensor.
-        truth: the parameters of the simulated robot.
+        cell: discs, sensor, effects.
+        truth: the parameters of the simulated robot; those of its effects in `extra`.
         plan: the touches.
         noise: repeatability; None: that of the cell; Noise(0, 0) for exact touches.
         seed: of the noise.
@@ -72,17 +73,18 @@ def simulate_touches(cell: Cell, truth: Parameters, plan: Plan, noise: Noise | N
         One touch per row of the plan, force in the frame of the sensor.
 
     Raises:
-        UnsupportedDataError: the simulated robot cannot reach a touch.
+        UnsupportedDataError: the simulated robot cannot reach a touch, or hold its force.
+        ParameterError: `truth` does not hold the parameters of the effects.
     """
     motion = Motion(cell, truth, plan)
     sensors = SensorModel(touch_noise=noise)
     joint_errors, force_errors = sensors.touch_errors(cell, len(plan), np.random.default_rng([seed, 0]))
     return TouchSet(
         joints=motion.hold_joints + joint_errors,
-        force=in_sensor_frame(cell, truth, motion.hold_joints, motion.hold_force + force_errors),
+        force=reported_force(cell, truth, motion.hold_joints, motion.hold_force, force_errors),
         disc=plan.disc,
         posture=plan.posture,
         time=motion.hold_time,
-        approach=last_movement(motion.way, motion.hold_joints),
-        press=last_movement(motion.way[1:], motion.hold_joints),
+        approach=motion.tags.approach,
+        press=motion.tags.press,
     )

@@ -9,67 +9,64 @@ its time law: Q(t) = Ḡ(S, F(t)), hence F(t) = A(Q(t), L̄) all along, without 
 inner solve. Every phase follows the minimum-jerk law 10 s³ - 15 s⁴ + 6 s⁵. A press
 with overpress goes beyond the force of the hold and eases down to it; without, that
 phase lasts no time.
+
+A cell with effects (`Cell.effects`, their values in `Parameters.extra`) has them played: the joint angles are
+commanded as above, deeper or less deep so that the force of the hold comes about, and the force at any time is
+A(Q(t), L̄) with the effects; see `loading`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.kinematics import wrap
+from scara_kinetostatic.model.extension import Tags
+from scara_kinetostatic.model.kinematics import forward, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.simulation.plan import CLEARANCE, Plan
+from scara_kinetostatic.recording.approach import last_movement
+from scara_kinetostatic.simulation.loading import LIGHT, Loading
+from scara_kinetostatic.simulation.phases import (
+    APPROACH,
+    EASE,
+    HOLD,
+    PAUSE,
+    PHASES,
+    PRESS,
+    RELEASE,
+    RETRACT,
+    TRAVEL,
+    Timing,
+    minimum_jerk,
+)
+from scara_kinetostatic.simulation.plan import Plan
 
+__all__ = [
+    'APPROACH',
+    'EASE',
+    'HOLD',
+    'PAUSE',
+    'PRESS',
+    'RELEASE',
+    'RETRACT',
+    'TRAVEL',
+    'Instant',
+    'Motion',
+    'Timing',
+    'minimum_jerk',
+]
 Floats = NDArray[np.float64]
 
-PHASES = ('travel', 'pause', 'approach', 'press', 'ease', 'hold', 'release', 'retract')
-TRAVEL, PAUSE, APPROACH, PRESS, EASE, HOLD, RELEASE, RETRACT = range(8)
 FIRST_FORCE = 1e-6
 """The 0+ of `Ḡ(S, 0+)`, N: the sense of the force is settled, its size is not yet felt."""
 
-
-@dataclass(frozen=True)
-class Timing:
-    """How long the phases of a touch last, s.
-
-    Attributes:
-        travel: shortest travel between two touches.
-        pause: rest at the free pose before the approach.
-        approach: from the free pose to the disc.
-        press: from no force to the force of the hold, or to the peak beyond it.
-        ease: from the peak down to the force of the hold, where there is one.
-        hold: at rest under the force.
-        release: back to no force.
-        retract: back to the free pose.
-        speed: largest mean speed of a joint during the travel, rad/s.
-        clearance: distance of the free pose from the disc, m.
-
-    Raises:
-        ParameterError: a value that is not above 0 (0 is fine for the pause).
-    """
-
-    travel: float = 0.6
-    pause: float = 0.1
-    approach: float = 0.4
-    press: float = 0.3
-    ease: float = 0.2
-    hold: float = 0.5
-    release: float = 0.2
-    retract: float = 0.2
-    speed: float = 4.0
-    clearance: float = CLEARANCE
-
-    def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if not np.isfinite(value) or value < 0 or (value == 0 and item.name != 'pause'):
-                raise ParameterError(f'timing: {item.name}', f'expected a value above 0, got {value}')
+CLOSE = 5e-4
+"""Farther from where a contact is commanded to begin there is none, m: what effects do to that is commanded."""
 
 
 class Instant(NamedTuple):
@@ -81,7 +78,7 @@ class Instant(NamedTuple):
         touch: number of the touch in the plan, (k,); after the last touch, the last.
         phase: which of `PHASES`, (k,).
         progress: how much of the phase has passed, by the time law, 0 to 1, (k,).
-        level: contact force as a part of that of the hold, 0 to 1 + overpress, (k,).
+        level: contact force as a part of that of the hold, 0 to about 1 + overpress, (k,).
     """
 
     joints: Floats
@@ -96,8 +93,8 @@ class Motion:
     """The motion of one cell through one plan.
 
     Args:
-        cell: discs and sign of the gripper's law.
-        truth: the parameters of the simulated robot.
+        cell: discs, sign of the gripper's law, effects to play.
+        truth: the parameters of the simulated robot, those of its effects included.
         plan: the touches.
         timing: how long the phases last.
 
@@ -109,9 +106,11 @@ class Motion:
         peak_joints: Q under the largest force, (m, 2), rad; that of the hold without overpress.
         contact_joints: Q at which each contact begins, (m, 2), rad.
         free_joints: Q of each free pose, (m, 2), rad.
+        tags: disc, time, approach, posture and press of each touch.
 
     Raises:
-        UnsupportedDataError: the plan is empty, or the simulated robot cannot reach a touch.
+        UnsupportedDataError: the plan is empty, or the simulated robot cannot reach a touch or hold its force.
+        ParameterError: `truth` does not hold the parameters of the effects.
     """
 
     def __init__(self, cell: Cell, truth: Parameters, plan: Plan, timing: Timing | None = None) -> None:
@@ -121,14 +120,56 @@ class Motion:
         self._contact = plan.contact(cell)
         self._inward = -plan.normal()
         self.hold_force = plan.force[:, None] * self._inward
-        self.hold_joints = self._pose(self._contact, self.hold_force)
-        self.contact_joints = self._near_hold(self._pose(self._contact, FIRST_FORCE * self._inward))
-        self.peak_joints = self._pressed(np.arange(len(plan)), 1.0 + plan.overpress)
+        self._depth = np.zeros((2, len(plan)))
+        self._loading: Loading | None = None
+        self._find_poses()
+        self._home = self.free_joints[[0, -1]] + (0.25, -0.15)
+        self.knots, self.duration = self._schedule()
+        self.tags = self._tags()
+        if cell.effects:
+            self._play_effects()
+
+    def _find_poses(self) -> None:
+        """Joint angles at the ends of the phases."""
+        self.hold_joints = self._pose(self._aim(1.0), self.hold_force)
+        self.contact_joints = self._near_hold(self._pose(self._aim(0.0), FIRST_FORCE * self._inward))
+        self.peak_joints = self._pressed(np.arange(len(self.plan)), 1.0 + self.plan.overpress)
         clear = self._contact - self.timing.clearance * self._inward
         self.free_joints = self._near_hold(self._pose(clear, np.zeros_like(clear)))
         self._check_reach()
-        self._home = self.free_joints[[0, -1]] + (0.25, -0.15)
-        self.knots, self.duration = self._schedule()
+
+    def _play_effects(self) -> None:
+        """The forces with effects. A touch's tags are those of the path without, then corrected once."""
+        planned = self.hold_force
+        for _ in range(2):
+            self.tags = self._tags()
+            loading = Loading(self.cell, self.truth, self.plan, self.tags)
+            softness = self._softness(planned)
+            for row, level in enumerate((LIGHT, 1.0)):
+                aimed = partial(self._aimed, level * planned)
+                self._depth[row] = loading.depths(aimed, level, softness, self._depth[row])
+            self._find_poses()
+        self.hold_force, self._loading = loading.held(self.hold_joints), loading
+
+    def _tags(self) -> Tags:
+        approach, press = (last_movement(path, self.hold_joints) for path in (self.way, self.way[1:]))
+        return Tags(self.plan.disc, self.hold_time, approach, self.plan.posture, press)
+
+    def _softness(self, force: Floats) -> Floats:
+        """Way of the tip along the normal per force, by the twelve, (m,), m/N."""
+        p, size = self.truth, np.hypot(*force.T)
+        torques = inverse_kinetostatics(p, self._contact, force, self.plan.posture, self.cell.gripper)[1]
+        return np.asarray(p.p_ee + (np.array([p.p1, p.p2]) * (torques / size[:, None]) ** 2).sum(axis=1))
+
+    def _aimed(self, force: Floats, depth: Floats) -> Floats:
+        """Ḡ of the twelve for a tip that is aimed deeper, (m, 2), rad."""
+        return self._pose(self._contact + depth[:, None] * self._inward, force)
+
+    def _aim(self, level: Floats | float, touch: NDArray[np.intp] | slice = slice(None)) -> Floats:
+        """Where the tip of the twelve is commanded to be under a part of the force of the hold, (k, 2), m."""
+        first, hold = self._depth[:, touch]
+        depth = first + (level - LIGHT) / (1.0 - LIGHT) * (hold - first)
+        return self._contact[touch] + depth[:, None] * self._inward[touch]
 
     @property
     def hold_time(self) -> Floats:
@@ -168,7 +209,17 @@ class Motion:
         force = level[:, None] * self.hold_force[touch]
         loaded = np.flatnonzero((phase >= PRESS) & (phase <= RELEASE) & ~going_home)
         joints[loaded] = self._pressed(touch[loaded], level[loaded])
+        if self._loading is not None:
+            close = np.flatnonzero(self._close(touch, phase, joints))
+            force[close] = self._loading.along(touch[close], joints[close], force[close])
+            level = np.hypot(*force.T) / np.hypot(*self.hold_force[touch].T)
         return Instant(joints, force, touch, phase, progress, level)
+
+    def _close(self, touch: NDArray[np.intp], phase: NDArray[np.intp], joints: Floats) -> NDArray[np.bool_]:
+        """Where a force is possible and not known yet, (k,): on the way, not farther than `CLOSE` from the contact."""
+        way = forward(self.truth, joints) - forward(self.truth, self.contact_joints[touch])
+        near = np.einsum('ij,ij->i', way, self._inward[touch]) > -CLOSE
+        return np.asarray((phase >= APPROACH) & (phase != HOLD) & near)
 
     def _level(self, touch: NDArray[np.intp], phase: NDArray[np.intp], progress: Floats) -> Floats:
         """Force as a part of that of the hold, (k,)."""
@@ -187,7 +238,7 @@ class Motion:
     def _pressed(self, touch: NDArray[np.intp], level: Floats) -> Floats:
         """Ḡ under a part of the force of the hold, without a jump of a full turn within the touch."""
         force = np.maximum(level * self.plan.force[touch], FIRST_FORCE)[:, None] * self._inward[touch]
-        joints = self._inverse(touch, self._contact[touch], force)
+        joints = self._inverse(touch, self._aim(level, touch), force)
         hold = self.hold_joints[touch]
         turned = np.abs(joints - hold) > np.pi
         return np.where(turned, hold + wrap(joints - hold), joints)
@@ -224,8 +275,3 @@ class Motion:
         begin = np.stack([before, free, free, touch, peak, hold, hold, touch], axis=1).reshape(-1, 2)
         end = np.stack([free, free, touch, peak, hold, hold, touch, free], axis=1).reshape(-1, 2)
         return np.vstack([begin, free[-1:]]), np.vstack([end, self._home[1:]])
-
-
-def minimum_jerk(part: Floats) -> Floats:
-    """10 s³ - 15 s⁴ + 6 s⁵: from 0 to 1, at rest at both ends."""
-    return part**3 * (10.0 + part * (6.0 * part - 15.0))

@@ -13,10 +13,11 @@ from scara_kinetostatic.recording.approach import LEAST_TURN, last_movement, res
 from scara_kinetostatic.recording.detection import find_touches
 from scara_kinetostatic.recording.live import LiveDetector
 from scara_kinetostatic.recording.signals import as_signals
+from scara_kinetostatic.simulation.phases import Timing
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
-from scara_kinetostatic.simulation.trajectory import Motion, Timing
+from scara_kinetostatic.simulation.trajectory import Motion
 
 TRUTHS = pytest.mark.parametrize('truth', [PAPER_ACTUAL, PAPER_MEASURED], ids=['actual', 'measured'])
 

@@ -12,10 +12,10 @@ from scara_kinetostatic.model.cell import SensorFrame, SensorSign
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
 from scara_kinetostatic.recording.detection import find_touches
 from scara_kinetostatic.recording.streams import JointStream, Streams, WrenchStream
+from scara_kinetostatic.simulation.phases import Timing
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
-from scara_kinetostatic.simulation.trajectory import Timing
 
 PLAN = default_plan(CELL)
 WRONG = PAPER_MEASURED.replace(x0=0.02, y0=-0.02, theta1=0.052, theta2=-0.052, l1=0.34, l2=0.32)
