@@ -3,6 +3,8 @@
 sign(c) in (6) is set-valued at c = 0: inside its backlash the joint floats and
 q - q* is anywhere in [-g, g]. Where a torque vanishes, `slack` in [-1, 1] says
 where in the dead band the joint is, 0 being its middle.
+
+With effects beyond the twelve parameters those of the robot itself are part of both (`robot_shift`).
 """
 
 from __future__ import annotations
@@ -12,8 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import GripperSign
+from scara_kinetostatic.model.extension import Extension
 from scara_kinetostatic.model.gripper import Gripper, as_gripper
 from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.robot_shift import Pose, settle_pose
 
 Floats = NDArray[np.float64]
 
@@ -78,6 +82,7 @@ def inverse_kinetostatics(
     posture: ArrayLike,
     gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
     slack: ArrayLike = 0.0,
+    extension: Extension | None = None,
 ) -> tuple[Floats, Floats]:
     """Ḡ: the actuator angles and torques that hold a tip at a place under a force (4).
 
@@ -88,21 +93,37 @@ def inverse_kinetostatics(
         posture: +1 or -1, the sign of sin(q2* + theta2), (n,) or one for all.
         gripper: the form of (7); a bare sign stands for the isotropic gripper.
         slack: place in the dead band where a torque is zero, in [-1, 1].
+        extension: effects beyond the twelve parameters; those of the robot itself act.
 
     Returns:
         Q, (n, 2), rad, NaN where the place is out of reach, and C, (n, 2), Nm.
     """
     gripper, tip, force = as_gripper(gripper), np.asarray(tip, dtype=float), np.asarray(force, dtype=float)
+    if extension is None:
+        links, torques = _held_links(parameters, tip, force, posture, gripper)
+        return links + joint_deflection(parameters, torques, slack), torques
+    tip, force = np.broadcast_arrays(np.atleast_2d(tip), np.atleast_2d(force))
+
+    def pose_with(turn: Floats, place: Floats) -> Pose:
+        links, torques = _held_links(parameters, tip - place, force, posture, gripper)
+        return Pose(links + joint_deflection(parameters, torques, slack) + turn, links, torques, tip, force)
+
+    pose = settle_pose(pose_with, parameters, len(tip), gripper, extension)
+    return pose.joints, pose.torques
+
+
+def _held_links(
+    parameters: Parameters, tip: Floats, force: Floats, posture: ArrayLike, gripper: Gripper
+) -> tuple[Floats, Floats]:
+    """Q* and C of a robot that holds its tip at a place under a force, (n, 2) each."""
     offset = gripper.deflection(parameters, force, np.zeros(np.shape(tip)[:-1]))
     links = kinematics.inverse(parameters, tip - offset, posture)
     if gripper.isotropic:
-        torques = joint_torques(parameters, links, force)
-    else:
-        for _ in range(PASSES):
-            offset = gripper.deflection(parameters, force, _link2_angle(parameters, links))
-            links = kinematics.inverse(parameters, tip - offset, posture)
-        torques = joint_torques(parameters, links, force, offset)
-    return links + joint_deflection(parameters, torques, slack), torques
+        return links, joint_torques(parameters, links, force)
+    for _ in range(PASSES):
+        offset = gripper.deflection(parameters, force, _link2_angle(parameters, links))
+        links = kinematics.inverse(parameters, tip - offset, posture)
+    return links, joint_torques(parameters, links, force, offset)
 
 
 def direct_kinetostatics(
@@ -111,6 +132,7 @@ def direct_kinetostatics(
     torques: ArrayLike,
     gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
     slack: ArrayLike = 0.0,
+    extension: Extension | None = None,
 ) -> tuple[Floats, Floats]:
     """H̄: the tip's place and the force from actuator angles and torques (4).
 
@@ -120,20 +142,35 @@ def direct_kinetostatics(
         torques: C, (n, 2), Nm.
         gripper: the form of (7); a bare sign stands for the isotropic gripper.
         slack: place in the dead band where a torque is zero, in [-1, 1].
+        extension: effects beyond the twelve parameters; those of the robot itself act.
 
     Returns:
         S, (n, 2), m, and F on the object in the base frame, (n, 2), N; not finite
         where the arm is exactly stretched or folded and J has no inverse.
     """
-    torques = np.asarray(torques, dtype=float)
-    links = np.asarray(joints, dtype=float) - joint_deflection(parameters, torques, slack)
+    gripper, joints, torques = as_gripper(gripper), np.asarray(joints, dtype=float), np.asarray(torques, dtype=float)
+    links = joints - joint_deflection(parameters, torques, slack)
+    if extension is None:
+        return _exerted(parameters, links, torques, gripper)
+    joints, torques, links = (np.atleast_2d(part) for part in np.broadcast_arrays(joints, torques, links))
+
+    def pose_with(turn: Floats, place: Floats) -> Pose:
+        tip, force = _exerted(parameters, links - turn, torques, gripper)
+        return Pose(joints, links - turn, torques, tip + place, force)
+
+    pose = settle_pose(pose_with, parameters, len(joints), gripper, extension)
+    return pose.tip, pose.force
+
+
+def _exerted(parameters: Parameters, links: Floats, torques: Floats, gripper: Gripper) -> tuple[Floats, Floats]:
+    """S and F of a robot under torques, (n, 2) each."""
     link1, link2 = kinematics.link_vectors(parameters, links)
     # F = J⁻ᵀ C: the torques fix F's moment about both axes, hence along both links
     moment1, moment2 = torques[..., 0] - torques[..., 1], torques[..., 1]
     with np.errstate(divide='ignore', invalid='ignore'):
         area = link1[..., 0] * link2[..., 1] - link1[..., 1] * link2[..., 0]
         force = (link2 * moment1[..., None] - link1 * moment2[..., None]) / area[..., None]
-        gripper, link2_angle = as_gripper(gripper), _link2_angle(parameters, links)
+        link2_angle = _link2_angle(parameters, links)
         offset = gripper.deflection(parameters, force, link2_angle)
         for _ in range(0 if gripper.isotropic else PASSES):
             # the force acts beside the rigid tip: what its offset adds to both torques is not JᵀF

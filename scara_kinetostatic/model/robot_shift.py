@@ -1,0 +1,83 @@
+"""What the effects of the robot itself do to H̄ and Ḡ: an angle at the joints, a displacement of the tip.
+
+With effects (`extension`) the law of the joints (6) becomes q - q* = p c + g sign(c) + δ and the tip is at
+S = H(Q*) + (S - S*) + d. What an effect does to the object, or to the reading of the sensor, is no matter of the
+robot. As δ and d depend on all that is to be found, both are found by repetition.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.model.extension import Extension, Setting
+from scara_kinetostatic.model.gripper import Gripper
+from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.state import State
+
+Floats = NDArray[np.float64]
+
+RADIUS = 0.1
+"""Of a disc that stands for the touched one where an effect asks for it: the tip touches it along the force, m."""
+PASSES = 60
+ROUNDING = 1e-15
+"""Change of δ and d at which they are found, rad and m."""
+
+
+class Pose(NamedTuple):
+    """The robot in n poses; all (n, 2).
+
+    Attributes:
+        joints: Q, rad.
+        links: Q*, rad.
+        torques: C, Nm.
+        tip: S, m.
+        force: F on the object, base frame, N.
+    """
+
+    joints: Floats
+    links: Floats
+    torques: Floats
+    tip: Floats
+    force: Floats
+
+
+def shift_at(parameters: Parameters, pose: Pose, gripper: Gripper, extension: Extension) -> tuple[Floats, Floats]:
+    """δ, (n, 2), rad, and d, (n, 2), m, of the robot's own effects in n poses; the joints on the flanks of C."""
+    magnitude, direction = np.hypot(*pose.force.T), np.arctan2(pose.force[:, 1], pose.force[:, 0])
+    normal = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
+    centers, radii = pose.tip + RADIUS * normal, np.full(len(magnitude), RADIUS)
+    state = State(*pose.links.T, magnitude, direction, *np.sign(pose.torques).T)
+    setting = Setting(pose.joints, centers, radii, gripper, extension)
+    with np.errstate(invalid='ignore'):
+        return extension.shift(setting.situation(parameters, state), robot_only=True)
+
+
+def settle_pose(
+    pose_with: Callable[[Floats, Floats], Pose],
+    parameters: Parameters,
+    n: int,
+    gripper: Gripper,
+    extension: Extension,
+) -> Pose:
+    """The pose that agrees with what the effects do in it.
+
+    Args:
+        pose_with: the pose for given δ and d, (n, 2) each.
+        parameters: L̄.
+        n: number of poses.
+        gripper: the form of (7).
+        extension: the effects.
+    """
+    turn, place = np.zeros((n, 2)), np.zeros((n, 2))
+    for _ in range(PASSES):
+        pose = pose_with(turn, place)
+        before = turn, place
+        turn, place = shift_at(parameters, pose, gripper, extension)
+        change = np.abs([turn - before[0], place - before[1]])
+        if not np.any(change > ROUNDING):  # where the place is out of reach it is not a number
+            break
+    return pose_with(turn, place)
