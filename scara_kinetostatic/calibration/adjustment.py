@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.misreading import along_and_across, misread, unreading
 from scara_kinetostatic.model.cell import Noise, SensorFrame
-from scara_kinetostatic.model.extended import all_derivatives, extended_equations, settled
+from scara_kinetostatic.model.extended import all_derivatives, extended_equations, lean_derivative, settled
 from scara_kinetostatic.model.extension import Extension, Setting
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.kinematics import forward
@@ -77,9 +77,14 @@ class Observations(NamedTuple):
             extension=extension,
         )
 
-    def setting(self, joints: Floats) -> Setting:
-        """The touches at joint angles (n, 2), as the equations take them."""
-        return Setting(joints, self.centers, self.radii, self.gripper, self.extension)
+    def setting(self, joints: Floats, lean: Floats | None = None) -> Setting:
+        """The touches at joint angles (n, 2), rad, and leans (n,), rad, as the equations take them."""
+        return Setting(joints, self.centers, self.radii, self.gripper, self.extension, lean)
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the lean of the force, rad."""
+        return 0.0 if self.extension is None else self.extension.spread
 
     def true_force(self, parameters: Parameters, reported: Floats) -> Floats:
         """The forces behind what the sensor reports, (n, 2), N, in its frame."""
@@ -93,11 +98,13 @@ class Adjusted(NamedTuple):
         joints: Q̂, (n, 2), rad.
         force: F̂ in the sensor's frame, (n, 2), N.
         state: link angles and modes that go with them.
+        lean: α̂ of each touch's force, (n,), rad; None where no effect lets it differ.
     """
 
     joints: Floats
     force: Floats
     state: State
+    lean: Floats | None = None
 
 
 class Linearisation(NamedTuple):
@@ -108,12 +115,14 @@ class Linearisation(NamedTuple):
         derivative: h_L̄, (n, 2, 12 + k), the k parameters of effects behind the twelve.
         by_joints: h_Q, (n, 2, 2), m/rad.
         by_force: h_F in radial and tangential components of F̂, (n, 2, 2), m/N.
+        by_lean: h_α times the standard deviation of the lean, (n, 2), m; None without.
     """
 
     misclosure: Floats
     derivative: Floats
     by_joints: Floats
     by_force: Floats
+    by_lean: Floats | None = None
 
 
 class Whitened(NamedTuple):
@@ -151,7 +160,7 @@ def linearise(observations: Observations, parameters: Parameters, adjusted: Adju
     """The equations and their derivatives at the adjusted observations."""
     o = observations
     state = place_force(o, parameters, adjusted.joints, adjusted.force, adjusted.state)
-    setting = o.setting(adjusted.joints)
+    setting = o.setting(adjusted.joints, adjusted.lean)
     e = extended_equations(parameters, setting, state)
     derivative = all_derivatives(parameters, setting, state, e)
     by_joints = derivative[:, :, [THETA1, THETA2]]
@@ -170,12 +179,18 @@ def linearise(observations: Observations, parameters: Parameters, adjusted: Adju
     off_force = along_and_across(o.force - adjusted.force, adjusted.force)
     misclosure = np.stack([e.normal, e.tangent], axis=-1)
     misclosure += np.einsum('nij,nj->ni', by_joints, off_joints) + np.einsum('nij,nj->ni', by_force, off_force)
-    return Linearisation(misclosure, derivative, by_joints, by_force)
+    if not o.spread:
+        return Linearisation(misclosure, derivative, by_joints, by_force)
+    by_lean = lean_derivative(parameters, setting, state, e)
+    if adjusted.lean is not None:
+        misclosure -= by_lean * adjusted.lean[:, None]
+    return Linearisation(misclosure, derivative, by_joints, by_force, o.spread * by_lean)
 
 
 def covariance_of(linear: Linearisation, noise: Noise) -> Floats:
     """V of each touch's misclosure, (n, 3): the entries 11, 21, 22, m²."""
-    return noise.joint**2 * outer(linear.by_joints) + noise.force**2 * outer(linear.by_force)
+    covariance = noise.joint**2 * outer(linear.by_joints) + noise.force**2 * outer(linear.by_force)
+    return covariance if linear.by_lean is None else covariance + outer(linear.by_lean[:, :, None])
 
 
 def direction_variance(observations: Observations, noise: Noise) -> Floats:
@@ -185,7 +200,7 @@ def direction_variance(observations: Observations, noise: Noise) -> Floats:
 
 
 def outer(matrices: Floats) -> Floats:
-    """B Bᵀ of (n, 2, 2) matrices, (n, 3): the entries 11, 21, 22."""
+    """B Bᵀ of (n, 2, k) matrices, (n, 3): the entries 11, 21, 22."""
     first, second = matrices[:, 0], matrices[:, 1]
     return np.stack([(first * first).sum(-1), (first * second).sum(-1), (second * second).sum(-1)], axis=-1)
 
@@ -253,14 +268,22 @@ def adjust(
     joints = o.joints - np.where(close, off_joints, 0.0)
     force = np.where(close, o.force - off_force, _turned_radial(o, parameters, adjusted.state))
     state = place_force(o, parameters, joints, force, adjusted.state)
-    return Adjusted(joints, force, settle_twice(o, parameters, joints, state, frozen))
+    lean = None
+    if linear.by_lean is not None:
+        lean = -o.spread * np.where(close[:, 0], (linear.by_lean * multiplier).sum(axis=-1), 0.0)
+    return Adjusted(joints, force, settle_twice(o, parameters, joints, state, frozen, lean), lean)
 
 
 def settle_twice(
-    observations: Observations, parameters: Parameters, joints: Floats, state: State, frozen: bool = False
+    observations: Observations,
+    parameters: Parameters,
+    joints: Floats,
+    state: State,
+    frozen: bool = False,
+    lean: Floats | None = None,
 ) -> State:
     """Link angles and modes that go with joints and force; the second step is for changed modes."""
-    setting = observations.setting(joints)
+    setting = observations.setting(joints, lean)
     return settled(parameters, setting, settled(parameters, setting, state, frozen), frozen)
 
 

@@ -32,9 +32,11 @@ USUAL_NOISE = Noise(joint=1e-5, force=0.3)
 """Where the noise is to be estimated, the first guess."""
 ROUNDS = 20
 SETTLING = 4
-"""Rounds in which an unseen direction may still be freed, as the noise levels find their place."""
+"""Rounds in which an unseen direction may still be freed and a bad touch taken back, as the noise finds its place."""
 SAME_DIRECTION = 1e-3
 NOISE_TOLERANCE = 1e-3
+NEARLY = 0.05
+"""The same at the last round: two noise levels that are hard to tell apart come to rest slowly."""
 
 
 class Near(NamedTuple):
@@ -124,14 +126,17 @@ def estimate(
         fit = minimise(observations, parameters, adjusted, subspace, noise, stage, used)
         parameters, adjusted, iterations = fit.point.parameters, fit.point.adjusted, iterations + fit.iterations
         distance = outliers.studentised(fit.point.whitened, covariance_of_fit(fit, subspace), used)
-        if number == ROUNDS:
-            fit = fit._replace(termination=Termination.ITERATION_LIMIT)
-            break
         renewed = noise if cell.noise else _renew_noise(fit.point, used, subspace, noise)
         good = outliers.find_good(distance)
+        if number == ROUNDS:
+            if not (_same(good & used, used) and _close(noise, renewed, NEARLY)):
+                fit = fit._replace(termination=Termination.ITERATION_LIMIT)
+            break
+        if number >= SETTLING:
+            good &= used  # nor is a bad touch taken back, for the same reason
         now_unseen = unseen_directions(observations.select(good), select(fit.point, good), free, noise)
         if number >= SETTLING and now_unseen.shape[1] < unseen.shape[1]:
-            now_unseen = unseen  # what was unseen is not freed again: the two judgements could take turns for ever
+            now_unseen = unseen  # what was unseen is not freed again: the judgements could take turns for ever
         if stage is FINAL and _same(good, used) and not _differ(now_unseen, unseen, number) and _close(noise, renewed):
             break
         if _differ(now_unseen, unseen, number):
@@ -189,5 +194,5 @@ def _same(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> bool:
     return bool((a == b).all())
 
 
-def _close(old: Noise, new: Noise) -> bool:
-    return all(abs(b - a) <= NOISE_TOLERANCE * a for a, b in zip(old, new, strict=True))
+def _close(old: Noise, new: Noise, tolerance: float = NOISE_TOLERANCE) -> bool:
+    return all(abs(b - a) <= tolerance * a for a, b in zip(old, new, strict=True))

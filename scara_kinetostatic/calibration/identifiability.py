@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.adjustment import Adjusted, Observations, linearise, place_force, whiten_by
+from scara_kinetostatic.calibration.adjustment import Observations, linearise, place_force, whiten_by
 from scara_kinetostatic.calibration.solver import Point
 from scara_kinetostatic.calibration.steps import compress
 from scara_kinetostatic.model.cell import Noise
@@ -142,8 +142,8 @@ def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -
         for sign in (1, -1):
             force = a.force + sign * left[:, None] * direction
             placed = place_force(o, point.parameters, a.joints, force, a.state)
-            state = settled(point.parameters, o.setting(a.joints), placed)
-            linear = linearise(o, point.parameters, Adjusted(a.joints, force, state))
+            state = settled(point.parameters, o.setting(a.joints, a.lean), placed)
+            linear = linearise(o, point.parameters, a._replace(force=force, state=state))
             shifted.append(whiten_by(linear.derivative, point.whitened.root))
         changes.append((shifted[0] - shifted[1]) / 2)
     return changes

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.adjustment import Observations
+from scara_kinetostatic.calibration.adjustment import Observations, first_guess
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extension import Extension, Tags
-from scara_kinetostatic.model.kinematics import rotate
+from scara_kinetostatic.model.kinematics import forward, rotate
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 
@@ -51,8 +51,24 @@ def force_residual(observations: Observations, parameters: Parameters) -> Floats
     """F - A(Q, L̄) with the contact unilateral, as (10) takes it, (n, 2), N."""
     o = observations
     measured = base_force(o, parameters)
-    found = contact(parameters, o.joints, o.centers, o.radii, o.gripper, near=measured, extension=o.extension)
+    lean = measured_lean(o, parameters) if o.spread else None
+    found = contact(
+        parameters, o.joints, o.centers, o.radii, o.gripper, near=measured, extension=o.extension, lean=lean
+    )
     return measured - found.force
+
+
+def measured_lean(observations: Observations, parameters: Parameters) -> Floats:
+    """By how much each measured force leans from the normal of the disc, (n,), rad."""
+    o = observations
+    state = first_guess(o, parameters).state
+    link2 = state.link1 + state.link2 + parameters.theta1 + parameters.theta2
+    force = base_force(o, parameters)
+    tip = forward(parameters, np.stack([state.link1, state.link2], axis=-1))
+    inward = o.setting(o.joints).shifted(parameters, state).centers - tip
+    inward = inward - o.gripper.deflection(parameters, force, link2)
+    across = inward[:, 0] * force[:, 1] - inward[:, 1] * force[:, 0]
+    return np.asarray(np.arctan2(across, (inward * force).sum(axis=1)))
 
 
 def force_error(residual: Floats) -> float:

@@ -46,10 +46,21 @@ def project(observations: Observations, parameters: Parameters, noise: Noise) ->
 
 def select(point: Point, which: NDArray[np.bool_]) -> Point:
     """The touches of a point that a mask picks."""
-    a, w = point.adjusted, point.whitened
+    a, linear, w = point.adjusted, point.linear, point.whitened
     return point._replace(
-        adjusted=a._replace(joints=a.joints[which], force=a.force[which], state=a.state.select(which)),
-        linear=Linearisation(*(part[which] for part in point.linear)),
+        adjusted=a._replace(
+            joints=a.joints[which],
+            force=a.force[which],
+            state=a.state.select(which),
+            lean=None if a.lean is None else a.lean[which],
+        ),
+        linear=Linearisation(
+            linear.misclosure[which],
+            linear.derivative[which],
+            linear.by_joints[which],
+            linear.by_force[which],
+            None if linear.by_lean is None else linear.by_lean[which],
+        ),
         whitened=w._replace(
             residual=w.residual[which],
             derivative=w.derivative[which],

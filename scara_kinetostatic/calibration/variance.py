@@ -44,7 +44,9 @@ def estimate_noise(linear: Linearisation, whitened: Whitened, covariance: Floats
     Returns:
         The levels that the residuals call for, each within a factor of 10 of before.
     """
-    parts = [_whiten_matrix(outer(b), whitened.root) for b in (linear.by_joints, linear.by_force)]
+    parts = [whiten_matrix(outer(b), whitened.root) for b in (linear.by_joints, linear.by_force)]
+    if linear.by_lean is not None:  # of known size
+        parts.append(whiten_matrix(outer(linear.by_lean[:, :, None]), whitened.root))
     r, jacobian = whitened.residual, whitened.derivative
     freedoms = r.size - int(np.linalg.matrix_rank(covariance))
     factor = np.sqrt(float((r**2).sum()) / max(freedoms, 1))
@@ -53,14 +55,15 @@ def estimate_noise(linear: Linearisation, whitened: Whitened, covariance: Floats
         return same_ratio
     weighted = [np.einsum('nij,njk->nik', part, jacobian) for part in parts]
     normals = [np.einsum('nik,nil->kl', jacobian, w) @ covariance for w in weighted]
-    matrix, vector = np.empty((2, 2)), np.empty(2)
+    matrix, vector = np.empty((2, len(parts))), np.empty(2)
     for k in range(2):
         vector[k] = np.einsum('ni,nij,nj->', r, parts[k], r)
-        for j in range(2):
+        for j in range(len(parts)):
             crossed = np.einsum('nik,nil->kl', weighted[k], weighted[j]) @ covariance
             matrix[k, j] = (
                 np.einsum('nij,nij->', parts[k], parts[j]) - 2 * np.trace(crossed) + np.trace(normals[k] @ normals[j])
             )
+    matrix, vector = matrix[:, :2], vector - matrix[:, 2:].sum(axis=1)
     scale = np.array(noise) ** 2
     if np.linalg.eigvalsh(matrix * np.outer(scale, scale)).min() <= 0:  # the two act alike: no telling them apart
         return same_ratio
@@ -95,7 +98,7 @@ def _bounded(old: Noise, new: Noise) -> Noise:
     )
 
 
-def _whiten_matrix(entries: Floats, root: tuple[Floats, Floats, Floats]) -> Floats:
+def whiten_matrix(entries: Floats, root: tuple[Floats, Floats, Floats]) -> Floats:
     """L⁻¹ V L⁻ᵀ for symmetric (n, 3) entries 11, 21, 22, as (n, 2, 2)."""
     l11, l21, l22 = root
     v11, v21, v22 = np.moveaxis(entries, -1, 0)

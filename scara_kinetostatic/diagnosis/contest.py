@@ -78,8 +78,15 @@ class Contest(NamedTuple):
         return tuple(self.field.candidates[k].effect.label for k in entry.members)
 
 
-def compete(problem: Problem, field: Field) -> Contest:
-    """Examine all singles and pairs, and larger sets made from the best ones."""
+def compete(problem: Problem, field: Field, needed: bool = True) -> Contest:
+    """Examine all singles and pairs, and larger sets made from the best ones.
+
+    Args:
+        problem: the touches.
+        field: the candidates.
+        needed: whether it is known that something is missing; if not, no set is credible unless
+            it beats the empty one by `CREDIBLE`.
+    """
     judge = _Judge(problem, field)
     entries = [judge.enter(())]
     layer = [judge.enter((k,)) for k in range(len(field.candidates))]
@@ -94,6 +101,9 @@ def compete(problem: Problem, field: Field) -> Contest:
     scale = _scale(problem, entries)
     ranked = sorted((_scored(problem, entry, scale) for entry in entries), key=lambda entry: entry.score)
     contest = Contest(field, tuple(ranked), (), scale)
+    empty = next(entry for entry in ranked if not entry.members)
+    if not needed and ranked[0].score > empty.score - CREDIBLE:
+        return contest
     return contest._replace(credible=_credible(contest))
 
 

@@ -11,13 +11,14 @@ from scipy import stats
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.candidates import Field
-from scara_kinetostatic.diagnosis.contest import CREDIBLE, rank_singles
-from scara_kinetostatic.diagnosis.evidence import story
+from scara_kinetostatic.diagnosis.contest import rank_singles
+from scara_kinetostatic.diagnosis.leaning import lean_p_value, without_direction
 from scara_kinetostatic.diagnosis.problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.refit import effect_values
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.diagnosis.scores import hidden_bend, score_singles, significance
-from scara_kinetostatic.diagnosis.search import Search, all_candidates, search
+from scara_kinetostatic.diagnosis.search import Search, all_candidates
+from scara_kinetostatic.diagnosis.stories import tell
 from scara_kinetostatic.diagnosis.structure import Trace, find_traces
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
@@ -26,8 +27,6 @@ from scara_kinetostatic.model.parameters import NAMES
 
 SIGNIFICANCE = 0.01
 """Chance of a false alarm that is accepted."""
-SUSPICIOUS = 2
-"""Rejected touches from which on they are asked whether an effect explains them."""
 
 
 class Adequacy(NamedTuple):
@@ -46,7 +45,8 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
     """Test whether anything is left in the residual, and find what.
 
     Assumes Gaussian noise and independent touches. The p-value is Bonferroni's over all tests: the F-tests of
-    `find_traces` and of every effect, and, where the noise was given, chi-square of the residual.
+    `find_traces` and of every effect, the score test of leaning forces, and, where the noise was given, chi-square of
+    the residual.
 
     Args:
         calibration: of the twelve parameters.
@@ -56,9 +56,13 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
     problem = pose_problem(c)
     field = all_candidates(c, problem, known)
     before = adequacy(c, problem, field)
+    lean = lean_p_value(c, problem)
+    p_value = min(1.0, 2 * min(before.p_value, lean))
     incredible = advice.incredible(c)
-    alarm = before.p_value < SIGNIFICANCE or bool(incredible)
-    found, p_value = _find(c, known, alarm, before.p_value)
+    alarm = p_value < SIGNIFICANCE or bool(incredible)
+    found, lead = tell(c, known, alarm, lean < SIGNIFICANCE / 2)
+    if found is not None and not alarm:
+        p_value = min(p_value, float(np.exp(-lead / 2)))
     if found is None:
         nothing = Search(problem, rank_singles(problem, field), None, 0.0, (), ())
         ranking = _ranking(nothing, c)
@@ -84,32 +88,6 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
     )
 
 
-def _find(
-    calibration: Calibration, known: Sequence[Effect], alarm: bool, p_value: float
-) -> tuple[Search | None, float]:
-    """What the twelve parameters lack, if they lack anything, and the p-value of "nothing".
-
-    Where the fit rejected several touches, they may not be bad at all: what explains all
-    touches is searched for as well, and the likelier story is told.
-    """
-    c = calibration
-    found = search(c, known) if alarm else None
-    if (~c.used).sum() < SUSPICIOUS:
-        return found, p_value
-    other = search(c, known, np.ones(len(c.touches), dtype=bool))
-    if other.extended is None:
-        return found, p_value
-    fits = [c, other.extended, *([found.extended] if found and found.extended else [])]
-    scale = max(1.0, min(fit.reduced_chi_square for fit in fits))
-    with_bad = story(c, 0.0, scale)
-    if found and found.extended:
-        with_bad = min(with_bad, story(found.extended, found.price, scale))
-    lead = with_bad - story(other.extended, other.price, scale)
-    if lead < (0.0 if alarm else CREDIBLE):
-        return found, p_value
-    return other, min(p_value, float(np.exp(-lead / 2)))
-
-
 def adequacy(calibration: Calibration, problem: Problem | None = None, field: Field | None = None) -> Adequacy:
     """Test a model against all that its residual could depend on.
 
@@ -119,7 +97,7 @@ def adequacy(calibration: Calibration, problem: Problem | None = None, field: Fi
         field: further candidates to test; None for none.
     """
     c = calibration
-    traces = list(find_traces(c))
+    traces = list(find_traces(without_direction(c)))
     if problem is not None and field is not None:
         traces += [
             Trace(_words(candidate.effect), *significance(problem, candidate))
@@ -153,6 +131,9 @@ def _describe(found: Search) -> tuple[Found, ...]:
             Value(p.name, float(v), float(s), p.unit, p.meaning)
             for p, v, s in zip(effect.parameters, values, stds, strict=True)
         )
+        if effect.spread:
+            std = effect.spread / np.sqrt(2 * found.extended.used.sum())
+            rows = (Value('lean', effect.spread, float(std), 'rad', 'of the force from the normal, root mean square'),)
         items.append(Found(effect, rows, effect.label in found.proved))
     return tuple(items)
 

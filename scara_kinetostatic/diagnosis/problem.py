@@ -91,7 +91,7 @@ def pose_problem(calibration: Calibration, which: NDArray[np.bool_] | None = Non
     observations = observe(touches, c.cell)
     point = project(observations, c.parameters, c.noise)
     extension = observations.extension or Extension((), Tags.of(touches))
-    setting = observations._replace(extension=extension).setting(point.adjusted.joints)
+    setting = observations._replace(extension=extension).setting(point.adjusted.joints, point.adjusted.lean)
     state = point.adjusted.state
     jacobian = point.whitened.derivative[:, :, : len(NAMES)] @ c.subspace.basis[: len(NAMES)]
     jacobian = jacobian.reshape(2 * len(touches), -1)

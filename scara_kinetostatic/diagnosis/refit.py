@@ -41,20 +41,23 @@ def fit_with(
     """The touches of a calibration fitted with effects.
 
     Args:
-        calibration: that of the twelve parameters.
+        calibration: that of the twelve parameters; effects that its cell has stay.
         latest: the fit at which the problem was posed.
         problem: where the effects were found.
         members: the effects.
     """
-    effects = tuple(member.effect for member in members)
     parameters = latest.parameters.replace(extra=start_values(problem, members))
-    cell = replace(calibration.cell, effects=effects)
+    cell = replace(calibration.cell, effects=(*calibration.cell.effects, *(member.effect for member in members)))
     near = Near(parameters, latest.noise, latest.used)
     found = calibrate(calibration.touches, cell, fixed=calibration.fixed, near=near)
-    places = set(calibration.touches.index.tolist())
-    before = [item for item in calibration.rejected if item.index not in places]
-    rejected = sorted((*before, *found.rejected), key=lambda item: item.index)
-    return replace(found, rejected=tuple(rejected))
+    return with_left_out(found, calibration)
+
+
+def with_left_out(found: Calibration, before: Calibration) -> Calibration:
+    """A new fit of touches with the rejections of those that never came to a fit."""
+    places = set(before.touches.index.tolist())
+    left_out = [item for item in before.rejected if item.index not in places]
+    return replace(found, rejected=tuple(sorted((*left_out, *found.rejected), key=lambda item: item.index)))
 
 
 def effect_values(calibration: Calibration) -> list[tuple[Floats, Floats]]:

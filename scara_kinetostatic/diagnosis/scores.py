@@ -61,7 +61,8 @@ def score_singles(problem: Problem, contest: Contest) -> tuple[Score, ...]:
         p_value, share = significance(problem, candidate)
         new = new_part(problem, problem.columns(candidate.trial))[1]
         held_out = nothing - held_out_deviance(problem, candidate.unit, contest.scale) - 2 * np.log(candidate.tried)
-        found[candidate.effect.label] = Score(candidate, p_value, share, empty.score - entry.score, float(held_out), new)
+        gain = empty.score - entry.score
+        found[candidate.effect.label] = Score(candidate, p_value, share, gain, float(held_out), new)
     return tuple(found.values())
 
 

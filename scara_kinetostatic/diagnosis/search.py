@@ -44,21 +44,26 @@ class Search(NamedTuple):
     rivals: tuple[tuple[str, ...], ...]
 
 
-def search(calibration: Calibration, effects: Sequence[Effect], which: NDArray[np.bool_] | None = None) -> Search:
-    """Find the effects that a calibration of the twelve parameters lacks.
+def search(
+    calibration: Calibration, effects: Sequence[Effect], which: NDArray[np.bool_] | None = None, needed: bool = True
+) -> Search:
+    """Find the effects that a calibration lacks.
 
     Args:
-        calibration: without effects.
+        calibration: of the twelve parameters; effects that its cell has stay.
         effects: the catalogue.
         which: the touches to begin with, (n,); None for those that the calibration used. Each
             fit with effects judges anew which touches are bad.
+        needed: whether it is known that something is missing; if not, effects need odds against nothing as well.
     """
     start = calibration if which is None else replace(calibration, used=which)
     latest, before = start, frozenset[str]()
     for _ in range(ROUNDS):
         problem = pose_problem(latest)
-        contest = compete(problem, all_candidates(latest, problem, effects))
+        contest = compete(problem, all_candidates(latest, problem, effects), needed)
         winners = _winners(contest)
+        if not winners:
+            return Search(problem, contest, calibration if calibration.cell.effects else None, 0.0, (), ())
         labels = frozenset(candidate.effect.label for candidate in winners)
         if labels == before:
             break
@@ -86,7 +91,7 @@ def _settled(
 def all_candidates(latest: Calibration, problem: Problem, effects: Sequence[Effect]) -> Field:
     """The catalogue and unnamed structure as candidates."""
     pairs = zip(latest.cell.effects, effect_values(latest), strict=True)
-    fitted = {effect.label: values for effect, (values, _) in pairs if isinstance(effect, Effect)}
+    fitted = {effect.label: values for effect, (values, _) in pairs if isinstance(effect, Effect) and len(values)}
     discs = [disc.name for disc in latest.cell.discs]
     return gather(problem, [*effects, *unnamed_effects(problem.situation, discs)], fitted)
 

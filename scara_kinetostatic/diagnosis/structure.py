@@ -149,27 +149,32 @@ def find_traces(calibration: Calibration) -> tuple[Trace, ...]:
         One trace per family that is new beside the fitted parameters, the most significant first.
     """
     c = calibration
-    point = project(observe(c.touches.select(c.used), c.cell), c.parameters, c.noise)
+    observations = observe(c.touches.select(c.used), c.cell)
+    point = project(observations, c.parameters, c.noise)
     n = len(point.distance)
+    unsaid = n if observations.spread else 0
     jacobian = (point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1)
     base = np.linalg.qr(jacobian)[0]
     residual = point.whitened.residual.ravel() - base @ (base.T @ point.whitened.residual.ravel())
     traces = []
     for family in families(c, point):
-        trace = _test(residual, base, family.columns.reshape(2 * n, -1))
+        trace = _test(residual, base, family.columns.reshape(2 * n, -1), unsaid)
         if trace is not None:
             traces.append(Trace(family.name, *trace))
     return tuple(sorted(traces, key=lambda trace: trace.p_value))
 
 
-def _test(residual: Floats, base: Floats, columns: Floats) -> tuple[float, float] | None:
-    """p-value and share of the residual that further columns explain; None if they add nothing testable."""
+def _test(residual: Floats, base: Floats, columns: Floats, unsaid: int) -> tuple[float, float] | None:
+    """p-value and share of the residual that further columns explain; None if they add nothing testable.
+
+    Of the rows of the residual, `unsaid` say nothing.
+    """
     scale = np.linalg.norm(columns, axis=0)
     columns = columns[:, scale > 0] / scale[scale > 0]
     left = columns - base @ (base.T @ columns)
     u, values, _ = np.linalg.svd(left, full_matrices=False)
     u = u[:, values > LEAST_NEW]
-    q, freedoms = u.shape[1], len(residual) - base.shape[1] - u.shape[1]
+    q, freedoms = u.shape[1], len(residual) - unsaid - base.shape[1] - u.shape[1]
     total = float(residual @ residual)
     if q == 0 or freedoms < 1 or total < ROUNDING * len(residual):
         return None

@@ -78,6 +78,11 @@ class Effect(ABC):
     on_object: ClassVar[bool] = False
 
     @property
+    def spread(self) -> float:
+        """Standard deviation of the lean of the force, if the effect lets it differ from touch to touch, rad."""
+        return 0.0
+
+    @property
     def label(self) -> str:
         """Name and target, such as ``encoder_gain[joint1]``."""
         return f'{self.name}[{self.target}]' if self.target else self.name

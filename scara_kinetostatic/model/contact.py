@@ -52,6 +52,7 @@ def contact(
     tension: bool = False,
     near: ArrayLike | None = None,
     extension: Extension | None = None,
+    lean: Floats | None = None,
 ) -> Contact:
     """A(Q, L̄) for touches whose disc is known.
 
@@ -66,12 +67,13 @@ def contact(
         near: a force per touch, (n, 2), N; where there are several equilibria, the one
             closest to it is taken.
         extension: effects beyond the twelve parameters; their values are in `parameters.extra`.
+        lean: of the force in each touch, (n,), rad, where an effect lets it differ from touch to touch.
 
     Returns:
         Force, tip and link angles. Without contact the force is zero, the joints
         are in the middle of their dead bands and the tip is at H(L, Q).
     """
-    setting = _setting(joints, centers, radii, gripper, extension)
+    setting = _setting(joints, centers, radii, gripper, extension)._replace(lean=lean)
     state, solved = solve_state(parameters, setting)
     if near is not None:
         state = nearest_equilibrium(parameters, setting, state, np.asarray(near))

@@ -16,13 +16,16 @@ from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.state import State
 from scara_kinetostatic.model.statics import Floats
 
+LEAN_STEP = 1e-5
+"""Step of the central difference over the lean, rad."""
+
 
 def extended_equations(parameters: Parameters, setting: Setting, state: State) -> Equations:
     """`touch_equations` for a setting that may have effects.
 
     To first order exact in f and φ; what the effects change over Q* is left out of the derivatives.
     """
-    joints, centers, radii, gripper, _ = setting.shifted(parameters, state)
+    joints, centers, radii, gripper, *_ = setting.shifted(parameters, state)
     e = touch_equations(parameters, joints, centers, radii, state, gripper)
     if setting.extension is None:
         return e
@@ -63,6 +66,18 @@ def all_derivatives(parameters: Parameters, setting: Setting, state: State, equa
     shifts = setting.extension.derivative(setting.situation(parameters, state))
     columns = [shift_column(shift, state, equations)[:, :, None] for shift in shifts]
     return np.concatenate([twelve, *columns], axis=2)
+
+
+def lean_derivative(parameters: Parameters, setting: Setting, state: State, equations: Equations) -> Floats:
+    """∂h by the lean of each touch's force, (n, 2), m/rad, by central differences."""
+    assert setting.extension is not None
+    lean = np.zeros_like(state.magnitude) if setting.lean is None else setting.lean
+    up, down = (
+        setting.extension.shift(setting._replace(lean=lean + sign * LEAN_STEP).situation(parameters, state))
+        for sign in (1, -1)
+    )
+    joints, place = ((a - b) / (2 * LEAN_STEP) for a, b in zip(up, down, strict=True))
+    return shift_column(Shift(joints, place), state, equations)
 
 
 def renewed(parameters: Parameters, setting: Setting, state: State) -> State:

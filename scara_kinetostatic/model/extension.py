@@ -82,6 +82,7 @@ class Situation(NamedTuple):
         centers: centre of the touched disc, (n, 2), m.
         radii: its radius, (n,), m.
         tags: disc, time, approach, posture.
+        lean: angle from the normal of the disc to the force where it differs from touch to touch, (n,), rad.
     """
 
     parameters: Parameters
@@ -95,6 +96,7 @@ class Situation(NamedTuple):
     centers: Floats
     radii: Floats
     tags: Tags
+    lean: Floats
 
     @property
     def tangent(self) -> Floats:
@@ -128,6 +130,10 @@ class Law(Protocol):
     @property
     def labels(self) -> tuple[str, ...]:
         """Each parameter's name with the effect's, such as ``encoder_gain[joint1].gain``."""
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the lean of the force, which differs from touch to touch, rad; 0 for most effects."""
 
     @property
     def on_object(self) -> bool:
@@ -198,6 +204,11 @@ class Extension(NamedTuple):
         return force
 
     @property
+    def spread(self) -> float:
+        """Standard deviation of the lean of the force, rad; 0 where no law has one."""
+        return max((law.spread for law in self.laws), default=0.0)
+
+    @property
     def reads(self) -> bool:
         """Whether any law is one of the sensor."""
         probe = np.ones((1, 2))
@@ -229,6 +240,7 @@ class Setting(NamedTuple):
         radii: its radius, (n,), m.
         gripper: the form of (7).
         extension: effects beyond the twelve parameters; None without.
+        lean: of the force in each touch, (n,), rad; None for none.
     """
 
     joints: Floats
@@ -236,11 +248,13 @@ class Setting(NamedTuple):
     radii: Floats
     gripper: Gripper
     extension: Extension | None = None
+    lean: Floats | None = None
 
     def select(self, which: NDArray[np.bool_]) -> Setting:
         """The touches that a mask picks."""
         extension = None if self.extension is None else self.extension.select(which)
-        return Setting(self.joints[which], self.centers[which], self.radii[which], self.gripper, extension)
+        lean = None if self.lean is None else self.lean[which]
+        return Setting(self.joints[which], self.centers[which], self.radii[which], self.gripper, extension, lean)
 
     def situation(self, parameters: Parameters, state: State) -> Situation:
         """The touches as effects see them at a state."""
@@ -259,6 +273,7 @@ class Setting(NamedTuple):
             centers=self.centers,
             radii=self.radii,
             tags=self.extension.tags,
+            lean=np.zeros_like(f) if self.lean is None else self.lean,
         )
 
     def shifted(self, parameters: Parameters, state: State) -> Setting:
@@ -266,7 +281,7 @@ class Setting(NamedTuple):
         if self.extension is None:
             return self
         joints, place = self.extension.shift(self.situation(parameters, state))
-        return self._replace(joints=self.joints - joints, centers=self.centers - place, extension=None)
+        return self._replace(joints=self.joints - joints, centers=self.centers - place, extension=None, lean=None)
 
     def sensitivity(self, parameters: Parameters, state: State) -> tuple[Floats, Floats, Floats, Floats]:
         """How δ and d change with f and with φ: δ_f, d_f, δ_φ, d_φ, (n, 2) each, by central differences."""

@@ -1,0 +1,97 @@
+"""Does the force lean from the normal, in every touch by an angle of its own? Friction as it is.
+
+Such a lean moves no mean: it adds a variance σ_α² h_α h_αᵀ to that of the noise, which grows with the disc's
+radius where noise of the force falls with its size. Whether it is there is a score test of that variance
+component beside those of the noise (Rao; for variance components see Searle, Casella and McCulloch, 1992, section 6.8);
+its size follows by expectation and maximisation, σ_α² ← mean of α̂² plus its own variance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from scara_kinetostatic.calibration.adjustment import outer, whiten_by
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.estimate import Near
+from scara_kinetostatic.calibration.prediction import observe
+from scara_kinetostatic.calibration.projection import project
+from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.variance import whiten_matrix
+from scara_kinetostatic.diagnosis.problem import Problem
+from scara_kinetostatic.diagnosis.refit import with_left_out
+from scara_kinetostatic.effects.contact_lean import ContactLean
+
+Floats = NDArray[np.float64]
+
+FREE = 10.0
+"""A standard deviation of the lean that leaves it free, rad."""
+FIRST_LEAN = 0.03
+LEAST_LEAN = 1e-4
+ROUNDS = 8
+SETTLED = 0.02
+"""Relative change of the lean at which it has settled."""
+
+
+def lean_p_value(calibration: Calibration, problem: Problem) -> float:
+    """P-value of "no force leans beyond its noise", one-sided."""
+    point = problem.point
+    by_lean = np.zeros((len(problem.situation.radii), 2, 1))
+    by_lean[:, 1, 0] = problem.situation.radii
+    parts = [outer(point.linear.by_joints), outer(point.linear.by_force), outer(by_lean)]
+    noise = np.array([*calibration.noise, 1.0]) ** 2
+    kinds = [size * whiten_matrix(part, point.whitened.root) for size, part in zip(noise, parts, strict=True)]
+    rows = problem.base.reshape(-1, 2, problem.base.shape[1])
+    kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
+    e = problem.left.reshape(-1, 2)
+    score = np.array([np.einsum('ni,nij,nj->', e, kind, e) - np.einsum('nij,nji->', kind, kept) for kind in kinds])
+    half = [np.einsum('nij,njk->nik', kind, kept) for kind in kinds]
+    information = 2 * np.array([[np.einsum('nij,nji->', a, b) for b in half] for a in half])
+    value, variance = score[2], information[2, 2]
+    if not problem.noise_given:
+        weights = np.linalg.lstsq(information[:2, :2], information[:2, 2], rcond=1e-9)[0]
+        value, variance = value - weights @ score[:2], variance - weights @ information[:2, 2]
+    return float(stats.norm.sf(value / np.sqrt(variance))) if variance > 0 else 1.0
+
+
+def fit_with_lean(calibration: Calibration) -> Calibration:
+    """The touches of a calibration fitted with a lean of every force, its size estimated.
+
+    Effects that the cell has stay.
+    """
+    c = calibration
+    others = tuple(effect for effect in c.cell.effects if not isinstance(effect, ContactLean))
+    lean, used, latest = FIRST_LEAN, np.ones(len(c.touches), dtype=bool), c
+    for _ in range(ROUNDS):
+        cell = replace(c.cell, effects=(ContactLean(lean=lean), *others))
+        near = Near(latest.parameters, latest.noise, used)
+        latest = calibrate(c.touches, cell, fixed=c.fixed, near=near)
+        used, before = latest.used, lean
+        lean = max(_updated(latest, lean), LEAST_LEAN)
+        if abs(lean / before - 1) < SETTLED:
+            break
+    return with_left_out(latest, c)
+
+
+def without_direction(calibration: Calibration) -> Calibration:
+    """A calibration with leaning forces as its residual is to be tested: the lean of each touch free.
+
+    What the leans depend on is friction's own affair; only the other half of the residual is to be clean.
+    """
+    effects = tuple(
+        replace(effect, lean=FREE) if isinstance(effect, ContactLean) else effect for effect in calibration.cell.effects
+    )
+    return replace(calibration, cell=replace(calibration.cell, effects=effects))
+
+
+def _updated(c: Calibration, lean: float) -> float:
+    """One step of expectation and maximisation."""
+    point = project(observe(c.touches.select(c.used), c.cell), c.parameters, c.noise)
+    assert point.linear.by_lean is not None
+    assert point.adjusted.lean is not None
+    shrunk = whiten_by(point.linear.by_lean, point.whitened.root)
+    left = lean**2 * (1 - (shrunk**2).sum(axis=1))
+    return float(np.sqrt(np.mean(point.adjusted.lean**2 + left)))

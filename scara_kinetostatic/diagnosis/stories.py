@@ -1,0 +1,84 @@
+"""Three ways to explain the same touches; the likeliest is told.
+
+Residuals that are too large may come from an effect that acts alike in all touches (`search`), from friction that
+lets each force lean by an angle of its own (`leaning`), or from bad touches, some of which an effect
+may have made look bad. Each way is followed to its end and judged by one sum, see `evidence.story`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.diagnosis.contest import CREDIBLE
+from scara_kinetostatic.diagnosis.evidence import story
+from scara_kinetostatic.diagnosis.leaning import fit_with_lean
+from scara_kinetostatic.diagnosis.search import Search, search
+from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.contact_lean import ContactLean
+from scara_kinetostatic.errors import UnsupportedDataError
+
+SUSPICIOUS = 2
+"""Rejected touches from which on they are asked whether an effect explains them."""
+
+
+class Told(NamedTuple):
+    """The likeliest story.
+
+    Attributes:
+        found: what was found; None if nothing is missing.
+        lead: by how much its sum is below that of the twelve parameters alone.
+    """
+
+    found: Search | None
+    lead: float
+
+
+def tell(calibration: Calibration, known: Sequence[Effect], alarm: bool, leans: bool) -> Told:
+    """Find what the twelve parameters lack, if they lack anything.
+
+    Args:
+        calibration: of the twelve parameters.
+        known: the catalogue.
+        alarm: whether something is missing for sure.
+        leans: whether forces lean by more than their noise.
+    """
+    c = calibration
+    ways: list[Search] = []
+    if alarm:
+        ways.append(search(c, known))
+    if (~c.used).sum() >= SUSPICIOUS:
+        ways.append(search(c, known, np.ones(len(c.touches), dtype=bool), needed=alarm))
+    if leans:
+        ways += _leaning(c, known)
+    settled = [way for way in ways if way.extended is not None]
+    if not settled:
+        return Told(ways[0] if alarm else None, 0.0)
+    fits = [c, *(way.extended for way in settled if way.extended)]
+    scale = max(1.0, min(fit.reduced_chi_square for fit in fits))
+    sums = [story(way.extended, way.price, scale) for way in settled if way.extended]
+    lead = story(c, 0.0, scale) - min(sums)
+    if not alarm and lead < CREDIBLE:
+        return Told(None, 0.0)
+    return Told(settled[int(np.argmin(sums))], lead)
+
+
+def _leaning(calibration: Calibration, known: Sequence[Effect]) -> list[Search]:
+    """The way of friction: each force leans by an angle of its own, and other effects beside."""
+    others = [effect for effect in known if effect.name != ContactLean.name]
+    try:
+        leaning = fit_with_lean(calibration)
+        found = search(leaning, others, needed=False)
+        extended = found.extended
+        if extended is not None and len(extended.cell.effects) > 1:
+            extended = fit_with_lean(extended)
+    except UnsupportedDataError:
+        return []
+    if extended is None or extended.termination is not Termination.CONVERGED:
+        return []
+    price = float(np.log(len(calibration.touches)) + 2 * np.log(len(known)))
+    return [found._replace(extended=extended, price=found.price + price, proved=(ContactLean.name, *found.proved))]
