@@ -33,6 +33,7 @@ def _arguments() -> list[DeclareLaunchArgument]:
         argument('params', PathJoinSubstitution([SHARE, 'config', 'nodes.yaml']), 'parameters of the nodes'),
         argument('simulate', 'true', 'play the robot, too', **switch),
         argument('plan', '', 'simulator: plan of touches; empty: all over the discs'),
+        argument('effects', "['']", 'simulator: what the robot has beyond the twelve parameters, a YAML list'),
         argument('time_factor', '1.0', 'simulator: simulated seconds per second'),
         argument('seed', '0', 'simulator: seed of the noise'),
         argument('autostart', 'true', 'collector: record at once', **switch),
@@ -48,6 +49,7 @@ def _nodes() -> list[Node]:
 
     simulator = {
         'plan': _value('plan', str),
+        'effects': _value('effects', list[str]),
         'time_factor': _value('time_factor', float),
         'seed': _value('seed', int),
     }
@@ -59,6 +61,6 @@ def _nodes() -> list[Node]:
     ]
 
 
-def _value(argument: str, kind: type) -> ParameterValue:
+def _value(argument: str, kind: object) -> ParameterValue:
     """The argument as a parameter of that type, whatever it looks like."""
     return ParameterValue(LaunchConfiguration(argument), value_type=kind)

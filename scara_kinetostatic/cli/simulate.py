@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real, whole
-from scara_kinetostatic.errors import InputError, ParameterError
+from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.model.cell import Cell
     from scara_kinetostatic.model.parameters import Parameters
+    from scara_kinetostatic.recording.truth_file import Truth
     from scara_kinetostatic.simulation.plan import Plan
     from scara_kinetostatic.simulation.sensors import SensorModel
 
 DESCRIPTION = """\
 Simulates a robot that touches the discs of a cell, and records joint angles and
 forces as its sensors would report them: approach, press, hold, retract, noise,
-sensor zero, irregular rates. The same seed gives the same recording.
+sensor zero, irregular rates. The same seed gives the same recording. With
+--effect the robot has what the twelve parameters lack; nothing in the recording
+says so.
 """
 EXAMPLE = """\
   scara-kinetostatic simulate --cell cell.yaml --truth measured --seed 7 --out recording
+  scara-kinetostatic simulate --effect 'object_radius[disc_2]:radius=6e-5' --truth-file truth.yaml --out recording
 """
 
 
@@ -37,18 +43,32 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         help='recording to make: a rosbag2 folder, or a file if it ends in .mcap or .bag; must not exist',
     )
     parser.add_argument('--cell', type=Path, metavar='FILE', help="cell description; default: the paper's cell")
-    parser.add_argument(
-        '--truth',
-        default='paper',
-        metavar='WHAT',
-        help='true parameters: "paper" (table 2, as deviations from the nominal values), "measured" (figure 4d), '
-        'or a YAML file with all twelve by name (default: paper)',
-    )
+    _add_truth(parser)
     parser.add_argument('--seed', type=whole(0), default=0, metavar='N', help='seed of the noise (default: 0)')
     _add_plan(parser)
     _add_sensors(parser)
     _add_form(parser)
     return parser
+
+
+def _add_truth(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        '--truth',
+        default='paper',
+        metavar='WHAT',
+        help='true parameters: "paper" (table 2, as deviations from the nominal values), "measured" (figure 4d), '
+        'or a YAML file with all twelve by name, as --truth-file writes it (default: paper)',
+    )
+    parser.add_argument(
+        '--effect',
+        action='append',
+        default=[],
+        metavar='NAME[TARGET]:PARAMETER=VALUE,...',
+        help='what the robot has beyond the twelve parameters, SI units; may be repeated (see docs/effects.md)',
+    )
+    parser.add_argument(
+        '--truth-file', type=Path, metavar='FILE', help='write parameters and effects there; must not exist'
+    )
 
 
 def _add_plan(parser: argparse.ArgumentParser) -> None:
@@ -93,24 +113,47 @@ def run(args: argparse.Namespace) -> int:
     """Simulates.
 
     Raises:
-        InputError: the cell, the plan, the truth or an option is wrong, or BAG exists or cannot be written.
-        UnsupportedDataError: the simulated robot cannot reach a touch.
+        InputError: the cell, the plan, the truth, an effect or an option is wrong, or BAG or the truth file exists
+            or cannot be written.
+        UnsupportedDataError: the simulated robot cannot reach a touch, or hold its force.
     """
     if args.plan and (args.per_disc or args.levels or args.overpress is not None):
         advice = 'leave --per-disc, --levels and --overpress out'
         raise InputError('--plan', 'a plan says all about the touches', advice)
+    from scara_kinetostatic.recording.truth_file import Truth, truth_text
     from scara_kinetostatic.recording.writer import write_streams
+    from scara_kinetostatic.simulation.chosen_effects import parse_effect, with_effects
     from scara_kinetostatic.simulation.streams import simulate_streams
 
     cell = _cell(args)
-    truth = truth_of(args.truth, cell)
+    known = _truth(args.truth, cell)
+    truth = Truth(known.parameters, (*known.effects, *(parse_effect(text, cell) for text in args.effect)))
+    real = with_effects(cell, *truth)
     plan = _plan(args, cell)
-    streams = simulate_streams(cell, truth, plan, sensors=_sensors(args, cell), seed=args.seed)
-    write_streams(args.out, streams, cell, storage=args.storage, compression=args.compression, with_cell=not args.plain)
+    with _beside(args.truth_file, truth_text(*truth, args.seed)):
+        streams = simulate_streams(*real, plan, sensors=_sensors(args, cell), seed=args.seed)
+        form = {'storage': args.storage, 'compression': args.compression, 'with_cell': not args.plain}
+        write_streams(args.out, streams, cell, **form)
     duration = 1e-9 * float(max(streams.joints.stamp[-1], streams.wrench.stamp[-1]) - streams.joints.stamp[0])
     print(f'{args.out}: {len(plan)} touches in {duration:.0f} s of simulated time')
-    print('truth: ' + ', '.join(f'{name} {value:.6g}' for name, value in truth.as_dict().items()))
+    print('truth: ' + ', '.join(f'{name} {value:.6g}' for name, value in truth.parameters.as_dict().items()))
+    for effect, values in truth.effects:
+        shown = (f'{p.name} {value:.6g} {p.unit}' for p, value in zip(effect.parameters, values, strict=True))
+        print(f'effect: {effect.label}: ' + ', '.join(shown))
     return 0
+
+
+@contextmanager
+def _beside(path: Path | None, text: str) -> Iterator[None]:
+    """Writes a file if what is done meanwhile succeeds; none for None."""
+    from scara_kinetostatic.recording.folders import all_or_nothing
+
+    if path is None:
+        yield
+        return
+    with all_or_nothing(path) as workshop:
+        (workshop / path.name).write_text(text, encoding='utf-8')
+        yield
 
 
 def _cell(args: argparse.Namespace) -> Cell:
@@ -129,21 +172,21 @@ def _cell(args: argparse.Namespace) -> Cell:
 
 def truth_of(what: str, cell: Cell) -> Parameters:
     """The true parameters that a word or a file names: `paper`, `measured`, or a YAML file of all twelve."""
+    return _truth(what, cell).parameters
+
+
+def _truth(what: str, cell: Cell) -> Truth:
+    """The same with the effects that the file may hold."""
     from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
-    from scara_kinetostatic.recording.yaml_text import parse_yaml, read_text
+    from scara_kinetostatic.recording.truth_file import Truth, load_truth
 
     known = {'paper': PAPER_ACTUAL, 'measured': PAPER_MEASURED}
-    if what in known:
-        if cell.nominal == PAPER_NOMINAL:
-            return known[what]
-        deviation = known[what].as_array() - PAPER_NOMINAL.as_array()
-        return Parameters.from_array(cell.nominal.as_array() + deviation)
-    values = parse_yaml(read_text(what, ParameterError), what, ParameterError)
-    if not isinstance(values, dict):
-        raise ParameterError(what, 'expected the twelve parameters by name', 'write x0: 0.0025 and so on')
-    truth = Parameters.from_mapping(values, what)
-    truth.check_physical(what)
-    return truth
+    if what not in known:
+        return load_truth(what, cell)
+    if cell.nominal == PAPER_NOMINAL:
+        return Truth(known[what])
+    deviation = known[what].as_array() - PAPER_NOMINAL.as_array()
+    return Truth(Parameters.from_array(cell.nominal.as_array() + deviation))
 
 
 def _plan(args: argparse.Namespace, cell: Cell) -> Plan:

@@ -50,7 +50,9 @@ def shift_at(parameters: Parameters, pose: Pose, gripper: Gripper, extension: Ex
     magnitude, direction = np.hypot(*pose.force.T), np.arctan2(pose.force[:, 1], pose.force[:, 0])
     normal = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
     centers, radii = pose.tip + RADIUS * normal, np.full(len(magnitude), RADIUS)
-    state = State(*pose.links.T, magnitude, direction, *np.sign(pose.torques).T)
+    link1, link2 = pose.links.T
+    mode1, mode2 = np.sign(pose.torques).T
+    state = State(link1, link2, magnitude, direction, mode1, mode2)
     setting = Setting(pose.joints, centers, radii, gripper, extension)
     with np.errstate(invalid='ignore'):
         return extension.shift(setting.situation(parameters, state), robot_only=True)

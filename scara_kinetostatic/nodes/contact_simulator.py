@@ -42,7 +42,7 @@ class ContactSimulator(Node):
 
     Raises:
         InputError: a parameter, the cell or the plan makes no sense.
-        UnsupportedDataError: the simulated robot cannot reach a touch.
+        UnsupportedDataError: the simulated robot cannot reach a touch, or hold its force.
     """
 
     def __init__(self) -> None:

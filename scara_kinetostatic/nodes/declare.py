@@ -13,7 +13,13 @@ from rclpy.node import Node
 
 from scara_kinetostatic.errors import ParameterError
 
-_KINDS = {str: 'a string', bool: 'true or false', float: 'a number with a decimal point', int: 'a whole number'}
+_KINDS = {
+    str: 'a string',
+    list: 'a list of strings',
+    bool: 'true or false',
+    float: 'a number with a decimal point',
+    int: 'a whole number',
+}
 
 
 class Range(NamedTuple):
@@ -27,6 +33,13 @@ def text(node: Node, name: str, default: str, description: str, *, read_only: bo
     """Declares a parameter that is a string, and gives its value."""
     descriptor = ParameterDescriptor(description=description, read_only=read_only)
     return str(_declare(node, name, default, descriptor))
+
+
+def texts(node: Node, name: str, description: str, *, read_only: bool = True) -> list[str]:
+    """Declares a parameter that is a list of strings, and gives those that are not empty; by default there are none."""
+    descriptor = ParameterDescriptor(description=description, read_only=read_only)
+    # an empty list has no type in ROS
+    return [str(text) for text in _declare(node, name, [''], descriptor) if str(text).strip()]
 
 
 def switch(node: Node, name: str, default: bool, description: str, *, read_only: bool = True) -> bool:

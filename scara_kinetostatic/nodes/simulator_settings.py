@@ -16,6 +16,7 @@ from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.cell_parameter import cell_or_example
 from scara_kinetostatic.nodes.declare import Range
 from scara_kinetostatic.recording.plan_file import load_plan
+from scara_kinetostatic.simulation.chosen_effects import parse_effect, with_effects
 from scara_kinetostatic.simulation.plan import LARGEST_OVERPRESS, Plan, default_plan
 from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, SensorModel
 
@@ -34,9 +35,9 @@ class SimulatorSettings:
     """What is simulated.
 
     Attributes:
-        cell: with the frame and the sign that the simulated sensor really has.
+        cell: with the frame and the sign that the simulated sensor really has, and the effects to play.
         plan: the touches.
-        truth: the parameters of the simulated robot.
+        truth: the parameters of the simulated robot, those of its effects included.
         sensors: noise, bias and rates.
         seed: of all random numbers.
         wait_for_subscribers: subscribers that both topics need before the play begins.
@@ -54,13 +55,14 @@ def declare_simulator(node: Node) -> SimulatorSettings:
     """Declares all parameters but those that may change while the node runs.
 
     Raises:
-        InputError: the cell or the plan cannot be read, or a value makes no sense.
+        InputError: the cell or the plan cannot be read, or a value or an effect makes no sense.
     """
     cell = _cell(node)
+    real, truth = _with_effects(node, cell)
     return SimulatorSettings(
-        cell=cell,
+        cell=real,
         plan=_plan(node, cell),
-        truth=_truth(node, cell.nominal),
+        truth=truth,
         sensors=_sensors(node, cell),
         seed=declare.whole(node, 'seed', 0, 'seed of the noise', Range(0, 2**31 - 1)),
         wait_for_subscribers=declare.whole(
@@ -95,6 +97,13 @@ def _choice(name: str, value: str, default: _E, choices: type[_E]) -> _E:
     except ValueError:
         expected = ' or '.join(str(choice.value) for choice in choices)
         raise ParameterError(f'parameter {name}', f'expected {expected}, got {value!r}') from None
+
+
+def _with_effects(node: Node, cell: Cell) -> tuple[Cell, Parameters]:
+    """The cell and the true parameters, those of the effects included."""
+    how = "what the robot has beyond the twelve parameters, each as 'name[target]:parameter=value,parameter=value'"
+    chosen = [parse_effect(text, cell) for text in declare.texts(node, 'effects', how)]
+    return with_effects(cell, _truth(node, cell.nominal), chosen)
 
 
 def _truth(node: Node, nominal: Parameters) -> Parameters:

@@ -74,6 +74,19 @@ def test_every_other_touch_can_be_pressed_beyond_its_hold(spin: Callable[..., No
     assert np.mean(simulator._settings.plan.overpress == 0.3) == 0.5
 
 
+def test_effects_are_played(spin: Callable[..., Node]) -> None:
+    texts = "['object_radius[disc_2]:radius=6e-5', 'sensor_bias:x=1.0,y=-0.5']"
+    settings = spin(ContactSimulator, '--ros-args', '-p', f'effects:={texts}')._settings
+    assert [effect.label for effect in settings.cell.effects] == ['object_radius[disc_2]', 'sensor_bias']
+    assert settings.truth.extra == (6e-5, 1.0, -0.5)
+    assert settings.truth.replace(extra=()) == PAPER_ACTUAL
+
+
+def test_by_default_there_are_no_effects(spin: Callable[..., Node]) -> None:
+    settings = spin(ContactSimulator)._settings
+    assert settings.cell.effects == settings.truth.extra == ()
+
+
 def test_a_plan_says_all_about_the_touches(spin: Callable[..., Node], tmp_path: Path) -> None:
     plan = tmp_path / 'plan.yaml'
     plan.write_text('- {disc: disc_1, angle_deg: 30, posture: left, force: 25}')
@@ -91,6 +104,9 @@ def test_a_plan_says_all_about_the_touches(spin: Callable[..., Node], tmp_path: 
         ('joint_rate:=1.0e+9', ParameterError, 'parameter joint_rate'),
         ('overpress:=-0.1', ParameterError, 'parameter overpress'),
         ('overpress:=30.0', ParameterError, 'parameter overpress'),
+        ("effects:=['gravity:g=9.81']", ParameterError, "effect 'gravity': no such effect"),
+        ("effects:=['sensor_bias:x=1']", ParameterError, "parameter 'y' is missing"),
+        ('effects:=gravity', ParameterError, 'parameter effects: expected a list of strings'),
         ('cell:=/no/such/cell.yaml', CellError, '/no/such/cell.yaml'),
     ],
 )

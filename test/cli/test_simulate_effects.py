@@ -1,0 +1,75 @@
+"""`simulate --effect`: what is played stands in the truth file and nowhere else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli.command import Run
+
+from scara_kinetostatic.recording.detection import find_touches
+from scara_kinetostatic.recording.reader import embedded_cell, read_streams
+
+RADIUS = 'object_radius[disc_2]:radius=6e-5'
+BIAS = 'sensor_bias:x=1.5,y=-0.5'
+
+
+def touches_of(path: Path):
+    cell = embedded_cell(path)
+    assert cell is not None
+    assert not cell.effects
+    return find_touches(read_streams(path, cell), cell).touches
+
+
+def test_effects_are_played_and_not_told(run: Run, tmp_path: Path) -> None:
+    plain = run('simulate', '--out', 'plain.mcap', '--per-disc', '2')
+    made = run('simulate', '--out', 'a.mcap', '--per-disc', '2', '--effect', RADIUS, '--effect', BIAS)
+    assert (made.status, made.err) == (0, '')
+    assert made.out.splitlines()[2:] == [
+        'effect: object_radius[disc_2]: radius 6e-05 m',
+        'effect: sensor_bias: x 1.5 N, y -0.5 N',
+    ]
+    assert made.out.splitlines()[1:2] == plain.out.splitlines()[1:]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['a.mcap', 'plain.mcap']
+    for word in (b'object_radius', b'sensor_bias', b'effect'):
+        assert word not in (tmp_path / 'a.mcap').read_bytes()
+    one, other = touches_of(tmp_path / 'plain.mcap'), touches_of(tmp_path / 'a.mcap')
+    np.testing.assert_allclose(np.median(other.force - one.force, axis=0), [1.5, -0.5], atol=0.05)
+    moved = np.abs(other.joints - one.joints).max(axis=1)
+    assert moved[one.disc == 1].min() > 5e-5
+    assert moved[one.disc != 1].max() < 2e-6
+
+
+def test_truth_file_plays_the_same_again(run: Run, tmp_path: Path) -> None:
+    first = ('simulate', '--out', 'a.mcap', '--per-disc', '2', '--seed', '3', '--truth', 'measured')
+    assert run(*first, '--effect', RADIUS, '--truth-file', 'truth/a.yaml').status == 0
+    again = ('simulate', '--out', 'b.mcap', '--per-disc', '2', '--seed', '3', '--truth', 'truth/a.yaml')
+    assert run(*again).status == 0
+    assert (tmp_path / 'a.mcap').read_bytes() == (tmp_path / 'b.mcap').read_bytes()
+    assert run(*(part.replace('b.mcap', 'c.mcap') for part in again), '--effect', BIAS).status == 0
+    assert (tmp_path / 'c.mcap').read_bytes() != (tmp_path / 'b.mcap').read_bytes()
+
+
+@pytest.mark.parametrize(
+    ('options', 'status', 'words'),
+    [
+        (('--effect', 'object_radius[disc_9]:radius=1e-4'), 2, ('disc_9', 'contact_friction', 'object_radius[disc_3]')),
+        (('--effect', 'object_radius[disc_2]:size=1e-4'), 2, ("'size'", 'radius (m; ')),
+        (('--effect', RADIUS, '--effect', RADIUS), 2, ('object_radius[disc_2]', 'twice')),
+        (('--effect', 'object_position[disc_2]:x=0.4,y=0.4'), 3, ('touch', 'disc_2')),
+        (('--effect', RADIUS, '--truth-file', 'taken'), 2, ('taken', 'exists')),
+        (('--effect', RADIUS, '--truth-file', 'taken/deeper'), 2, ('taken', 'not a folder')),
+    ],
+)
+def test_what_cannot_be_played_leaves_nothing(
+    run: Run, tmp_path: Path, options: tuple[str, ...], status: int, words: tuple[str, ...]
+) -> None:
+    (tmp_path / 'taken').write_text('mine')
+    beside = () if '--truth-file' in options else ('--truth-file', 'truth.yaml')
+    result = run('simulate', '--out', 'x', '--per-disc', '2', *options, *beside)
+    assert result.status == status
+    assert result.err.count('\n') == 1
+    assert all(word in result.err for word in words)
+    assert [path.name for path in tmp_path.iterdir()] == ['taken']
+    assert (tmp_path / 'taken').read_text() == 'mine'

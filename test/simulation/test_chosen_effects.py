@@ -1,0 +1,104 @@
+"""Effects named by the user, and the truth as a file."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from effects.scenes import EFFECTS, LABELS, plausible
+
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.recording.truth_file import Truth, load_truth, truth_text
+from scara_kinetostatic.simulation.chosen_effects import Chosen, parse_effect, wanted, with_effects
+
+CELL = Cell(PAPER_NOMINAL, PAPER_DISCS)
+CHOSEN = [Chosen(effect, tuple(float(value) for value in plausible(effect))) for effect in EFFECTS]
+
+
+@pytest.mark.parametrize('chosen', CHOSEN, ids=LABELS)
+def test_text_gives_every_effect_in_any_order_of_its_parameters(chosen):
+    pairs = zip(chosen.effect.parameters, chosen.values, strict=True)
+    given = [f' {parameter.name} = {value!r}' for parameter, value in pairs]
+    assert parse_effect(f'{chosen.effect.label}:{",".join(given)}', CELL) == chosen
+    assert parse_effect(f'{chosen.effect.label}: {",".join(reversed(given))},', CELL) == chosen
+
+
+def test_values_stand_behind_each_other_in_the_truth():
+    cell, truth = with_effects(CELL, PAPER_ACTUAL, CHOSEN)
+    assert cell.effects == EFFECTS
+    assert cell.discs == CELL.discs
+    np.testing.assert_array_equal(truth.extra, np.concatenate([chosen.values for chosen in CHOSEN]))
+    assert truth.replace(extra=()) == PAPER_ACTUAL
+    assert with_effects(CELL, PAPER_ACTUAL, []) == (CELL, PAPER_ACTUAL)
+    with pytest.raises(ParameterError, match=r"sensor_bias': is given twice"):
+        with_effects(CELL, PAPER_ACTUAL, [CHOSEN[2], *CHOSEN])
+
+
+def test_disc_of_any_name():
+    odd = Cell(PAPER_NOMINAL, (PAPER_DISCS[0], PAPER_DISCS[1]._replace(name='a, b: [c]=1')))
+    assert parse_effect('object_radius[a, b: [c]=1]:radius=1e-4', odd).effect.target == 'a, b: [c]=1'
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('gravity:g=1', "effect 'gravity': no such effect.*contact_friction sensor_rotation.*object_radius"),
+        ('object_radius:radius=1', "'object_radius': no such effect"),
+        ('', 'no such effect'),
+        ('sensor_bias', r"parameter 'x' is missing; the parameters of sensor_bias are x \(N; .*\), y \(N; "),
+        ('sensor_bias:x=1', "'y' is missing"),
+        ('sensor_bias:x=1,y=2,z=3', "unknown parameter 'z'"),
+        ('sensor_bias:x=1,y=2,x=3', "'x' is given twice"),
+        ('sensor_bias:x=1,y', "expected parameter=value, got 'y'"),
+        ('sensor_bias:x=1,y=two', "expected parameter=value, got 'y=two'"),
+        ('sensor_bias:x=1,y=inf', 'y: expected a finite number, got inf'),
+        ('transmission_error[joint1]:amplitude=1', r'amplitude \(rad; .*phase \(rad.*cycles \(1/turn'),
+    ],
+)
+def test_senseless_texts(text, message):
+    with pytest.raises(ParameterError, match=message):
+        parse_effect(text, CELL)
+
+
+def test_what_is_wanted_of_each_effect():
+    for effect in EFFECTS:
+        text = wanted(effect)
+        assert all(f'{parameter.name} ({parameter.unit}; ' in text for parameter in effect.parameters)
+
+
+def test_truth_survives_its_file(tmp_path):
+    path = tmp_path / 'truth.yaml'
+    path.write_text(truth_text(PAPER_ACTUAL, CHOSEN, 7))
+    assert load_truth(path, CELL) == Truth(PAPER_ACTUAL, tuple(CHOSEN))
+    path.write_text(truth_text(PAPER_ACTUAL))
+    assert load_truth(path, CELL) == Truth(PAPER_ACTUAL)
+
+
+TWELVE = f'parameters: {PAPER_ACTUAL.as_dict()}\n'
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('- 1', 'by name'),
+        ('parameters: 3', 'parameters by name and a list of effects'),
+        (TWELVE + 'effects: {a: 1}', 'a list of effects'),
+        (TWELVE + 'noise: 1', "unknown key 'noise'"),
+        (TWELVE + 'effects: [7]', 'expected name, target and parameters'),
+        (TWELVE + 'effects: [{target: disc_1}]', 'expected name, target and parameters'),
+        (TWELVE + 'effects: [{name: object_radius, target: disc_1, size: 1}]', 'expected name, target and'),
+        (TWELVE + 'effects: [{name: nonsense}]', 'no such effect'),
+        (TWELVE + 'effects: [{name: sensor_bias, parameters: [1, 2]}]', 'sensor_bias: expected its parameters by name'),
+        (TWELVE + 'effects: [{name: sensor_bias, parameters: {x: a, y: 1}}]', 'by name, as numbers'),
+        (TWELVE + 'effects: [{name: sensor_bias, parameters: {x: true, y: 1}}]', 'by name, as numbers'),
+        (TWELVE + 'effects: [{name: sensor_bias, parameters: {x: 1}}]', "truth.yaml: sensor_bias: parameter 'y'"),
+        (TWELVE.replace('0.3302', '-1'), 'expected a positive length'),
+        ('effects: []', "parameter 'x0' is missing|unknown parameter"),
+    ],
+)
+def test_senseless_truth_files(tmp_path, text, message):
+    path = tmp_path / 'truth.yaml'
+    path.write_text(text)
+    with pytest.raises(ParameterError, match=message):
+        load_truth(path, CELL)
