@@ -119,11 +119,11 @@ def calibrate_recordings(
     if not len(detection.touches):
         raise UnsupportedDataError(_no_touches(paths, detection), 'see what `inspect` says about the recording')
     _tell(progress, f'fitting {len(detection.touches)} touches', 0.0)
-    calibration = _converged(paths, detection, cell, fixed)
+    calibration = _calibrated(paths, detection, cell, fixed)
     _tell(progress, 'looking for what the model lacks', 0.3)
     diagnosis = diagnose(calibration)
     _tell(progress, 'predicting held-out touches', 0.8)
-    final = diagnosis.extended or calibration
+    final = _settled(diagnosis.extended or calibration, paths)
     held_out = held_out_force_error(replace(calibration, used=final.used))
     extended_held_out = held_out if final is calibration else held_out_force_error(final)
     _tell(progress, 'done', 1.0)
@@ -140,16 +140,21 @@ def calibrate_recordings(
     )
 
 
-def _converged(
+def _calibrated(
     paths: Sequence[str | Path], detection: Detection, cell: Cell, fixed: Mapping[str, float] | None
 ) -> Calibration:
-    """The calibration, if it is one; what is wrong with the data is told with their name."""
+    """The calibration of the twelve; what is wrong with the data is told with their name."""
     names = ', '.join(str(path) for path in paths)
     try:
-        found = calibrate(detection.touches, cell, fixed=fixed)
+        return calibrate(detection.touches, cell, fixed=fixed)
     except UnsupportedDataError as error:
         raise UnsupportedDataError(f'{names}: {error.problem}', error.remedy) from error
+
+
+def _settled(found: Calibration, paths: Sequence[str | Path]) -> Calibration:
+    """The calibration that is to be used, if it is one: what the twelve parameters lack may have kept them unsettled."""
     if found.termination is not Termination.CONVERGED:
+        names = ', '.join(str(path) for path in paths)
         raise UnsupportedDataError(
             f'{names}: the fit does not settle, at a force error of {found.force_error:.3g} N',
             'check the places of the discs, the names and units of the joints, frame, sign and axes of the sensor',
