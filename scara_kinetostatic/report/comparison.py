@@ -3,10 +3,11 @@
 Both are judged on the same touches, those that the extended model uses, and by the same noise, that of the extended
 model. Where nothing was found the two are one.
 
-**Error of the tip.** At the measured Q and F a model places the tip; its distance from the circle, along the
-force, is h of `model.equations`. The error is its root mean square over the touches, linearised so that the noise
-in the direction of F, which alone would put the tip r (σ_f/f)²/2 off, does not count. Held out means here that
-each touch is predicted by a fit without it, to first order: e_k / (1 - leverage of k).
+**Error of the tip.** At the measured Q and F a model places the tip; its distance from the circle is h of
+`model.equations` along the circle's normal, which is the force's unless friction turns it. The error is its root mean
+square over the touches, linearised so that the noise in the direction of F, which alone would put the tip
+r (σ_f/f)²/2 off, does not count. Held out means here that each touch is predicted by a fit without it, to first
+order: (I - H_k)⁻¹ e_k, H_k its block of the projection on the fit's columns.
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.calibration.adjustment import Observations
 from scara_kinetostatic.calibration.prediction import force_error, observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.solver import Point
 from scara_kinetostatic.diagnosis.problem import orthonormal
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import NAMES
@@ -121,13 +124,32 @@ def compare(outcome: Outcome) -> Comparison:
 def _side(c: Calibration, final: Calibration, held_out: float) -> Side:
     """One model in the noise of the final one."""
     n = int(c.used.sum())
-    point = project(observe(c.touches.select(c.used), c.cell), c.parameters, final.noise)
+    observations = observe(c.touches.select(c.used), c.cell)
+    point = project(observations, c.parameters, final.noise)
     base = orthonormal((point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1))
     chi_square = c.chi_square if c is final else float(point.distance.sum())
-    along = point.whitened.root[0]
-    left = point.linear.misclosure[:, 0]
-    tip = TipError(_rms(left), _rms(along * _left_out(base, point.whitened.residual)[:, 0]), _rms(along))
+    across_circle = _whitened_normal(observations, point)
+    tip = TipError(
+        _rms((point.whitened.residual * across_circle).sum(axis=1)),
+        _rms((_left_out(base, point.whitened.residual) * across_circle).sum(axis=1)),
+        _rms(across_circle.ravel()) * 2**0.5,
+    )
     return Side(force_error(c.residual[c.used]), held_out, chi_square / (2 * n - c.subspace.basis.shape[1]), tip)
+
+
+def _whitened_normal(observations: Observations, point: Point) -> Floats:
+    """Rᵀm, with m from the tip to the centre of the circle and R the root that whitens h: r·Rᵀm is h·m, (n, 2), m."""
+    normal = np.zeros((len(point.distance), 2))
+    normal[:, 0] = observations.radii
+    if observations.extension is not None:
+        at = observations.setting(point.adjusted.joints, point.adjusted.lean).situation(
+            point.parameters, point.adjusted.state
+        )
+        place = observations.extension.shift(at)[1] - observations.extension.shift(at, robot_only=True)[1]
+        normal += np.stack([(place * at.normal).sum(axis=1), (place * at.tangent).sum(axis=1)], axis=-1)
+    first, second = (normal / np.linalg.norm(normal, axis=1)[:, None]).T
+    l11, l21, l22 = point.whitened.root
+    return np.stack([l11 * first + l21 * second, l22 * second], axis=-1)
 
 
 def _left_out(base: Floats, residual: Floats) -> Floats:

@@ -32,7 +32,7 @@ def diagnosis_document(found: Diagnosis) -> Document:
         'advice': found.advice,
         'traces': _traces(found.traces),
         'remaining': _traces(found.remaining),
-        'candidates': [_candidate(item) for item in found.ranking],
+        'candidates': [_candidate(item, role(found, item)) for item in found.ranking],
     }
 
 
@@ -67,14 +67,22 @@ def _rival(found: Diagnosis, labels: Mapping[str, Effect], label: str) -> Docume
     return named | {'parameters': values}
 
 
-def _candidate(item: Ranked) -> Document:
+def role(found: Diagnosis, item: Ranked) -> str:
+    """What became of a candidate; a rival is one that `rivals` names."""
+    named = any(item.effect.label in group for group in found.rivals)
+    return 'refuted' if item.role == 'rival' and not named else item.role
+
+
+def _candidate(item: Ranked, role: str) -> Document:
     return _named(item.effect) | {
-        'role': item.role,
+        'role': role,
         'p_value': number(item.p_value),
         'share': number(item.share),
         'gain': number(item.gain),
         'held_out': number(item.held_out),
         'new': number(item.new),
+        'hidden_bend': number(item.hidden_bend),
+        'bent': item.bent or None,
     }
 
 

@@ -92,11 +92,11 @@ def style() -> Iterator[None]:
         yield
 
 
-def new_figure(width: float, height: float, rows: int = 1, **more: Any) -> tuple[Figure, list[Axes]]:
-    """An empty figure with axes one above the other, size in pixels."""
+def new_figure(width: float, height: float, rows: int = 1, columns: int = 1, **more: Any) -> tuple[Figure, list[Axes]]:
+    """An empty figure with axes one above the other or side by side, row by row, size in pixels."""
     figure = Figure(figsize=(width / _PER_INCH, height / _PER_INCH), dpi=_PER_INCH, layout='constrained')
-    axes = figure.subplots(rows, 1, squeeze=False, **more)
-    return figure, list(axes[:, 0])
+    axes = figure.subplots(rows, columns, squeeze=False, **more)
+    return figure, list(axes.ravel())
 
 
 def as_svg(figure: Figure, name: str, description: str) -> Markup:

@@ -14,6 +14,8 @@ from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.pipeline import Outcome
 from scara_kinetostatic.report import words
 from scara_kinetostatic.report.cell_picture import cell_picture
+from scara_kinetostatic.report.comparison import compare
+from scara_kinetostatic.report.diagnosis_html import diagnosis_context
 from scara_kinetostatic.report.drawing import COLOURS, mark, style
 from scara_kinetostatic.report.fit_pictures import (
     correlation_picture,
@@ -29,8 +31,9 @@ TEMPLATES = Path(__file__).parent / 'templates'
 
 def html_text(outcome: Outcome) -> str:
     """The page."""
-    c = outcome.calibration
+    c = outcome.final
     with style():
+        diagnosis = diagnosis_context(outcome)
         pictures = {
             'cell': cell_picture(c),
             'errors': error_picture(c),
@@ -54,6 +57,7 @@ def html_text(outcome: Outcome) -> str:
         largest_force=f'{np.hypot(c.force[:, 0], c.force[:, 1]).max():.1f}',
         touches=_touches(c),
         pictures=pictures,
+        **diagnosis,
     )
 
 
@@ -72,11 +76,18 @@ def template(name: str) -> jinja2.Template:
 
 def _facts(outcome: Outcome) -> list[tuple[str, str, str]]:
     """The four numbers at the top: value, unit, what it is."""
-    c = outcome.calibration
+    c, compared = outcome.final, compare(outcome)
+    alone, extended = compared.alone, compared.extended
+    errors, held_out = [compared.nominal, alone.force_error], [alone.held_out]
+    chi_square, steps = [alone.reduced_chi_square], 'nominal → calibrated'
+    if c is not outcome.calibration:
+        errors, held_out = [*errors, extended.force_error], [*held_out, extended.held_out]
+        chi_square, steps = [*chi_square, extended.reduced_chi_square], 'nominal → twelve alone → extended'
+    folds = outcome.extended_held_out.folds
     return [
-        (f'{c.force_error_nominal:.3g} → {c.force_error:.3g}', 'N', 'mean force error, nominal → calibrated'),
-        (f'{outcome.held_out.force_error:.3g}', 'N', f'on touches left out of the fit, {outcome.held_out.folds} folds'),
-        (f'{c.reduced_chi_square:.2f}', '', 'chi-square per degree of freedom; 1 is right'),
+        (' → '.join(f'{value:.3g}' for value in errors), 'N', f'mean force error, {steps}'),
+        (' → '.join(f'{value:.3g}' for value in held_out), 'N', f'on touches left out of the fit, {folds} folds'),
+        (' → '.join(f'{value:.2f}' for value in chi_square), '', 'chi-square per degree of freedom; 1 is right'),
         (f'{int(c.used.sum())} / {outcome.found}', '', 'touches used / found'),
     ]
 

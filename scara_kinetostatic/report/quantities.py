@@ -37,6 +37,40 @@ STATUS = {'estimated': '', 'fixed': 'fixed', 'confounded': 'not determined by th
 """The status of a parameter in words."""
 
 
+class Shown(NamedTuple):
+    """A value with its standard deviation, ready to print; std empty where there is none."""
+
+    value: str
+    std: str
+    unit: str
+
+    @property
+    def text(self) -> str:
+        """All in one."""
+        return ' '.join(part for part in (self.value, f'± {self.std}' if self.std else '', self.unit) if part)
+
+
+_PREFIXED = ('m', 'rad', 'N', 'Nm', 's')
+_PREFIXES = (('', 1.0), ('m', 1e3), ('µ', 1e6), ('n', 1e9), ('p', 1e12))
+_PER_MILLION = 1e-3
+"""Pure numbers below this are shown in millionths."""
+
+
+def shown(value: float, std: float, unit: str) -> Shown:
+    """A value in any SI unit with a prefix that fits, and the digits its uncertainty allows."""
+    size = max(abs(value), std if math.isfinite(std) else 0.0)
+    scale = Scale('' if unit == '1' else unit, 1.0)
+    if unit.partition('/')[0] in _PREFIXED and size > 0:
+        prefix, factor = next(((p, f) for p, f in _PREFIXES if size * f >= 1.0), _PREFIXES[-1])
+        scale = Scale(prefix + unit, factor)
+    elif unit.partition('/')[0] == '1' and 0 < size < _PER_MILLION:
+        scale = Scale(f'ppm{unit[1:]}', 1e6)
+    digits = decimals(std * scale.per_si)
+    if digits is None:
+        return Shown(f'{value * scale.per_si:.3g}', '', scale.unit)
+    return Shown(f'{value * scale.per_si:.{digits}f}', f'{std * scale.per_si:.{digits}f}', scale.unit)
+
+
 class Row(NamedTuple):
     """One parameter, ready to print.
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
+from scara_kinetostatic.diagnosis.result import Found
+from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.pipeline import Outcome
 from scara_kinetostatic.report import words
-from scara_kinetostatic.report.quantities import STATUS, Row, parameter_rows
+from scara_kinetostatic.report.quantities import STATUS, Row, parameter_rows, shown
 
 WIDTH = 100
 MOST_REJECTED = 12
@@ -17,7 +19,8 @@ def text_report(outcome: Outcome) -> str:
     """The table of parameters and what to think of it."""
     verdict = words.verdict(outcome)
     lines = [f'{verdict.headline}.', *_wrapped(verdict.sentences, '  '), '']
-    lines += _table(parameter_rows(outcome.calibration))
+    lines += _table(parameter_rows(outcome.final))
+    lines += _effects(outcome.diagnosis.found)
     lines += ['', *_facts(outcome)]
     lines += _rejected(outcome)
     if outcome.warnings:
@@ -41,17 +44,29 @@ def _table(rows: list[Row]) -> list[str]:
     return lines
 
 
+def _effects(found: Sequence[Found]) -> list[str]:
+    """What the extended model has beyond the twelve."""
+    lines = ['', 'beyond the twelve parameters'] if found else []
+    for item in found:
+        lines += _wrapped([words.effect_name(item.effect) + ('' if item.proved else ', or a rival of it')], '  ')
+        if not isinstance(item.effect, Unnamed):
+            lines += [f'    {v.name}  {shown(v.value, v.std, v.unit).text}  {v.meaning}'[:WIDTH] for v in item.values]
+    return lines
+
+
 def _facts(outcome: Outcome) -> list[str]:
-    c = outcome.calibration
+    c = outcome.final
     facts = {
         'touches': f'{int(c.used.sum())} used of {outcome.found} found',
         'force error': words.force_errors(outcome),
+        'tip error': words.tip_errors(outcome),
+        'bent': words.bent(outcome),
         'chi-square': words.fit_quality(outcome),
         'noise': words.noise(outcome),
         'determined': ' '.join(words.identifiability(outcome)),
     }
     lines = []
-    for name, text in facts.items():
+    for name, text in ((name, text) for name, text in facts.items() if text):
         lines += textwrap.wrap(text, WIDTH, initial_indent=f'{name:13}', subsequent_indent=' ' * 13)
     return lines
 

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 from scara_kinetostatic.pipeline import Outcome
+from scara_kinetostatic.report.comparison import bends, compare
 from scara_kinetostatic.report.html import html_text
 
 VOID = {'meta', 'br', 'img', 'hr', 'input', 'link'}
@@ -47,6 +48,18 @@ def parse(page: str) -> Reader:
     return reader
 
 
+EXTENDED = ('grown', 'ambiguous', 'unnamed')
+
+
+@pytest.fixture(scope='module')
+def extended_pages(request: pytest.FixtureRequest) -> dict[str, str]:
+    return {which: html_text(request.getfixturevalue(which)) for which in EXTENDED}
+
+
+def words_of(page: str) -> str:
+    return ' '.join(''.join(parse(page).text).split())
+
+
 @pytest.fixture(scope='module')
 def page(nasty: Outcome) -> str:
     return html_text(nasty)
@@ -58,11 +71,20 @@ def test_names_come_out_as_text(page: str, nasty: Outcome) -> None:
     text = ''.join(reader.text)
     for disc in nasty.calibration.cell.discs:
         assert text.count(disc.name) >= 2  # in the pictures' legend and in the tables
+    check_pictures(page)
+
+
+def check_pictures(page: str) -> None:
     for svg in re.findall(r'<svg.*?</svg>', page, re.DOTALL):
         ElementTree.fromstring(svg.replace('xlink:href', 'href'))
 
 
-def test_nothing_comes_from_outside(page: str) -> None:
+def test_nothing_comes_from_outside(page: str, extended_pages: dict[str, str]) -> None:
+    for each in (page, *extended_pages.values()):
+        check_self_contained(each)
+
+
+def check_self_contained(page: str) -> None:
     reader = parse(page)
     assert not {'link', 'img', 'iframe', 'object', 'embed'} & reader.tags
     for name, value in reader.attributes:
@@ -74,15 +96,16 @@ def test_nothing_comes_from_outside(page: str) -> None:
     assert '//' not in re.sub(r'<!--.*?-->', '', without_namespaces, flags=re.DOTALL)
 
 
-def test_identifiers_are_unique_and_found(page: str) -> None:
-    identifiers = parse(page).identifiers
-    assert len(identifiers) == len(set(identifiers))
-    used = set(re.findall(r'(?:href="|url\()#([\w-]+)', page))
-    assert used <= set(identifiers)
+def test_identifiers_are_unique_and_found(page: str, extended_pages: dict[str, str]) -> None:
+    for each in (page, *extended_pages.values()):
+        identifiers = parse(each).identifiers
+        assert len(identifiers) == len(set(identifiers))
+        used = set(re.findall(r'(?:href="|url\()#([\w-]+)', each))
+        assert used <= set(identifiers)
 
 
 def test_everything_is_said(page: str, nasty: Outcome) -> None:
-    text = ' '.join(''.join(parse(page).text).split())
+    text = words_of(page)
     c = nasty.calibration
     assert 'The twelve-parameter model explains these touches' in text
     assert f'{c.force_error_nominal:.3g} → {c.force_error:.3g} N' in text
@@ -96,7 +119,7 @@ def test_everything_is_said(page: str, nasty: Outcome) -> None:
 
 def test_what_is_not_determined_is_marked(confounded: Outcome) -> None:
     page = html_text(confounded)
-    text = ' '.join(''.join(parse(page).text).split())
+    text = words_of(page)
     assert 'these data do not determine every parameter' in text
     assert 'Determined all the same: g_ee + ' in text
     assert page.count('class="confounded') == 2
@@ -105,3 +128,47 @@ def test_what_is_not_determined_is_marked(confounded: Outcome) -> None:
 
 def test_the_same_outcome_gives_the_same_page(page: str, nasty: Outcome) -> None:
     assert html_text(nasty) == page
+
+
+def test_nothing_missing_is_said_with_what_was_tested(page: str) -> None:
+    text = words_of(page)
+    assert 'Is anything missing? Not as far as these touches can show: p = ' in text
+    assert 'Effects that these touches cannot show at all' in text
+    assert 'bending of link 2 hides in p2 always' in text
+    assert 'Error before and after' not in text
+
+
+def test_an_effect_is_shown_with_all_about_it(extended_pages: dict[str, str], grown: Outcome) -> None:
+    page, text = extended_pages['grown'], words_of(extended_pages['grown'])
+    check_pictures(page)
+    assert 'script' not in parse(page).tags
+    (item,) = grown.diagnosis.found
+    assert item.effect.label in text
+    compared = compare(grown)
+    for side in (compared.alone, compared.extended):
+        cells = (f'{side.force_error:.3g}', f'{side.held_out:.3g}', f'{1e3 * side.tip.fitted:.3g}')
+        assert ''.join(f'<td class="n">{cell}</td>' for cell in cells) in page
+    assert f'{1e6 * item.values[0].value:.1f} ± {1e6 * item.values[0].std:.1f} µm' in text
+    assert page.count('<svg') == 5 + 2
+    assert re.search(r'<tr class="found"><td>object_radius', page)
+    assert re.search(r'<tr class="refuted"><td>', page)
+    (l2,) = (bend for bend in bends(grown) if bend.name == 'l2')
+    assert f'{l2.in_std:+.1f}'.replace('-', '−') in text
+    assert 'nan' not in text.lower().split()
+
+
+def test_rivals_stand_side_by_side(extended_pages: dict[str, str]) -> None:
+    page, text = extended_pages['ambiguous'], words_of(extended_pages['ambiguous'])
+    assert 'it could be one of several things' in text
+    assert 'the twelve parameters are right whichever it is' in text
+    assert text.count('one of several rivals') == 2
+    assert 'These touches cannot tell apart: sensor_rotation, contact_friction' in text
+    assert page.count('<tr class="rival">') == 2
+    assert page.count('<tr class="found">') == 0
+
+
+def test_what_has_no_name_is_described(extended_pages: dict[str, str]) -> None:
+    text = words_of(extended_pages['unnamed'])
+    assert 'a fitted curve (joint 1 deviates by an angle, depending on the angle of joint 2)' in text
+    assert 'No effect of the list explains what is left' in text
+    assert 'cos1' not in text, 'coefficients say nothing by themselves'

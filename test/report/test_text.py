@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -13,7 +14,8 @@ from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.pipeline import Outcome
 from scara_kinetostatic.report import words
-from scara_kinetostatic.report.quantities import decimals, parameter_rows
+from scara_kinetostatic.report.comparison import compare
+from scara_kinetostatic.report.quantities import decimals, parameter_rows, shown
 from scara_kinetostatic.report.text import MOST_REJECTED, text_report
 
 
@@ -63,8 +65,48 @@ def test_a_fit_that_did_not_converge_says_so(plain: Outcome) -> None:
     assert text_report(outcome).startswith('The fit did not converge')
 
 
-def test_lines_fit_a_terminal(plain: Outcome, confounded: Outcome) -> None:
-    for outcome in (plain, confounded):
+def test_effects_have_their_lines(grown: Outcome, ambiguous: Outcome, unnamed: Outcome) -> None:
+    text = text_report(grown)
+    (item,) = grown.diagnosis.found
+    compared = compare(grown)
+    assert f'beyond the twelve parameters\n  {item.effect.label}\n    radius  ' in text
+    joined = ' '.join(text.split())
+    alone, extended = compared.alone, compared.extended
+    assert f'{alone.force_error:.3g} N with the twelve alone, {extended.force_error:.3g} N extended' in joined
+    assert f'{alone.held_out:.3g} N and {extended.held_out:.3g} N' in joined
+    assert f'{1e3 * alone.tip.fitted:.3g} mm from the circle' in joined
+    assert re.search(r'without it l2 by [\d.]+ σ, ', joined)
+    assert 'sensor_rotation, or a rival of it' in text_report(ambiguous)
+    assert 'a fitted curve (joint 1 deviates' in ' '.join(text_report(unnamed).split())
+
+
+def test_of_many_rivals_the_first_ones_are_named(plain: Outcome) -> None:
+    rivals = (tuple(f'effect_{number}' for number in range(20)),)
+    text = ' '.join(words.verdict(replace(plain, diagnosis=Diagnosis('ambiguous', 1e-4, rivals=rivals))).sentences)
+    assert 'effect_0 or effect_1' in text
+    assert f'or one of {20 - words.MOST_RIVALS} more' in text
+
+
+@pytest.mark.parametrize(
+    ('value', 'std', 'unit', 'expected'),
+    [
+        (5.19e-5, 1.07e-6, 'm', '51.9 ± 1.1 µm'),
+        (17.3061, 0.0246, '1/turn', '17.306 ± 0.025 1/turn'),
+        (9.82e-5, 1.6e-6, '1', '98.2 ± 1.6 ppm'),
+        (0.0322, 0.0023, '1', '0.0322 ± 0.0023'),
+        (-3e-8, 1e-9, 'rad/(Nm)^3', '-30.0 ± 1.0 nrad/(Nm)^3'),
+        (2e-7, float('nan'), '1/s', '0.2 ppm/s'),
+        (0.0, 0.0, 'm', '0 m'),
+        (2.5, 0.31, 'Nm', '2.50 ± 0.31 Nm'),
+    ],
+)
+def test_values_of_any_unit(value: float, std: float, unit: str, expected: str) -> None:
+    assert shown(value, std, unit).text == expected
+
+
+def test_lines_fit_a_terminal(request: pytest.FixtureRequest) -> None:
+    for which in ('plain', 'confounded', 'grown', 'ambiguous', 'unnamed'):
+        outcome = request.getfixturevalue(which)
         assert max(map(len, text_report(outcome).splitlines())) <= 100
 
 

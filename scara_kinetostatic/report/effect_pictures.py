@@ -1,0 +1,106 @@
+"""Pictures of what the model lacks: where an effect shows, before and after, and how far it had bent the twelve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from scara_kinetostatic.report.comparison import Bend
+from scara_kinetostatic.report.drawing import FAINT, INK, LINE, PAPER, SERIES, WARN, as_svg, mark, new_figure
+from scara_kinetostatic.report.signature import Signature
+
+Floats = NDArray[np.float64]
+
+WIDTH = 920.0
+FEW = 6
+"""A variable with so few values is one of kinds: its touches are drawn side by side."""
+NEXT = 0.3
+"""How far aside, as a part of the distance between kinds."""
+USUAL = 0.97
+"""This part of the touches must be seen at full size."""
+NOTABLE = 2.0
+"""A shift of so many standard deviations is drawn in the warning colour."""
+
+
+def signature_picture(found: Signature, name: str, titles: tuple[str, str] = ('without it', 'with it')) -> Markup:
+    """The deviation that each touch calls for, without the effect and with it, on the same axes."""
+    figure, axes = new_figure(WIDTH, 300, columns=2, sharey=True, sharex=True)
+    x = _side_by_side(found.x)
+    kinds = len(x) > 0 and len(np.unique(found.x)) <= FEW
+    largest = _largest(found)
+    sides = ((found.before, found.spread_before), (found.after, found.spread_after))
+    for one, (deviation, spread), title in zip(axes, sides, titles, strict=True):
+        values = np.clip(deviation, -0.97 * largest, 0.97 * largest)
+        one.axhline(0, color=FAINT, lw=0.9)
+        one.vlines(x, values - spread, values + spread, color=LINE, lw=1.0, zorder=1)
+        _scatter(one, found, x, values)
+        one.set(title=title, xlabel=found.over, ylim=(-largest, largest))
+        one.grid(visible=False, axis='x')
+        if kinds:
+            one.set_xticks(np.unique(found.x))
+        else:
+            one.xaxis.set_major_locator(MaxNLocator(7))
+    if found.expected.any():  # an effect that only scatters leaves no pattern
+        axes[0].plot(x, found.expected, '_', ms=8, mew=1.6, color=INK, zorder=4)
+    axes[0].set(ylabel=found.what)
+    return as_svg(figure, name, 'what each touch says of the effect, without it in the model and with it')
+
+
+def _largest(found: Signature) -> float:
+    """The end of the y axis: few wild touches do not stretch it."""
+    size = np.abs(np.concatenate([found.before, found.after, found.expected]))
+    usual = float(np.quantile(size, USUAL))
+    return max(1.1 * min(float(size.max()), 1.6 * usual), 1e-9)
+
+
+def _side_by_side(x: Floats) -> Floats:
+    """Values of which there are few, spread out in the order of the touches."""
+    kinds, which = np.unique(x, return_inverse=True)
+    if len(kinds) > FEW:
+        return x
+    apart = float(np.diff(kinds).min()) if len(kinds) > 1 else 1.0
+    out = x.copy()
+    for number in range(len(kinds)):
+        members = np.flatnonzero(which == number)
+        out[members] += apart * NEXT * np.linspace(-1, 1, len(members) + 2)[1:-1]
+    return np.asarray(out)
+
+
+def _scatter(axes: Axes, found: Signature, x: Floats, values: Floats) -> None:
+    """Touches by disc (colour and shape) and posture (full: left, hollow: right)."""
+    for number in np.unique(found.disc):
+        look = mark(int(number))
+        for posture in (1, -1):
+            chosen = (found.disc == number) & (found.posture == posture)
+            fill = look.colour if posture > 0 else PAPER
+            axes.plot(
+                x[chosen], values[chosen], look.shape, ls='none', ms=4.4, mfc=fill, mec=look.colour, mew=1.0, zorder=3
+            )
+
+
+def bend_picture(rows: Sequence[Bend]) -> Markup:
+    """How far the missing effect had moved each of the twelve, in standard deviations of the fit without it."""
+    figure, (axes,) = new_figure(WIDTH, 300)
+    places = np.arange(len(rows))
+    shifts = np.array([row.in_std for row in rows])
+    spread = np.array([row.std / row.alone_std if row.alone_std > 0 else np.nan for row in rows])
+    axes.axhspan(-1, 1, color=SERIES[0], alpha=0.12, lw=0)
+    axes.axhline(0, color=FAINT, lw=0.9)
+    for place, shift, std in zip(places, shifts, spread, strict=True):
+        if np.isfinite(shift):
+            colour = WARN if abs(shift) > NOTABLE else SERIES[0]
+            axes.plot([place, place], [0, shift], color=colour, lw=2.4, solid_capstyle='butt')
+            axes.plot(place, shift, 'o', ms=6, mfc=colour, mec=PAPER, mew=0.8)
+            axes.plot([place + 0.16] * 2, [shift - std, shift + std], color=FAINT, lw=1.0)
+    axes.set_xticks(places, [row.name for row in rows])
+    axes.set(ylabel='moved by  [σ]')
+    largest = float(np.nanmax(np.abs(shifts) + np.minimum(spread, 3.0), initial=1.5)) * 1.1
+    axes.set_ylim(-largest, largest)
+    axes.grid(visible=False, axis='x')
+    axes.tick_params(axis='x', labelcolor=INK, length=0)
+    return as_svg(figure, 'bends', 'shift of each parameter by the missing effect in standard deviations')
