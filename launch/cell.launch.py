@@ -6,6 +6,8 @@ With a real robot (`simulate:=false`) the first is left out. Then calibrate by
 
 from __future__ import annotations
 
+from typing import List  # noqa: UP035 - launch knows lists by this name only
+
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
@@ -49,7 +51,7 @@ def _nodes() -> list[Node]:
 
     simulator = {
         'plan': _value('plan', str),
-        'effects': _value('effects', list[str]),
+        'effects': _value('effects', List[str]),  # noqa: UP006
         'time_factor': _value('time_factor', float),
         'seed': _value('seed', int),
     }

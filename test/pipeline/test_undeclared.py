@@ -1,0 +1,119 @@
+"""Recordings with an effect that neither they nor their cell declare: it is found, and the twelve with it.
+
+The truth is in `truth/`, which nothing but tests reads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pipeline.undeclared import ALL, BAGS, make, true_robot
+
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.effects.unnamed import Unnamed
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.pipeline import Outcome, calibrate_recordings
+from scara_kinetostatic.recording.cell_file import load_cell
+from scara_kinetostatic.recording.reader import embedded_cell, read_streams
+
+LARGEST = 1_000_000
+RECORDINGS = pytest.mark.parametrize('name', [one.name for one in ALL])
+LISTED = pytest.mark.parametrize('name', ['undeclared_a', 'undeclared_b'])
+
+
+def path_of(name: str) -> Path:
+    return BAGS / f'{name}.mcap'
+
+
+def cell_of(name: str) -> Cell:
+    return embedded_cell(path_of(name)) or load_cell(BAGS / 'measured.yaml')
+
+
+@cache
+def outcome_of(name: str) -> Outcome:
+    return calibrate_recordings([path_of(name)], cell_of(name))
+
+
+def deviations(outcome: Outcome, name: str) -> np.ndarray:
+    """Of the twelve of the extended model from the truth, in standard deviations."""
+    truth = true_robot(name, cell_of(name)).parameters.as_array()
+    assert np.isfinite(outcome.final.std).all()
+    return (outcome.final.parameters.as_array()[:12] - truth) / outcome.final.std
+
+
+@RECORDINGS
+def test_nothing_declares_the_effect(name: str) -> None:
+    effects = true_robot(name, cell_of(name)).effects
+    assert len(effects) == 1
+    assert not cell_of(name).effects
+    told = path_of(name).read_bytes().lower()
+    for word in ('effect', 'truth', effects[0].effect.name):
+        assert word.encode() not in told
+    assert (cell_of(name).noise is None) == (name == 'undeclared_b')
+    assert 0 < path_of(name).stat().st_size < LARGEST
+
+
+@RECORDINGS
+def test_every_touch_is_used_and_the_twelve_alone_are_not_enough(name: str) -> None:
+    outcome = outcome_of(name)
+    assert outcome.found == 108
+    assert outcome.calibration.noise_source == ('estimated' if name == 'undeclared_b' else 'given')
+    assert outcome.final.used.sum() >= 107
+    assert outcome.diagnosis.p_value < 1e-6
+
+
+@LISTED
+def test_the_effect_is_named_with_its_values(name: str) -> None:
+    outcome, (true,) = outcome_of(name), true_robot(name, cell_of(name)).effects
+    assert outcome.diagnosis.verdict == 'explained'
+    (found,) = outcome.diagnosis.found
+    assert found.effect.label == true.effect.label
+    for value, expected in zip(found.values, true.values, strict=True):
+        assert abs(value.value - expected) < 4 * value.std
+
+
+def test_what_is_not_listed_is_told_to_be_unexplained() -> None:
+    outcome = outcome_of('undeclared_c')
+    assert outcome.diagnosis.verdict == 'unexplained'
+    (found,) = outcome.diagnosis.found
+    assert isinstance(found.effect, Unnamed)
+    assert 'disc_3' in found.effect.label
+
+
+@RECORDINGS
+def test_the_twelve_are_right_with_the_effect_in(name: str) -> None:
+    outcome = outcome_of(name)
+    assert np.abs(deviations(outcome, name)).max() < 4
+    truth = true_robot(name, cell_of(name)).parameters.as_array()
+    bent = (outcome.calibration.parameters.as_array() - truth) / outcome.calibration.std
+    assert np.abs(bent).max() > np.abs(deviations(outcome, name)).max()
+
+
+@RECORDINGS
+def test_touches_not_used_are_predicted_better_with_the_effect(name: str) -> None:
+    outcome = outcome_of(name)
+    before, after = outcome.held_out.force_error, outcome.extended_held_out.force_error
+    assert after < 0.7 * before
+
+
+@LISTED
+def test_the_prediction_is_as_good_as_with_the_effect_known_beforehand(name: str) -> None:
+    outcome, truth = outcome_of(name), true_robot(name, cell_of(name))
+    laws = tuple(chosen.effect for chosen in truth.effects)
+    nominal = truth.parameters.replace(extra=truth.effects[0].values)
+    best = calibrate(outcome.calibration.touches, replace(cell_of(name), nominal=nominal, effects=laws))
+    assert outcome.final.force_error == pytest.approx(best.force_error, rel=0.05)
+
+
+@RECORDINGS
+def test_they_are_made_again_from_the_truth(name: str, tmp_path: Path) -> None:
+    again = make(next(one for one in ALL if one.name == name), tmp_path)
+    cell = cell_of(name)
+    kept, made = read_streams(path_of(name), cell), read_streams(again, cell)
+    np.testing.assert_array_equal(kept.joints.stamp, made.joints.stamp)
+    np.testing.assert_allclose(made.joints.position, kept.joints.position, rtol=0, atol=1.1e-6)
+    np.testing.assert_allclose(made.wrench.force, kept.wrench.force, rtol=0, atol=1e-6)

@@ -1,0 +1,73 @@
+"""The recordings with an effect that nothing in them declares, made from their truth files.
+
+``python -m pipeline.undeclared FOLDER`` (with ``test`` and the package on the path) makes all three there, as
+`scara-kinetostatic simulate` does; the one effect that the package does not know is registered first.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from simulation.oval import OvalDisc
+
+from scara_kinetostatic.cli.main import main
+from scara_kinetostatic.effects.registry import register, unregister
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.recording.truth_file import Truth, load_truth
+
+BAGS = Path(__file__).parents[2] / 'bags'
+TRUTH = Path(__file__).parent / 'truth'
+COMMON = '--per-disc 18 --overpress 0.3 --joint-rate 20 --wrench-rate 25 --compression zstd'
+
+
+class Undeclared(NamedTuple):
+    """A recording, by name, and the further options it was made with."""
+
+    name: str
+    options: str = ''
+
+
+ALL = (
+    Undeclared('undeclared_a', '--seed 101'),
+    Undeclared('undeclared_b', f'--seed 102 --plain --cell {BAGS / "measured.yaml"}'),
+    Undeclared('undeclared_c', '--seed 103'),
+)
+
+
+@contextmanager
+def oval_discs_listed() -> Iterator[None]:
+    """Meanwhile the catalogue has oval discs, too."""
+
+    def oval_discs(cell: Cell) -> list[OvalDisc]:
+        return [OvalDisc.of(number, disc.name) for number, disc in enumerate(cell.discs)]
+
+    register(oval_discs)
+    try:
+        yield
+    finally:
+        unregister(oval_discs)
+
+
+def true_robot(name: str, cell: Cell) -> Truth:
+    """What the truth file of a recording says."""
+    with oval_discs_listed():
+        return load_truth(TRUTH / f'{name}.yaml', cell)
+
+
+def make(recording: Undeclared, folder: Path) -> Path:
+    """Make one of the recordings in a folder."""
+    out = folder / f'{recording.name}.mcap'
+    options = [*COMMON.split(), *recording.options.split(), '--truth', str(TRUTH / f'{recording.name}.yaml')]
+    with oval_discs_listed():
+        if main(['simulate', '--out', str(out), *options]):
+            raise SystemExit(1)
+    return out
+
+
+if __name__ == '__main__':
+    for one in ALL:
+        make(one, Path(sys.argv[1]))
