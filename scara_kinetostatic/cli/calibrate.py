@@ -1,4 +1,4 @@
-"""`scara-kinetostatic calibrate`: from recordings to the twelve parameters."""
+"""`scara-kinetostatic calibrate`: from recordings to the twelve parameters and what lies beyond them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 
 DESCRIPTION = """\
 Finds the touches in recordings of joint angles and forces, and estimates the
-twelve parameters of the robot with their uncertainties. Writes into DIR
+twelve parameters of the robot with their uncertainties. Then looks for what the
+twelve lack: a physical effect that the touches prove is added to the model and
+fitted along, so that it does not bend them. Writes into DIR
 
   calibration.yaml   the result as ROS parameters, for --params-file
   calibration.json   the result with everything about it

@@ -50,6 +50,8 @@ def verdict(outcome: Outcome) -> Verdict:
     """The verdict in words."""
     level, headline, sentences = _fit(outcome)
     c, d = outcome.final, outcome.diagnosis
+    if c is not outcome.calibration and outcome.calibration.termination is not Termination.CONVERGED:
+        sentences.append('The fit of the twelve alone does not settle; what is said of it is where it ended.')
     if d.advice:
         sentences.append(sentence(d.advice))
     groups = c.identifiability.confounded

@@ -104,6 +104,13 @@ def test_values_of_any_unit(value: float, std: float, unit: str, expected: str) 
     assert shown(value, std, unit).text == expected
 
 
+def test_twelve_that_do_not_settle_alone_say_so(ambiguous: Outcome) -> None:
+    assert 'alone does not settle' not in ' '.join(text_report(ambiguous).split())
+    lost = replace(ambiguous, calibration=replace(ambiguous.calibration, termination=Termination.ITERATION_LIMIT))
+    assert text_report(lost).startswith('Something is missing in the model')
+    assert 'alone does not settle' in ' '.join(text_report(lost).split())
+
+
 def test_lines_fit_a_terminal(request: pytest.FixtureRequest) -> None:
     for which in ('plain', 'confounded', 'grown', 'ambiguous', 'unnamed'):
         outcome = request.getfixturevalue(which)
