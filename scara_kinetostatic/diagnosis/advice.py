@@ -8,6 +8,7 @@ import numpy as np
 from scipy import stats
 
 from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.diagnosis.deciding import Deciding
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.diagnosis.structure import Trace
 from scara_kinetostatic.effects.base import Effect
@@ -64,6 +65,7 @@ def after_search(
     rivals: Sequence[Sequence[str]],
     remaining: Sequence[Trace],
     known: Sequence[Effect],
+    deciding: Sequence[Deciding] | None = None,
 ) -> str:
     """What remains open once the model has been extended."""
     by_label = {effect.label: effect for effect in known}
@@ -73,6 +75,12 @@ def after_search(
         sentences.append(
             f'{" and ".join(group)} cannot be told apart by these touches; to decide, record {"; or ".join(reveals)}'
         )
+    if deciding:
+        sentences.append(
+            f'where they differ most: {"; ".join(map(str, deciding))}; repeat such touches until they decide'
+        )
+    elif deciding is not None:
+        sentences.append('no touch of these discs would; measure one of them by other means, and hold it')
     for item in found:
         if isinstance(item.effect, Unnamed):
             sentences.append(

@@ -61,11 +61,13 @@ class Scan(NamedTuple):
         effect: the effect.
         trials: the ways in which it may be present.
         columns: of all trials, less what the twelve take up, (2n, t, m).
+        tried: how many trials the effect has in all.
     """
 
     effect: Effect
     trials: Sequence[Trial]
     columns: Floats
+    tried: int
 
 
 class Field(NamedTuple):
@@ -101,10 +103,7 @@ def gather(problem: Problem, effects: Iterable[Effect], fitted: Mapping[str, Flo
     for effect in effects:
         trials = effect.trials(problem.situation, problem.force)
         if len(trials) > 1:
-            columns = np.stack([problem.columns(trial) for trial in trials], axis=1)
-            flat = columns.reshape(len(problem.left), -1)
-            flat = flat - problem.base @ (problem.base.T @ flat)
-            scans.append(Scan(effect, trials, flat.reshape(columns.shape)))
+            scans.append(_scan(problem, effect, trials, len(trials)))
             continue
         unit, new = new_part(problem, problem.columns(trials[0]))
         if effect.label in fitted and not isinstance(effect, LinearEffect):
@@ -118,7 +117,7 @@ def gather(problem: Problem, effects: Iterable[Effect], fitted: Mapping[str, Flo
     for scan, first in zip(scans, alone, strict=True):
         beside = [best_trial(problem, scan, partner) for partner in partners if partner.effect != scan.effect]
         if scan.effect.label in fitted:
-            beside.append(_as_fitted(problem, scan.effect, fitted[scan.effect.label], len(scan.trials)))
+            beside.append(_as_fitted(problem, scan.effect, fitted[scan.effect.label], scan.tried))
         found += list({id(c.trial): c for c in (first, *beside)}.values())
     return Field(tuple(found), tuple(unseen))
 
@@ -159,4 +158,14 @@ def best_trial(problem: Problem, scan: Scan, beside: Candidate | None = None) ->
     ridge = (RIDGE * size.max())[..., None, None] * np.eye(columns.shape[2])
     coefficients = np.linalg.solve(gram + ridge, projected[..., None])[..., 0]
     k = int(np.argmax(np.einsum('tm,tm->t', projected, coefficients)))
-    return Candidate(scan.effect, scan.trials[k], new_part(problem, scan.columns[:, k])[0], len(scan.trials))
+    finer = scan.effect.finer(problem.situation, scan.trials[k]) if scan.tried == len(scan.trials) else ()
+    if finer:
+        return best_trial(problem, _scan(problem, scan.effect, finer, scan.tried), beside)
+    return Candidate(scan.effect, scan.trials[k], new_part(problem, scan.columns[:, k])[0], scan.tried)
+
+
+def _scan(problem: Problem, effect: Effect, trials: Sequence[Trial], tried: int) -> Scan:
+    columns = np.stack([problem.columns(trial) for trial in trials], axis=1)
+    flat = columns.reshape(len(problem.left), -1)
+    flat = flat - problem.base @ (problem.base.T @ flat)
+    return Scan(effect, trials, flat.reshape(columns.shape), tried)

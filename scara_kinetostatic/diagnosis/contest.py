@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from scara_kinetostatic.diagnosis.candidates import Candidate, Field
 from scara_kinetostatic.diagnosis.problem import Problem
@@ -36,6 +37,8 @@ LARGEST = 4
 """Effects in a set at most."""
 KEPT = 12
 """Sets of each size from which larger ones are made."""
+CLAIM = 1e-3
+"""Chance at which unnamed structure is significantly better than a named effect."""
 PARALLEL = 1e-4
 """Least eigenvalue of the unit columns of a set: less, and the data do not tell them apart."""
 
@@ -151,6 +154,18 @@ class _Judge:
         return Entry(members, self.total - explained, int(seen.sum()), price)
 
 
+def _needed(contest: Contest, entry: Entry, best: Entry) -> bool:
+    """Whether a set has a claim beside the best: one with unnamed structure only if it is significantly better.
+
+    A curve that holds a named effect as a special case always comes near it; that is no rival.
+    """
+    unnamed = [any(isinstance(contest.field.candidates[k].effect, Unnamed) for k in e.members) for e in (entry, best)]
+    if not unnamed[0] or unnamed[1]:
+        return True
+    gain, rank = (best.rest - entry.rest) / contest.scale, entry.rank - best.rank
+    return rank <= 0 or float(stats.chi2.sf(gain, rank)) < CLAIM
+
+
 def _grown(best: Sequence[Entry], judge: _Judge) -> set[tuple[int, ...]]:
     everyone = range(len(judge.places))
     return {tuple(sorted((*entry.members, k))) for entry in best for k in everyone if k not in entry.members}
@@ -172,7 +187,7 @@ def _credible(contest: Contest) -> tuple[Entry, ...]:
     """Sets near the best, without those that only add to a credible one, and each set of effects once."""
     found: list[Entry] = []
     some = [entry for entry in contest.entries if entry.members]
-    near = [entry for entry in some if entry.score <= some[0].score + CREDIBLE]
+    near = [e for e in some if e.score <= some[0].score + CREDIBLE and _needed(contest, e, some[0])]
     for entry in sorted(near, key=lambda e: (len(e.members), e.score)):
         names = set(contest.labels(entry))
         if not any(set(contest.labels(other)) <= names for other in found):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.candidates import Field
 from scara_kinetostatic.diagnosis.contest import rank_singles
+from scara_kinetostatic.diagnosis.deciding import Deciding, decide
 from scara_kinetostatic.diagnosis.leaning import lean_p_value, without_direction
 from scara_kinetostatic.diagnosis.problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.refit import effect_values
@@ -72,7 +74,8 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
         text = incredible or advice.unexplained(c, before.traces)
         return Diagnosis('unexplained', p_value, traces=before.traces, ranking=ranking, advice=text)
     after = adequacy(found.extended)
-    described = _describe(found)
+    rivals = _fit_rivals(found, c)
+    described = _describe(found, rivals)
     verdict = _verdict(found, described, after)
     return Diagnosis(
         verdict=verdict,
@@ -84,8 +87,22 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
         remaining=after.traces,
         remaining_p_value=after.p_value,
         ranking=ranking,
-        advice=advice.after_search(verdict, described, found.rivals, after.traces, known),
+        advice=advice.after_search(verdict, described, found.rivals, after.traces, known, _deciding(c, rivals)),
     )
+
+
+def _fit_rivals(found: Search, calibration: Calibration) -> list[Calibration]:
+    """The touches fitted with each credible set by itself, where there are several."""
+    if not found.rivals:
+        return []
+    kept = found.extended.cell.effects if found.extended else ()
+    leaning = tuple(effect for effect in kept if effect.spread)
+    return found.fit_rivals(replace(calibration, cell=replace(calibration.cell, effects=leaning)))
+
+
+def _deciding(calibration: Calibration, rivals: Sequence[Calibration]) -> tuple[Deciding, ...] | None:
+    """The touches that would tell rivals apart; None where there are no two to compare."""
+    return decide(calibration, rivals) if len(rivals) > 1 else None
 
 
 def adequacy(calibration: Calibration, problem: Problem | None = None, field: Field | None = None) -> Adequacy:
@@ -121,21 +138,33 @@ def _verdict(found: Search, described: Sequence[Found], after: Adequacy) -> str:
     return 'ambiguous' if found.rivals else 'explained'
 
 
-def _describe(found: Search) -> tuple[Found, ...]:
-    """The effects of the extended model with their values."""
+def _describe(found: Search, rivals: Sequence[Calibration]) -> tuple[Found, ...]:
+    """The effects of the extended model with their values; those of a rival are what it has if it is this one."""
     assert found.extended is not None
     items = []
-    for effect, (values, stds) in zip(found.extended.cell.effects, effect_values(found.extended), strict=True):
+    for effect, values in _with_values(found.extended):
+        proved = effect.label in found.proved
+        if not proved:
+            alone = [rows for rival in rivals for other, rows in _with_values(rival) if other.label == effect.label]
+            values = alone[0] if alone else tuple(value._replace(value=np.nan, std=np.nan) for value in values)
+        items.append(Found(effect, values, proved))
+    return tuple(items)
+
+
+def _with_values(calibration: Calibration) -> list[tuple[Effect, tuple[Value, ...]]]:
+    """The effects of a calibration's cell with their estimates."""
+    items = []
+    for effect, (values, stds) in zip(calibration.cell.effects, effect_values(calibration), strict=True):
         assert isinstance(effect, Effect)
         rows = tuple(
             Value(p.name, float(v), float(s), p.unit, p.meaning)
             for p, v, s in zip(effect.parameters, values, stds, strict=True)
         )
         if effect.spread:
-            std = effect.spread / np.sqrt(2 * found.extended.used.sum())
+            std = effect.spread / np.sqrt(2 * calibration.used.sum())
             rows = (Value('lean', effect.spread, float(std), 'rad', 'of the force from the normal, root mean square'),)
-        items.append(Found(effect, rows, effect.label in found.proved))
-    return tuple(items)
+        items.append((effect, rows))
+    return items
 
 
 def _ranking(found: Search, calibration: Calibration) -> tuple[Ranked, ...]:

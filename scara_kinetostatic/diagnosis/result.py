@@ -27,7 +27,7 @@ class Found(NamedTuple):
 
     Attributes:
         effect: the effect.
-        values: its parameters.
+        values: its parameters; of a rival, what they are if it is this one.
         proved: whether it is in every set of effects that the data allow; else it has rivals.
     """
 

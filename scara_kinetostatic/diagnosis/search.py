@@ -20,6 +20,8 @@ from scara_kinetostatic.effects.unnamed import unnamed_effects
 from scara_kinetostatic.errors import UnsupportedDataError
 
 ROUNDS = 4
+ATTEMPTS = 4
+FITTED = 4
 MOST_IN_UNION = 5
 """Rivals that are fitted together at most; of more, the best ones."""
 
@@ -34,6 +36,7 @@ class Search(NamedTuple):
         price: of the best set of effects.
         proved: labels of effects in every credible set.
         rivals: labels of effects that replace each other.
+        start: the fit at which the problem was posed.
     """
 
     problem: Problem
@@ -42,6 +45,22 @@ class Search(NamedTuple):
     price: float
     proved: tuple[str, ...]
     rivals: tuple[tuple[str, ...], ...]
+    start: Calibration | None = None
+
+    def fit_rivals(self, calibration: Calibration) -> list[Calibration]:
+        """The touches of a calibration fitted with each credible set of effects by itself, `FITTED` sets at most.
+
+        Args:
+            calibration: that with which the search began.
+        """
+        fits = []
+        for entry in self.contest.credible[:FITTED]:
+            members = [self.contest.field.candidates[k] for k in entry.members]
+            try:
+                fits.append(fit_with(calibration, self.start or calibration, self.problem, members))
+            except UnsupportedDataError:
+                continue
+        return [fit for fit in fits if fit.termination is Termination.CONVERGED]
 
 
 def search(
@@ -59,6 +78,7 @@ def search(
     start = calibration if which is None else replace(calibration, used=which)
     latest, before = start, frozenset[str]()
     for _ in range(ROUNDS):
+        posed = latest
         problem = pose_problem(latest)
         contest = compete(problem, all_candidates(latest, problem, effects), needed)
         winners = _winners(contest)
@@ -68,24 +88,28 @@ def search(
         if labels == before:
             break
         before = labels
-        fitted = _settled(calibration, latest, problem, winners)
+        fitted = _settled(calibration, latest, problem, contest)
         if fitted is None:
             break
         latest = fitted
     proved, rivals = _sort_out(contest)
     extended = latest if latest.cell.effects else None
-    return Search(problem, contest, extended, contest.credible[0].price, proved, rivals)
+    return Search(problem, contest, extended, contest.credible[0].price, proved, rivals, posed)
 
 
 def _settled(
-    calibration: Calibration, latest: Calibration, problem: Problem, winners: Sequence[Candidate]
+    calibration: Calibration, latest: Calibration, problem: Problem, contest: Contest
 ) -> Calibration | None:
-    """The fit with the winners; None if it does not settle."""
-    try:
-        fitted = fit_with(calibration, latest, problem, winners)
-    except UnsupportedDataError:
-        return None
-    return fitted if fitted.termination is Termination.CONVERGED else None
+    """The fit with all winners; if that does not settle, with the best credible set that does; None if none does."""
+    sets = [[contest.field.candidates[k] for k in entry.members] for entry in contest.credible]
+    for members in (_winners(contest), *sets[:ATTEMPTS]):
+        try:
+            fitted = fit_with(calibration, latest, problem, members)
+        except UnsupportedDataError:
+            continue
+        if fitted.termination is Termination.CONVERGED:
+            return fitted
+    return None
 
 
 def all_candidates(latest: Calibration, problem: Problem, effects: Sequence[Effect]) -> Field:
@@ -122,5 +146,5 @@ def _sort_out(contest: Contest) -> tuple[tuple[str, ...], tuple[tuple[str, ...],
     grouped = {label for group in groups for label in group}
     rest = sorted({label for s in sets for label in s} - proved - grouped)
     if rest:
-        groups.append(tuple(rest + [label for label in open_ones if label not in grouped]))
+        groups.append(tuple(dict.fromkeys([*open_ones, *rest])))
     return tuple(label for label in best if label in proved), tuple(groups)

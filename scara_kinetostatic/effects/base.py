@@ -47,11 +47,13 @@ class Trial(NamedTuple):
         columns: shift per unit of each coefficient.
         readings: error of the sensor per unit of each coefficient, (n, 2) each, sensor's frame; empty if none.
         values: from the coefficients found to values of the effect's parameters.
+        place: where among the trials of the effect it stands, such as a frequency.
     """
 
     columns: tuple[Shift, ...]
     readings: tuple[Floats, ...] = ()
     values: Callable[[Floats], Floats] = np.asarray
+    place: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -128,6 +130,11 @@ class Effect(ABC):
         """The ways in which it may be present in these touches; `force` is in the sensor's frame, (n, 2), N."""
         values = np.array(self.start)
         return (Trial(self.derivative(at, values), self.reading_derivative(force, values)),)
+
+
+    def finer(self, at: Situation, trial: Trial) -> Sequence[Trial]:
+        """Further trials close to one of `trials`, where these are a grid."""
+        return ()
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ LOWEST, HIGHEST = 1.0, 120.0
 GRID = 0.75
 """Step of the grid times the standard deviation σ of the joint's angles, rad: a wave half a step off a frequency of the
 grid keeps 1 - (GRID/2)² = 86 % of its power or more, as the phases along the angles differ by GRID/2 at one σ."""
+FINER = 13
+"""Trials between the neighbours of one on the grid."""
 LARGEST_GRID = np.pi
 """Step of the grid times the span of the angles at most: half of 2π/span."""
 
@@ -66,12 +68,19 @@ class TransmissionError(Effect):
     def trials(self, at: Situation, force: Floats) -> Sequence[Trial]:
         """One per frequency of a grid: a cosine and a sine."""
         angle = at.joints[:, self.joint]
-        trials = []
-        for cycles in frequencies(angle):
-            waves = np.cos(cycles * angle), np.sin(cycles * angle)
-            columns = tuple(Shift(joints=at_joint(wave, self.joint)) for wave in waves)
-            trials.append(Trial(columns, values=partial(_as_wave, cycles=float(cycles))))
-        return trials
+        return [self._trial(angle, float(cycles)) for cycles in frequencies(angle)]
+
+    def finer(self, at: Situation, trial: Trial) -> Sequence[Trial]:
+        """Frequencies between a trial's neighbours on the grid."""
+        angle = at.joints[:, self.joint]
+        grid = frequencies(angle)
+        step = grid[1] - grid[0] if len(grid) > 1 else 0.0
+        return [self._trial(angle, trial.place + part * step) for part in np.linspace(-1, 1, FINER)]
+
+    def _trial(self, angle: Floats, cycles: float) -> Trial:
+        waves = np.cos(cycles * angle), np.sin(cycles * angle)
+        columns = tuple(Shift(joints=at_joint(wave, self.joint)) for wave in waves)
+        return Trial(columns, values=partial(_as_wave, cycles=cycles), place=cycles)
 
 
 def frequencies(angle: Floats) -> Floats:

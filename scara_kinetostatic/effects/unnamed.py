@@ -21,7 +21,9 @@ BEYOND = 1.05
 """Half ranges from the middle beyond which a fitted curve stays flat: it knows nothing of what lies there."""
 PLACE_WAVES = (2, 3, 4)
 """Once around a disc is a displaced centre."""
-ANGLES = ('q1', 'q2', 'direction', 'direction_from_link2')
+JOINTS = ('q1', 'q2')
+"""Angles that do not come round: a curve over them may have a slope."""
+ANGLES = (*JOINTS, 'direction', 'direction_from_link2')
 VARIABLES = {
     'q1': 'the angle of joint 1',
     'q2': 'the angle of joint 2',
@@ -93,7 +95,8 @@ class Unnamed(LinearEffect):
 
     def _function_names(self) -> list[str]:
         if self.variable in ANGLES:
-            return [f'{wave}{k}' for k in self._orders() for wave in ('cos', 'sin')]
+            slope = ['slope'] if self.variable in JOINTS else []
+            return slope + [f'{wave}{k}' for k in self._orders() for wave in ('cos', 'sin')]
         return [f'power{k}' for k in range(1, POWERS + 1)]
 
     def _orders(self) -> Sequence[int]:
@@ -102,9 +105,10 @@ class Unnamed(LinearEffect):
     def functions(self, at: Situation) -> list[Floats]:
         """The functions of the variable, (n,) each."""
         value = variable(at, self.variable)
-        if self.variable in ANGLES:
-            return [wave(k * value) for k in self._orders() for wave in (np.cos, np.sin)]
         z = np.clip((value - self.middle) / self.half, -BEYOND, BEYOND)
+        if self.variable in ANGLES:
+            slope = [z] if self.variable in JOINTS else []
+            return slope + [wave(k * value) for k in self._orders() for wave in (np.cos, np.sin)]
         return [z**k for k in range(1, POWERS + 1)]
 
     def basis(self, at: Situation) -> tuple[Shift, ...]:
@@ -144,7 +148,7 @@ def unnamed_effects(at: Situation, discs: Sequence[str]) -> Iterator[Effect]:
         for name in VARIABLES:
             value = variable(at, name)
             middle, half = float(value.max() + value.min()) / 2, float(np.ptp(value)) / 2 or 1.0
-            if name in ANGLES:
+            if name in ANGLES and name not in JOINTS:
                 middle, half = 0.0, 1.0
             yield Unnamed(None, channel, name, middle, half)
     for disc in np.unique(at.tags.disc):
