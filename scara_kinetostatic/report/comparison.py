@@ -92,7 +92,7 @@ class Bend(NamedTuple):
         value: estimate of the extended model.
         std: its standard deviation.
         shift: `alone` less `value`.
-        in_std: the same in units of `alone_std`; NaN where that is no positive number.
+        in_std: the same in units of `alone_std`; NaN where either fit has no standard deviation.
     """
 
     name: str
@@ -172,6 +172,6 @@ def bends(outcome: Outcome) -> list[Bend]:
     for name in NAMES:
         before, after = getattr(alone.parameters, name), getattr(final.parameters, name)
         std = alone.std_of(name)
-        in_std = (before - after) / std if std > 0 else np.nan
+        in_std = (before - after) / std if std > 0 and np.isfinite(final.std_of(name)) else np.nan
         rows.append(Bend(name, before, std, after, final.std_of(name), before - after, float(in_std)))
     return rows

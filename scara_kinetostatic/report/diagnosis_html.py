@@ -22,14 +22,21 @@ MOST_CURVES = 3
 WORTH_A_WARNING = 1.0
 """An effect that could have bent a parameter by so many standard deviations unseen is named."""
 MOST_HIDDEN = 8
+LEANING = (
+    'Every force leans by an angle of its own, which nothing predicts: the extended model expects the scatter, it does '
+    'not remove it. Where it predicts a force, the lean is read off the measured one, so that its force error is what '
+    'is left along the force.'
+)
+"""Said of an effect that scatters."""
 
 
 class EffectEntry(NamedTuple):
-    """One effect of the extended model on the page: name, proved or not, values in words, picture or None."""
+    """One effect of the extended model: name, proved or not, values and a note in words, picture or None."""
 
     name: str
     proved: bool
     values: list[tuple[str, str, str]]
+    note: str
     picture: Any
 
 
@@ -88,7 +95,8 @@ def _entries(outcome: Outcome) -> list[EffectEntry]:
         titles = ('without it', 'with it') if item.proved else ('without the rivals', 'with all rivals')
         drawn = number < MOST_PICTURES
         picture = signature_picture(signature(outcome, item), f'effect{number}', titles) if drawn else None
-        entries.append(EffectEntry(words.effect_name(item.effect), item.proved, _values(item), picture))
+        note = LEANING if item.effect.spread else ''
+        entries.append(EffectEntry(words.effect_name(item.effect), item.proved, _values(item), note, picture))
     return entries
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.calibration.solution import Calibration
@@ -14,6 +15,8 @@ from scara_kinetostatic.report.diagnosis_document import Document as Document
 from scara_kinetostatic.report.diagnosis_document import diagnosis_document
 from scara_kinetostatic.report.diagnosis_document import number as _number
 from scara_kinetostatic.report.quantities import rank_of_twelve
+
+Floats = NDArray[np.float64]
 
 SCHEMA = 'scara_kinetostatic/calibration/1'
 """Keys may be added under the same number; what is there keeps its name and meaning."""
@@ -33,6 +36,7 @@ def as_document(outcome: Outcome) -> Document:
         'cell': _cell(c.cell),
         'parameters': _parameters(outcome),
         'covariance': _covariance(c),
+        'covariance_extended': _covariance(c, c.extra_std),
         'touches': _touches(outcome),
         'noise': {'joint': c.noise.joint, 'force': c.noise.force, 'source': c.noise_source},
         **_errors(outcome, compared),
@@ -106,10 +110,15 @@ def _parameters(outcome: Outcome) -> Document:
     }
 
 
-def _covariance(c: Calibration) -> Document:
-    """Of the parameters that are estimated; the others have none."""
+def _covariance(c: Calibration, extra_std: Floats | None = None) -> Document:
+    """Of the twelve, and of the effects' parameters if their standard deviations are given; only what is estimated."""
     names = [name for name in NAMES if c.status[name] == 'estimated']
     places = [NAMES.index(name) for name in names]
+    labels = [label for law in c.cell.effects for label in law.labels]
+    for place, std in enumerate(() if extra_std is None else extra_std):
+        if np.isfinite(std):
+            names.append(labels[place])
+            places.append(len(NAMES) + place)
     return {'names': names, 'matrix': c.covariance[np.ix_(places, places)].tolist()}
 
 

@@ -84,7 +84,11 @@ class Signature(NamedTuple):
 def signature(outcome: Outcome, item: Found) -> Signature:
     """What the used touches say of an effect of the extended model."""
     problem = pose_problem(outcome.final)
-    channel = _channel(problem, item)
+    if item.effect.spread:
+        return _lean_signature(outcome, problem, item)
+    channels = _channels(problem, item)
+    which = int(np.argmax([float(np.linalg.norm(_moved(problem, each))) for each in channels]))
+    channel = channels[which]
     unit = problem.column(channel.shift, channel.reading).reshape(-1, 2)
     weight = np.linalg.norm(unit, axis=1)
     kept = _touched(problem, item.effect) & (weight > np.median(weight) / UNCLEAR)
@@ -95,7 +99,8 @@ def signature(outcome: Outcome, item: Found) -> Signature:
     old = unit
     if alone:
         earlier = pose_problem(replace(outcome.calibration, used=outcome.final.used, noise=outcome.final.noise))
-        before, old = earlier.left, earlier.column(channel.shift, channel.reading).reshape(-1, 2)
+        there = _channels(earlier, item)[which]
+        before, old = earlier.left, earlier.column(there.shift, there.reading).reshape(-1, 2)
 
     def deviation(column: Floats, residual: Floats) -> Floats:
         scale = np.maximum((column**2).sum(axis=1), 1e-300)
@@ -128,10 +133,26 @@ def _taken_out(outcome: Outcome, problem: Problem, item: Found) -> tuple[Floats,
     return -(lost - base @ (base.T @ lost)).reshape(-1, 2), bool(gone.all())
 
 
-def _channel(problem: Problem, item: Found) -> Channel:
-    """The way in which an effect acts most."""
-    channels = _channels(problem, item)
-    return max(channels, key=lambda c: float(np.linalg.norm(_moved(problem, c))))
+def _lean_signature(outcome: Outcome, problem: Problem, item: Found) -> Signature:
+    """That of leaning forces: the lean of each, which has the spread of noise alone or that and the effect's own."""
+    earlier = pose_problem(replace(outcome.calibration, used=outcome.final.used, noise=outcome.final.noise))
+    radii, tags = earlier.situation.radii, earlier.situation.tags
+    lean = -1e3 * earlier.point.linear.misclosure[:, 1] / radii
+    _, l21, l22 = earlier.point.whitened.root
+    noise = 1e3 * np.hypot(l21, l22) / radii
+    over, x = _over(problem, item)
+    return Signature(
+        over=over,
+        what='lean of the force  [mrad]',
+        x=x,
+        before=lean,
+        after=lean,
+        expected=np.zeros_like(lean),
+        spread_before=noise,
+        spread_after=np.hypot(noise, 1e3 * item.effect.spread),
+        disc=tags.disc,
+        posture=tags.posture,
+    )
 
 
 def _moved(problem: Problem, channel: Channel) -> Floats:
@@ -141,9 +162,6 @@ def _moved(problem: Problem, channel: Channel) -> Floats:
 
 def _channels(problem: Problem, item: Found) -> list[Channel]:
     at, values = problem.situation, np.array([v.value for v in item.values])
-    if item.effect.spread:
-        lean = Shift(place=-at.radii[:, None] * at.tangent)
-        return [Channel('lean of the force  [mrad]', 1e3, lean, None, np.ones(len(at.magnitude)))]
     n, found = len(at.magnitude), item.effect.shift(at, values)
     reading = item.effect.reading(problem.force, values)
     channels = []

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from report.conftest import GROWN
+from report.conftest import GROWN, LEAN
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.prediction import observe
@@ -80,3 +80,13 @@ def test_the_signature_of_a_curve_is_over_its_variable(unnamed: Outcome) -> None
     assert found.over == 'the angle of joint 2  [°]'
     assert found.what == 'joint 1 deviates  [µrad]'
     assert np.corrcoef(found.before, found.expected)[0, 1] > 0.8
+
+
+def test_a_lean_of_every_force_is_shown_as_it_is(rough: Outcome) -> None:
+    (item,) = rough.diagnosis.found
+    found = signature(rough, item)
+    assert found.what == 'lean of the force  [mrad]'
+    np.testing.assert_array_equal(found.before, found.after)
+    assert np.std(found.before / 1e3) == pytest.approx(LEAN, rel=0.2)
+    assert np.sqrt(np.mean((found.before / found.spread_before) ** 2)) > 3
+    assert np.sqrt(np.mean((found.after / found.spread_after) ** 2)) == pytest.approx(1, abs=0.25)

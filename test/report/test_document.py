@@ -49,7 +49,7 @@ def check(found: Any, expected: Any, path: str) -> None:
         assert not isinstance(found, bool), path
 
 
-@pytest.mark.parametrize('which', ['plain', 'confounded', 'nasty', 'grown', 'ambiguous', 'unnamed'])
+@pytest.mark.parametrize('which', ['plain', 'confounded', 'nasty', 'grown', 'ambiguous', 'unnamed', 'rough'])
 def test_contract(which: str, request: pytest.FixtureRequest) -> None:
     outcome: Outcome = request.getfixturevalue(which)
     found = read(outcome)
@@ -113,6 +113,11 @@ def test_the_parameters_are_those_of_the_extended_model(grown: Outcome) -> None:
         assert alone['shift_in_std'] == pytest.approx(alone['shift'] / alone['std'])
     assert found['identifiability']['rank'] == 12
     assert found['covariance']['names'] == list(NAMES)
+    whole = found['covariance_extended']
+    assert whole['names'] == [*NAMES, f'object_radius[{NASTY[1]}].radius']
+    std = found['diagnosis']['effects'][0]['parameters']['radius']['std']
+    assert whole['matrix'][12][12] ** 0.5 == pytest.approx(std)
+    assert np.array(whole['matrix'])[:12, :12].tolist() == found['covariance']['matrix']
 
 
 def test_rivals_are_named_together_and_none_of_them_as_proved(ambiguous: Outcome) -> None:

@@ -172,3 +172,9 @@ def test_what_has_no_name_is_described(extended_pages: dict[str, str]) -> None:
     assert 'a fitted curve (joint 1 deviates by an angle, depending on the angle of joint 2)' in text
     assert 'No effect of the list explains what is left' in text
     assert 'cos1' not in text, 'coefficients say nothing by themselves'
+
+
+def test_of_a_scatter_it_is_said_that_nothing_predicts_it(rough: Outcome) -> None:
+    page = html_text(rough)
+    assert 'it does not remove it' in words_of(page)
+    assert 'lean of the force' in page
