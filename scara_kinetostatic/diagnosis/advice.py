@@ -16,6 +16,7 @@ from scara_kinetostatic.effects.unnamed import Unnamed
 
 LARGEST_JOINT_NOISE = 2e-4
 """Estimated repeatability of a joint beyond which it is an error of the model, rad."""
+FEW = 4
 LARGEST_ERROR_SHARE = 0.2
 """The same for the force error as a part of the force."""
 
@@ -49,6 +50,15 @@ def unexplained(c: Calibration, found: Sequence[Trace]) -> str:
     )
 
 
+def hint(p_value: float, found: Sequence[Trace]) -> str:
+    """Where the residual shows a trace that no effect explains well enough to be believed."""
+    over = f' over {found[0].name}' if found else ''
+    return (
+        f'a hint of structure{over} (p = {p_value:.1g}), and nothing that explains it well enough to be believed; '
+        'more touches would show whether it is there'
+    )
+
+
 def too_quiet(c: Calibration) -> str:
     """Where the residuals are smaller than the stated noise."""
     if c.noise_source == 'given' and stats.chi2.cdf(c.chi_square, c.degrees_of_freedom) < 1e-3:
@@ -57,6 +67,12 @@ def too_quiet(c: Calibration) -> str:
             'and so are the standard deviations; leave the noise out of the cell file to have it estimated'
         )
     return ''
+
+
+def _few(labels: Sequence[str]) -> str:
+    """The first few of many, in words."""
+    more = f' and {len(labels) - FEW} others' if len(labels) > FEW else ''
+    return ' and '.join(labels) if not more else ', '.join(labels[:FEW]) + more
 
 
 def after_search(
@@ -71,16 +87,15 @@ def after_search(
     by_label = {effect.label: effect for effect in known}
     sentences = []
     for group in rivals:
-        reveals = dict.fromkeys(by_label[label].reveal for label in group if label in by_label)
-        sentences.append(
-            f'{" and ".join(group)} cannot be told apart by these touches; to decide, record {"; or ".join(reveals)}'
-        )
+        apart = f'{_few(group)} cannot be told apart by these touches'
+        reveals = dict.fromkeys(by_label[label].reveal for label in group[:FEW] if label in by_label)
+        sentences.append(f'{apart}; to decide, record {"; or ".join(reveals)}' if deciding != () else apart)
     if deciding:
         sentences.append(
             f'where they differ most: {"; ".join(map(str, deciding))}; repeat such touches until they decide'
         )
     elif deciding is not None:
-        sentences.append('no touch of these discs would; measure one of them by other means, and hold it')
+        sentences.append('no touch of these discs would do it; measure one of the rivals by other means, and hold it')
     for item in found:
         if isinstance(item.effect, Unnamed):
             sentences.append(

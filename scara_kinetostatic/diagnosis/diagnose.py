@@ -12,7 +12,7 @@ from scipy import stats
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.candidates import Field
-from scara_kinetostatic.diagnosis.contest import rank_singles
+from scara_kinetostatic.diagnosis.contest import CREDIBLE, rank_singles
 from scara_kinetostatic.diagnosis.deciding import Deciding, decide
 from scara_kinetostatic.diagnosis.leaning import lean_p_value, without_direction
 from scara_kinetostatic.diagnosis.problem import Problem, pose_problem
@@ -28,7 +28,9 @@ from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.model.parameters import NAMES
 
 SIGNIFICANCE = 0.01
-"""Chance of a false alarm that is accepted."""
+"""Chance of a false alarm that is accepted where something explains the touches clearly better than nothing does."""
+STRICT = 1e-3
+"""The same where nothing does."""
 
 
 class Adequacy(NamedTuple):
@@ -62,13 +64,15 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
     p_value = min(1.0, 2 * min(before.p_value, lean))
     incredible = advice.incredible(c)
     alarm = p_value < SIGNIFICANCE or bool(incredible)
-    found, lead = tell(c, known, alarm, lean < SIGNIFICANCE / 2)
+    found, lead = tell(c, known, alarm, bool(before.traces), lean < SIGNIFICANCE / 2)
     if found is not None and not alarm:
         p_value = min(p_value, float(np.exp(-lead / 2)))
-    if found is None:
+    hint = found is not None and not incredible and p_value >= STRICT and found.gain < CREDIBLE
+    if found is None or hint:
         nothing = Search(problem, rank_singles(problem, field), None, 0.0, (), ())
         ranking = _ranking(nothing, c)
-        return Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, advice=advice.too_quiet(c))
+        text = advice.hint(p_value, before.traces) if hint else advice.too_quiet(c)
+        return Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, advice=text)
     ranking = _ranking(found, c)
     if found.extended is None:
         text = incredible or advice.unexplained(c, before.traces)

@@ -31,13 +31,18 @@ FREE = 10.0
 """A standard deviation of the lean that leaves it free, rad."""
 FIRST_LEAN = 0.03
 LEAST_LEAN = 1e-4
+TINY = 1e-12
+"""Mean square of a residual that is rounding error."""
 ROUNDS = 8
 SETTLED = 0.02
 """Relative change of the lean at which it has settled."""
 
 
 def lean_p_value(calibration: Calibration, problem: Problem) -> float:
-    """P-value of "no force leans beyond its noise", one-sided."""
+    """P-value of "no force leans beyond its noise", one-sided.
+
+    Noise that is stated too small is none of its business: the residuals are taken to have the size that they have.
+    """
     point = problem.point
     by_lean = np.zeros((len(problem.situation.radii), 2, 1))
     by_lean[:, 1, 0] = problem.situation.radii
@@ -46,14 +51,13 @@ def lean_p_value(calibration: Calibration, problem: Problem) -> float:
     kinds = [size * whiten_matrix(part, point.whitened.root) for size, part in zip(noise, parts, strict=True)]
     rows = problem.base.reshape(-1, 2, problem.base.shape[1])
     kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
-    e = problem.left.reshape(-1, 2)
+    size = max(float(problem.left @ problem.left) / max(problem.freedoms, 1), TINY)
+    e = (problem.left / np.sqrt(size)).reshape(-1, 2)
     score = np.array([np.einsum('ni,nij,nj->', e, kind, e) - np.einsum('nij,nji->', kind, kept) for kind in kinds])
     half = [np.einsum('nij,njk->nik', kind, kept) for kind in kinds]
     information = 2 * np.array([[np.einsum('nij,nji->', a, b) for b in half] for a in half])
-    value, variance = score[2], information[2, 2]
-    if not problem.noise_given:
-        weights = np.linalg.lstsq(information[:2, :2], information[:2, 2], rcond=1e-9)[0]
-        value, variance = value - weights @ score[:2], variance - weights @ information[:2, 2]
+    weights = np.linalg.lstsq(information[:2, :2], information[:2, 2], rcond=1e-9)[0]
+    value, variance = score[2] - weights @ score[:2], information[2, 2] - weights @ information[:2, 2]
     return float(stats.norm.sf(value / np.sqrt(variance))) if variance > 0 else 1.0
 
 

@@ -47,6 +47,12 @@ class Search(NamedTuple):
     rivals: tuple[tuple[str, ...], ...]
     start: Calibration | None = None
 
+    @property
+    def gain(self) -> float:
+        """By how much the best set scores better than no effect."""
+        empty = next(entry for entry in self.contest.entries if not entry.members)
+        return empty.score - min(entry.score for entry in self.contest.entries if entry.members)
+
     def fit_rivals(self, calibration: Calibration) -> list[Calibration]:
         """The touches of a calibration fitted with each credible set of effects by itself, `FITTED` sets at most.
 

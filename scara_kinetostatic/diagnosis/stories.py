@@ -38,21 +38,24 @@ class Told(NamedTuple):
     lead: float
 
 
-def tell(calibration: Calibration, known: Sequence[Effect], alarm: bool, leans: bool) -> Told:
+def tell(
+    calibration: Calibration, known: Sequence[Effect], alarm: bool, structured: bool, leans: bool
+) -> Told:
     """Find what the twelve parameters lack, if they lack anything.
 
     Args:
         calibration: of the twelve parameters.
         known: the catalogue.
-        alarm: whether something is missing for sure.
+        alarm: whether something is wrong for sure.
+        structured: whether the residual depends on something, rather than being too large only.
         leans: whether forces lean by more than their noise.
     """
     c = calibration
     ways: list[Search] = []
     if alarm:
-        ways.append(search(c, known))
+        ways.append(search(c, known, needed=structured))
     if (~c.used).sum() >= SUSPICIOUS:
-        ways.append(search(c, known, np.ones(len(c.touches), dtype=bool), needed=alarm))
+        ways.append(search(c, known, np.ones(len(c.touches), dtype=bool), needed=structured))
     if leans:
         ways += _leaning(c, known)
     settled = [way for way in ways if way.extended is not None]

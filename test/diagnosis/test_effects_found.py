@@ -1,0 +1,161 @@
+"""Effects that nobody declared are found, named, measured and taken out of the twelve; see also benchmark.diagnosis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from diagnosis.played import CELL, UNKNOWN_NOISE, deviations, effect, examined, play
+
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.held_out import held_out_force_error
+from scara_kinetostatic.diagnosis.diagnose import diagnose
+from scara_kinetostatic.diagnosis.result import Found
+from scara_kinetostatic.effects.base import DiscEffect, Floats, JointEffect, Parameter
+from scara_kinetostatic.model.extension import Situation
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+
+SIZES = {
+    'contact_friction': (0.04,),
+    'sensor_rotation': (0.02,),
+    'sensor_bias': (0.6, -0.4),
+    'encoder_gain[joint1]': (6e-5,),
+    'transmission_error[joint2]': (8e-5, 2.0, 2.7),
+    'joint_hardening[joint1]': (-5e-8,),
+    'joint_hysteresis[joint1]': (4e-5,),
+    'anisotropic_gripper': (6e-7,),
+    'anisotropic_backlash': (1e-5, 1.5e-5),
+    'link_bending[link1]': (8e-5,),
+    'base_compliance': (6e-7, 4e-7),
+    'base_tilt': (6.0, -6.0, 4.0, 3.0),
+    'contact_compliance': (6e-5,),
+    'contact_compliance[disc_2]': (3e-6,),
+    'object_position[disc_1]': (6e-5, -6e-5),
+    'object_radius[disc_2]': (3e-5,),
+    'thermal_drift': (6e-7,),
+    'thermal_drift[joint1]': (6e-7,),
+}
+
+
+def named(found: tuple[Found, ...]) -> list[str]:
+    return [item.effect.label for item in found]
+
+
+@pytest.mark.parametrize('label', SIZES)
+def test_an_effect_is_named_measured_and_taken_out(label):
+    before, found = examined(label, SIZES[label])
+    assert found.verdict == 'explained'
+    assert found.p_value < 1e-6
+    assert named(found.found) == [label]
+    for value, truth in zip(found.found[0].values, SIZES[label], strict=True):
+        assert abs(value.value - truth) < 4 * value.std
+    assert found.extended is not None
+    assert np.abs(deviations(found.extended)).max() < 4
+    assert found.extended.reduced_chi_square < before.reduced_chi_square
+    assert held_out_force_error(found.extended).force_error < held_out_force_error(before).force_error
+    assert found.remaining_p_value > 0.01
+
+
+@pytest.mark.parametrize('label', ['encoder_gain[joint1]', 'transmission_error[joint2]', 'link_bending[link1]'])
+def test_an_effect_is_named_with_unknown_noise(label):
+    before, found = examined(label, SIZES[label], given=False)
+    assert found.verdict == 'explained'
+    assert named(found.found) == [label]
+    assert found.extended is not None
+    assert found.extended.noise.joint < 0.8 * before.noise.joint  # what passed for noise was the effect
+    assert np.abs(deviations(found.extended)).max() < 4 < np.abs(deviations(before)).max() + 3
+
+
+def test_two_effects_are_both_named():
+    both = play((effect('encoder_gain[joint1]'), (6e-5,)), (effect('object_radius[disc_2]'), (3e-5,)))
+    found = diagnose(calibrate(both, CELL))
+    assert set(named(found.found)) == {'encoder_gain[joint1]', 'object_radius[disc_2]'}
+    assert found.extended is not None
+    assert np.abs(deviations(found.extended)).max() < 4
+
+
+def test_discs_that_only_change_their_distance_are_rivals():
+    """A disc moved away from another is, to first order, the other one moved and the base with it."""
+    _, found = examined('object_position[disc_3]', (4e-5, -3e-5))
+    assert found.verdict == 'ambiguous'
+    assert any({'object_position[disc_3]', 'object_position[disc_1]'} <= set(group) for group in found.rivals)
+    assert not any(item.proved for item in found.found)
+    assert 'no touch of these discs' in found.advice
+    assert found.extended is not None
+    assert np.abs(deviations(found.extended)).max() < 4
+
+
+@pytest.mark.parametrize('excess', [(3e-6, 0.0), (0.0, 3e-6)])
+def test_exact_aliases_are_no_alarm(excess):
+    """A gripper stiffer along link 2 than across it, or the reverse, is another p_ee and p2."""
+    matrix = ((excess[0], 0.0), (0.0, excess[1]))
+    data = play(truth=PAPER_ACTUAL)
+    stiff = replace(CELL, gripper_excess=matrix)
+    assert diagnose(calibrate(data, CELL)).verdict == 'none'
+    found = diagnose(calibrate(data, stiff))  # the data are those of an isotropic one: as good with p_ee and p2 changed
+    assert found.verdict == 'none'
+    assert found.extended is None
+
+
+def test_a_bending_link_2_is_never_accepted():
+    before, found = examined('link_bending[link2]', (1e-5,))
+    assert found.verdict == 'none'
+    assert before.reduced_chi_square < 1.3
+    assert [item.role for item in found.ranking if item.effect.label == 'link_bending[link2]'] == ['unseen']
+
+
+@dataclass(frozen=True)
+class OvalDisc(DiscEffect):
+    name: ClassVar[str] = 'oval_disc'
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('size', 'm', 1e-4, 'half the difference of its axes'),)
+    hides_behind: ClassVar[str] = 'nothing'
+    reveal: ClassVar[str] = 'touches all round'
+    betrays: ClassVar[str] = 'place'
+
+    def places(self, at: Situation) -> tuple[Floats, ...]:
+        angle = np.arctan2(at.normal[:, 1], at.normal[:, 0])
+        return (np.cos(2 * angle + 0.7)[:, None] * at.normal,)
+
+
+@dataclass(frozen=True)
+class JointCoupling(JointEffect):
+    name: ClassVar[str] = 'joint_coupling'
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('part', '1', 1e-4, 'of joint 2 in joint 1'),)
+    hides_behind: ClassVar[str] = 'nothing'
+    reveal: ClassVar[str] = 'both postures'
+    betrays: ClassVar[str] = 'angle'
+
+    def angles(self, at: Situation) -> tuple[Floats, ...]:
+        return (at.joints[:, 1],)
+
+
+@pytest.mark.parametrize(
+    ('law', 'size', 'where'),
+    [
+        (OvalDisc.of(0, 'disc_1'), 5e-5, 'the tip deviates along the force on disc_1'),
+        (JointCoupling.of(0), 6e-5, 'joint 1 deviates by an angle, depending on the angle of joint 2'),
+    ],
+)
+@pytest.mark.parametrize('given', [True, False])
+def test_an_effect_outside_the_list_is_caught_described_and_corrected(law, size, where, given):
+    data = play((law, (size,)))
+    cell = CELL if given else UNKNOWN_NOISE
+    before = calibrate(data, cell)
+    found = diagnose(before)
+    assert found.verdict == 'unexplained'
+    assert [item.effect.name for item in found.found] == ['unnamed']
+    assert where in found.found[0].effect.description
+    assert found.extended is not None
+    true_model = calibrate(data, replace(cell, effects=(law,)))
+    possible = held_out_force_error(before).force_error - held_out_force_error(true_model).force_error
+    gained = held_out_force_error(before).force_error - held_out_force_error(found.extended).force_error
+    assert gained > 2 / 3 * possible > 0
+
+
+def test_a_user_s_own_effect_takes_part():
+    law = JointCoupling.of(0)
+    found = diagnose(calibrate(play((law, (6e-5,))), CELL), effects=(law, effect('encoder_gain[joint1]')))
+    assert found.verdict == 'explained'
+    assert named(found.found) == ['joint_coupling[joint1]']
