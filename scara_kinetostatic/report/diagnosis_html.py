@@ -13,7 +13,7 @@ from scara_kinetostatic.report import words
 from scara_kinetostatic.report.comparison import Bend, Comparison, Side, bends, compare
 from scara_kinetostatic.report.diagnosis_document import role
 from scara_kinetostatic.report.effect_pictures import bend_picture, signature_picture
-from scara_kinetostatic.report.quantities import SCALES, chance, decimals, shown
+from scara_kinetostatic.report.quantities import SCALES, chance, decimals, p_equals, shown
 from scara_kinetostatic.report.signature import signature
 
 MOST_PICTURES = 3
@@ -59,8 +59,8 @@ def diagnosis_context(outcome: Outcome) -> dict[str, Any]:
     rows, table = bends(outcome), _candidates(d)
     return {
         'd': d,
-        'p_value': chance(d.p_value),
-        'remaining_p_value': chance(d.remaining_p_value),
+        'p_value': p_equals(d.p_value),
+        'remaining_p_value': p_equals(d.remaining_p_value),
         'is_extended': extended,
         'effects': _entries(outcome) if extended else [],
         'candidates': [row for row in table if row.role != 'refuted'],

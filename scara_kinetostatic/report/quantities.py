@@ -135,6 +135,11 @@ def chance(p_value: float) -> str:
     return f'{p_value:.2g}' if p_value >= 1e-12 else 'below 1e-12'
 
 
+def p_equals(p_value: float) -> str:
+    """A p-value with its sign, such as ``p = 0.02`` and ``p < 1e-12``."""
+    return f'p = {chance(p_value)}' if p_value >= 1e-12 else 'p < 1e-12'
+
+
 def count(number: int, thing: str, things: str = '') -> str:
     """`1 touch`, `2 touches`."""
     return f'{number} {thing if number == 1 else things or thing + "s"}'

@@ -15,7 +15,7 @@ from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.pipeline import Outcome
 from scara_kinetostatic.report.comparison import bends, compare
 from scara_kinetostatic.report.diagnosis_document import known_effects
-from scara_kinetostatic.report.quantities import SCALES, chance, count, decimals, rank_of_twelve
+from scara_kinetostatic.report.quantities import SCALES, count, decimals, p_equals, rank_of_twelve
 
 
 class Verdict(NamedTuple):
@@ -67,7 +67,7 @@ def verdict(outcome: Outcome) -> Verdict:
 
 def _fit(outcome: Outcome) -> tuple[str, str, list[str]]:
     d = outcome.diagnosis
-    p = f'p = {chance(d.p_value)}'
+    p = p_equals(d.p_value)
     if d.verdict == 'none':
         text = f'Nothing is left in the residuals that these touches could show beyond noise ({p}).'
         return 'good', 'The twelve-parameter model explains these touches', [text]

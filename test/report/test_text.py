@@ -121,7 +121,7 @@ def test_lines_fit_a_terminal(request: pytest.FixtureRequest) -> None:
     ('diagnosis', 'level', 'expected'),
     [
         (Diagnosis('none', 0.5), 'good', 'Nothing is left'),
-        (Diagnosis('unexplained', 1e-60, advice='the residual depends on q1'), 'bad', '(p = below 1e-12)'),
+        (Diagnosis('unexplained', 1e-60, advice='the residual depends on q1'), 'bad', '(p < 1e-12)'),
         (Diagnosis('explained', 1e-9, found=(Found(ObjectRadius.of(1, 'd2'), (), True),)), 'caution', '[d2]'),
         (Diagnosis('ambiguous', 1e-4, rivals=(('contact_friction', 'sensor_rotation'),)), 'caution', 'or sensor'),
     ],
