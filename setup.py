@@ -6,8 +6,8 @@ from setuptools import find_packages, setup
 
 NAME = 'scara_kinetostatic'
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
-PHYSICS = ['mujoco>=3.13']  # the first with the integrator `discrete`
-TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML']
+PHYSICS = ['mujoco>=3.13']  # the first with the integrator `discrete`; only the verb physics needs it
+TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML', *PHYSICS]
 README = Path('README.md')
 
 
@@ -19,7 +19,7 @@ def files(folder: str, pattern: str) -> list[str]:
 setup(
     name=NAME,
     version='0.1.0',
-    description='Kinetostatic calibration of a SCARA robot by touch',
+    description='Kinetostatic calibration of a SCARA robot by touch, and what its model lacks',
     long_description=README.read_text(encoding='utf-8') if README.is_file() else '',
     long_description_content_type='text/markdown',
     author='scara_kinetostatic maintainers',
@@ -51,7 +51,7 @@ setup(
         'lz4',
         'zstandard',
     ],
-    extras_require={'ros': ROS, 'test': TEST, 'physics': PHYSICS, 'bench': PHYSICS},
+    extras_require={'ros': ROS, 'test': TEST, 'physics': PHYSICS},
     zip_safe=False,
     entry_points={
         'console_scripts': [

@@ -1,4 +1,4 @@
-"""Kinetostatic calibration of a SCARA robot by touch.
+"""Kinetostatic calibration of a SCARA robot by touch, and what its twelve parameters lack.
 
 The layers, from the top; each imports only from those below it (`test/test_architecture.py` holds that):
 
@@ -6,15 +6,16 @@ The layers, from the top; each imports only from those below it (`test/test_arch
     report                 an outcome as data, text, JSON, ROS parameter file, HTML
     pipeline               from recordings to the outcome
     recording, simulation, bags, touches in a stream; a cell that plays both topics;
-    experiments            the paper's studies, the design question, the gauge experiments
-    diagnosis              is anything left in the residual?
-    calibration            from touches to the twelve parameters, and to those of effects
-    effects                what the twelve parameters lack, one physical effect per file
+    experiments, physics   the paper's studies, designs, gauge readings, loops; a cell in the engine MuJoCo
+    diagnosis              is anything left in the residual? which effects explain it, and which rivals have they?
+    calibration            from touches to the twelve parameters, and to those of effects beside them
+    effects                what the twelve parameters lack, one physical effect per file, and the list of them
     model                  parameters, cell, touches, kinematics, kinetostatics, contact
     errors                 one root for all errors
 
 `rclpy` is imported under `nodes` alone, `rosbags` and `mcap` under `recording` alone, `matplotlib` under
-`report` alone. What is named here is the interface for other programs; it is loaded on first use.
+`report` alone, `mujoco` under `physics` alone. What is named here is the interface for other programs; it is
+loaded on first use.
 """
 
 from __future__ import annotations
@@ -25,6 +26,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from scara_kinetostatic.calibration.calibrate import calibrate
     from scara_kinetostatic.calibration.solution import Calibration
+    from scara_kinetostatic.diagnosis.diagnose import diagnose
+    from scara_kinetostatic.diagnosis.result import Diagnosis
+    from scara_kinetostatic.effects.base import Effect
+    from scara_kinetostatic.effects.registry import catalogue, register
     from scara_kinetostatic.errors import InputError, ScaraKinetostaticError, UnsupportedDataError
     from scara_kinetostatic.model.cell import Cell, Disc, Noise, Sensor
     from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
@@ -41,6 +46,11 @@ __version__ = '0.1.0'
 _HOME = {
     'calibrate': 'calibration.calibrate',
     'Calibration': 'calibration.solution',
+    'diagnose': 'diagnosis.diagnose',
+    'Diagnosis': 'diagnosis.result',
+    'Effect': 'effects.base',
+    'catalogue': 'effects.registry',
+    'register': 'effects.registry',
     'InputError': 'errors',
     'ScaraKinetostaticError': 'errors',
     'UnsupportedDataError': 'errors',
@@ -72,7 +82,9 @@ __all__ = [
     'Calibration',
     'Cell',
     'Detection',
+    'Diagnosis',
     'Disc',
+    'Effect',
     'InputError',
     'Noise',
     'Outcome',
@@ -85,9 +97,12 @@ __all__ = [
     'as_document',
     'calibrate',
     'calibrate_recordings',
+    'catalogue',
+    'diagnose',
     'find_touches',
     'load_cell',
     'read_streams',
+    'register',
     'write_results',
 ]
 

@@ -26,13 +26,16 @@ DESCRIPTION = """\
 Kinetostatic calibration of a SCARA robot by touch: the robot presses against
 discs of known position while joint angles and forces are recorded; from the
 recording come its link lengths, offsets, compliances and backlashes, each with
-its uncertainty.
+its uncertainty. What this model lacks is looked for, named and added to it.
 """
 EXAMPLE = """\
 try it without a robot:
   scara-kinetostatic simulate --out recording
   scara-kinetostatic inspect recording
   scara-kinetostatic calibrate recording --out result
+with something that the model lacks:
+  scara-kinetostatic simulate --effect 'object_radius[disc_2]:radius=6e-5' --out larger
+  scara-kinetostatic calibrate larger --out result
 
 """
 

@@ -34,7 +34,7 @@ Builds a robot and its discs in the physics engine MuJoCo (bodies, springs,
 friction, contact; nothing of this package's own equations of the arm), lets
 it play the touches, and records joint angles and forces. What was built is
 written to OUT.truth.yaml; the recording and its cell do not tell.
-Needs: pip install 'scara_kinetostatic[physics]'
+Needs MuJoCo: pip install '.[physics]' in the repository
 """
 EXAMPLE = """\
   scara-kinetostatic physics recording --scene contact_friction
