@@ -1,70 +1,124 @@
-"""The physics engine against the model: what twelve parameters leave, and what the effect that was built explains.
+"""The loop closed on an engine that knows nothing of this package's formulas: what is missing, named from recordings.
 
-    python -m benchmark.physics [--scene NAME …] [--per-disc 18] [--seed 1]
+    python -m benchmark.physics [--scene NAME …] [--per-disc 18] [--seed 1] [--noise given|estimated] [--rates 80 98]
 
-Each scene is played once; its touches are read at the end of the holds, exact and with the noise of a touch.
+Each scene is played once in MuJoCo and recorded; the recording is calibrated as a user would, who knows nothing but
+the cell. Printed is a table: before -> after what was found is in the model.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-import time
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.solution import Calibration
-from scara_kinetostatic.effects.registry import catalogue, find
-from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.diagnosis.result import Found
+from scara_kinetostatic.effects.unnamed import Unnamed
+from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
-from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.physics.played import Played
 from scara_kinetostatic.physics.player import Player
-from scara_kinetostatic.physics.recorded import as_touches, usual_plan, with_noise
+from scara_kinetostatic.physics.recorded import as_streams, usual_plan
 from scara_kinetostatic.physics.scene import SCENES, Scene, scene_named
 from scara_kinetostatic.physics.truth import built_effects, expected_parameters
+from scara_kinetostatic.pipeline import Outcome, calibrate_recordings
+from scara_kinetostatic.recording.writer import write_streams
+from scara_kinetostatic.simulation.plan import Plan
+from scara_kinetostatic.simulation.sensors import SensorModel
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
+HEAD = ('scene', 'verdict', 'named, values ± std (built)', 'χ²', 'e_f held out, N', 'largest z of twelve', 'touches')
 
 
-def report(scene: Scene, per_disc: int, seed: int) -> None:
-    """Plays a scene and prints what the fits say."""
-    plan = usual_plan(CELL, per_disc)
-    begin = time.perf_counter()
+def row(scene: Scene, plan: Plan, sensors: SensorModel, seed: int, cell: Cell) -> tuple[str, ...]:
+    """Plays a scene, records it, calibrates the recording; one row of the table."""
     played = Player(scene, CELL, plan).play()
-    seconds = time.perf_counter() - begin
-    exact = as_touches(played, CELL, plan)
-    early = played.force[played.holds - 100]  # 0.2 s before the end of the hold
-    drift = np.abs(exact.force - early).max()
-    print(f'{scene.name}: {len(plan)} touches, {played.time[-1]:.0f} s played in {seconds:.1f} s, ', end='')
-    print(f'force changes by at most {drift:.1g} N in the last 0.2 s of a hold')
-    show('exact, twelve parameters', scene, exact, CELL)
-    noisy = with_noise(exact, CELL, seed=seed)
-    show('noise, twelve parameters', scene, noisy, CELL)
-    known = {effect.label for effect in catalogue(CELL)}
-    labels = [e['name'] + (f'[{e["target"]}]' if e['target'] else '') for e in built_effects(scene, CELL)]
-    if labels and set(labels) <= known:
-        cell = replace(CELL, effects=tuple(find(CELL, label) for label in labels))
-        show('noise, with ' + ' '.join(labels), scene, noisy, cell)
-
-
-def show(what: str, scene: Scene, touches: TouchSet, cell: Cell) -> None:
-    """One line about one fit."""
-    try:
-        fit: Calibration = calibrate(touches, cell)
-    except UnsupportedDataError as error:
-        print(f'  {what}: {error}')
-        return
-    expected = expected_parameters(scene).as_array()[:12]
-    error = np.abs(fit.parameters.as_array()[:12] - expected) / fit.std[:12]
-    extra = ' '.join(f'{value:.3g}' for value in getattr(fit.parameters, 'extra', ()))
-    print(
-        f'  {what}: reduced chi-square {fit.reduced_chi_square:.3g}, e_f {fit.force_error:.3g} N, largest residual '
-        f'{np.abs(fit.residual).max():.2g} N, used {fit.used.sum()}, largest |z| {np.nanmax(error):.1f}'
-        + (f', effect {extra}' if extra else '')
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / 'recording.mcap'
+        write_streams(path, as_streams(played, scene, CELL, sensors, seed=seed), CELL, with_cell=False)
+        try:
+            outcome = calibrate_recordings([path], cell)
+        except InputError as error:
+            return (f'`{scene.name}`', f'no result: {error}'.replace(f'{path}: ', ''), *[''] * (len(HEAD) - 2))
+    before, after, diagnosis = outcome.calibration, outcome.final, outcome.diagnosis
+    found = '; '.join(words(item, built(scene, played, plan)) for item in diagnosis.found) or 'nothing'
+    return (
+        f'`{scene.name}`',
+        diagnosis.verdict,
+        found,
+        arrow(before.reduced_chi_square, after.reduced_chi_square),
+        arrow(outcome.held_out.force_error, outcome.extended_held_out.force_error),
+        arrow(deviation(before, scene), deviation(after, scene)),
+        used(outcome, len(plan)),
     )
+
+
+def built(scene: Scene, played: Played, plan: Plan) -> dict[str, float]:
+    """Values of what was built, by label and name; of friction, how far the forces really lean."""
+    values = {}
+    for effect in built_effects(scene, CELL):
+        label = effect['name'] + (f'[{effect["target"]}]' if effect['target'] else '')
+        values.update({f'{label} {name}': value for name, value in effect['parameters'].items()})
+    values['contact_friction lean'] = lean(scene, played, plan)
+    return values
+
+
+def lean(scene: Scene, played: Played, plan: Plan) -> float:
+    """Root mean square of the angle between the engine's force and the disc's normal, rad."""
+    force = played.force[played.holds]
+    yields = scene.parameters.p_ee + np.array(scene.base_compliance)
+    play = scene.parameters.g_ee * force / np.linalg.norm(force, axis=1)[:, None]
+    inward = CELL.centers[plan.disc] - (kinematics.forward(scene.parameters, played.links) - yields * force - play)
+    cross = inward[:, 0] * force[:, 1] - inward[:, 1] * force[:, 0]
+    return float(np.sqrt(np.mean(np.arctan2(cross, (inward * force).sum(axis=1)) ** 2)))
+
+
+def words(item: Found, truth: dict[str, float]) -> str:
+    """An effect that was found, its values beside those built; one that has rivals with a question mark."""
+    label = item.effect.label
+    if isinstance(item.effect, Unnamed):
+        return f'`{label}`' + '?' * (not item.proved)
+    values = [
+        f'{value.name} {value.value:.3g} ± {value.std:.1g}'
+        + (f' ({truth[key]:.3g})' if (key := f'{label} {value.name}') in truth else '')
+        for value in item.values
+    ]
+    return f'`{label}`{"?" * (not item.proved)} {", ".join(values)}'
+
+
+def deviation(fit: Calibration, scene: Scene) -> float:
+    """Largest deviation of the twelve from those that touches show, in standard deviations; NaN if one has none."""
+    expected = expected_parameters(scene).as_array()[:12]
+    return float(np.abs((fit.parameters.as_array()[:12] - expected) / fit.std).max())
+
+
+def arrow(before: float, after: float) -> str:
+    """Both figures; the dash is for none."""
+    texts = [f'{value:.3g}' if np.isfinite(value) else '–' for value in (before, after)]
+    return ' → '.join(dict.fromkeys(texts)) if before == after else ' → '.join(texts)
+
+
+def used(outcome: Outcome, played: int) -> str:
+    """Touches used by the first and the last fit, of those played; how many were found if not all."""
+    text = arrow(outcome.calibration.used.sum(), outcome.final.used.sum()) + f' of {played}'
+    return text + (f' ({outcome.found} found)' if outcome.found != played else '')
+
+
+def rows(args: argparse.Namespace) -> Iterator[tuple[str, ...]]:
+    """The rows that the arguments ask for."""
+    cell = CELL if args.noise == 'given' else replace(CELL, noise=None)
+    sensors = SensorModel(joint_rate=args.rates[0], wrench_rate=args.rates[1])
+    plan = usual_plan(CELL, args.per_disc)
+    for name in args.scene:
+        yield row(scene_named(name), plan, sensors, args.seed, cell)
 
 
 def main() -> int:
@@ -73,9 +127,13 @@ def main() -> int:
     parser.add_argument('--scene', nargs='+', default=list(SCENES), metavar='NAME')
     parser.add_argument('--per-disc', type=int, default=18)
     parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--noise', choices=('given', 'estimated'), default='given')
+    parser.add_argument('--rates', type=float, nargs=2, default=(80.0, 98.0), metavar=('JOINTS', 'FORCES'), help='Hz')
     args = parser.parse_args()
-    for name in args.scene:
-        report(scene_named(name), args.per_disc, args.seed)
+    for line in (HEAD, ['---'] * len(HEAD)):
+        print('| ' + ' | '.join(line) + ' |')
+    for line in rows(args):
+        print('| ' + ' | '.join(line) + ' |', flush=True)
     return 0
 
 

@@ -37,6 +37,7 @@ class Played(NamedTuple):
         progress: how much of a travel has passed, 0 to 1, (k,).
         holds: tick at the end of each hold, (m,).
         approach: last movement of each joint before each hold, (m, 2), rad.
+        press: the part of it in contact, from the first tick on that feels a force, (m, 2), rad.
         links: angles of the links at the end of each hold, without offsets, (m, 2), rad.
         speed: largest speed of any joint of the engine then, (m,), rad/s or m/s.
     """
@@ -50,6 +51,7 @@ class Played(NamedTuple):
     progress: Floats
     holds: NDArray[np.intp]
     approach: Floats
+    press: Floats
     links: Floats
     speed: Floats
 
@@ -65,17 +67,23 @@ class Played(NamedTuple):
     ) -> Played:
         """From the ticks, a period in s apart; `begins` are the ticks from which on each hold was approached."""
         joints = np.array([tick.joints for tick in ticks])
-        approach = [last_movement(joints[a:b], joints[b]) for a, b in zip(begins, holds, strict=True)]
+        force = np.array([tick.force for tick in ticks])
+        touching = [a + int(force[a:b].any(axis=1).argmax()) for a, b in zip(begins, holds, strict=True)]
+        approach, press = (
+            np.array([last_movement(joints[a:b], joints[b]) for a, b in zip(starts, holds, strict=True)])
+            for starts in (begins, touching)
+        )
         return cls(
             time=np.asarray(period * np.arange(1, len(ticks) + 1), dtype=float),
             joints=joints,
-            force=np.array([tick.force for tick in ticks]),
+            force=force,
             link2_angle=np.array([tick.link2_angle for tick in ticks]),
             touch=np.array([tick.touch for tick in ticks]),
             phase=np.array([tick.phase for tick in ticks]),
             progress=np.array([tick.progress for tick in ticks]),
             holds=np.array(holds),
-            approach=np.array(approach),
+            approach=approach,
+            press=press,
             links=links,
             speed=speed,
         )

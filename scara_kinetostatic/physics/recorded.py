@@ -55,22 +55,9 @@ def play(
         InputError: MuJoCo is not installed.
         UnsupportedDataError: a touch is out of reach, or its force does not come about.
     """
-    plan, sensors = usual_plan(cell) if plan is None else plan, sensors or SensorModel()
+    plan = usual_plan(cell) if plan is None else plan
     played = Player(scene, cell, plan, timing).play()
-    joint_errors, force_errors = sensors.touch_errors(cell, len(plan), np.random.default_rng([seed, 0]))
-    random = np.random.default_rng([seed, 1])
-    duration = float(played.time[-1])
-    joint_stamps = sensors.stamps(duration, sensors.joint_rate, 0.0, random)
-    wrench_stamps = sensors.stamps(duration, sensors.wrench_rate, sensors.offset, random)
-    position = sensors.read_joints(_instant(played, cell, joint_stamps), joint_errors, random)
-    turned = replace(cell, sensor=cell.sensor._replace(frame=SensorFrame.BASE))  # `_instant` has turned the force
-    seen = _instant(played, cell, wrench_stamps)
-    force = sensors.read_force(turned, scene.parameters, seen, force_errors, random)
-    return Streams(
-        source=f'physics: {scene.name}',
-        joints=JointStream(joint_stamps + start, position),
-        wrench=WrenchStream(wrench_stamps + start, force),
-    )
+    return as_streams(played, scene, cell, sensors, seed=seed, start=start)
 
 
 def play_touches(
@@ -104,6 +91,33 @@ def play_touches(
     return with_noise(as_touches(played, cell, plan), cell, noise, seed)
 
 
+def as_streams(
+    played: Played,
+    scene: Scene,
+    cell: Cell,
+    sensors: SensorModel | None = None,
+    *,
+    seed: int = 0,
+    start: int = START,
+) -> Streams:
+    """Both streams of what was played; the arguments are those of `play`."""
+    sensors = sensors or SensorModel()
+    joint_errors, force_errors = sensors.touch_errors(cell, len(played.holds), np.random.default_rng([seed, 0]))
+    random = np.random.default_rng([seed, 1])
+    duration = float(played.time[-1])
+    joint_stamps = sensors.stamps(duration, sensors.joint_rate, 0.0, random)
+    wrench_stamps = sensors.stamps(duration, sensors.wrench_rate, sensors.offset, random)
+    position = sensors.read_joints(_instant(played, cell, joint_stamps), joint_errors, random)
+    turned = replace(cell, sensor=cell.sensor._replace(frame=SensorFrame.BASE))  # `_instant` has turned the force
+    seen = _instant(played, cell, wrench_stamps)
+    force = sensors.read_force(turned, scene.parameters, seen, force_errors, random)
+    return Streams(
+        source=f'physics: {scene.name}',
+        joints=JointStream(joint_stamps + start, position),
+        wrench=WrenchStream(wrench_stamps + start, force),
+    )
+
+
 def as_touches(played: Played, cell: Cell, plan: Plan) -> TouchSet:
     """The touches of what was played, without noise."""
     holds = played.holds
@@ -114,6 +128,7 @@ def as_touches(played: Played, cell: Cell, plan: Plan) -> TouchSet:
         posture=plan.posture,
         time=played.time[holds],
         approach=played.approach,
+        press=played.press,
     )
 
 

@@ -1,0 +1,149 @@
+"""Recordings of a robot in MuJoCo with an effect that nothing declares: it is named, and the twelve with it are right.
+
+They are simulated by others' code. Reading them needs no MuJoCo; the truth is in `truth/`, which nothing but tests
+reads. Made by `physics.engine_recordings`, in the tests' folder `physics`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from scara_kinetostatic.diagnosis.result import Found
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.pipeline import Outcome, calibrate_recordings
+from scara_kinetostatic.recording.cell_file import load_cell
+from scara_kinetostatic.recording.reader import embedded_cell
+
+BAGS = Path(__file__).parents[2] / 'bags'
+TRUTH = Path(__file__).parent / 'truth'
+LARGEST = 700_000
+TOUCHES = 84
+WITHOUT_EFFECT, FRICTION, WITHOUT_CELL, RIVALS = 'engine_a', 'engine_b', 'engine_c', 'engine_e'
+NAMED = ('engine_b', 'engine_c', 'engine_d')
+WITH_EFFECT = pytest.mark.parametrize('name', [*NAMED, RIVALS])
+ALL = pytest.mark.parametrize('name', [WITHOUT_EFFECT, *NAMED, RIVALS])
+
+
+def path_of(name: str) -> Path:
+    return BAGS / f'{name}.mcap'
+
+
+def cell_of(name: str) -> Cell:
+    return embedded_cell(path_of(name)) or load_cell(BAGS / 'measured.yaml')
+
+
+@cache
+def outcome_of(name: str, estimated: bool = False) -> Outcome:
+    cell = cell_of(name)
+    return calibrate_recordings([path_of(name)], replace(cell, noise=None) if estimated else cell)
+
+
+@cache
+def truth_of(name: str) -> dict[str, Any]:
+    truth: dict[str, Any] = yaml.safe_load((TRUTH / f'{name}.yaml').read_text(encoding='utf-8'))
+    return truth
+
+
+def built_effect(name: str) -> tuple[str, dict[str, float]]:
+    """Label and values of the one effect that was built."""
+    (effect,) = truth_of(name)['effects']
+    return effect['name'] + (f'[{effect["target"]}]' if effect['target'] else ''), effect['parameters']
+
+
+def found_effect(outcome: Outcome, name: str) -> Found:
+    """What the diagnosis says of the effect that was built."""
+    (found,) = (item for item in outcome.diagnosis.found if item.effect.label == built_effect(name)[0])
+    return found
+
+
+def largest_deviation(outcome: Outcome, name: str) -> float:
+    """Of the twelve that are to be used from those that touches show, in standard deviations.
+
+    What touches show is what was built but for one: the mean of what a base yields in x and y is p_ee.
+    """
+    expected = np.array([truth_of(name)['expected'][parameter] for parameter in NAMES])
+    assert np.isfinite(outcome.final.std).all()
+    return float(np.abs((outcome.final.parameters.as_array()[:12] - expected) / outcome.final.std).max())
+
+
+@ALL
+def test_nothing_declares_the_effect(name: str) -> None:
+    assert not cell_of(name).effects
+    told = path_of(name).read_bytes().lower()
+    for word in ('effect', 'truth', 'scene', 'friction', 'spring', truth_of(name)['scene']):
+        assert word.encode() not in told
+    assert (cell_of(name).noise is None) == (name == WITHOUT_CELL)
+    assert 0 < path_of(name).stat().st_size < LARGEST
+
+
+@ALL
+def test_all_touches_are_found_and_nearly_all_used(name: str) -> None:
+    outcome = outcome_of(name)
+    assert outcome.found == TOUCHES
+    assert outcome.final.used.sum() >= TOUCHES - 2
+    assert outcome.calibration.noise_source == ('estimated' if name == WITHOUT_CELL else 'given')
+
+
+@pytest.mark.parametrize('estimated', [False, True], ids=['given', 'estimated'])
+def test_without_an_effect_nothing_is_found(estimated: bool) -> None:
+    outcome = outcome_of(WITHOUT_EFFECT, estimated)
+    assert truth_of(WITHOUT_EFFECT)['effects'] == []
+    assert outcome.diagnosis.verdict == 'none'
+    assert outcome.diagnosis.found == ()
+    assert outcome.diagnosis.p_value > 0.01
+
+
+@pytest.mark.parametrize('name', NAMED)
+@pytest.mark.parametrize('estimated', [False, True], ids=['given', 'estimated'])
+def test_the_effect_is_named(name: str, estimated: bool) -> None:
+    diagnosis = outcome_of(name, estimated).diagnosis
+    assert diagnosis.verdict == 'explained'
+    assert diagnosis.p_value < 1e-6
+    assert [item.effect.label for item in diagnosis.found] == [built_effect(name)[0]]
+
+
+def test_the_displaced_disc_is_named_alone_or_beside_rivals() -> None:
+    """Another disc displaced the other way and smaller explains these touches, too, within the odds that count."""
+    diagnosis, label = outcome_of(RIVALS).diagnosis, built_effect(RIVALS)[0]
+    assert diagnosis.p_value < 1e-6
+    assert diagnosis.verdict in ('explained', 'ambiguous')
+    labels = {item.effect.label for item in diagnosis.found}
+    assert label in labels
+    assert labels == {label, *(one for group in diagnosis.rivals for one in group)}
+
+
+@pytest.mark.parametrize('name', ['engine_c', 'engine_d', RIVALS])
+def test_its_values_are_those_built(name: str) -> None:
+    built = built_effect(name)[1]
+    for value in found_effect(outcome_of(name), name).values:
+        assert abs(value.value - built[value.name]) < 4 * value.std
+
+
+@pytest.mark.parametrize('estimated', [False, True], ids=['given', 'estimated'])
+def test_forces_lean_less_than_the_coefficient_of_friction(estimated: bool) -> None:
+    """Coulomb's friction is at most μ N; most touches stick with less, so the root mean square is below μ."""
+    (lean,) = found_effect(outcome_of(FRICTION, estimated), FRICTION).values
+    assert lean.name == 'lean'
+    assert 4 * lean.std < lean.value
+    assert lean.value + 4 * lean.std < built_effect(FRICTION)[1]['coefficient']
+
+
+@ALL
+@pytest.mark.parametrize('estimated', [False, True], ids=['given', 'estimated'])
+def test_the_twelve_are_right_with_the_effect_in(name: str, estimated: bool) -> None:
+    assert largest_deviation(outcome_of(name, estimated), name) < 4
+
+
+@WITH_EFFECT
+def test_touches_not_used_are_predicted_as_well_as_without_an_effect(name: str) -> None:
+    outcome, clean = outcome_of(name), outcome_of(WITHOUT_EFFECT).held_out.force_error
+    assert outcome.held_out.force_error > 2 * clean
+    assert outcome.extended_held_out.force_error < 1.15 * clean
