@@ -2,7 +2,8 @@
 
     python -m benchmark.pictures [--out docs/pictures]
 
-Every picture is that of a report, with the colours of its light page written in. All of them show simulated data.
+Every picture is that of a report, with the colours of its light page written in. All of them show data simulated by
+this project; the first is that of the recording with which the README opens.
 """
 
 from __future__ import annotations
@@ -21,19 +22,24 @@ from scara_kinetostatic.experiments.gauge_study import study
 from scara_kinetostatic.experiments.reproduction import reproduce
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.pipeline import calibrate_recordings
+from scara_kinetostatic.recording.reader import embedded_cell
 from scara_kinetostatic.report import (
     cell_picture,
     design_maps,
     design_pictures,
+    effect_pictures,
     fit_pictures,
     gauge_pictures,
     paper_pictures,
 )
 from scara_kinetostatic.report.drawing import style
 from scara_kinetostatic.report.html import TEMPLATES
+from scara_kinetostatic.report.signature import signature
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
+UNDECLARED = Path(__file__).parents[1] / 'bags' / 'undeclared_a.mcap'
 FONT = 'system-ui, -apple-system, Segoe UI, Noto Sans, DejaVu Sans, sans-serif'
 
 
@@ -52,6 +58,7 @@ def main() -> int:
 
 def pictures() -> Iterator[tuple[str, Markup]]:
     """Name and SVG of each."""
+    yield 'missing_effect', missing_effect()
     cell = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
     found = calibrate(simulate_touches(cell, PAPER_ACTUAL, default_plan(cell)), cell)
     yield 'cell', cell_picture.cell_picture(found)
@@ -69,6 +76,16 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     assert gripper.gap_map is not None
     yield 'gripper_backlash', gauge_pictures.map_picture(gripper.gap_map, 'µm', 'backlash (gap)', 'gap')
     yield 'gripper_force', gauge_pictures.force_picture(gripper.runs[0], 'force')
+
+
+def missing_effect() -> Markup:
+    """What each touch says of the effect that a recording does not declare, before and after it is found."""
+    cell = embedded_cell(UNDECLARED)
+    assert cell is not None
+    outcome = calibrate_recordings([UNDECLARED], cell)
+    (found,) = outcome.diagnosis.found
+    titles = 'the twelve parameters alone', f'with {found.effect.label}'
+    return effect_pictures.signature_picture(signature(outcome, found), 'missing', titles)
 
 
 def standalone(picture: Markup) -> str:

@@ -1,0 +1,110 @@
+"""What the README shows is what its commands give."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from functools import cache
+from pathlib import Path
+
+import pytest
+from pipeline.opened import Row, outcome_of, rows
+
+from scara_kinetostatic.cli.main import build_parser
+from scara_kinetostatic.pipeline import Outcome
+from scara_kinetostatic.report.comparison import compare
+from scara_kinetostatic.report.quantities import SCALES
+from scara_kinetostatic.report.text import text_report
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / 'README.md').read_text(encoding='utf-8')
+CASE = 'undeclared_a'
+WITHIN = 0.02
+"""Part by which a figure may differ on another machine, with another NumPy."""
+NUMBER = re.compile(r'(?<![\w\]])[-+]?\d+(?:\.\d+)?(?:e-?\d+)?')
+OFF = 0.15
+"""Standard deviations."""
+
+
+@cache
+def outcome(name: str) -> Outcome:
+    return outcome_of(name)
+
+
+def figures(text: str) -> list[float]:
+    return [float(each) for each in NUMBER.findall(text.replace('−', '-'))]
+
+
+def words(text: str) -> str:
+    return ' '.join(NUMBER.sub('#', text.replace('−', '-')).split())
+
+
+def cells(line: str) -> list[str]:
+    return [cell.strip() for cell in line.strip().strip('|').split('|')]
+
+
+def fenced(language: str) -> list[str]:
+    return re.findall(rf'^ *```{language}\n(.*?)^ *```', README, flags=re.DOTALL | re.MULTILINE)
+
+
+def test_the_case_is_what_the_command_prints() -> None:
+    (block,) = fenced('console')
+    command, _, shown = block.partition('\n')
+    assert command == f'$ scara-kinetostatic calibrate bags/{CASE}.mcap --out result'
+    printed = text_report(outcome(CASE))
+    parts = [part.strip('\n') for part in shown.split('…\n')]
+    assert len(parts) == 3
+    for part in parts:
+        place = words(printed).find(words(part))
+        assert place >= 0, part
+        before = words(printed)[:place].count('#')
+        found = figures(printed)[before : before + len(figures(part))]
+        assert figures(part) == pytest.approx(found, rel=WITHIN)
+
+
+@pytest.mark.parametrize('name', ['l1', 'l2', 'x0', 'y0'])
+def test_the_parameters_beside_the_truth(name: str) -> None:
+    (line,) = (line for line in README.splitlines() if line.startswith(f'| `{name}`'))
+    row = next(row for row in rows(CASE, outcome(CASE)) if row.name == name)
+    unit, scale = SCALES[name]
+    _, truth, alone, off_alone, extended, off_extended = (figures(cell) for cell in cells(line))
+    assert line.startswith(f'| `{name}`, {unit} |')
+    assert truth == pytest.approx([row.truth * scale], abs=1e-9)
+    for shown, value, std in ((alone, row.alone, row.alone_std), (extended, row.extended, row.extended_std)):
+        assert abs(shown[0] - value * scale) < OFF * std * scale
+        assert shown[1] == pytest.approx(std * scale, rel=2 * WITHIN)
+    assert [*off_alone, *off_extended] == pytest.approx([row.off_alone, row.off_extended], abs=OFF)
+
+
+def test_the_other_parameters_are_off_by_no_more_than_is_said() -> None:
+    (sentence,) = re.findall(r'^The other eight are within .*$', README, flags=re.MULTILINE)
+    others: list[Row] = [row for row in rows(CASE, outcome(CASE)) if row.name not in ('l1', 'l2', 'x0', 'y0')]
+    largest = [max(abs(row.off_alone) for row in others), max(abs(row.off_extended) for row in others)]
+    assert figures(sentence) == pytest.approx(largest, abs=OFF)
+
+
+@pytest.mark.parametrize('name', ['undeclared_a', 'undeclared_c', 'engine_a', 'engine_d'])
+def test_errors_before_and_after(name: str) -> None:
+    (line,) = (line for line in README.splitlines() if line.startswith('|') and f'`bags/{name}.mcap`' in line)
+    *_, force, tip = cells(line)
+    found = compare(outcome(name))
+    sides = (found.alone, found.extended) if '→' in force else (found.extended,)
+    assert ('→' in force) == (outcome(name).diagnosis.extended is not None)
+    assert figures(force) == pytest.approx([side.held_out for side in sides], rel=WITHIN)
+    assert figures(tip) == pytest.approx([1e3 * side.tip.held_out for side in sides], rel=WITHIN)
+
+
+def test_links_and_pictures_are_there() -> None:
+    targets = re.findall(r'\]\(([^)#]+)\)|src="([^"]+)"', README)
+    assert len(targets) > 10
+    for target in (one or other for one, other in targets):
+        assert (ROOT / target).exists(), target
+
+
+def test_commands_are_understood() -> None:
+    blocks = '\n'.join(fenced('bash'))
+    commands = re.findall(r'^ *scara-kinetostatic (.*)$', blocks, flags=re.MULTILINE)
+    assert len(commands) >= 5
+    for command in commands:
+        args = build_parser().parse_args(shlex.split(command, comments=True))
+        assert args.verb
