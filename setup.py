@@ -8,6 +8,7 @@ NAME = 'scara_kinetostatic'
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
 PHYSICS = ['mujoco>=3.13']  # the first with the integrator `discrete`; only the verb physics needs it
 TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML', *PHYSICS]
+BENCH = ['casadi', 'mcap-ros2-support', *PHYSICS]  # the peers that `benchmark` measures against
 README = Path('README.md')
 
 
@@ -51,7 +52,7 @@ setup(
         'lz4',
         'zstandard',
     ],
-    extras_require={'ros': ROS, 'test': TEST, 'physics': PHYSICS},
+    extras_require={'ros': ROS, 'test': TEST, 'physics': PHYSICS, 'bench': BENCH},
     zip_safe=False,
     entry_points={
         'console_scripts': [
