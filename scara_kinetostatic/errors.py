@@ -14,6 +14,11 @@ from __future__ import annotations
 from pathlib import Path
 
 
+def one_line(text: str) -> str:
+    """The text on one line, with a mark for everything that would disturb a terminal; damaged files hold anything."""
+    return ''.join(letter if letter.isprintable() else '\ufffd' for letter in ' '.join(text.split()))
+
+
 class ScaraKinetostaticError(Exception):
     """Root of all errors of this package."""
 
@@ -31,8 +36,7 @@ class InputError(ScaraKinetostaticError):
         self.where = str(where)
         self.problem = problem
         self.remedy = remedy
-        text = f'{where}: {problem}' + (f'; {remedy}' if remedy else '')
-        super().__init__(' '.join(text.split()))
+        super().__init__(one_line(f'{where}: {problem}' + (f'; {remedy}' if remedy else '')))
 
 
 class CellError(InputError):
@@ -62,4 +66,4 @@ class UnsupportedDataError(ScaraKinetostaticError):
     def __init__(self, problem: str, remedy: str = '') -> None:
         self.problem = problem
         self.remedy = remedy
-        super().__init__(' '.join((problem + (f'; {remedy}' if remedy else '')).split()))
+        super().__init__(one_line(problem + (f'; {remedy}' if remedy else '')))

@@ -89,9 +89,10 @@ class BagFolder:
     def _compare_counts(self, wanted: Collection[str]) -> None:
         """Whether as much was read as the metadata counts; a damaged database loses messages without a word."""
         for topic in wanted:
-            lost = self._counts.get(topic, 0) - self._read_counts[topic]
-            if lost > 0 and not self.warnings:
-                self.warnings.append(f'{topic}: {METADATA} counts {lost} more messages than the files hold')
+            lost = self._counts.get(topic, self._read_counts[topic]) - self._read_counts[topic]
+            if lost and not self.warnings:
+                more = 'more' if lost > 0 else 'fewer'
+                self.warnings.append(f'{topic}: {METADATA} counts {abs(lost)} {more} messages than the files hold')
 
     def _listed_files(self) -> list[Path] | None:
         """The files that the metadata lists; None where they have to be looked for."""

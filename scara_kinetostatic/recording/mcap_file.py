@@ -3,33 +3,35 @@
 A whole file is read by its index, so that chunks without the wanted topics
 (camera images, say) are never touched. A file without an index, because its
 writer was killed or the end is lost, is read from the front as far as it goes.
-A damaged chunk costs that chunk and a warning, not the recording.
+A damaged chunk costs that chunk and a warning, not the recording. Whatever the
+checksums and the counts of the file show to be damaged or missing is told.
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Collection, Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import IO
 
-import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, Message, Schema
+from mcap.records import Channel, Chunk, Message, Schema, Statistics
 from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.summary import Summary
-from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from scara_kinetostatic.recording.inflate import inflate
-from scara_kinetostatic.recording.raw import BATCH, Batch, Batches, Topic, ros2_type, ros_topic
+from scara_kinetostatic.recording.mcap_checksum import MAGIC, data_is_whole, index_is_whole
+from scara_kinetostatic.recording.mcap_records import CHUNK, RECORD, SCHEMA, Loose, batch_of, walk
+from scara_kinetostatic.recording.raw import Batch, Batches, Topic, ros2_type, ros_topic
 
-MAGIC = b'\x89MCAP0\r\n'
+_SMALL = 1 << 26
+"""So large a file is read in no time, bytes."""
 _DAMAGE = (
     McapError,
     CRCValidationError,
@@ -40,10 +42,6 @@ _DAMAGE = (
     RuntimeError,
     ValueError,
 )
-_RECORD = struct.Struct('<BQ')
-_MESSAGE = struct.Struct('<BQH')
-_SCHEMA, _CHANNEL, _DATA, _CHUNK = 3, 4, 5, 6
-_HEAD = 9 + 22  # opcode and length of the record; channel, sequence, two times
 
 
 class McapFile:
@@ -61,6 +59,9 @@ class McapFile:
         self._limit = path.stat().st_size if stream is None else 1 << 32
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, Topic] = {}
+        self._read: Counter[str] = Counter()
+        self._statistics: Statistics | None = None
+        self._bytes_read = 0
 
     def topics(self) -> list[Topic]:
         """Every topic of the file."""
@@ -69,25 +70,34 @@ class McapFile:
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of the wanted topics, chunk by chunk."""
         with self._stream or self.path.open('rb') as stream:
-            summary = self._summary(stream) if self._stream is None else None
-            if summary is not None:
-                yield from self._by_index(stream, summary, wanted)
-            else:
-                yield from self._from_front(stream, wanted)
+            summary, sound = self._summary(stream) if self._stream is None else (None, True)
+            messages = self._from_front(stream, wanted) if summary is None else self._by_index(stream, summary, wanted)
+            for batch in messages:
+                self._read[batch.topic.name] += len(batch.start)
+                yield batch
+            if not self.warnings and not sound:
+                self.warnings.append(f'{self.path.name}: the index at its end is damaged; read from the front')
+            if not self.warnings:
+                self._check(stream, wanted)
 
-    def _summary(self, stream: IO[bytes]) -> Summary | None:
-        """What the end of the file says about the whole; None where it says nothing or nonsense."""
+    def _summary(self, stream: IO[bytes]) -> tuple[Summary | None, bool]:
+        """The index at the end of the file, if it serves; and whether what there is of it is sound."""
+        summary = None
         try:
-            reader = SeekingReader(stream, validate_crcs=True, record_size_limit=self._limit)
-            summary = reader.get_summary()
+            sound = index_is_whole(stream)
+            stream.seek(0)
+            if sound:
+                summary = SeekingReader(stream, record_size_limit=self._limit).get_summary()
         except _DAMAGE:
-            summary = None
+            sound = False
         stream.seek(0)
-        complete = summary is not None and summary.statistics is not None and bool(summary.channels)
-        if summary is None or not complete or len(summary.chunk_indexes) != summary.statistics.chunk_count:  # type: ignore[union-attr]
-            return None
-        loose = summary.statistics.message_count and not summary.chunk_indexes  # type: ignore[union-attr]
-        return None if loose else summary
+        if summary is None or summary.statistics is None or not summary.channels:
+            return None, sound
+        self._statistics = summary.statistics
+        if len(summary.chunk_indexes) != summary.statistics.chunk_count:
+            return None, sound
+        loose = summary.statistics.message_count and not summary.chunk_indexes
+        return None if loose else summary, sound
 
     def _by_index(self, stream: IO[bytes], summary: Summary, wanted: Collection[str]) -> Iterator[Batch]:
         for schema in summary.schemas.values():
@@ -100,10 +110,11 @@ class McapFile:
         for index in sorted(summary.chunk_indexes, key=lambda item: item.chunk_start_offset):
             if index.message_index_offsets and ids.isdisjoint(index.message_index_offsets):
                 continue
+            self._bytes_read += index.chunk_length
             try:
                 stream.seek(index.chunk_start_offset)
-                opcode, length = _RECORD.unpack(stream.read(9))
-                if opcode != _CHUNK or length > self._limit:
+                opcode, length = RECORD.unpack(stream.read(9))
+                if opcode != CHUNK or length > self._limit:
                     raise ValueError('no chunk where the index says')
                 chunk = Chunk.read(ReadDataStream(stream))
             except _DAMAGE as error:
@@ -112,10 +123,11 @@ class McapFile:
             yield from self._chunk(chunk, index.chunk_start_offset, wanted)
 
     def _from_front(self, stream: IO[bytes], wanted: Collection[str]) -> Iterator[Batch]:
-        loose = _Loose()
+        loose = Loose()
         offset = len(MAGIC)
+        records = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=self._limit).records
         try:
-            for record in StreamReader(stream, emit_chunks=True, record_size_limit=self._limit).records:
+            for record in records:
                 if isinstance(record, Schema):
                     self._add_schema(record)
                 elif isinstance(record, Channel):
@@ -126,7 +138,12 @@ class McapFile:
                         yield from loose.add(topic, record.log_time, record.data)
                 elif isinstance(record, Chunk):
                     yield from self._chunk(record, offset, wanted)
+                elif isinstance(record, Statistics):
+                    self._statistics = record
                 offset = stream.tell()
+        except CRCValidationError:
+            yield from loose.rest()
+            self._data_damaged()
         except _DAMAGE:
             yield from loose.rest()
             self.warnings.append(
@@ -144,8 +161,8 @@ class McapFile:
         try:
             stream.seek(offset)
             torn = stream.read(self._limit - offset)
-            opcode, _ = _RECORD.unpack_from(torn)
-            if opcode != _CHUNK:
+            opcode, _ = RECORD.unpack_from(torn)
+            if opcode != CHUNK:
                 return
             size, name_length = struct.unpack_from('<16xQ4xI', torn, 9)
             data_at = 9 + 32 + name_length + 8
@@ -153,7 +170,7 @@ class McapFile:
             data = inflate(torn[data_at:], compression, size)
         except _DAMAGE:
             return
-        yield from self._messages(data, wanted)
+        yield from self._messages(data, offset, wanted)
 
     def _chunk(self, chunk: Chunk, offset: int, wanted: Collection[str]) -> Iterator[Batch]:
         try:
@@ -165,46 +182,36 @@ class McapFile:
         except _DAMAGE as error:
             self._damaged(offset, error)
             return
-        yield from self._messages(data, wanted)
+        yield from self._messages(data, offset, wanted)
 
-    def _messages(self, data: bytes, wanted: Collection[str]) -> Iterator[Batch]:
+    def _messages(self, data: bytes, offset: int, wanted: Collection[str]) -> Iterator[Batch]:
         """The messages in the bytes of one chunk; what does not look like a record ends it."""
-        places: dict[Topic, list[int]] = {}
-        for key, places_of_channel in self._walk(data).items():
+        found = walk(data)
+        sound = found.whole
+        for opcode, content in found.definitions:
+            sound &= self._define(opcode, content)
+        starts: dict[Topic, list[int]] = {}
+        for key, places in found.messages.items():
             topic = self._channels.get(key)
+            sound &= topic is not None
             if topic is not None and topic.name in wanted:
-                places.setdefault(topic, []).extend(places_of_channel)
-        buffer = np.frombuffer(data, np.uint8)
-        for topic, starts in places.items():
-            at = np.sort(np.array(starts, dtype=np.int64))
-            yield Batch(topic, _field(buffer, at + 15), buffer, at + _HEAD, _field(buffer, at + 1) - 22)
+                starts.setdefault(topic, []).extend(places)
+        for topic, places in starts.items():
+            yield batch_of(topic, data, places)
+        if not sound and not self.warnings:
+            self.warnings.append(f'{self.path.name}: the chunk at byte {offset} is damaged: read as far as it goes')
 
-    def _walk(self, data: bytes) -> dict[int, list[int]]:
-        """Where the messages of each channel start; schemas and channels on the way are taken in."""
-        places: dict[int, list[int]] = {}
-        unpack, size = _MESSAGE.unpack_from, len(data)
-        at = 0
-        while at + 11 <= size:
-            opcode, length, key = unpack(data, at)
-            end = at + 9 + length
-            if end > size:
-                break
-            if opcode == _DATA and length >= 22:
-                if key in places:
-                    places[key].append(at)
-                else:
-                    places[key] = [at]
-            elif opcode in (_SCHEMA, _CHANNEL):
-                self._definition(opcode, data[at + 9 : end])
-            at = end
-        return places
-
-    def _definition(self, opcode: int, content: bytes) -> None:
+    def _define(self, opcode: int, content: bytes) -> bool:
+        """Takes in a schema or channel that stands in a chunk; whether it is one."""
         stream = ReadDataStream(BytesIO(content))
-        if opcode == _SCHEMA:
-            self._add_schema(Schema.read(stream))
-        else:
-            self._add_channel(Channel.read(stream))
+        try:
+            if opcode == SCHEMA:
+                self._add_schema(Schema.read(stream))
+            else:
+                self._add_channel(Channel.read(stream))
+        except _DAMAGE:
+            return False
+        return True
 
     def _add_schema(self, schema: Schema) -> None:
         self._schemas[schema.id] = ros2_type(schema.name)
@@ -213,31 +220,26 @@ class McapFile:
         msgtype = self._schemas.get(channel.schema_id, 'unknown')
         self._channels[channel.id] = Topic(ros_topic(channel.topic), msgtype, channel.message_encoding)
 
+    def _check(self, stream: IO[bytes], wanted: Collection[str]) -> None:
+        """Whether as many messages were read as the file counts, and its data have their checksum.
+
+        The latter reads the whole file, so it is left out where that is large and most of it not wanted.
+        """
+        counts = self._statistics.channel_message_counts if self._statistics else {}
+        for topic in wanted if counts else ():
+            ids = [key for key, channel in self._channels.items() if channel.name == topic]
+            expected = sum(counts.get(key, 0) for key in ids)
+            if expected != self._read[topic]:
+                self.warnings.append(
+                    f'{self.path.name}: its index counts {expected} messages of {topic}, read were {self._read[topic]}'
+                )
+        worth_it = self._stream is None and (self._limit < _SMALL or 2 * self._bytes_read > self._limit)
+        if worth_it and not data_is_whole(stream):
+            self._data_damaged()
+
+    def _data_damaged(self) -> None:
+        self.warnings.append(f'{self.path.name}: something in it is damaged, the checksum of the file does not match')
+
     def _damaged(self, offset: int, error: Exception) -> None:
         reason = str(error) or type(error).__name__
         self.warnings.append(f'{self.path.name}: a damaged chunk at byte {offset} was left out ({reason})')
-
-
-class _Loose:
-    """Gathers messages that lie outside chunks into batches."""
-
-    def __init__(self) -> None:
-        self._pending: dict[Topic, tuple[list[int], list[bytes]]] = {}
-
-    def add(self, topic: Topic, time: int, payload: bytes) -> Iterator[Batch]:
-        times, payloads = self._pending.setdefault(topic, ([], []))
-        times.append(time)
-        payloads.append(payload)
-        if len(times) == BATCH:
-            yield Batch.from_payloads(topic, times, payloads)
-            del self._pending[topic]
-
-    def rest(self) -> Iterator[Batch]:
-        for topic, (times, payloads) in self._pending.items():
-            yield Batch.from_payloads(topic, times, payloads)
-        self._pending.clear()
-
-
-def _field(buffer: NDArray[np.uint8], at: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The 8-byte number at each of several places."""
-    return sliding_window_view(buffer, 8)[at].view('<i8')[:, 0].astype(np.int64)

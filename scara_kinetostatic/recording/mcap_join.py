@@ -13,7 +13,7 @@ from mcap.reader import SeekingReader
 from mcap.records import ChunkIndex, DataEnd, Footer, Header, McapRecord, Statistics, SummaryOffset
 from mcap.summary import Summary
 
-from scara_kinetostatic.recording.mcap_file import MAGIC
+from scara_kinetostatic.recording.mcap_checksum import MAGIC, seal
 from scara_kinetostatic.recording.mcap_piece import LIBRARY, to_disk
 
 
@@ -27,7 +27,7 @@ def join(sources: Sequence[Path], target: Path) -> None:
     Raises:
         OSError: a file cannot be read or written.
     """
-    with target.open('xb') as stream:
+    with target.open('x+b') as stream:
         stream.write(MAGIC + _bytes([Header('ros2', LIBRARY)]))
         indexes: list[ChunkIndex] = []
         summaries: list[Summary] = []
@@ -40,6 +40,7 @@ def join(sources: Sequence[Path], target: Path) -> None:
                 indexes += [_copy_chunk(piece, index, stream) for index in summary.chunk_indexes]
         stream.write(_bytes([DataEnd(0)]))
         stream.write(_ending(stream.tell(), summaries, indexes))
+        seal(stream)
         to_disk(stream)
 
 

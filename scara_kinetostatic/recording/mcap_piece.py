@@ -10,6 +10,7 @@ from typing import IO
 from mcap.writer import CompressionType, Writer
 
 from scara_kinetostatic.recording.encoding import Channel
+from scara_kinetostatic.recording.mcap_checksum import seal
 from scara_kinetostatic.recording.metadata import Piece, qos_text
 
 LIBRARY = 'scara_kinetostatic'
@@ -29,7 +30,7 @@ class McapPiece:
     """
 
     def __init__(self, path: Path, channels: Sequence[Channel], *, compress: bool = False) -> None:
-        self._stream = path.open('xb')
+        self._stream = path.open('x+b')
         compression = CompressionType.ZSTD if compress else CompressionType.NONE
         self._writer = Writer(self._stream, chunk_size=CHUNK_SIZE, compression=compression)
         self._writer.start('ros2', LIBRARY)
@@ -55,6 +56,7 @@ class McapPiece:
             What it holds.
         """
         self._writer.finish()  # type: ignore[no-untyped-call]
+        seal(self._stream)
         to_disk(self._stream)
         self._stream.close()
         return Piece(name, self._start, self._end, tuple(self._counts))

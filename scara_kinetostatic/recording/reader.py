@@ -13,7 +13,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TypeVar
 
-from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.errors import RecordingError, one_line
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.recording.bag_folder import folder_state
 from scara_kinetostatic.recording.cell_file import CELL_TOPIC, parse_cell
@@ -60,7 +60,7 @@ def _streams(path: str | Path, cell: Cell) -> Streams:
                 raise _nothing_usable(path, source, topic, types[topic], samples, cell)
             warnings += [f'{topic}: {counted(number)} {why} dropped' for why, number in samples.dropped.items()]
         joints, wrench = on_one_clock(str(path), streams, warnings)
-        return Streams(str(path), JointStream(*joints), WrenchStream(*wrench), tuple(warnings))
+        return Streams(str(path), JointStream(*joints), WrenchStream(*wrench), tuple(map(one_line, warnings)))
 
 
 def embedded_cell(path: str | Path) -> Cell | None:

@@ -42,7 +42,7 @@ class Ros1File:
     def _messages(self, reader: Reader, connections: list[Connection]) -> Iterator[Batch]:
         times: list[int] = []
         payloads: list[bytes] = []
-        previous = None
+        previous, count = None, 0
         try:
             for connection, time, payload in reader.messages(connections):
                 topic = self._topics[connection.id]
@@ -52,8 +52,14 @@ class Ros1File:
                     previous, times, payloads = topic, [], []
                 times.append(time)
                 payloads.append(payload)
+                count += 1
         except (ReaderError, AssertionError, ArithmeticError, LookupError, OSError, RuntimeError, ValueError) as error:
             name = connections[0].topic
             self.warnings.append(f'{self.path.name} is damaged ({error}): messages of {name} may be missing')
         if previous is not None and times:
             yield Batch.from_payloads(previous, times, payloads)
+        expected = sum(item.msgcount for item in connections)
+        if count != expected and not self.warnings:
+            self.warnings.append(
+                f'{self.path.name}: its index counts {expected} messages of {connections[0].topic}, read were {count}'
+            )

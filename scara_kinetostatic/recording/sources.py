@@ -14,7 +14,7 @@ import zstandard
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.recording.bag_folder import BagFolder
 from scara_kinetostatic.recording.inflate import ZSTD_MAGIC
-from scara_kinetostatic.recording.mcap_file import MAGIC as MCAP_MAGIC
+from scara_kinetostatic.recording.mcap_checksum import MAGIC as MCAP_MAGIC
 from scara_kinetostatic.recording.mcap_file import McapFile
 from scara_kinetostatic.recording.raw import Batches, Source, Topic, reading
 from scara_kinetostatic.recording.ros1_file import Ros1File

@@ -35,6 +35,8 @@ class SqliteFile:
             for key, topic in self._topics.items():
                 if topic.name in wanted:
                     yield from self._read_messages(database, key, topic)
+            if not self.warnings:
+                self._check_rows(database)
 
     def _check_size(self) -> None:
         """SQLite itself says nothing about lost pages that it does not come across."""
@@ -44,6 +46,21 @@ class SqliteFile:
         expected = (65536 if page_size == 1 else page_size) * pages
         if head[24:28] == head[92:96] and self.path.stat().st_size < expected:
             self.warnings.append(f'{self.path.name} is cut off: expected {expected} bytes, read as far as it goes')
+
+    def _check_rows(self, database: sqlite3.Connection) -> None:
+        """Whether every message can be found and belongs to a topic; SQLite has no checksums that would tell."""
+        by_row = 'SELECT count(*), total(topic_id NOT IN (SELECT id FROM topics)) FROM messages NOT INDEXED'
+        try:
+            (indexed,) = database.execute('SELECT count(*) FROM messages').fetchone()
+            stored, stray = database.execute(by_row).fetchone()
+        except sqlite3.DatabaseError as error:
+            self.warnings.append(f'{self.path.name} is damaged ({error})')
+            return
+        if stray or stored != indexed:
+            self.warnings.append(
+                f'{self.path.name} is damaged: it has {indexed} messages by its index, {stored} in its table, '
+                f'{stray:.0f} of no topic'
+            )
 
     def _connect(self) -> sqlite3.Connection:
         """Open for reading alone; what a killed writer left in the write-ahead log is taken in where possible."""
