@@ -29,7 +29,6 @@ from scara_kinetostatic.report import (
     design_maps,
     design_pictures,
     effect_pictures,
-    fit_pictures,
     gauge_pictures,
     paper_pictures,
 )
@@ -62,7 +61,6 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     cell = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
     found = calibrate(simulate_touches(cell, PAPER_ACTUAL, default_plan(cell)), cell)
     yield 'cell', cell_picture.cell_picture(found)
-    yield 'before_and_after', fit_pictures.error_picture(found)
     paper = reproduce()
     yield 'figure_3', paper_pictures.trend_picture(paper)
     yield 'one_force_level', paper_pictures.unseen_picture(paper)
