@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 import yaml
 from physics.conftest import CELL
+from physics.engine_recordings import ALL, BAGS, SENSORS, EngineRecording
+from physics.engine_recordings import TRUTH as TRUTHS
 
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.cli.physics import SCENE_NAMES, TRUTH
@@ -43,6 +45,9 @@ def test_touches_found_in_the_streams_are_those_played(few: Plan, cell: Cell) ->
     assert np.abs(detection.touches.force - expected.force).max() < 0.06
     sure = np.abs(expected.approach) > 1e-4
     assert np.array_equal(np.sign(detection.touches.approach)[sure], np.sign(expected.approach)[sure])
+    sure = np.abs(expected.press) > 1e-4
+    assert sure.any(axis=1).all()
+    assert np.array_equal(np.sign(detection.touches.press)[sure], np.sign(expected.press)[sure])
 
 
 def test_streams_are_finite_continuous_and_repeat(few: Plan) -> None:
@@ -60,6 +65,28 @@ def test_noise_of_a_touch_is_drawn_once(few: Plan) -> None:
     noisy = play_touches(scene_named('plain'), CELL, few, noise=Noise(1e-4, 0.2), seed=2)
     assert 5e-5 < np.std(noisy.joints - exact.joints) < 2e-4
     assert 0.1 < np.std(noisy.force - exact.force) < 0.4
+
+
+def test_the_press_is_the_part_of_the_last_movement_in_contact(few: Plan) -> None:
+    touches = play_touches(scene_named('plain'), CELL, few, noise=EXACT)
+    assert np.all(np.abs(touches.press) <= np.abs(touches.approach))
+    eased = few.overpress > 0  # both joints turned round in contact
+    assert np.array_equal(touches.press[eased], touches.approach[eased])
+    assert np.all(np.abs(touches.press[~eased]).max(axis=1) < 0.5 * np.abs(touches.approach[~eased]).max(axis=1))
+
+
+@pytest.mark.parametrize('one', ALL, ids=lambda one: one.scene)
+def test_recordings_kept_with_the_project_are_what_the_engine_plays(one: EngineRecording) -> None:
+    kept = find_touches(read_streams(BAGS / f'{one.name}.mcap', one.cell), one.cell).touches
+    count = 3
+    errors = SENSORS.touch_errors(one.cell, len(kept), np.random.default_rng([one.seed, 0]))
+    played = play_touches(one.robot, one.cell, one.plan.select(np.arange(count)), noise=EXACT)
+    assert np.abs(kept.joints[:count] - errors[0][:count] - played.joints).max() < 3e-6
+    assert np.abs(kept.force[:count] - played.force).max() < 4 * 0.3
+    assert np.array_equal(kept.disc, one.plan.disc)
+    text = (TRUTHS / f'{one.name}.yaml').read_text(encoding='utf-8')
+    made = truth_of_scene(one.robot, one.cell, one.seed)
+    assert {**yaml.safe_load(text), 'engine': ''} == {**made, 'engine': ''}
 
 
 @pytest.mark.parametrize('name', SCENES)
