@@ -1,0 +1,175 @@
+"""Damaged files, kills and full disks: does anything crash, hang, get executed, or get lost without a word.
+
+    python -m benchmark.faults [--bags 10000] [--cells 10000] [--kills 100] [--disks 5] [--json FILE]
+
+`--bags`: recordings in 15 forms are damaged byte by byte (bits flipped; bytes overwritten, inserted, deleted, taken
+from elsewhere; lengths changed; ends cut off) and read, one in 50 of them calibrated from. `--cells`: the same with
+cell files, as YAML as well. `--kills`: collectors under load are killed by SIGKILL. `--disks`: collectors record
+until a disk is full. The damage is numbered, so every case can be had again. Kills and disks need ROS 2.
+
+Exit status 1 if anything crashed, took over 5 s, was executed, or got lost; or if a form with checksums gave another
+result without a warning. Forms without checksums cannot show a number that has become another one, nor can a cell file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import faulthandler
+import json
+import os
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from benchmark.damaged_files import FAILURES, Judged, Verdict, judged_calibration, judged_cell, judged_reading
+from benchmark.forms import forms
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.recording.cell_file import dump_cell
+from scara_kinetostatic.recording.detection import find_touches
+from scara_kinetostatic.recording.streams import JointStream, Streams, WrenchStream
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.sensors import SensorModel
+from scara_kinetostatic.simulation.streams import simulate_streams
+
+CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
+CELL_FILE = Path(__file__).parents[1] / 'config' / 'cell.yaml'
+CALIBRATED = 50
+"""One recording in so many is calibrated from."""
+STUCK = 60.0
+"""After so long in one case, s, the whole run is given up; no signal reaches what hangs outside Python."""
+SMALLEST_DISK, LARGEST_DISK = 300_000, 1_500_000
+
+
+@dataclass
+class Row:
+    """What became of the files of one form.
+
+    Attributes:
+        form: its name.
+        counts: how many met each verdict.
+        slowest: longest time for one, s.
+        shift: largest shift of a calibration without a warning, standard deviations.
+        failures: number and message of those that failed.
+    """
+
+    form: str
+    counts: Counter[str] = field(default_factory=Counter)
+    slowest: float = 0.0
+    shift: float = 0.0
+    failures: list[tuple[int, str]] = field(default_factory=list)
+
+    def note(self, number: int, judged: Judged, *, failed: bool) -> None:
+        """Takes in a case."""
+        self.counts[judged.verdict.value] += 1
+        self.slowest = max(self.slowest, judged.seconds)
+        if failed:
+            self.failures.append((number, f'{judged.verdict.value}: {judged.said}'))
+
+
+def short_streams() -> Streams:
+    """Two seconds of random numbers, so that much of a file is structure."""
+    rng = np.random.default_rng(0)
+    start = 1_700_000_000_123_456_789
+    joints = JointStream(start + np.arange(100) * 12_500_000, rng.uniform(-3, 3, (100, 2)))
+    return Streams('made up', joints, WrenchStream(start + np.arange(110) * 10_204_081, rng.normal(0, 20, (110, 2))))
+
+
+def damage_recordings(number: int, folder: Path) -> Iterator[Row]:
+    """Damages so many recordings and reads them; those of each form together."""
+    short = short_streams()
+    plan, sensors = default_plan(CELL, per_disc=6), SensorModel(joint_rate=40, wrench_rate=40)
+    played = simulate_streams(CELL, PAPER_ACTUAL, plan, sensors=sensors)
+    intact = calibrate(find_touches(played, CELL).touches, CELL)
+    pairs = list(zip(forms(short, CELL), forms(played, CELL), strict=True))
+    for place, (small, large) in enumerate(pairs):
+        row = Row(small.name)
+        for count in range(place, number, len(pairs)):
+            faulthandler.dump_traceback_later(STUCK, exit=True)
+            calibrated = count // len(pairs) % CALIBRATED == CALIBRATED - 1
+            if calibrated:
+                judged = judged_calibration(large, count, intact, folder)
+                row.shift = max(row.shift, judged.shift if judged.verdict is Verdict.SILENT else 0.0)
+            else:
+                judged = judged_reading(small, count, short, CELL, folder)
+            silent = small.protected and judged.verdict is Verdict.SILENT
+            row.note(count, judged, failed=judged.verdict in FAILURES or silent)
+        yield row
+
+
+def damage_cells(number: int, folder: Path) -> Iterator[Row]:
+    """Damages so many cell files and reads them."""
+    for name, text in (('cell file', CELL_FILE.read_text(encoding='utf-8')), ('cell file, compact', dump_cell(CELL))):
+        row = Row(name)
+        for count in range(number // 2):
+            faulthandler.dump_traceback_later(STUCK, exit=True)
+            judged = judged_cell(text, count, folder)
+            row.note(count, judged, failed=judged.verdict in FAILURES)
+        yield row
+
+
+def told(rows: Iterable[Row]) -> list[Row]:
+    """The rows, each printed when it is complete."""
+    kept = []
+    for row in rows:
+        counts = ', '.join(
+            f'{row.counts[verdict.value]} {verdict.value}' for verdict in Verdict if row.counts[verdict.value]
+        )
+        shift = f', shift {row.shift:.3g} σ' if row.shift else ''
+        print(f'{row.form}: {counts}; slowest {row.slowest:.2f} s{shift}', flush=True)
+        for number, said in row.failures[:5]:
+            print(f'  {number}: {said[:300]}')
+        kept.append(row)
+    faulthandler.cancel_dump_traceback_later()
+    return kept
+
+
+def live(kills: int, disks: int, folder: Path) -> list[dict[str, object]]:
+    """Kills and full disks, each printed."""
+    if not kills + disks:
+        return []
+    from benchmark.kills import fill_disk, kill_collectors
+
+    records: list[dict[str, object]] = []
+    for size in np.linspace(SMALLEST_DISK, LARGEST_DISK, disks).round().astype(int).tolist():
+        records.append(fill_disk(size, folder / str(size)))
+        print('full disk:', records[-1], flush=True)
+    for record in kill_collectors(kills, folder):
+        records.append(record)
+        print('killed:', record, flush=True)
+    lost = sum(bool(record['lost'] or record['problems']) for record in records)
+    reported, there = (sum(int(str(record[name])) for record in records) for name in ('reported', 'there'))
+    print(f'{len(records)} ends: {reported} touches reported, {there} there; {lost} ends with a loss or a problem')
+    return records
+
+
+def main() -> int:
+    """Run, print, save."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name, number in (('bags', 10_000), ('cells', 10_000), ('kills', 100), ('disks', 5)):
+        parser.add_argument(f'--{name}', type=int, default=number)
+    parser.add_argument('--json', type=Path)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix='faults_') as name:
+        folder, here = Path(name), Path.cwd()
+        os.chdir(folder)  # what a file might have executed would leave its traces there
+        rows = told(damage_recordings(options.bags, folder / 'case')) if options.bags else []
+        rows += told(damage_cells(options.cells, folder / 'case')) if options.cells else []
+        os.chdir(here)
+        records = live(options.kills, options.disks, folder)
+    if options.json:
+        content = {'files': [asdict(row) for row in rows], 'ends': records}
+        options.json.write_text(json.dumps(content, indent=2) + '\n', encoding='utf-8')
+    failed = sum(len(row.failures) for row in rows) + sum(bool(r['lost'] or r['problems']) for r in records)
+    print(f'{sum(sum(row.counts.values()) for row in rows)} damaged files, {len(records)} ends, {failed} failures')
+    return 1 if failed else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,126 @@
+"""One recording in every form that the readers know, as bytes."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from mcap.writer import CompressionType, Writer
+from rosbags import rosbag1, rosbag2
+from rosbags.typesys import Stores, get_typestore
+
+from benchmark.damaged_files import METADATA, Form
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.recording.cell_file import dump_cell
+from scara_kinetostatic.recording.encoding import channels, joint_state_messages, string_message, wrench_messages
+from scara_kinetostatic.recording.streams import Streams
+from scara_kinetostatic.recording.writer import BagWriter, write_streams
+
+Message = tuple[int, int, bytes]
+"""Log time, number of the channel, payload."""
+PIECES = 4
+
+
+def forms(streams: Streams, cell: Cell) -> list[Form]:
+    """The recording in every form."""
+
+    def ours(name: str, protected: bool, file: str = 'bag', **options: Any) -> Form:
+        return _made(name, protected, lambda path: write_streams(path, streams, cell, **options), file)
+
+    def foreign(name: str, protected: bool, **options: Any) -> Form:
+        return _made(name, protected, lambda path: _write_mcap(path, streams, cell, **options), 'bag.mcap')
+
+    folder = ours('MCAP folder', True)
+    return [
+        folder,
+        Form('metadata of an MCAP folder', folder.root, folder.files, _file(folder, METADATA), False),
+        ours('MCAP file', True, 'bag.mcap'),
+        ours('MCAP folder, zstd', True, compression='zstd'),
+        foreign('MCAP, lz4', True, compression=CompressionType.LZ4),
+        foreign('MCAP without checksums', False, compression=CompressionType.NONE, enable_crcs=False),
+        foreign('MCAP, zstd, without checksums', False, compression=CompressionType.ZSTD, enable_crcs=False),
+        foreign('MCAP without chunks', False, compression=CompressionType.NONE, use_chunking=False),
+        _made('folder that the collector left, killed', True, lambda path: _killed(path, streams, cell), 'bag'),
+        ours('SQLite', False, storage='sqlite3'),
+        _bare(ours('SQLite', False, storage='sqlite3')),
+        ours('SQLite, zstd', False, storage='sqlite3', compression='zstd'),
+        _made('SQLite, each message zstd', False, lambda path: _write_packed(path, streams, cell), 'bag'),
+        ours('ROS 1', False, 'bag.bag'),
+        _made('ROS 1, lz4', False, lambda path: _write_ros1(path, streams, cell), 'bag.bag'),
+    ]
+
+
+def _made(name: str, protected: bool, make: Callable[[Path], None], file: str) -> Form:
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder) / file
+        make(root)
+        paths = [path for path in Path(folder).rglob('*') if path.is_file()]
+        files = {str(path.relative_to(folder)): path.read_bytes() for path in sorted(paths)}
+    largest = max((path for path in files if not path.endswith(METADATA)), key=lambda path: len(files[path]))
+    return Form(name, file, files, largest, protected)
+
+
+def _bare(form: Form) -> Form:
+    """The database alone."""
+    return replace(form, name=f'{form.name} file', root=form.target, files={form.target: form.files[form.target]})
+
+
+def _file(form: Form, name: str) -> str:
+    return next(path for path in form.files if path.endswith(name))
+
+
+def _messages(streams: Streams, cell: Cell, *, ros1: bool = False) -> list[Message]:
+    """The cell description, then all messages in the order of time."""
+    joints, wrench = streams.joints, streams.wrench
+    positions = joint_state_messages(joints.stamp, joints.position, cell.joint_names, ros1=ros1)
+    forces = wrench_messages(wrench.stamp, wrench.force, 'base', ros1=ros1)
+    items = [(stamp, 1, data) for stamp, data in zip(joints.stamp.tolist(), positions, strict=True)]
+    items += [(stamp, 2, data) for stamp, data in zip(wrench.stamp.tolist(), forces, strict=True)]
+    items.sort(key=lambda item: item[0])
+    return [(items[0][0], 0, string_message(dump_cell(cell), ros1=ros1)), *items]
+
+
+def _write_mcap(path: Path, streams: Streams, cell: Cell, **options: Any) -> None:
+    with path.open('wb') as stream:
+        writer = Writer(stream, chunk_size=4096, **options)
+        writer.start('ros2', 'another recorder')
+        ids = []
+        for channel in channels(cell):
+            schema = writer.register_schema(channel.msgtype, 'ros2msg', channel.definition.encode())
+            ids.append(writer.register_channel(channel.topic, 'cdr', schema))
+        for time, number, data in _messages(streams, cell):
+            writer.add_message(ids[number], time, data, time)
+        writer.finish()
+
+
+def _killed(path: Path, streams: Streams, cell: Cell) -> None:
+    """What is there when a collector was killed between two checkpoints; everything had been secured."""
+    bag = BagWriter(path, cell, log_time=0)
+    messages = _messages(streams, cell)[1:]
+    for count, (time, number, data) in enumerate(messages, start=1):
+        (bag.write_joint_state if number == 1 else bag.write_wrench)(data, time)
+        if count % (len(messages) // PIECES + 1) == 0 or count == len(messages):
+            bag.checkpoint()
+
+
+def _write_packed(path: Path, streams: Streams, cell: Cell) -> None:
+    writer = rosbag2.Writer(path, version=8, storage_plugin=rosbag2.StoragePlugin.SQLITE3)
+    writer.set_compression(rosbag2.CompressionMode.MESSAGE, rosbag2.CompressionFormat.ZSTD)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with writer:
+        connections = [writer.add_connection(item.topic, item.msgtype, typestore=store) for item in channels(cell)]
+        for time, number, data in _messages(streams, cell):
+            writer.write(connections[number], time, data)
+
+
+def _write_ros1(path: Path, streams: Streams, cell: Cell) -> None:
+    writer = rosbag1.Writer(path)
+    writer.set_compression(rosbag1.Writer.CompressionFormat.LZ4)
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with writer:
+        connections = [writer.add_connection(item.topic, item.msgtype, typestore=store) for item in channels(cell)]
+        for time, number, data in _messages(streams, cell, ros1=True):
+            writer.write(connections[number], time, data)

@@ -1,0 +1,162 @@
+"""The collector killed at random moments, and on a disk that gets full: what has it reported, and what is there."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic
+
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from mcap.reader import make_reader
+from rosbags.rosbag2 import Reader
+from std_srvs.srv import Trigger
+
+from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
+from scara_kinetostatic.nodes.demo_client import DemoClient
+from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain
+from scara_kinetostatic.recording.detection import find_touches
+from scara_kinetostatic.recording.reader import embedded_cell, read_streams
+
+PATIENCE = 60.0
+"""Longest wait for anything, s."""
+LIFE = (0.3, 8.0)
+"""Shortest and longest life of a collector, from the start of its process, s."""
+LOAD = {'loop': True, 'time_factor': 10.0, 'joint_rate': 200.0, 'wrench_rate': 200.0}
+"""The simulator: 2000 messages per second on each topic, some four touches per second."""
+
+
+def kill_collectors(number: int, folder: Path) -> Iterator[dict[str, object]]:
+    """Kills so many collectors by SIGKILL, one after the other, while the simulator plays.
+
+    Yields:
+        For each what it had reported and what is there.
+    """
+    domain = free_domain()
+    rng = random.Random(number)
+    with NodeProcesses(domain, folder / 'logs') as simulator, DemoClient(domain, simulator.check) as client:
+        simulator.start('contact_simulator', LOAD)
+        for count in range(number):
+            output = folder / f'bags_{count}'
+            life = rng.uniform(*LIFE)
+            client.recording, client.touches = '', 0
+            with NodeProcesses(domain, folder / 'logs') as nodes:
+                pid = nodes.start('collector', {'output': output, 'autostart': True})
+                _spin(client, life)
+                os.kill(pid, signal.SIGKILL)
+            _spin(client, 0.2)  # what was under way
+            yield {'life': round(life, 2), **examine(output, client.touches)}
+            shutil.rmtree(output, ignore_errors=True)
+
+
+def fill_disk(size: int, folder: Path) -> dict[str, object]:
+    """Lets a collector record until the disk is full, and then once more when there is room.
+
+    The disk is a file system in memory that only the collector sees.
+
+    Args:
+        size: of the disk, bytes.
+        folder: for all the rest.
+
+    Returns:
+        What the collector had reported, what is there, and what it says.
+
+    Raises:
+        OSError: this machine lets nobody mount one.
+    """
+    domain, disk = free_domain(), folder / 'disk'
+    disk.mkdir(parents=True)
+    with (
+        NodeProcesses(domain, folder / 'logs') as simulator,
+        DemoClient(domain, simulator.check) as client,
+        _on_small_disk(disk, size, domain, folder / 'logs' / 'collector.log') as pid,
+    ):
+        said: list[str] = []
+        client._node.create_subscription(DiagnosticArray, '/diagnostics', lambda array: _note(array, said), 10)
+        simulator.start('contact_simulator', LOAD)
+        client.wait('the end of the disk', lambda: any('recording failed' in text for text in said), PATIENCE)
+        inside = Path(f'/proc/{pid}/root{disk}')
+        shutil.copytree(inside, folder / 'copy')
+        result = examine(folder / 'copy', client.touches)
+        answer = client.call('/collector/stop', Trigger, Trigger.Request(), PATIENCE)
+        for item in inside.iterdir():
+            shutil.rmtree(item)
+        again = client.call('/collector/start', Trigger, Trigger.Request(), PATIENCE)
+        return {'size': size, **result, 'said': answer.message, 'records again when there is room': again.success}
+
+
+def examine(output: Path, reported: int) -> dict[str, object]:
+    """Opens whatever a collector left, by readers that forgive nothing and by our own.
+
+    Args:
+        output: folder of its recordings.
+        reported: touches it has reported.
+    """
+    bags = [bag for bag in output.glob('*') if not bag.name.startswith('.')]
+    touches, problems = 0, []
+    for bag in bags:
+        try:
+            _open_strictly(bag)
+            if embedded_cell(bag) != EXAMPLE_CELL:
+                problems.append('another cell')
+            touches += len(find_touches(read_streams(bag, EXAMPLE_CELL), EXAMPLE_CELL).touches)
+        except RecordingError as error:
+            if reported or 'has no messages' not in str(error):
+                problems.append(str(error))
+        except Exception as error:  # whatever a reader stumbles over is a failure
+            problems.append(f'{type(error).__name__}: {error}')
+    return {
+        'reported': reported,
+        'there': touches,
+        'recordings': len(bags),
+        'lost': max(0, reported - touches),
+        'problems': problems,
+    }
+
+
+def _open_strictly(bag: Path) -> None:
+    """Metadata, index, checksums, counts."""
+    with Reader(bag) as reader:
+        read = sum(1 for _ in reader.messages())
+        assert read == reader.message_count, f'{read} of {reader.message_count} messages'
+    metadata = yaml.safe_load((bag / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+    for item in metadata['files']:
+        with (bag / item['path']).open('rb') as stream:
+            count = sum(1 for _ in make_reader(stream, validate_crcs=True).iter_messages())
+        assert count == item['message_count'], f'{count} of {item["message_count"]} messages in {item["path"]}'
+
+
+def _spin(client: DemoClient, seconds: float) -> None:
+    end = monotonic() + seconds
+    while (left := end - monotonic()) > 0:
+        client._executor.spin_once(timeout_sec=left)
+
+
+def _note(array: DiagnosticArray, said: list[str]) -> None:
+    said.extend(status.message for status in array.status)
+
+
+@contextmanager
+def _on_small_disk(disk: Path, size: int, domain: int, log: Path) -> Iterator[int]:
+    """A collector that records to a small file system of its own; gives the process id."""
+    mount = f'mount -t tmpfs -o size={size} none "$1"'
+    isolate = ['unshare', '--mount'] if os.geteuid() == 0 else ['unshare', '--map-root-user', '--mount']
+    if subprocess.run([*isolate, 'sh', '-c', mount, 'sh', str(disk)], check=False).returncode:
+        raise OSError('no file system can be mounted here')
+    collector = 'exec "$2" -m scara_kinetostatic.nodes.collector --ros-args -p autostart:=true -p output:="$1"'
+    command = [*isolate, 'sh', '-c', f'{mount} && {collector}', 'sh', str(disk), sys.executable]
+    environment = os.environ | THIS_MACHINE | {'ROS_DOMAIN_ID': str(domain)}
+    with log.open('wb') as stream, subprocess.Popen(command, env=environment, stdout=stream, stderr=stream) as process:
+        try:
+            yield process.pid
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.wait(PATIENCE)

@@ -1,0 +1,144 @@
+"""The collector under load, both topics at 1 kHz: is anything lost, what does it cost, do the services answer.
+
+    python -m benchmark.live [--seconds 600] [--rate 1000] [--json FILE]
+
+A player publishes a simulated cell over and over, the collector records it. Meanwhile every second `~/start` of
+the collector is called (which answers that it records already), and every 30 s the calibrator calibrates from what
+is there. In the end the bag is read and compared with what was published. Needs ROS 2.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from time import monotonic
+
+import numpy as np
+from std_srvs.srv import Trigger
+
+from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
+from scara_kinetostatic.nodes.demo_client import DemoClient
+from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain
+from scara_kinetostatic.recording.detection import find_touches
+from scara_kinetostatic.recording.reader import read_streams
+
+PATIENCE = 60.0
+"""Longest wait for an answer, s."""
+CALIBRATE_EVERY = 30.0
+ASK_EVERY = 1.0
+
+
+def run(seconds: float, rate: float, folder: Path) -> dict[str, object]:
+    """Plays, records, compares.
+
+    Args:
+        seconds: length of the play.
+        rate: messages per second on each topic.
+        folder: for the recording.
+
+    Returns:
+        The figures by name.
+    """
+    domain = free_domain()
+    environment = os.environ | THIS_MACHINE | {'ROS_DOMAIN_ID': str(domain)}
+    command = [sys.executable, '-m', 'benchmark.live_player', '--seconds', str(seconds), '--rate', str(rate)]
+    with NodeProcesses(domain, folder / 'logs') as nodes:
+        collector = nodes.start('collector', {'output': folder / 'bags', 'autostart': True})
+        nodes.start('calibrator', {'output': folder / 'results'})
+        with (
+            DemoClient(domain, nodes.check) as client,
+            subprocess.Popen(
+                command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            ) as player,
+        ):
+            assert player.stdin is not None
+            assert player.stdout is not None
+            client.wait('the collector', lambda: bool(client.recording), PATIENCE)
+            assert player.stdout.readline() == 'ready\n'
+            player.stdin.write('go\n')
+            player.stdin.flush()
+            figures = _ask(client, seconds, collector)
+            published, latest = player.stdout.readline().split()
+            stopped = client.call('/collector/stop', Trigger, Trigger.Request(), PATIENCE)
+            player.stdin.write('end\n')
+        figures |= {'published of each topic': int(published), 'player late by at most [s]': float(latest)}
+        return figures | _compare(Path(client.recording), int(published)) | {'collector says': stopped.message}
+
+
+def _ask(client: DemoClient, seconds: float, collector: int) -> dict[str, object]:
+    """Calls the services as long as the play lasts, and measures."""
+    for service in ('/collector/start', '/calibrator/calibrate'):
+        client.call(service, Trigger, Trigger.Request(), PATIENCE)
+    begun, used = monotonic(), _cpu(collector)
+    asked, calibrated = begun, begun
+    answers: list[float] = []
+    calibrations: list[tuple[bool, float]] = []
+    while (now := monotonic()) < begun + seconds - 2 * ASK_EVERY:
+        if now - calibrated > CALIBRATE_EVERY:
+            answer = client.call('/calibrator/calibrate', Trigger, Trigger.Request(), PATIENCE)
+            calibrations.append((answer.success, monotonic() - now))
+            calibrated = now
+        elif now - asked > ASK_EVERY:
+            client.call('/collector/start', Trigger, Trigger.Request(), PATIENCE)
+            answers.append(monotonic() - now)
+            asked = now
+        else:
+            client._executor.spin_once(timeout_sec=0.1)
+    return {
+        'CPU of the collector [% of one core]': round(100 * (_cpu(collector) - used) / (monotonic() - begun), 1),
+        'memory of the collector [MiB]': _memory(collector),
+        'answers of ~/start': len(answers),
+        'median answer [s]': round(float(np.median(answers)), 4),
+        'slowest answer [s]': round(max(answers), 4),
+        'calibrations meanwhile': len(calibrations),
+        'of them successful': sum(success for success, _ in calibrations),
+        'slowest calibration [s]': round(max((time for _, time in calibrations), default=0.0), 2),
+    }
+
+
+def _compare(bag: Path, published: int) -> dict[str, object]:
+    """Whether every message that was published stands in the bag, once."""
+    streams = read_streams(bag, EXAMPLE_CELL)
+    found = {'joint states': streams.joints.stamp, 'wrenches': streams.wrench.stamp}
+    return {
+        **{f'lost {name}': published - len(np.unique(stamp)) for name, stamp in found.items()},
+        'touches in the bag': find_touches(streams, EXAMPLE_CELL).found,
+        'warnings': list(streams.warnings),
+    }
+
+
+def _cpu(process: int) -> float:
+    """Time that a process has used, s."""
+    fields = Path(f'/proc/{process}/stat').read_text().rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+def _memory(process: int) -> int:
+    """Largest memory a process has used, MiB."""
+    status = Path(f'/proc/{process}/status').read_text().split('\n')
+    return next(int(line.split()[1]) // 1024 for line in status if line.startswith('VmHWM'))
+
+
+def main() -> int:
+    """Run, print, save."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--seconds', type=float, default=600.0)
+    parser.add_argument('--rate', type=float, default=1000.0)
+    parser.add_argument('--json', type=Path)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix='live_') as folder:
+        figures = run(options.seconds, options.rate, Path(folder))
+    text = json.dumps(figures, indent=2)
+    print(text)
+    if options.json:
+        options.json.write_text(text + '\n', encoding='utf-8')
+    return 1 if figures['lost joint states'] or figures['lost wrenches'] else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

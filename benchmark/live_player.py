@@ -1,0 +1,113 @@
+"""Plays a simulated cell at a fixed rate, serialized beforehand, so that what is measured is the collector.
+
+    python -m benchmark.live_player --seconds 60 --rate 1000
+
+Publishes `/joint_states` and `/wrench` in the ROS domain of the environment, reliably. Prints `ready`, waits for
+a line on stdin, plays, prints how many messages of each topic it published and how late the latest was, s.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from time import monotonic, sleep, time_ns
+
+import rclpy
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import JointState
+
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
+from scara_kinetostatic.nodes.qos import RELIABLE_STREAM
+from scara_kinetostatic.recording.encoding import joint_state_messages, wrench_messages
+from scara_kinetostatic.recording.streams import Streams
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.sensors import SensorModel
+from scara_kinetostatic.simulation.streams import simulate_streams
+
+PERIOD = 0.001
+"""Between two looks at the clock, s."""
+SECOND = 1_000_000_000
+
+
+class Player(Node):
+    """Publishes messages when they are due."""
+
+    def __init__(self) -> None:
+        super().__init__('player')
+        self.joints = self.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
+        self.wrench = self.create_publisher(WrenchStamped, '/wrench', RELIABLE_STREAM)
+
+    def wait_for_subscriber(self) -> None:
+        """Until somebody listens to both topics."""
+        while not (self.joints.get_subscription_count() and self.wrench.get_subscription_count()):
+            sleep(0.05)
+        sleep(0.5)
+
+    def play(self, streams: Streams, start: float, until: float) -> tuple[int, float]:
+        """Plays one pass.
+
+        Args:
+            streams: stamped from 0, ns.
+            start: when it begins, s of the monotonic clock.
+            until: when it ends at the latest.
+
+        Returns:
+            How many pairs of messages were published, and by how much the latest was late, s.
+        """
+        count, latest = 0, 0.0
+        for due, joint_state, wrench in _serialized(streams):
+            while (now := monotonic()) < start + due:
+                sleep(PERIOD)
+            if start + due > until:
+                break
+            latest = max(latest, now - start - due)
+            _publish(self.joints, joint_state)
+            _publish(self.wrench, wrench)
+            count += 1
+        return count, latest
+
+
+def _publish(publisher: Publisher, message: bytes) -> None:
+    publisher.publish(message)
+
+
+def _serialized(streams: Streams) -> Iterator[tuple[float, bytes, bytes]]:
+    """When each pair is due, s, and its bytes."""
+    now = time_ns()
+    joints, wrench = streams.joints, streams.wrench
+    count = min(len(joints.stamp), len(wrench.stamp))
+    positions = joint_state_messages(joints.stamp[:count] + now, joints.position[:count], EXAMPLE_CELL.joint_names)
+    forces = wrench_messages(wrench.stamp[:count] + now, wrench.force[:count], 'base')
+    yield from zip((joints.stamp[:count] / SECOND).tolist(), positions, forces, strict=True)
+
+
+def main() -> int:
+    """Play."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--seconds', type=float, default=60.0)
+    parser.add_argument('--rate', type=float, default=1000.0)
+    options = parser.parse_args()
+    rclpy.init()
+    player = Player()
+    sensors = SensorModel(joint_rate=options.rate, wrench_rate=options.rate)
+    streams = simulate_streams(EXAMPLE_CELL, PAPER_ACTUAL, default_plan(EXAMPLE_CELL), sensors=sensors, start=0)
+    player.wait_for_subscriber()
+    print('ready', flush=True)
+    sys.stdin.readline()
+    start = monotonic()
+    until, count, latest = start + options.seconds, 0, 0.0
+    while monotonic() < until:
+        published, late = player.play(streams, monotonic(), until)
+        count, latest = count + published, max(latest, late)
+    print(count, f'{latest:.4f}', flush=True)
+    sys.stdin.readline()  # reliable: what is under way must not die with the publisher
+    rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
