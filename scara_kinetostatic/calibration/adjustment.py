@@ -30,8 +30,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.misreading import along_and_across, misread, unreading
+from scara_kinetostatic.calibration.misreading import misread, unreading
 from scara_kinetostatic.model.cell import Noise, SensorFrame
+from scara_kinetostatic.model.equations import settle_links
 from scara_kinetostatic.model.extended import all_derivatives, extended_equations, lean_derivative, settled
 from scara_kinetostatic.model.extension import Extension, Setting
 from scara_kinetostatic.model.gripper import Gripper
@@ -163,22 +164,22 @@ def linearise(observations: Observations, parameters: Parameters, adjusted: Adju
     setting = o.setting(adjusted.joints, adjusted.lean)
     e = extended_equations(parameters, setting, state)
     derivative = all_derivatives(parameters, setting, state, e)
-    by_joints = derivative[:, :, [THETA1, THETA2]]
-    turned = np.stack([e.normal_d, e.tangent_d], axis=-1)
+    by_joints = derivative[:, :, THETA1 : THETA2 + 1 : THETA2 - THETA1]
     if o.frame is SensorFrame.TOOL:  # the sensor turns with link 2, so the force does
-        by_joints = by_joints + turned[:, :, None]
+        turned = np.stack([e.normal_d, e.tangent_d], axis=-1)
         derivative[:, :, THETA1] += turned
         derivative[:, :, THETA2] += turned
-    by_force = np.empty_like(by_joints)
+    by_force = _by_touch(2, 2, len(o.joints))
+    per_force = 1.0 / state.magnitude
     by_force[:, 0, 0], by_force[:, 1, 0] = e.normal_f, e.tangent_f
-    by_force[:, :, 1] = turned / state.magnitude[:, None]
+    by_force[:, 0, 1], by_force[:, 1, 1] = e.normal_d * per_force, e.tangent_d * per_force
     if o.extension is not None and o.extension.reads:
         derivative[:, :, len(NAMES) :] += misread(o.extension, parameters, adjusted.force, by_force)
         by_force = by_force @ unreading(o.extension, parameters, adjusted.force)
-    off_joints = o.joints - adjusted.joints
-    off_force = along_and_across(o.force - adjusted.force, adjusted.force)
-    misclosure = np.stack([e.normal, e.tangent], axis=-1)
-    misclosure += np.einsum('nij,nj->ni', by_joints, off_joints) + np.einsum('nij,nj->ni', by_force, off_force)
+    misclosure = _by_touch(2, len(o.joints))
+    off = _off_measured(o, adjusted)
+    misclosure[:, 0] = e.normal + _row_times(by_joints[:, 0], by_force[:, 0], off)
+    misclosure[:, 1] = e.tangent + _row_times(by_joints[:, 1], by_force[:, 1], off)
     if not o.spread:
         return Linearisation(misclosure, derivative, by_joints, by_force)
     by_lean = lean_derivative(parameters, setting, state, e)
@@ -187,10 +188,45 @@ def linearise(observations: Observations, parameters: Parameters, adjusted: Adju
     return Linearisation(misclosure, derivative, by_joints, by_force, o.spread * by_lean)
 
 
-def covariance_of(linear: Linearisation, noise: Noise) -> Floats:
-    """V of each touch's misclosure, (n, 3): the entries 11, 21, 22, m²."""
-    covariance = noise.joint**2 * outer(linear.by_joints) + noise.force**2 * outer(linear.by_force)
-    return covariance if linear.by_lean is None else covariance + outer(linear.by_lean[:, :, None])
+def _by_touch(*shape: int) -> Floats:
+    """A new array whose first axis is the last of `shape`: one value of all touches lies in one piece of memory."""
+    return np.empty(shape).transpose()
+
+
+def _off_measured(observations: Observations, adjusted: Adjusted) -> tuple[Floats, Floats, Floats, Floats]:
+    """Measured less adjusted: both joints, rad, and the force along and across the adjusted one, N; (n,) each."""
+    o, a = observations, adjusted
+    along, across = a.force[:, 0], a.force[:, 1]
+    x, y = o.force[:, 0] - along, o.force[:, 1] - across
+    size = np.hypot(along, across)
+    return (
+        o.joints[:, 0] - a.joints[:, 0],
+        o.joints[:, 1] - a.joints[:, 1],
+        (x * along + y * across) / size,
+        (y * along - x * across) / size,
+    )
+
+
+def _row_times(by_joints: Floats, by_force: Floats, off: tuple[Floats, Floats, Floats, Floats]) -> Floats:
+    q1, q2, along, across = off
+    return by_joints[:, 0] * q1 + by_joints[:, 1] * q2 + by_force[:, 0] * along + by_force[:, 1] * across
+
+
+def covariance_of(linear: Linearisation, noise: Noise) -> tuple[Floats, Floats, Floats]:
+    """V of each touch's misclosure: the entries 11, 21, 22, (n,) each, m²."""
+    q, f = noise.joint**2, noise.force**2
+    joints, force = products(linear.by_joints), products(linear.by_force)
+    v11, v21, v22 = (q * a + f * b for a, b in zip(joints, force, strict=True))
+    if linear.by_lean is None:
+        return v11, v21, v22
+    lean1, lean2 = linear.by_lean[:, 0], linear.by_lean[:, 1]
+    return v11 + lean1 * lean1, v21 + lean1 * lean2, v22 + lean2 * lean2
+
+
+def products(matrices: Floats) -> tuple[Floats, Floats, Floats]:
+    """B Bᵀ of (n, 2, 2) matrices: the entries 11, 21, 22, (n,) each."""
+    b11, b12, b21, b22 = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
+    return b11 * b11 + b12 * b12, b11 * b21 + b12 * b22, b21 * b21 + b22 * b22
 
 
 def direction_variance(observations: Observations, noise: Noise) -> Floats:
@@ -207,9 +243,8 @@ def outer(matrices: Floats) -> Floats:
 
 def whiten(linear: Linearisation, noise: Noise, extra: Floats | float = 0.0) -> Whitened:
     """Divide by the Cholesky root of V, touch by touch; `extra` is added to V11."""
-    v11, v21, v22 = np.moveaxis(covariance_of(linear, noise), -1, 0)
-    v11 = v11 + extra
-    l11 = np.sqrt(v11)
+    v11, v21, v22 = covariance_of(linear, noise)
+    l11 = np.sqrt(v11 + extra)
     l21 = v21 / l11
     l22 = np.sqrt(np.maximum(v22 - l21 * l21, 1e-12 * v22))
     root = (l11, l21, l22)
@@ -218,16 +253,21 @@ def whiten(linear: Linearisation, noise: Noise, extra: Floats | float = 0.0) -> 
 
 def whiten_by(array: Floats, root: tuple[Floats, Floats, Floats]) -> Floats:
     """L⁻¹ applied to arrays (n, 2) or (n, 2, k), touch by touch."""
-    l11, l21, l22 = (part.reshape((-1,) + (1,) * (array.ndim - 2)) for part in root)
-    out = np.empty_like(array)
-    out[:, 0] = array[:, 0] / l11
-    out[:, 1] = (array[:, 1] - l21 * out[:, 0]) / l22
-    return out
+    l11, l21, l22 = root
+    columns = array.transpose()  # the touches last
+    out = np.empty(columns.shape)
+    first, second = out[..., 0, :], out[..., 1, :]
+    np.divide(columns[..., 0, :], l11, out=first)
+    np.multiply(first, -l21, out=second)
+    second += columns[..., 1, :]
+    second /= l22
+    return out.transpose()
 
 
 def squared_distance(whitened: Whitened) -> Floats:
     """Squared Mahalanobis distance of each touch, (n,); chi-square of 2 degrees where all is well."""
-    return (whitened.residual**2).sum(axis=-1)
+    first, second = whitened.residual[:, 0], whitened.residual[:, 1]
+    return np.asarray(first * first + second * second)
 
 
 def adjust(
@@ -255,23 +295,36 @@ def adjust(
         noise: σ_q and σ_f.
         frozen: whether every joint stays on its flank.
     """
-    l11, l21, l22 = whitened.root
-    left = whitened.residual + whitened.derivative @ step
-    close = ((left**2).sum(axis=-1) < GROSS)[:, None]
-    second = left[:, 1] / l22
-    multiplier = np.stack([(left[:, 0] - l21 * second) / l11, second], axis=-1)
-    o = observations
-    off_joints = noise.joint**2 * np.einsum('nij,ni->nj', linear.by_joints, multiplier)
-    off = noise.force**2 * np.einsum('nij,ni->nj', linear.by_force, multiplier)
-    x, y = np.moveaxis(adjusted.force / np.hypot(adjusted.force[:, 0], adjusted.force[:, 1])[:, None], -1, 0)
-    off_force = np.stack([off[:, 0] * x - off[:, 1] * y, off[:, 0] * y + off[:, 1] * x], axis=-1)
-    joints = o.joints - np.where(close, off_joints, 0.0)
-    force = np.where(close, o.force - off_force, _turned_radial(o, parameters, adjusted.state))
+    o, b_q, b_f = observations, linear.by_joints, linear.by_force
+    multiplier, close = _multiplier(whitened, step)
+    first, second = multiplier[:, 0], multiplier[:, 1]
+    along, across = (noise.force**2 * (b_f[:, 0, k] * first + b_f[:, 1, k] * second) for k in range(2))
+    size = np.hypot(adjusted.force[:, 0], adjusted.force[:, 1])
+    x, y = adjusted.force[:, 0] / size, adjusted.force[:, 1] / size
+    joints, force = _by_touch(2, len(size)), _by_touch(2, len(size))
+    for k in range(2):
+        joints[:, k] = o.joints[:, k] - noise.joint**2 * (b_q[:, 0, k] * first + b_q[:, 1, k] * second)
+    force[:, 0], force[:, 1] = o.force[:, 0] - (along * x - across * y), o.force[:, 1] - (along * y + across * x)
+    if not close.all():
+        joints = np.where(close[:, None], joints, o.joints)
+        force = np.where(close[:, None], force, _turned_radial(o, parameters, adjusted.state))
     state = place_force(o, parameters, joints, force, adjusted.state)
     lean = None
     if linear.by_lean is not None:
-        lean = -o.spread * np.where(close[:, 0], (linear.by_lean * multiplier).sum(axis=-1), 0.0)
+        lean = -o.spread * np.where(close, (linear.by_lean * multiplier).sum(axis=-1), 0.0)
     return Adjusted(joints, force, settle_twice(o, parameters, joints, state, frozen, lean), lean)
+
+
+def _multiplier(whitened: Whitened, step: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """V⁻¹ (w + h_L̄ ΔL̄), (n, 2), and which touches are not grossly off, (n,)."""
+    l11, l21, l22 = whitened.root
+    n, _, k = whitened.derivative.shape
+    left = whitened.residual.T + (step @ whitened.derivative.transpose(2, 1, 0).reshape(k, 2 * n)).reshape(2, n)
+    close = left[0] * left[0] + left[1] * left[1] < GROSS
+    multiplier = _by_touch(2, n)
+    multiplier[:, 1] = left[1] / l22
+    multiplier[:, 0] = (left[0] - l21 * multiplier[:, 1]) / l11
+    return multiplier, close
 
 
 def settle_twice(
@@ -283,6 +336,8 @@ def settle_twice(
     lean: Floats | None = None,
 ) -> State:
     """Link angles and modes that go with joints and force; the second step is for changed modes."""
+    if observations.extension is None:
+        return settle_links(parameters, joints, state, observations.gripper, frozen, again=True)
     setting = observations.setting(joints, lean)
     return settled(parameters, setting, settled(parameters, setting, state, frozen), frozen)
 

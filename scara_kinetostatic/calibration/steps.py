@@ -8,14 +8,16 @@ covariance and the null space.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 Floats = NDArray[np.float64]
 
-BLOCK = 16384
+BLOCK = 4096
 RANK_TOLERANCE = 1e-11
 CAUCHY = 6.0
 """Squared distance, in units of the typical one, at which a touch's weight is halved."""
@@ -37,33 +39,55 @@ class Compressed(NamedTuple):
     right: Floats
 
 
-def compress(derivative: Floats, residual: Floats, weights: Floats | None = None) -> Compressed:
+def compress(
+    derivative: Floats, residual: Floats, weights: Floats | None = None, basis: Floats | None = None
+) -> Compressed:
     """QR of [J, -r] in blocks of rows, then SVD of the triangle.
 
     Args:
         derivative: J, (n, 2, k).
         residual: r, (n, 2).
         weights: weight of each touch in the sum of squares, (n,); None for 1.
+        basis: (k, m), what stands for J is then J basis; None for the identity.
+
+    Raises:
+        LinAlgError: J is not finite.
     """
     n, k = len(derivative), derivative.shape[2]
+    roots = None if weights is None else np.sqrt(weights)
     triangles = []
     for start in range(0, n, BLOCK):
         part = slice(start, start + BLOCK)
-        rows = np.concatenate([derivative[part], -residual[part, :, None]], axis=2)
-        if weights is not None:
-            rows *= np.sqrt(weights[part])[:, None, None]
-        triangles.append(_triangle(rows.reshape(-1, k + 1)))
-    triangle = triangles[0] if len(triangles) == 1 else _triangle(np.concatenate(triangles))
-    u, values, vt = np.linalg.svd(triangle[:k, :k], full_matrices=False)
+        triangles.append(_triangle(derivative[part], residual[part], None if roots is None else roots[part]))
+    triangle = triangles[0] if len(triangles) == 1 else upper_triangle(np.concatenate(triangles))
+    system = triangle[:k, :k] if basis is None else triangle[:k, :k] @ basis
+    u, values, vt, trouble = lapack.dgesvd(system, full_matrices=False)
+    if trouble:
+        raise np.linalg.LinAlgError('the singular values do not converge')
     return Compressed(u.T @ triangle[:k, k], values, vt.T)
 
 
-def _triangle(rows: Floats) -> Floats:
-    """R of a QR factorisation; square even if there are fewer rows than columns."""
-    missing = rows.shape[1] - len(rows)
-    if missing > 0:
-        rows = np.concatenate([rows, np.zeros((missing, rows.shape[1]))])
-    return np.asarray(np.linalg.qr(rows, mode='r'))
+def _triangle(derivative: Floats, residual: Floats, roots: Floats | None) -> Floats:
+    """R of the QR factorisation of the rows [J, -r], each touch's times its root, (k + 1, k + 1)."""
+    n, _, k = derivative.shape
+    rows = np.empty((k + 1, 2, n))  # transposed: in the order in which LAPACK takes it without a copy
+    rows[:k], rows[k] = derivative.transpose(2, 1, 0), -residual.T
+    if roots is not None:
+        rows *= roots
+    return upper_triangle(rows.reshape(k + 1, 2 * n).T, overwrite=True)
+
+
+def upper_triangle(rows: Floats, overwrite: bool = False) -> Floats:
+    """R of a QR factorisation of rows (m, k), (k, k); square even if there are fewer rows than columns."""
+    m, k = rows.shape
+    if m < k:
+        rows = np.concatenate([rows, np.zeros((k - m, k))])
+    return np.asarray(lapack.dgeqrf(rows, overwrite_a=overwrite)[0][:k] * _upper(k))
+
+
+@cache
+def _upper(k: int) -> Floats:
+    return np.triu(np.ones((k, k)))
 
 
 def _seen(system: Compressed) -> NDArray[np.bool_]:
@@ -99,7 +123,9 @@ def covariance(system: Compressed, least: float = 0.0) -> Floats:
 
 def typical_scale(distance: Floats) -> float:
     """How far the bulk of touches is off: median squared distance over its expectation, 1 or more."""
-    return max(1.0, float(np.median(distance)) / MEDIAN_CHI2)
+    half = len(distance) // 2
+    middle = np.partition(distance, [(len(distance) - 1) // 2, half])
+    return max(1.0, float(middle[(len(distance) - 1) // 2] + middle[half]) / 2 / MEDIAN_CHI2)
 
 
 def robust_weights(distance: Floats, scale: float) -> Floats:

@@ -59,6 +59,8 @@ class Rows(NamedTuple):
         row2: the same of joint 2.
         w1: how strongly row 1 feels its lever arm: p f on a flank, 1 where the joint floats.
         w2: the same of row 2.
+        on1: 1 where joint 1 rests on a flank, 0 where it floats.
+        on2: the same of joint 2.
         i11: M⁻¹, by rows (i11, i12), (i21, i22).
         i12: see `i11`.
         i21: see `i11`.
@@ -70,6 +72,8 @@ class Rows(NamedTuple):
     row2: Floats
     w1: Floats
     w2: Floats
+    on1: Floats
+    on2: Floats
     i11: Floats
     i12: Floats
     i21: Floats
@@ -114,17 +118,18 @@ class Equations(NamedTuple):
     tangent_d: Floats
 
 
-def joint_rows(parameters: Parameters, joints: Floats, state: State, gripper: Gripper) -> Rows:
-    """The rows of (6) and (8) at a state, and M⁻¹."""
+def joint_rows(parameters: Parameters, joints: Floats, state: State, gripper: Gripper, arm: Arm | None = None) -> Rows:
+    """The rows of (6) and (8) at a state, and M⁻¹; `arm` saves work where that of the state is known."""
     p, f = parameters, state.magnitude
-    arm = view_arm(p, state.link1, state.link2, f, state.direction, gripper)
-    on1, on2 = state.mode1 != 0, state.mode2 != 0
-    w1, w2 = np.where(on1, p.p1 * f, 1.0), np.where(on2, p.p2 * f, 1.0)
-    row1 = w1 * arm.lever1 + np.where(on1, state.link1 - joints[:, 0] + p.g1 * state.mode1, 0.0)
-    row2 = w2 * arm.lever2 + np.where(on2, state.link2 - joints[:, 1] + p.g2 * state.mode2, 0.0)
-    m11, m12, m21, m22 = on1 - w1 * arm.turn1, -w1 * arm.turn2, -w2 * arm.turn2, on2 - w2 * arm.turn2
-    det = m11 * m22 - m12 * m21
-    return Rows(arm, row1, row2, w1, w2, m22 / det, -m12 / det, -m21 / det, m11 / det)
+    arm = view_arm(p, *state[:4], gripper) if arm is None else arm
+    on1, on2 = state.mode1 * state.mode1, state.mode2 * state.mode2
+    w1, w2 = on1 * (p.p1 * f) + (1.0 - on1), on2 * (p.p2 * f) + (1.0 - on2)
+    row1 = w1 * arm.lever1 + on1 * (state.link1 - joints[:, 0]) + p.g1 * state.mode1
+    row2 = w2 * arm.lever2 + on2 * (state.link2 - joints[:, 1]) + p.g2 * state.mode2
+    m11, n12, n21 = on1 - w1 * arm.turn1, w1 * arm.turn2, w2 * arm.turn2
+    m22 = on2 - n21
+    inverse = 1.0 / (m11 * m22 - n12 * n21)
+    return Rows(arm, row1, row2, w1, w2, on1, on2, m22 * inverse, n12 * inverse, n21 * inverse, m11 * inverse)
 
 
 def touch_equations(
@@ -147,8 +152,7 @@ def touch_equations(
     arm, (normal, tangent, a1, a2, by_f, by_d) = r.arm, _circle(p, centers, radii, state, r.arm, gripper)
     g11, g12 = a1 * r.i11 + a2 * r.i21, a1 * r.i12 + a2 * r.i22
     g21, g22 = arm.turn1 * r.i11 + arm.turn2 * r.i21, arm.turn1 * r.i12 + arm.turn2 * r.i22
-    row1_f = np.where(state.mode1 != 0, p.p1 * arm.lever1, 0.0)
-    row2_f = np.where(state.mode2 != 0, p.p2 * arm.lever2, 0.0)
+    row1_f, row2_f = p.p1 * r.on1 * arm.lever1, p.p2 * r.on2 * arm.lever2
     if arm.skew is not None:
         row1_f, row2_f = row1_f - r.w1 * arm.skew.tangent, row2_f - r.w2 * arm.skew.tangent
     row1_d, row2_d = r.w1 * arm.turn1, r.w2 * arm.turn2
@@ -209,24 +213,20 @@ def parameter_derivative(state: State, equations: Equations, gripper: Gripper) -
     """
     e, r, f = equations, equations.rows, state.magnitude
     arm = r.arm
-    on1, on2 = state.mode1 != 0, state.mode2 != 0
-    un, ut = arm.ux * arm.nx + arm.uy * arm.ny, arm.uy * arm.nx - arm.ux * arm.ny
-    vn, vt = arm.vx * arm.nx + arm.vy * arm.ny, arm.vy * arm.nx - arm.vx * arm.ny
-    torque1, torque2 = f * arm.lever1 * on1, f * arm.lever2 * on2
+    torque1, torque2 = f * arm.lever1 * r.on1, f * arm.lever2 * r.on2
     out = np.empty((len(NAMES), 2, len(f)))
-    out[X0] = arm.nx, -arm.ny
-    out[Y0] = arm.ny, arm.nx
-    out[THETA1] = e.g11 * on1, e.g21 * on1
-    out[L1] = un + e.g11 * r.w1 * ut, ut + e.g21 * r.w1 * ut
-    out[THETA2] = e.g12 * on2, e.g22 * on2
-    out[L2] = vn + (e.g11 * r.w1 + e.g12 * r.w2) * vt, vt + (e.g21 * r.w1 + e.g22 * r.w2) * vt
-    out[P_EE] = gripper.factor * f, np.zeros_like(f)
-    out[P1] = -e.g11 * torque1, -e.g21 * torque1
-    out[P2] = -e.g12 * torque2, -e.g22 * torque2
-    out[G_EE] = -np.ones_like(f), np.zeros_like(f)
-    out[G1] = -e.g11 * state.mode1, -e.g21 * state.mode1
-    out[G2] = -e.g12 * state.mode2, -e.g22 * state.mode2
-    return np.moveaxis(out, -1, 0).swapaxes(1, 2)
+    normal = out[:, 0], arm.nx, arm.ny, arm.un, arm.vn, e.g11, e.g12
+    tangent = out[:, 1], -arm.ny, arm.nx, arm.ut, arm.vt, e.g21, e.g22
+    for row, x, y, along1, along2, g_1, g_2 in (normal, tangent):
+        w_1 = g_1 * r.w1
+        row[X0], row[Y0] = x, y
+        row[THETA1], row[THETA2] = g_1 * r.on1, g_2 * r.on2
+        row[L1], row[L2] = along1 + w_1 * arm.ut, along2 + (w_1 + g_2 * r.w2) * arm.vt
+        row[P1], row[P2] = -g_1 * torque1, -g_2 * torque2
+        row[G1], row[G2] = -g_1 * state.mode1, -g_2 * state.mode2
+    out[P_EE, 0], out[P_EE, 1] = gripper.factor * f, 0.0
+    out[G_EE, 0], out[G_EE, 1] = -1.0, 0.0
+    return out.transpose(2, 1, 0)
 
 
 def excess_derivative(state: State, equations: Equations, gripper: Gripper) -> Floats:
@@ -255,13 +255,42 @@ def move_links(equations: Equations, state: State, change_f: Floats, change_d: F
     )
 
 
-def settle_links(parameters: Parameters, joints: Floats, state: State, gripper: Gripper, frozen: bool = False) -> State:
-    """One Newton step of the rows alone, then, unless frozen, the modes that the new link angles call for."""
-    r = joint_rows(parameters, joints, state, gripper)
-    moved = state._replace(
+def settle_links(
+    parameters: Parameters,
+    joints: Floats,
+    state: State,
+    gripper: Gripper,
+    frozen: bool = False,
+    again: bool = False,
+) -> State:
+    """One Newton step of the rows alone, then, unless frozen, the modes that the new link angles call for.
+
+    Args:
+        parameters: L̄.
+        joints: Q, (n, 2), rad.
+        state: where from; its force stays.
+        gripper: the form of (7).
+        frozen: whether every joint stays on its flank.
+        again: whether to repeat it where a mode has changed.
+    """
+    moved = _step_links(parameters, joints, state, gripper)
+    if frozen:
+        return moved
+    arm = view_arm(parameters, *moved[:4], gripper)
+    renewed = next_modes(parameters, joints, moved, arm)
+    if not again or ((renewed.mode1 == state.mode1) & (renewed.mode2 == state.mode2)).all():
+        return renewed
+    moved = _step_links(parameters, joints, renewed, gripper, arm)
+    return renew_modes(parameters, joints, moved, gripper)
+
+
+def _step_links(
+    parameters: Parameters, joints: Floats, state: State, gripper: Gripper, arm: Arm | None = None
+) -> State:
+    r = joint_rows(parameters, joints, state, gripper, arm)
+    return state._replace(
         link1=state.link1 - (r.i11 * r.row1 + r.i12 * r.row2), link2=state.link2 - (r.i21 * r.row1 + r.i22 * r.row2)
     )
-    return moved if frozen else renew_modes(parameters, joints, moved, gripper)
 
 
 def renew_modes(parameters: Parameters, joints: Floats, state: State, gripper: Gripper) -> State:

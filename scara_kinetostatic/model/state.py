@@ -60,16 +60,16 @@ def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -
     Returns:
         The state with its modes renewed.
     """
-    p = parameters
-    floats1 = joints[:, 0] - state.link1 - p.p1 * state.magnitude * arm.lever1 + MODE_SCALE * arm.lever1
-    floats2 = joints[:, 1] - state.link2 - p.p2 * state.magnitude * arm.lever2 + MODE_SCALE * arm.lever2
+    p, f = parameters, state.magnitude
+    floats1 = joints[:, 0] - state.link1 + (MODE_SCALE - p.p1 * f) * arm.lever1
+    floats2 = joints[:, 1] - state.link2 + (MODE_SCALE - p.p2 * f) * arm.lever2
     return state._replace(mode1=_mode(floats1, arm.lever1, p.g1), mode2=_mode(floats2, arm.lever2, p.g2))
 
 
 def _mode(pointer: Floats, arm: Floats, backlash: float) -> Floats:
     if backlash <= 0:
         return np.where(arm < 0, -1.0, 1.0)
-    return np.where(np.abs(pointer) <= backlash, 0.0, np.sign(pointer))
+    return np.sign(pointer) * (np.abs(pointer) > backlash)
 
 
 def free_state(parameters: Parameters, joints: Floats, centers: Floats) -> State:

@@ -24,6 +24,8 @@ from scara_kinetostatic.model.parameters import Parameters
 
 Floats = NDArray[np.float64]
 
+ISOTROPIC = Gripper().excess
+
 
 class Arm(NamedTuple):
     """The arm at link angles Q*, seen along a force direction; all (n,).
@@ -39,6 +41,15 @@ class Arm(NamedTuple):
         a2: lever arm of joint 2, m.
         b1: move of the tip along t per angle of joint 1, m.
         b2: the same of joint 2, m.
+        lever1: lever arm of joint 1, gripper and all, m.
+        lever2: the same of joint 2, m.
+        turn1: what `lever1` loses per angle of joint 1, and gains as the force turns, m.
+        turn2: the same of joint 2, m.
+        skew: what the gripper adds where it does not give way along the force; None where it does.
+        un: unit vector of link 1 along n.
+        ut: the same along t.
+        vn: unit vector of link 2 along n.
+        vt: the same along t.
     """
 
     ux: Floats
@@ -56,6 +67,10 @@ class Arm(NamedTuple):
     turn1: Floats
     turn2: Floats
     skew: Skew | None
+    un: Floats
+    ut: Floats
+    vn: Floats
+    vt: Floats
 
 
 def view_arm(
@@ -78,12 +93,13 @@ def view_arm(
     second = first + link2 + parameters.theta2
     ux, uy, vx, vy = np.cos(first), np.sin(first), np.cos(second), np.sin(second)
     nx, ny = np.cos(direction), np.sin(direction)
-    a2 = parameters.l2 * (vx * ny - vy * nx)
-    b2 = parameters.l2 * (vx * nx + vy * ny)
-    a1 = parameters.l1 * (ux * ny - uy * nx) + a2
-    b1 = parameters.l1 * (ux * nx + uy * ny) + b2
-    skew = gripper.skew(direction - second)
+    un, ut = ux * nx + uy * ny, uy * nx - ux * ny
+    vn, vt = vx * nx + vy * ny, vy * nx - vx * ny
+    a2, b2 = -parameters.l2 * vt, parameters.l2 * vn
+    a1, b1 = a2 - parameters.l1 * ut, b2 + parameters.l1 * un
+    skew = None if gripper.excess == ISOTROPIC else gripper.skew(direction - second)
     if skew is None:
-        return Arm(ux, uy, vx, vy, nx, ny, a1, a2, b1, b2, a1, a2, b1, b2, None)
+        return Arm(ux, uy, vx, vy, nx, ny, a1, a2, b1, b2, a1, a2, b1, b2, None, un, ut, vn, vt)
     aside, turn = magnitude * skew.tangent, magnitude * skew.tangent_turn
-    return Arm(ux, uy, vx, vy, nx, ny, a1, a2, b1, b2, a1 - aside, a2 - aside, b1 - turn, b2 - turn, skew)
+    levers = a1 - aside, a2 - aside, b1 - turn, b2 - turn
+    return Arm(ux, uy, vx, vy, nx, ny, a1, a2, b1, b2, *levers, skew, un, ut, vn, vt)
