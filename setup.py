@@ -39,6 +39,7 @@ setup(
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/launch', files('launch', '*.launch.py')),
         (f'share/{NAME}/config', files('config', '*.yaml')),
+        (f'share/{NAME}/config/sros2', files('config/sros2', '*.xml')),
     ],
     install_requires=[
         'numpy>=1.26',

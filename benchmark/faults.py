@@ -19,7 +19,6 @@ import json
 import os
 import sys
 import tempfile
-from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -60,7 +59,7 @@ class Row:
     """
 
     form: str
-    counts: Counter[str] = field(default_factory=Counter)
+    counts: dict[str, int] = field(default_factory=lambda: {verdict.value: 0 for verdict in Verdict})
     slowest: float = 0.0
     shift: float = 0.0
     failures: list[tuple[int, str]] = field(default_factory=list)

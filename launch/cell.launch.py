@@ -41,12 +41,14 @@ def _arguments() -> list[DeclareLaunchArgument]:
         argument('autostart', 'true', 'collector: record at once', **switch),
         argument('recordings', 'recordings', 'collector: folder for the recordings'),
         argument('output', '', 'calibrator: folder for the results; empty: beside the recording'),
+        argument('enclaves', '/scara_kinetostatic', 'SROS 2: the enclave of each node is <this>/<its name>'),
     ]
 
 
 def _nodes() -> list[Node]:
     def node(name: str, values: dict[str, object], **more: object) -> Node:
         parameters = [LaunchConfiguration('params'), {'cell': _value('cell', str), **values}]
+        more['ros_arguments'] = ['--enclave', [LaunchConfiguration('enclaves'), f'/{name}']]
         return Node(package=PACKAGE, executable=name, name=name, output='screen', parameters=parameters, **more)
 
     simulator = {

@@ -1,0 +1,76 @@
+"""The policy for SROS 2 allows each node the topics and services that it has, and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from rclpy.node import Node
+
+from scara_kinetostatic.nodes.calibrator import Calibrator
+from scara_kinetostatic.nodes.collector import Collector
+from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
+
+ROOT = Path(__file__).parents[2]
+POLICIES = ROOT / 'config' / 'sros2'
+KINDS = {'contact_simulator': ContactSimulator, 'collector': Collector, 'calibrator': Calibrator}
+RULES = {
+    ('topics', 'publish'): Node.get_publisher_names_and_types_by_node,
+    ('topics', 'subscribe'): Node.get_subscriber_names_and_types_by_node,
+    ('services', 'reply'): Node.get_service_names_and_types_by_node,
+    ('services', 'request'): Node.get_client_names_and_types_by_node,
+}
+"""What a policy can allow, and how a node is asked what it does."""
+
+
+def allowed(file: str, node: str) -> dict[tuple[str, str], set[str]]:
+    """The full names that a policy allows a node, by rule."""
+    policy = ElementTree.parse(POLICIES / file).getroot()
+    assert (policy.tag, policy.attrib) == ('policy', {'version': '0.2.0'})
+    (profile,) = policy.iterfind(f"enclaves/enclave/profiles/profile[@node='{node}']")
+    assert profile.attrib['ns'] == '/'
+    names: dict[tuple[str, str], set[str]] = {rule: set() for rule in RULES}
+    for group in profile:
+        ((verb, qualifier),) = group.attrib.items()
+        assert qualifier == 'ALLOW'
+        names[group.tag, verb] |= {_resolved(str(item.text), node) for item in group}
+    return names
+
+
+def _resolved(name: str, node: str) -> str:
+    return f'/{node}{name[1:]}' if name.startswith('~') else '/' + name.removeprefix('/')
+
+
+@pytest.mark.parametrize('name', KINDS)
+def test_a_node_may_do_what_it_does_and_nothing_else(spin: Callable[..., Node], name: str) -> None:
+    enclave = f'/scara_kinetostatic/{name}'
+    node = spin(KINDS[name], '--ros-args', '-p', 'use_sim_time:=true', '--enclave', enclave)
+    assert (name, '/', enclave) in node.get_node_names_and_namespaces_with_enclaves()
+    has = {rule: {topic for topic, _ in ask(node, name, '/')} for rule, ask in RULES.items()}
+    assert allowed('nodes.policy.xml', name) == has
+
+
+def test_every_node_has_an_enclave_of_its_own_and_the_launch_file_names_it() -> None:
+    policy = ElementTree.parse(POLICIES / 'nodes.policy.xml').getroot()
+    enclaves = {enclave.attrib['path']: enclave for enclave in policy.iterfind('enclaves/enclave')}
+    assert set(enclaves) == {f'/scara_kinetostatic/{name}' for name in KINDS}
+    for path, enclave in enclaves.items():
+        assert [profile.attrib['node'] for profile in enclave.iterfind('profiles/profile')] == [path.rpartition('/')[2]]
+    assert "argument('enclaves', '/scara_kinetostatic'" in (ROOT / 'launch/cell.launch.py').read_text()
+
+
+def test_the_operator_may_call_and_hear_what_there_is() -> None:
+    nodes = [allowed('nodes.policy.xml', name) for name in KINDS]
+    operator = allowed('operator.policy.xml', '_ros2cli')
+    assert operator['services', 'request'] == set().union(*(node['services', 'reply'] for node in nodes))
+    assert operator['topics', 'subscribe'] <= set().union(*(node['topics', 'publish'] for node in nodes))
+    assert operator['topics', 'publish'] == {'/parameter_events', '/rosout'}
+    assert all(name.startswith('/_ros2cli*/') for name in operator['services', 'reply'])
+
+
+def test_policies_are_installed() -> None:
+    setup = (ROOT / 'setup.py').read_text()
+    assert "files('config/sros2', '*.xml')" in setup
+    assert 'recursive-include config *.xml' in (ROOT / 'MANIFEST.in').read_text()
