@@ -10,6 +10,9 @@ from pathlib import Path
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.recording.raw import BATCH, Batch, Batches, Topic, ros2_type, ros_topic
 
+_SMALL = 1 << 30
+"""So large a file is checked as a whole, bytes; a larger one holds other things than these messages."""
+
 
 class SqliteFile:
     """Reads the two tables that every version of the storage has; a `Source`.
@@ -48,19 +51,19 @@ class SqliteFile:
             self.warnings.append(f'{self.path.name} is cut off: expected {expected} bytes, read as far as it goes')
 
     def _check_rows(self, database: sqlite3.Connection) -> None:
-        """Whether every message can be found and belongs to a topic; SQLite has no checksums that would tell."""
-        by_row = 'SELECT count(*), total(topic_id NOT IN (SELECT id FROM topics)) FROM messages NOT INDEXED'
+        """Whether the structure is sound and every message has a topic; there are no checksums that would tell more."""
+        stray = 'SELECT count(*) FROM messages WHERE topic_id NOT IN (SELECT id FROM topics)'
         try:
-            (indexed,) = database.execute('SELECT count(*) FROM messages').fetchone()
-            stored, stray = database.execute(by_row).fetchone()
+            small = self.path.stat().st_size < _SMALL
+            (problem,) = database.execute('PRAGMA quick_check(1)').fetchone() if small else ('ok',)
+            (lost,) = database.execute(stray).fetchone()
         except sqlite3.DatabaseError as error:
             self.warnings.append(f'{self.path.name} is damaged ({error})')
             return
-        if stray or stored != indexed:
-            self.warnings.append(
-                f'{self.path.name} is damaged: it has {indexed} messages by its index, {stored} in its table, '
-                f'{stray:.0f} of no topic'
-            )
+        if problem != 'ok':
+            self.warnings.append(f'{self.path.name} is damaged ({problem}): messages may be missing')
+        elif lost:
+            self.warnings.append(f'{self.path.name} is damaged: {lost} messages belong to no topic')
 
     def _connect(self) -> sqlite3.Connection:
         """Open for reading alone; what a killed writer left in the write-ahead log is taken in where possible."""

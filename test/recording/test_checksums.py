@@ -97,7 +97,20 @@ def test_rows_that_got_lost_in_a_bare_database_are_missed(tmp_path: Path, stream
     assert told(file) == ''
     with closing(sqlite3.connect(file)) as database, database:
         database.execute('UPDATE messages SET topic_id = 77 WHERE id = 50')
-    assert '641 messages by its index, 641 in its table, 1 of no topic' in told(file)
+    assert '1 messages belong to no topic' in told(file)
+
+
+def test_a_page_that_got_mixed_up_is_noticed(tmp_path: Path, streams: Streams) -> None:
+    """A row takes a number that is not its turn: it is stored and counted, and cannot be found."""
+    write_streams(tmp_path / 'bag', streams, CELL, storage='sqlite3')
+    file = next((tmp_path / 'bag').glob('*.db3'))
+    content = bytearray(file.read_bytes())
+    page = 4096 * (content.index(messages(streams)[10].payload) // 4096)
+    assert content[page] == 13, 'a leaf of a table'
+    cells = page + 8
+    content[cells : cells + 4] = content[cells + 2 : cells + 4] + content[cells : cells + 2]
+    file.write_bytes(content)
+    assert 'is damaged' in told(file)
 
 
 def test_more_messages_than_the_metadata_count(tmp_path: Path, streams: Streams) -> None:
