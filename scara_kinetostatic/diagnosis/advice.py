@@ -16,6 +16,8 @@ from scara_kinetostatic.effects.unnamed import Unnamed
 
 LARGEST_JOINT_NOISE = 2e-4
 """Estimated repeatability of a joint beyond which it is an error of the model, rad."""
+GROWING = 1e-3
+"""P-value below which it is said that the noise grows with the force."""
 FEW = 4
 LARGEST_ERROR_SHARE = 0.2
 """The same for the force error as a part of the force."""
@@ -57,6 +59,17 @@ def hint(p_value: float, found: Sequence[Trace]) -> str:
         f'a hint of structure{over} (p = {p_value:.1g}), and nothing that explains it well enough to be believed; '
         'more touches would show whether it is there'
     )
+
+
+def with_growing_noise(text: str, p_value: float) -> str:
+    """What to add where the scatter of the force is not the same at all forces."""
+    if p_value >= GROWING:
+        return text
+    said = (
+        f'the scatter of the force grows with the force (p = {p_value:.1g}), and all tests take it for the same: '
+        'structure over the size of the force may be no more than that'
+    )
+    return f'{text}. {said}' if text else said
 
 
 def too_quiet(c: Calibration) -> str:

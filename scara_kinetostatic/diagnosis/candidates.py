@@ -19,6 +19,8 @@ PARTNERS = 12
 RIDGE = 1e-6
 LEAST_NEW = 0.012
 """Part of a unit column that must be new beside the twelve; less is the noise of the measured force."""
+LEAST_NEW_AT_ONE_LEVEL = 0.03
+"""The same where all forces are alike."""
 
 
 class Candidate(NamedTuple):
@@ -142,7 +144,8 @@ def new_part(problem: Problem, columns: Floats) -> tuple[Floats, float]:
         return np.empty((len(columns), 0)), 0.0
     left = columns - problem.base @ (problem.base.T @ columns)
     u, values, _ = np.linalg.svd(left, full_matrices=False)
-    return u[:, values > LEAST_NEW], min(1.0, float(values[0]))
+    least = LEAST_NEW_AT_ONE_LEVEL if problem.one_level else LEAST_NEW
+    return u[:, values > least], min(1.0, float(values[0]))
 
 
 def best_trial(problem: Problem, scan: Scan, beside: Candidate | None = None) -> Candidate:

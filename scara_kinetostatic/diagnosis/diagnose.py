@@ -14,7 +14,7 @@ from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.candidates import Field
 from scara_kinetostatic.diagnosis.contest import CREDIBLE, rank_singles
 from scara_kinetostatic.diagnosis.deciding import Deciding, decide
-from scara_kinetostatic.diagnosis.leaning import lean_p_value, without_direction
+from scara_kinetostatic.diagnosis.leaning import growing_p_value, lean_p_value, without_direction
 from scara_kinetostatic.diagnosis.problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.refit import effect_values
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
@@ -56,11 +56,20 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
         calibration: of the twelve parameters.
         effects: the catalogue; None for all that `effects.registry` lists.
     """
-    c, known = calibration, tuple(catalogue(calibration.cell) if effects is None else effects)
+    known = tuple(catalogue(calibration.cell) if effects is None else effects)
+    found = _diagnose(calibration, known)
+    final = found.extended or calibration
+    leaning = any(effect.spread for effect in final.cell.effects)
+    growing = 1.0 if leaning else min(growing_p_value(fit) for fit in (calibration, final))
+    return replace(found, advice=advice.with_growing_noise(found.advice, growing))
+
+
+def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
+    c = calibration
     problem = pose_problem(c)
     field = all_candidates(c, problem, known)
     before = adequacy(c, problem, field)
-    lean = lean_p_value(c, problem)
+    lean = lean_p_value(c)
     p_value = min(1.0, 2 * min(before.p_value, lean))
     incredible = advice.incredible(c)
     alarm = p_value < SIGNIFICANCE or bool(incredible)

@@ -14,22 +14,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from scara_kinetostatic.calibration.adjustment import outer, whiten_by
+from scara_kinetostatic.calibration.adjustment import Observations, outer, whiten_by
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import Near
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.solver import Point
 from scara_kinetostatic.calibration.variance import whiten_matrix
-from scara_kinetostatic.diagnosis.problem import Problem
+from scara_kinetostatic.diagnosis.problem import orthonormal
 from scara_kinetostatic.diagnosis.refit import with_left_out
 from scara_kinetostatic.effects.contact_lean import ContactLean
+from scara_kinetostatic.model.cell import Noise
 
 Floats = NDArray[np.float64]
 
 FREE = 10.0
 """A standard deviation of the lean that leaves it free, rad."""
 FIRST_LEAN = 0.03
+TYPICAL_LEAN = 0.01
 LEAST_LEAN = 1e-4
 TINY = 1e-12
 """Mean square of a residual that is rounding error."""
@@ -38,27 +41,56 @@ SETTLED = 0.02
 """Relative change of the lean at which it has settled."""
 
 
-def lean_p_value(calibration: Calibration, problem: Problem) -> float:
+def lean_p_value(calibration: Calibration, beside_growing: bool = False) -> float:
     """P-value of "no force leans beyond its noise", one-sided.
 
     Noise that is stated too small is none of its business: the residuals are taken to have the size that they have.
+
+    Args:
+        calibration: with or without effects, none of them a lean.
+        beside_growing: whether the noise of the force may grow with it; that shows along the force as well as across.
     """
-    point = problem.point
-    by_lean = np.zeros((len(problem.situation.radii), 2, 1))
-    by_lean[:, 1, 0] = problem.situation.radii
-    parts = [outer(point.linear.by_joints), outer(point.linear.by_force), outer(by_lean)]
-    noise = np.array([*calibration.noise, 1.0]) ** 2
-    kinds = [size * whiten_matrix(part, point.whitened.root) for size, part in zip(noise, parts, strict=True)]
-    rows = problem.base.reshape(-1, 2, problem.base.shape[1])
+    return _excess(calibration, 'lean', ('joint', 'force', 'growing') if beside_growing else ('joint', 'force'))
+
+
+def growing_p_value(calibration: Calibration) -> float:
+    """P-value of "the noise of the force is the same at all forces", one-sided against noise that grows with it."""
+    return _excess(calibration, 'growing', ('joint', 'force', 'lean'))
+
+
+def _excess(calibration: Calibration, kind: str, beside: tuple[str, ...]) -> float:
+    """P-value of "there is no variance of this kind", beside those of other kinds of any size."""
+    c = calibration
+    observations = observe(c.touches.select(c.used), c.cell)
+    point = project(observations, c.parameters, c.noise)
+    jacobian = (point.whitened.derivative @ c.subspace.basis).reshape(2 * len(point.distance), -1)
+    base = orthonormal(jacobian)
+    residual = point.whitened.residual.ravel()
+    left = residual - base @ (base.T @ residual)
+    size = max(float(left @ left) / max(len(left) - base.shape[1], 1), TINY)
+    kinds = [_kind(name, observations, point, c.noise) for name in (*beside, kind)]
+    rows = base.reshape(-1, 2, base.shape[1])
     kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
-    size = max(float(problem.left @ problem.left) / max(problem.freedoms, 1), TINY)
-    e = (problem.left / np.sqrt(size)).reshape(-1, 2)
-    score = np.array([np.einsum('ni,nij,nj->', e, kind, e) - np.einsum('nij,nji->', kind, kept) for kind in kinds])
-    half = [np.einsum('nij,njk->nik', kind, kept) for kind in kinds]
-    information = 2 * np.array([[np.einsum('nij,nji->', a, b) for b in half] for a in half])
-    weights = np.linalg.lstsq(information[:2, :2], information[:2, 2], rcond=1e-9)[0]
-    value, variance = score[2] - weights @ score[:2], information[2, 2] - weights @ information[:2, 2]
+    e = (left / np.sqrt(size)).reshape(-1, 2)
+    score = np.array([np.einsum('ni,nij,nj->', e, part, e) - np.einsum('nij,nji->', part, kept) for part in kinds])
+    half = [np.einsum('nij,njk->nik', part, kept) for part in kinds]
+    information = 2 * np.array([[np.einsum('nij,nji->', first, second) for second in half] for first in half])
+    weights = np.linalg.lstsq(information[:-1, :-1], information[:-1, -1], rcond=1e-9)[0]
+    value, variance = score[-1] - weights @ score[:-1], information[-1, -1] - weights @ information[:-1, -1]
     return float(stats.norm.sf(value / np.sqrt(variance))) if variance > 0 else 1.0
+
+
+def _kind(name: str, observations: Observations, point: Point, noise: Noise) -> Floats:
+    """One kind of variance of each touch, whitened, (n, 2, 2)."""
+    if name == 'lean':
+        by_lean = np.zeros((len(observations.radii), 2, 1))
+        by_lean[:, 1, 0] = TYPICAL_LEAN * observations.radii
+        return whiten_matrix(outer(by_lean), point.whitened.root)
+    by = noise.joint * point.linear.by_joints if name == 'joint' else noise.force * point.linear.by_force
+    if name == 'growing':
+        magnitude = point.adjusted.state.magnitude
+        by = by * (magnitude / magnitude.mean())[:, None, None]
+    return whiten_matrix(outer(by), point.whitened.root)
 
 
 def fit_with_lean(calibration: Calibration) -> Calibration:

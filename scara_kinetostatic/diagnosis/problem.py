@@ -32,6 +32,8 @@ Floats = NDArray[np.float64]
 
 MOST = 2000
 """Touches that a diagnosis looks at; the fit itself takes all."""
+LEVELS = 3.0
+"""Standard deviations of the noise by which forces must scatter to be of several levels."""
 NEGLIGIBLE = 1e-9
 """A unit column with less than this left beside the others adds no rank."""
 
@@ -47,6 +49,7 @@ class Problem(NamedTuple):
         base: orthonormal basis of J, (2n, r).
         left: y less what the twelve can take up, (2n,).
         noise_given: whether s is known to be 1.
+        one_level: whether all forces are the same but for their noise: what is read off their differences is noise.
         response: what the twelve become when y does: L̄ follows y by it, (12, 2n).
     """
 
@@ -57,6 +60,7 @@ class Problem(NamedTuple):
     base: Floats
     left: Floats
     noise_given: bool
+    one_level: bool
     response: Floats
 
     @property
@@ -104,6 +108,7 @@ def pose_problem(calibration: Calibration, which: NDArray[np.bool_] | None = Non
         base=base,
         left=np.empty(0),
         noise_given=c.noise_source == 'given',
+        one_level=bool(np.std(point.adjusted.state.magnitude) < LEVELS * c.noise.force),
         response=-c.subspace.basis[: len(NAMES)] @ np.linalg.pinv(jacobian),
     )
     strengths = [law.strength(part) for law, part in zip(extension.laws, extension.values(c.parameters), strict=True)]

@@ -123,7 +123,7 @@ def all_candidates(latest: Calibration, problem: Problem, effects: Sequence[Effe
     pairs = zip(latest.cell.effects, effect_values(latest), strict=True)
     fitted = {effect.label: values for effect, (values, _) in pairs if isinstance(effect, Effect) and len(values)}
     discs = [disc.name for disc in latest.cell.discs]
-    return gather(problem, [*effects, *unnamed_effects(problem.situation, discs)], fitted)
+    return gather(problem, [*effects, *unnamed_effects(problem.situation, discs, problem.one_level)], fitted)
 
 
 def _winners(contest: Contest) -> list[Candidate]:

@@ -8,20 +8,25 @@ may have made look bad. Each way is followed to its end and judged by one sum, s
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.estimate import Near
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.contest import CREDIBLE
 from scara_kinetostatic.diagnosis.evidence import story
-from scara_kinetostatic.diagnosis.leaning import fit_with_lean
+from scara_kinetostatic.diagnosis.leaning import fit_with_lean, lean_p_value
 from scara_kinetostatic.diagnosis.search import Search, search
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.contact_lean import ContactLean
 from scara_kinetostatic.errors import UnsupportedDataError
 
+SURE = 1e-4
+"""P-value of the lean beside noise that grows with the force, below which friction is named."""
 SUSPICIOUS = 2
 """Rejected touches from which on they are asked whether an effect explains them."""
 
@@ -83,5 +88,20 @@ def _leaning(calibration: Calibration, known: Sequence[Effect]) -> list[Search]:
         return []
     if extended is None or extended.termination is not Termination.CONVERGED:
         return []
+    if not _surely_leans(calibration, extended):
+        return []
     price = float(np.log(len(calibration.touches)) + 2 * np.log(len(known)))
     return [found._replace(extended=extended, price=found.price + price, proved=(ContactLean.name, *found.proved))]
+
+
+def _surely_leans(calibration: Calibration, extended: Calibration) -> bool:
+    """Whether, beside the other effects of the extended model, the lean is no noise that grows with the force."""
+    c = calibration
+    others = tuple(effect for effect in extended.cell.effects if not isinstance(effect, ContactLean))
+    if others:
+        near = Near(extended.parameters, extended.noise, extended.used)
+        try:
+            c = calibrate(c.touches, replace(c.cell, effects=others), fixed=c.fixed, near=near)
+        except UnsupportedDataError:
+            return False
+    return lean_p_value(replace(c, used=extended.used), beside_growing=True) < SURE

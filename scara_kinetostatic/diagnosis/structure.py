@@ -21,6 +21,7 @@ from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import Point
+from scara_kinetostatic.diagnosis.problem import LEVELS
 from scara_kinetostatic.model.statics import view_arm
 from scara_kinetostatic.model.touch import TouchSet
 
@@ -82,6 +83,8 @@ def families(calibration: Calibration, point: Point) -> tuple[Family, ...]:
         'the sense of approach': np.sign(touches.approach),
         'time': _powers(touches.time)[:, :2],
     }
+    if np.std(f) < LEVELS * calibration.noise.force:
+        del smooth['the size of the force']  # what is left of it is its noise
     one_side = [
         Family(f'{name} ({side} the force)', _on_side(columns, k))
         for name, columns in smooth.items()

@@ -137,15 +137,17 @@ def variable(at: Situation, name: str) -> Floats:
     return values[name]
 
 
-def unnamed_effects(at: Situation, discs: Sequence[str]) -> Iterator[Effect]:
+def unnamed_effects(at: Situation, discs: Sequence[str], one_level: bool = False) -> Iterator[Effect]:
     """All that residuals of these touches could depend on.
 
     Args:
         at: the touches.
         discs: names of the cell's discs.
+        one_level: whether all forces are the same but for their noise; then nothing can depend on their size.
     """
+    names = [name for name in VARIABLES if not (one_level and name == 'force')]
     for channel in ('joint1', 'joint2', 'along', 'across'):
-        for name in VARIABLES:
+        for name in names:
             value = variable(at, name)
             middle, half = float(value.max() + value.min()) / 2, float(np.ptp(value)) / 2 or 1.0
             if name in ANGLES and name not in JOINTS:

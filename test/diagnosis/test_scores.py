@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from diagnosis.played import CELL, effect, examined, play
 
@@ -84,7 +86,7 @@ def test_touches_that_decide_are_those_where_rivals_differ():
     touches = decide(fit, rivals)
     assert 1 <= len(touches) <= 4
     assert all(touch.sigmas > 2 and touch.apart > 0 for touch in touches)
-    assert all(a.sigmas >= b.sigmas for a, b in zip(touches, touches[1:], strict=False))
+    assert all(a.sigmas >= b.sigmas for a, b in pairwise(touches))
     assert not decide(fit, [rivals[0], rivals[0]])
 
 

@@ -10,8 +10,7 @@ from diagnosis.played import CELL, NOISE, UNKNOWN_NOISE, deviations, effect, pla
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.diagnosis.leaning import lean_p_value
-from scara_kinetostatic.diagnosis.problem import pose_problem
+from scara_kinetostatic.diagnosis.leaning import growing_p_value, lean_p_value
 from scara_kinetostatic.model.kinematics import rotate
 
 
@@ -54,7 +53,7 @@ def test_an_effect_that_made_few_touches_look_bad_is_found():
 @pytest.mark.parametrize('cell', [CELL, UNKNOWN_NOISE], ids=['noise known', 'noise unknown'])
 def test_forces_that_lean_either_way_are_friction(cell):
     fit = calibrate(leaning(0.08), cell)
-    assert lean_p_value(fit, pose_problem(fit)) < 1e-6
+    assert lean_p_value(fit) < 1e-6
     found = diagnose(fit)
     assert found.verdict == 'explained'
     (only,) = found.found
@@ -70,7 +69,7 @@ def test_the_score_test_of_leaning_is_calibrated():
     values = []
     for seed in range(40):
         fit = calibrate(play(seed=100 + seed), CELL if seed % 2 else UNKNOWN_NOISE)
-        values.append(lean_p_value(fit, pose_problem(fit)))
+        values.append(lean_p_value(fit))
     assert min(values) > 1e-4
     assert 0.3 < np.mean(np.array(values) < 0.5) < 0.7
 
@@ -82,3 +81,15 @@ def test_noise_stated_too_small_is_no_effect():
     assert found.verdict == 'unexplained'
     assert not found.found
     assert 'too small' in found.advice
+
+
+def test_noise_that_grows_with_the_force_is_no_friction():
+    data = play(seed=7)
+    size = np.hypot(*data.force.T)[:, None]
+    noisy = data.replace(force=data.force + 0.04 * size * np.random.default_rng(7).standard_normal((len(data), 2)))
+    for cell in (CELL, UNKNOWN_NOISE):
+        fit = calibrate(noisy, cell)
+        assert growing_p_value(fit) < 1e-3 < lean_p_value(fit, beside_growing=True)
+        found = diagnose(fit)
+        assert all(item.effect.name != 'contact_friction' for item in found.found)
+        assert 'grows with the force' in found.advice
