@@ -42,7 +42,7 @@ from scara_kinetostatic.model.state import State, free_state
 
 Floats = NDArray[np.float64]
 
-GROSS = 50.0
+GROSS = 200.0
 """A touch whose squared distance is beyond this keeps its observations as measured."""
 
 
