@@ -25,7 +25,7 @@ J. Geodesy 84 (2010) 751, on where to linearise.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,8 +67,8 @@ class Observations(NamedTuple):
     gripper: Gripper
     extension: Extension | None = None
 
-    def select(self, which: NDArray[np.bool_]) -> Observations:
-        """The touches that a mask picks."""
+    def select(self, which: Any) -> Observations:
+        """The touches that a mask, a slice or an array of positions picks."""
         extension = None if self.extension is None else self.extension.select(which)
         return self._replace(
             joints=self.joints[which],

@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.adjustment import Observations, linearise, place_force, whiten_by
-from scara_kinetostatic.calibration.solver import Point
-from scara_kinetostatic.calibration.steps import compress
+from scara_kinetostatic.calibration.blocks import blocks, pick
+from scara_kinetostatic.calibration.solver import Point, part_of
+from scara_kinetostatic.calibration.steps import compress, upper_triangle
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended import settled
 from scara_kinetostatic.model.parameters import NAMES, UNITS
@@ -33,6 +34,8 @@ SCALES = np.array([0.02, 0.02, 0.05, 0.02, 0.05, 0.02, 1e-4, 1e-3, 1e-3, 1e-3, 5
 """Plausible range of each parameter about its nominal value, in its unit; also the solver's scaling."""
 NOISE_SHARE = 0.25
 CONSEQUENCE = 0.3
+VARIANTS = 4
+"""Forces at which the change of the Jacobian is worked out: two ways along F̂, two across."""
 MEMBER = 0.05
 """A parameter belongs to a group if its part of the unseen direction, in `SCALES`, is at least this."""
 
@@ -91,27 +94,26 @@ def unseen_directions(observations: Observations, point: Point, free: NDArray[np
     Returns:
         (k, d) orthonormal columns in units of `SCALES`; d = 0 where all is seen.
     """
-    scales = scales_of(observations)
-    scaled = point.whitened.derivative[:, :, free] * scales[free]
-    system = compress(scaled, point.whitened.residual)
+    scale = np.diag(scales_of(observations))[:, free]
+    system = compress(point.whitened.derivative, point.whitened.residual, basis=scale)
     weak = system.values < 1.0
     seen, values = system.right[:, ~weak], system.values[~weak]
-    by_noise = np.concatenate(_noise_derivatives(observations, point, noise))[:, :, free] * scales[free]
-    triangle = np.linalg.qr(by_noise.reshape(-1, len(free)), mode='r')
-    _, shares, directions = np.linalg.svd(triangle @ (seen / values), full_matrices=False)
+    by_noise = _noise_triangle(observations, point, noise) @ scale
+    _, shares, directions = np.linalg.svd(by_noise @ (seen / values), full_matrices=False)
     noisy = (seen / values) @ directions[shares**2 > NOISE_SHARE].T
     together = np.concatenate([system.right[:, weak], noisy / np.linalg.norm(noisy, axis=0)], axis=1)
     if not together.size:
         return np.empty((len(free), 0))
-    by_noise = by_noise.reshape(-1, len(free))
-    pure = [_purified(row, scaled.reshape(-1, len(free)), by_noise) for row in _sparse_rows(together.T)]
+    scaled = system.values[:, None] * system.right.T
+    pure = [_purified(row, scaled, by_noise) for row in _sparse_rows(together.T)]
     return np.asarray(np.linalg.qr(np.array(pure).T)[0])
 
 
 def _purified(row: Floats, scaled: Floats, by_noise: Floats) -> Floats:
     """An unseen direction freed of the parameters that noise has mixed into it.
 
-    Of its members, the largest first, as few are kept as make up an unseen direction by themselves.
+    Of its members, the largest first, as few are kept as make up an unseen direction by themselves. `scaled`
+    and `by_noise` need not be the Jacobian and its changes: any matrices with the same products of columns do.
     """
     order = np.argsort(-np.abs(row))
     for size in range(1, int((np.abs(row) >= MEMBER * np.abs(row).max()).sum()) + 1):
@@ -126,27 +128,39 @@ def _purified(row: Floats, scaled: Floats, by_noise: Floats) -> Floats:
     return np.asarray(row / np.linalg.norm(row))
 
 
-def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -> list[Floats]:
-    """How the whitened Jacobian changes by one standard deviation of what noise is left in F̂, (n, 2, 12) twice."""
-    a, o = point.adjusted, observations
+def _noise_triangle(observations: Observations, point: Point, noise: Noise) -> Floats:
+    """How the whitened Jacobian changes by one standard deviation of what noise is left in F̂, as the triangle R of
+    its QR factorisation, (12, 12).
+    """
+    triangles = []
+    for part in blocks(len(observations.joints), VARIANTS):
+        changes = _noise_derivatives(observations.select(part), part_of(point, part), noise)
+        triangles.append(upper_triangle(changes, overwrite=True))
+    return triangles[0] if len(triangles) == 1 else upper_triangle(np.concatenate(triangles))
+
+
+def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -> Floats:
+    """The changes of the whitened Jacobian by noise along F̂, then by that across it, (4n, 12)."""
+    a, p, n = point.adjusted, point.parameters, len(observations.joints)
     l11, l21, l22 = point.whitened.root
-    b = point.linear.by_force
-    magnitude = np.hypot(a.force[:, 0], a.force[:, 1])[:, None]
-    along = a.force / magnitude
-    changes = []
-    for k, direction in enumerate((along, np.stack([-along[:, 1], along[:, 0]], axis=-1))):
-        first = b[:, 0, k] / l11
-        second = (b[:, 1, k] - l21 * first) / l22
+    x, y = a.force[:, 0], a.force[:, 1]
+    size = np.hypot(x, y)
+    moved = np.empty((2, VARIANTS, n))
+    for k, (along_x, along_y) in enumerate(((x / size, y / size), (-y / size, x / size))):
+        first = point.linear.by_force[:, 0, k] / l11
+        second = (point.linear.by_force[:, 1, k] - l21 * first) / l22
         left = noise.force * np.sqrt(np.clip(1 - noise.force**2 * (first**2 + second**2), 0.0, 1.0))
-        shifted = []
-        for sign in (1, -1):
-            force = a.force + sign * left[:, None] * direction
-            placed = place_force(o, point.parameters, a.joints, force, a.state)
-            state = settled(point.parameters, o.setting(a.joints, a.lean), placed)
-            linear = linearise(o, point.parameters, a._replace(force=force, state=state))
-            shifted.append(whiten_by(linear.derivative, point.whitened.root))
-        changes.append((shifted[0] - shifted[1]) / 2)
-    return changes
+        moved[:, 2 * k] = x + left * along_x, y + left * along_y
+        moved[:, 2 * k + 1] = x - left * along_x, y - left * along_y
+    every = np.tile(np.arange(n), VARIANTS)
+    o, adjusted, force = observations.select(every), pick(a, every), moved.reshape(2, -1).T
+    placed = place_force(o, p, adjusted.joints, force, adjusted.state)
+    state = settled(p, o.setting(adjusted.joints, adjusted.lean), placed)
+    linear = linearise(o, p, adjusted._replace(force=force, state=state))
+    root = (np.tile(l11, VARIANTS), np.tile(l21, VARIANTS), np.tile(l22, VARIANTS))
+    columns = whiten_by(linear.derivative, root).transpose(2, 1, 0).reshape(-1, 2, VARIANTS, n)
+    changes = (columns[:, :, 0::2] - columns[:, :, 1::2]) / 2
+    return np.asarray(changes.reshape(len(columns), -1).T)
 
 
 def group_names(

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.adjustment import Whitened
+from scara_kinetostatic.calibration.blocks import in_blocks, pick
 from scara_kinetostatic.calibration.steps import typical_scale
 from scara_kinetostatic.model.touch import Rejection
 
@@ -23,6 +24,8 @@ FALSE_REJECTIONS = 1e-3
 """Expected number of good touches rejected in one recording."""
 MOST_REJECTED = 0.2
 """If more than this part seems bad, the touches disagree with the model, not single ones with the rest."""
+LEAST_SPREAD = 1e-3
+"""The least variance of a residual, in units of that of its observation, by which it is judged."""
 
 
 def studentised(whitened: Whitened, covariance: Floats, used: NDArray[np.bool_]) -> Floats:
@@ -33,12 +36,27 @@ def studentised(whitened: Whitened, covariance: Floats, used: NDArray[np.bool_])
         covariance: of the parameters, in the units of the Jacobian, (12, 12).
         used: which touches took part in the fit.
     """
-    leverage = np.einsum('nik,kl,njl->nij', whitened.derivative, covariance, whitened.derivative)
-    spread = np.eye(2) + np.where(used, -1.0, 1.0)[:, None, None] * leverage
+    return in_blocks(
+        len(used), lambda part: _studentised(pick(whitened, part), covariance, np.where(used[part], -1.0, 1.0))
+    )
+
+
+def _studentised(whitened: Whitened, covariance: Floats, sign: Floats) -> Floats:
+    n, _, k = whitened.derivative.shape
+    rows = whitened.derivative.transpose(2, 1, 0).reshape(k, 2 * n)
+    moved, rows = (covariance @ rows).reshape(k, 2, n), rows.reshape(k, 2, n)
+    s11, s21, s22 = (sign * (moved[:, i] * rows[:, j]).sum(axis=0) for i, j in ((0, 0), (1, 0), (1, 1)))
+    s11, s22 = 1.0 + s11, 1.0 + s22
+    r1, r2 = whitened.residual[:, 0], whitened.residual[:, 1]
     # a touch the fit cannot do without has leverage 1 and no say of its own
-    values, vectors = np.linalg.eigh(spread)
-    rotated = np.einsum('nij,ni->nj', vectors, whitened.residual)
-    return (rotated**2 / np.maximum(values, 1e-3)).sum(axis=1)
+    middle = (s11 + s22) / 2
+    apart = np.hypot((s11 - s22) / 2, s21)
+    dull = middle - apart < LEAST_SPREAD
+    distance = (s22 * r1 * r1 - 2 * s21 * r1 * r2 + s11 * r2 * r2) / np.where(dull, 1.0, s11 * s22 - s21 * s21)
+    for i in np.flatnonzero(dull):
+        values, vectors = np.linalg.eigh([[s11[i], s21[i]], [s21[i], s22[i]]])
+        distance[i] = ((whitened.residual[i] @ vectors) ** 2 / np.maximum(values, LEAST_SPREAD)).sum()
+    return np.asarray(distance)
 
 
 def find_good(distance: Floats) -> NDArray[np.bool_]:

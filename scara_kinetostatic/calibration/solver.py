@@ -27,6 +27,7 @@ from scara_kinetostatic.calibration.adjustment import (
     squared_distance,
     whiten,
 )
+from scara_kinetostatic.calibration.blocks import in_blocks, pick
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import Parameters
 
@@ -67,6 +68,8 @@ class Stage(NamedTuple):
         robust: Cauchy's loss instead of the sum of squares.
         tolerance: a step that moves all predictions together by fewer standard
             deviations than this ends the run.
+        per_touch: the same for the root mean square over the touches; the larger bound counts. What a
+            stage leaves to the next one need not be exact, unless there are effects, which may be far from linear.
         damping: least damping. A direction of L̄ whose full plausible range the data
             hardly show (singular value below 1) is left alone before it is judged.
     """
@@ -74,12 +77,13 @@ class Stage(NamedTuple):
     adjusts: bool
     robust: bool
     tolerance: float
+    per_touch: float
     damping: float
 
 
-COARSE = Stage(adjusts=False, robust=True, tolerance=0.3, damping=1.0)
-ROBUST = Stage(adjusts=True, robust=True, tolerance=1e-2, damping=1.0)
-FINAL = Stage(adjusts=True, robust=False, tolerance=1e-6, damping=0.0)
+COARSE = Stage(adjusts=False, robust=True, tolerance=0.3, per_touch=0.3, damping=1.0)
+ROBUST = Stage(adjusts=True, robust=True, tolerance=1e-2, per_touch=0.1, damping=1.0)
+FINAL = Stage(adjusts=True, robust=False, tolerance=1e-6, per_touch=0.0, damping=0.0)
 
 
 class Subspace(NamedTuple):
@@ -131,10 +135,20 @@ def evaluate(
     observations: Observations, parameters: Parameters, adjusted: Adjusted, noise: Noise, stage: Stage = FINAL
 ) -> Point:
     """Linearise and whiten at one L̄."""
+
+    def part(where: slice) -> tuple[Linearisation, Whitened, Floats]:
+        return _evaluate(observations.select(where), parameters, pick(adjusted, where), noise, stage)
+
+    return Point(parameters, adjusted, *in_blocks(len(observations.joints), part))
+
+
+def _evaluate(
+    observations: Observations, parameters: Parameters, adjusted: Adjusted, noise: Noise, stage: Stage
+) -> tuple[Linearisation, Whitened, Floats]:
     linear = linearise(observations, parameters, adjusted)
     extra = 0.0 if stage.adjusts else direction_variance(observations, noise)
     whitened = whiten(linear, noise, extra)
-    return Point(parameters, adjusted, linear, whitened, squared_distance(whitened))
+    return linear, whitened, squared_distance(whitened)
 
 
 def minimise(
@@ -163,16 +177,18 @@ def minimise(
         The fit; how it ended is in `termination`, nothing is raised.
     """
     point = evaluate(observations, start, adjusted, noise, stage)
-    used = np.ones(len(point.distance), dtype=bool) if used is None else used
+    used = None if used is None or used.all() else used
     system, scale = _system(point, subspace, stage, used)
+    per_touch = stage.per_touch if observations.extension is None else 0.0
+    tolerance = max(stage.tolerance, per_touch * np.sqrt(len(point.distance)))
     damping, history, iterations, termination = stage.damping, [], 0, Termination.ITERATION_LIMIT
     while iterations < max_iterations:
         iterations += 1
         step = steps.damped_step(system, damping)
         trial = _move(observations, point, subspace.basis @ step, noise, stage, iterations > FREEZE_AFTER)
-        cost, trial_cost = (_cost(item.distance[used], scale, stage) for item in (point, trial))
+        cost, trial_cost = (_cost(item, scale, stage, used) for item in (point, trial))
         shift = steps.predicted_shift(system, step)
-        settled = shift < stage.tolerance or float(np.abs(step).max(initial=0.0)) < STEP_TOLERANCE
+        settled = shift < tolerance or float(np.abs(step).max(initial=0.0)) < STEP_TOLERANCE
         if np.isfinite(trial_cost) and (settled or shift < 1e-3 or trial_cost <= cost * (1 + STALL_TOLERANCE)):
             point, damping = trial, max(stage.damping, damping / 10 if damping > 1e-6 else 0.0)
             history.append(trial_cost)
@@ -191,23 +207,47 @@ def minimise(
 
 def _move(observations: Observations, point: Point, change: Floats, noise: Noise, stage: Stage, frozen: bool) -> Point:
     parameters = Parameters.from_array(point.parameters.as_array() + change)
-    with np.errstate(all='ignore'):
+
+    def part(where: slice) -> tuple[Adjusted, Linearisation, Whitened, Floats]:
+        o, (_, adjusted, linear, whitened, _) = observations.select(where), part_of(point, where)
         if stage.adjusts:
-            adjusted = adjust(
-                observations, parameters, point.adjusted, point.linear, point.whitened, change, noise, frozen
-            )
+            adjusted = adjust(o, parameters, adjusted, linear, whitened, change, noise, frozen)
         else:
-            adjusted = as_measured(observations, parameters, point.adjusted.state)
-        return evaluate(observations, parameters, adjusted, noise, stage)
+            adjusted = as_measured(o, parameters, adjusted.state)
+        return adjusted, *_evaluate(o, parameters, adjusted, noise, stage)
+
+    with np.errstate(all='ignore'):
+        return Point(parameters, *in_blocks(len(observations.joints), part))
 
 
-def _system(point: Point, subspace: Subspace, stage: Stage, used: NDArray[np.bool_]) -> tuple[steps.Compressed, float]:
-    scale = steps.typical_scale(point.distance[used])
-    weights = None if used.all() else used.astype(float)
+def part_of(point: Point, where: slice) -> Point:
+    """Consecutive touches of a point."""
+    if len(point.distance) <= where.stop - where.start:
+        return point
+    return Point(
+        point.parameters,
+        pick(point.adjusted, where),
+        pick(point.linear, where),
+        pick(point.whitened, where),
+        pick(point.distance, where),
+    )
+
+
+def _system(
+    point: Point, subspace: Subspace, stage: Stage, used: NDArray[np.bool_] | None
+) -> tuple[steps.Compressed, float]:
+    scale, weights = 1.0, None if used is None else used.astype(float)
     if stage.robust:
-        weights = used * steps.robust_weights(point.distance, scale)
-    return steps.compress(point.whitened.derivative @ subspace.basis, point.whitened.residual, weights), scale
+        scale = steps.typical_scale(_of_used(point, used))
+        weights = steps.robust_weights(point.distance, scale) * (1.0 if weights is None else weights)
+    w = point.whitened
+    return steps.compress(w.derivative, w.residual, weights, subspace.basis), scale
 
 
-def _cost(distance: Floats, scale: float, stage: Stage) -> float:
+def _cost(point: Point, scale: float, stage: Stage, used: NDArray[np.bool_] | None) -> float:
+    distance = _of_used(point, used)
     return steps.robust_cost(distance, scale) if stage.robust else float(distance.sum())
+
+
+def _of_used(point: Point, used: NDArray[np.bool_] | None) -> Floats:
+    return point.distance if used is None else point.distance[used]
