@@ -81,14 +81,10 @@ class Contest(NamedTuple):
         return tuple(self.field.candidates[k].effect.label for k in entry.members)
 
 
-def compete(problem: Problem, field: Field, needed: bool = True) -> Contest:
+def compete(problem: Problem, field: Field) -> Contest:
     """Examine all singles and pairs, and larger sets made from the best ones.
 
-    Args:
-        problem: the touches.
-        field: the candidates.
-        needed: whether it is known that something is missing; if not, no set is credible unless
-            it beats the empty one by `CREDIBLE`.
+    No set is credible unless it beats the empty one by `CREDIBLE`.
     """
     judge = _Judge(problem, field)
     entries = [judge.enter(())]
@@ -105,7 +101,7 @@ def compete(problem: Problem, field: Field, needed: bool = True) -> Contest:
     ranked = sorted((_scored(problem, entry, scale) for entry in entries), key=lambda entry: entry.score)
     contest = Contest(field, tuple(ranked), (), scale)
     empty = next(entry for entry in ranked if not entry.members)
-    if not needed and ranked[0].score > empty.score - CREDIBLE:
+    if ranked[0].score > empty.score - CREDIBLE:
         return contest
     return contest._replace(credible=_credible(contest))
 

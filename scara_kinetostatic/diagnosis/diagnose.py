@@ -73,7 +73,7 @@ def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
     p_value = min(1.0, 2 * min(before.p_value, lean))
     incredible = advice.incredible(c)
     alarm = p_value < SIGNIFICANCE or bool(incredible)
-    found, lead = tell(c, known, alarm, bool(before.traces), lean < SIGNIFICANCE / 2)
+    found, lead = tell(c, known, alarm, lean < SIGNIFICANCE / 2)
     if found is not None and not alarm:
         p_value = min(p_value, float(np.exp(-lead / 2)))
     hint = found is not None and not incredible and p_value >= STRICT and found.gain < CREDIBLE
@@ -88,6 +88,7 @@ def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
         return Diagnosis('unexplained', p_value, traces=before.traces, ranking=ranking, advice=text)
     after = adequacy(found.extended)
     rivals = _fit_rivals(found, c)
+    extended = _widened(found.extended, rivals)
     described = _describe(found, rivals)
     verdict = _verdict(found, described, after)
     return Diagnosis(
@@ -95,7 +96,7 @@ def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
         p_value=p_value,
         found=described,
         rivals=found.rivals,
-        extended=found.extended,
+        extended=extended,
         traces=before.traces,
         remaining=after.traces,
         remaining_p_value=after.p_value,
@@ -111,6 +112,18 @@ def _fit_rivals(found: Search, calibration: Calibration) -> list[Calibration]:
     kept = found.extended.cell.effects if found.extended else ()
     leaning = tuple(effect for effect in kept if effect.spread)
     return found.fit_rivals(replace(calibration, cell=replace(calibration.cell, effects=leaning)))
+
+
+def _widened(extended: Calibration, rivals: Sequence[Calibration]) -> Calibration:
+    """The extended model with sigmas of the twelve that hold whichever rival it is: their scatter is added."""
+    if not rivals:
+        return extended
+    count = len(NAMES)
+    off = np.array([rival.parameters.as_array()[:count] - extended.parameters.as_array()[:count] for rival in rivals])
+    covariance = extended.covariance.copy()
+    covariance[:count, :count] += off.T @ off / len(off)
+    std = np.where(extended.std > 0, np.sqrt(np.diag(covariance)[:count]), extended.std)
+    return replace(extended, covariance=covariance, std=std)
 
 
 def _deciding(calibration: Calibration, rivals: Sequence[Calibration]) -> tuple[Deciding, ...] | None:

@@ -83,21 +83,23 @@ class Problem(NamedTuple):
         return whiten_by(h, self.point.whitened.root).ravel()
 
 
-def pose_problem(calibration: Calibration, which: NDArray[np.bool_] | None = None) -> Problem:
+def pose_problem(calibration: Calibration, twelve: Calibration | None = None) -> Problem:
     """The linear problem that a calibration leaves; its cell may have effects or not.
 
     Args:
         calibration: the fit.
-        which: the touches to look at, (n,); None for those it used.
+        twelve: the fit without effects, whose unseen directions stay unseen: with effects in the fit an
+            unseen direction of the twelve may mix with them. None for the same fit.
     """
     c = calibration
-    touches = c.touches.select(_some(c.used if which is None else which))
+    touches = c.touches.select(_some(c.used))
+    seen = (twelve or c).subspace.basis[: len(NAMES)]
     observations = observe(touches, c.cell)
     point = project(observations, c.parameters, c.noise)
     extension = observations.extension or Extension((), Tags.of(touches))
     setting = observations._replace(extension=extension).setting(point.adjusted.joints, point.adjusted.lean)
     state = point.adjusted.state
-    jacobian = point.whitened.derivative[:, :, : len(NAMES)] @ c.subspace.basis[: len(NAMES)]
+    jacobian = point.whitened.derivative[:, :, : len(NAMES)] @ seen
     jacobian = jacobian.reshape(2 * len(touches), -1)
     base = orthonormal(jacobian)
     problem = Problem(
@@ -109,7 +111,7 @@ def pose_problem(calibration: Calibration, which: NDArray[np.bool_] | None = Non
         left=np.empty(0),
         noise_given=c.noise_source == 'given',
         one_level=bool(np.std(point.adjusted.state.magnitude) < LEVELS * c.noise.force),
-        response=-c.subspace.basis[: len(NAMES)] @ np.linalg.pinv(jacobian),
+        response=-seen @ np.linalg.pinv(jacobian),
     )
     strengths = [law.strength(part) for law, part in zip(extension.laws, extension.values(c.parameters), strict=True)]
     effects = point.whitened.derivative[:, :, len(NAMES) :].reshape(len(base), -1)

@@ -21,7 +21,7 @@ from scara_kinetostatic.errors import UnsupportedDataError
 
 ROUNDS = 4
 ATTEMPTS = 4
-FITTED = 4
+FITTED = 8
 MOST_IN_UNION = 5
 """Rivals that are fitted together at most; of more, the best ones."""
 
@@ -69,9 +69,7 @@ class Search(NamedTuple):
         return [fit for fit in fits if fit.termination is Termination.CONVERGED]
 
 
-def search(
-    calibration: Calibration, effects: Sequence[Effect], which: NDArray[np.bool_] | None = None, needed: bool = True
-) -> Search:
+def search(calibration: Calibration, effects: Sequence[Effect], which: NDArray[np.bool_] | None = None) -> Search:
     """Find the effects that a calibration lacks.
 
     Args:
@@ -79,28 +77,26 @@ def search(
         effects: the catalogue.
         which: the touches to begin with, (n,); None for those that the calibration used. Each
             fit with effects judges anew which touches are bad.
-        needed: whether it is known that something is missing; if not, effects need odds against nothing as well.
     """
-    start = calibration if which is None else replace(calibration, used=which)
-    latest, before = start, frozenset[str]()
+    latest = calibration if which is None else replace(calibration, used=which)
+    nothing = calibration if calibration.cell.effects else None
+    found, before = None, frozenset[str]()
     for _ in range(ROUNDS):
-        posed = latest
-        problem = pose_problem(latest)
-        contest = compete(problem, all_candidates(latest, problem, effects), needed)
+        problem = pose_problem(latest, calibration)
+        contest = compete(problem, all_candidates(latest, problem, effects))
         winners = _winners(contest)
         if not winners:
-            return Search(problem, contest, calibration if calibration.cell.effects else None, 0.0, (), ())
+            return found or Search(problem, contest, nothing, 0.0, (), ())
         labels = frozenset(candidate.effect.label for candidate in winners)
-        if labels == before:
-            break
-        before = labels
         fitted = _settled(calibration, latest, problem, contest)
         if fitted is None:
+            return found or Search(problem, contest, nothing, contest.credible[0].price, (), ())
+        proved, rivals = _sort_out(contest)
+        found = Search(problem, contest, fitted, contest.credible[0].price, proved, rivals, latest)
+        if labels == before:
             break
-        latest = fitted
-    proved, rivals = _sort_out(contest)
-    extended = latest if latest.cell.effects else None
-    return Search(problem, contest, extended, contest.credible[0].price, proved, rivals, posed)
+        latest, before = fitted, labels
+    return found or Search(problem, contest, nothing, 0.0, (), ())
 
 
 def _settled(

@@ -27,7 +27,9 @@ from scara_kinetostatic.errors import UnsupportedDataError
 
 SURE = 1e-4
 """P-value of the lean beside noise that grows with the force, below which friction is named."""
-SUSPICIOUS = 2
+STRAIGHT = 0.01
+"""P-value of the lean above which an extended model has no need of it."""
+SUSPICIOUS = 1
 """Rejected touches from which on they are asked whether an effect explains them."""
 
 
@@ -43,25 +45,22 @@ class Told(NamedTuple):
     lead: float
 
 
-def tell(
-    calibration: Calibration, known: Sequence[Effect], alarm: bool, structured: bool, leans: bool
-) -> Told:
+def tell(calibration: Calibration, known: Sequence[Effect], alarm: bool, leans: bool) -> Told:
     """Find what the twelve parameters lack, if they lack anything.
 
     Args:
         calibration: of the twelve parameters.
         known: the catalogue.
         alarm: whether something is wrong for sure.
-        structured: whether the residual depends on something, rather than being too large only.
         leans: whether forces lean by more than their noise.
     """
     c = calibration
     ways: list[Search] = []
     if alarm:
-        ways.append(search(c, known, needed=structured))
+        ways.append(search(c, known))
     if (~c.used).sum() >= SUSPICIOUS:
-        ways.append(search(c, known, np.ones(len(c.touches), dtype=bool), needed=structured))
-    if leans:
+        ways.append(search(c, known, np.ones(len(c.touches), dtype=bool)))
+    if leans and not any(way.extended and lean_p_value(way.extended) > STRAIGHT for way in ways):
         ways += _leaning(c, known)
     settled = [way for way in ways if way.extended is not None]
     if not settled:
@@ -70,8 +69,8 @@ def tell(
     scale = max(1.0, min(fit.reduced_chi_square for fit in fits))
     sums = [story(way.extended, way.price, scale) for way in settled if way.extended]
     lead = story(c, 0.0, scale) - min(sums)
-    if not alarm and lead < CREDIBLE:
-        return Told(None, 0.0)
+    if lead < CREDIBLE:
+        return Told(ways[0]._replace(extended=None, proved=(), rivals=()) if alarm else None, 0.0)
     return Told(settled[int(np.argmin(sums))], lead)
 
 
@@ -80,7 +79,7 @@ def _leaning(calibration: Calibration, known: Sequence[Effect]) -> list[Search]:
     others = [effect for effect in known if effect.name != ContactLean.name]
     try:
         leaning = fit_with_lean(calibration)
-        found = search(leaning, others, needed=False)
+        found = search(leaning, others)
         extended = found.extended
         if extended is not None and len(extended.cell.effects) > 1:
             extended = fit_with_lean(extended)
