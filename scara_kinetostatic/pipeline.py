@@ -152,7 +152,7 @@ def _calibrated(
 
 
 def _settled(found: Calibration, paths: Sequence[str | Path]) -> Calibration:
-    """The calibration that is to be used, if it is one: what the twelve parameters lack may have kept them unsettled."""
+    """The calibration of the final model, if it is one."""
     if found.termination is not Termination.CONVERGED:
         names = ', '.join(str(path) for path in paths)
         raise UnsupportedDataError(
