@@ -1,0 +1,198 @@
+"""One simulated recording, diagnosed and held against what was played."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from time import process_time
+from typing import Any
+
+import numpy as np
+
+from benchmark.diagnosis_cells import NOISE, SETUPS, Played, Setup, Sized, at_sizes, direction, play, seed_of
+from benchmark.diagnosis_record import ALONE, NONE, RIVALS, UNNAMED, WRONG, Record
+from benchmark.diagnosis_unlisted import ALIAS, UNLISTED, unlisted
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.estimate import Near
+from scara_kinetostatic.calibration.held_out import held_out_force_error
+from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.diagnosis.diagnose import diagnose
+from scara_kinetostatic.diagnosis.result import Diagnosis
+from scara_kinetostatic.effects.registry import catalogue, find
+from scara_kinetostatic.effects.unnamed import Unnamed
+from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.touch import TouchSet
+
+NOISES = ('given', 'estimated')
+PAIRED = (
+    'encoder_gain[joint1]',
+    'transmission_error[joint2]',
+    'object_position[disc_2]',
+    'sensor_rotation',
+    'base_compliance',
+    'joint_hysteresis[joint1]',
+)
+PAIR_SIZE = 2.0
+UNLISTED_SIZES = (2.0, 5.0)
+BENT = ('link_bending[link2]', 'gripper along link 2')
+"""Exact aliases of the twelve parameters."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """Recordings that are played one after the other: one effect, or pair, of one cell and seed, at all sizes."""
+
+    section: str
+    cell: str
+    labels: tuple[str, ...]
+    seed: int
+    noises: tuple[str, ...] = NOISES
+    sizes: tuple[float, ...] = ()
+
+
+def work(task: Task) -> list[Record]:
+    """All recordings of a task."""
+    setup = SETUPS[task.cell]
+    records = []
+    for played, size, why in _played(task, setup):
+        seed = seed_of(task.section, *task.labels, size, task.seed)
+        blank = Record(task.section, task.cell, '', task.seed, task.labels, size, why=why)
+        if played is None:
+            records += [replace(blank, noise=noise) for noise in task.noises]
+            continue
+        blank.values = played.extra
+        try:
+            touches = _touches(task, setup, played, seed)
+        except ScaraKinetostaticError as error:
+            records += [replace(blank, noise=noise, why=str(error)) for noise in task.noises]
+            continue
+        records += [_examined(replace(blank, noise=noise), setup, played, touches) for noise in task.noises]
+    return records
+
+
+def _played(task: Task, setup: Setup) -> Iterator[tuple[Played | None, float, str]]:
+    """What a task plays, size by size."""
+    if task.section == 'clean':
+        yield _alias(task, setup), np.nan, ''
+        return
+    ones = [_one(task.section, task.cell, label, task.seed) for label in task.labels]
+    found = [_sized(task.cell, one.effects, tuple(map(tuple, one.values)), task.sizes) for one in ones]
+    for items in zip(*found, strict=True):
+        missing = [item.why for item in items if item.played is None]
+        together = Played((), ())
+        for item in items:
+            together = together.beside(item.played or Played((), ()))
+        yield (None if missing else together), items[0].size, ', '.join(missing)
+
+
+def _one(section: str, cell: str, label: str, seed: int) -> Played:
+    setup = SETUPS[cell]
+    return unlisted(label, setup, seed) if section == 'unlisted' else direction(find(setup.cell, label), seed)
+
+
+@cache
+def _sized(cell: str, effects: Any, values: Any, sizes: tuple[float, ...]) -> tuple[Sized, ...]:
+    return tuple(at_sizes(SETUPS[cell], Played(effects, tuple(np.array(v) for v in values)), sizes))
+
+
+def _alias(task: Task, setup: Setup) -> Played:
+    """The bending of link 2 that adds a tenth to a whole of p2, if it is to be played; else nothing."""
+    if task.labels != BENT[:1]:
+        return Played((), ())
+    part = np.random.default_rng([task.seed, 1]).uniform(0.1, 1.0)
+    return Played((find(setup.cell, BENT[0]),), (np.array([3 * part * setup.truth.p2]),))
+
+
+def _touches(task: Task, setup: Setup, played: Played, seed: int) -> TouchSet:
+    """What is played; a gripper that is stiffer along link 2 by a tenth to 0.8 of p_ee is no effect but the cell's."""
+    if task.labels != BENT[1:]:
+        return play(setup, played, seed=seed)
+    part = np.random.default_rng([task.seed, 2]).uniform(0.1, 0.8)
+    excess = ((-part * setup.truth.p_ee, 0.0), (0.0, 0.0))
+    return play(setup._replace(cell=replace(setup.cell, gripper_excess=excess)), played, seed=seed)
+
+
+def _examined(record: Record, setup: Setup, played: Played, touches: TouchSet) -> Record:
+    cell = setup.cell if record.noise == 'given' else replace(setup.cell, noise=None)
+    try:
+        before = calibrate(touches, cell)
+        began = process_time()
+        found = diagnose(before)
+        record.cpu = process_time() - began
+        _judge(record, found, before)
+        _measure(record, setup, cell, played, (before, found))
+    except (ScaraKinetostaticError, ArithmeticError, ValueError, AssertionError, LookupError) as error:
+        record.error = f'{type(error).__name__}: {error}'
+    return record
+
+
+def _judge(record: Record, found: Diagnosis, before: Calibration) -> None:
+    """What was named."""
+    record.verdict, record.p_value, record.remaining = found.verdict, found.p_value, found.remaining_p_value
+    record.chi_square = before.reduced_chi_square
+    record.named = tuple(item.effect.label for item in found.found if item.proved)
+    record.rivals = found.rivals
+    expected = [ALIAS.get(label, label) for label in record.played]
+    naming: dict[str, str] = {}
+    unnamed = all(isinstance(item.effect, Unnamed) for item in found.found if item.proved) and not found.rivals
+    for label, wanted in zip(record.played, expected, strict=True):
+        if any(wanted in group for group in found.rivals):
+            naming[label] = RIVALS
+        elif wanted in record.named:
+            naming[label] = ALONE
+        else:
+            naming[label] = NONE if found.verdict == 'none' else UNNAMED if unnamed else WRONG
+    record.naming = naming
+    record.more = tuple(label for label in record.named if label not in expected)
+
+
+def _measure(
+    record: Record, setup: Setup, cell: Cell, played: Played, outcome: tuple[Calibration, Diagnosis]
+) -> None:
+    """Errors of the twelve, of the extended and of the true model, on the touches that the true model uses."""
+    before, found = outcome
+    after, truth = found.extended or before, setup.truth
+    if record.section == 'clean':
+        record.z = _largest_z(before, truth), _largest_z(after, truth), np.nan
+        return
+    near = Near(truth.replace(extra=played.extra), NOISE, np.ones(len(before.touches), dtype=bool))
+    true = calibrate(before.touches, replace(cell, effects=played.effects), near=near)
+    three = before, after, true
+    first, second, third = (held_out_force_error(replace(fit, used=true.used)).force_error for fit in three)
+    record.held = first, second, third
+    record.z = _largest_z(before, truth), _largest_z(after, truth), _largest_z(true, truth)
+    record.value_z = _value_z(found, played)
+
+
+def _largest_z(fit: Calibration, truth: Parameters) -> float:
+    count = len(NAMES)
+    return float(np.nanmax(np.abs(fit.parameters.as_array()[:count] - truth.as_array()[:count]) / fit.std))
+
+
+def _value_z(found: Diagnosis, played: Played) -> float:
+    """Largest error of the values of effects that were found, in standard deviations; NaN if there is none."""
+    largest = [np.nan]
+    for effect, values in zip(played.effects, played.values, strict=True):
+        for item in found.found:
+            if item.effect.label != effect.label or len(item.values) != len(values):
+                continue
+            estimate, std = (np.array([getattr(row, name) for row in item.values]) for name in ('value', 'std'))
+            if effect.name == 'transmission_error':
+                turn = estimate[1] + (np.pi if estimate[0] < 0 else 0.0) - values[1]
+                estimate = np.array([abs(estimate[0]), values[1] + (turn + np.pi) % (2 * np.pi) - np.pi, estimate[2]])
+            largest += (np.abs(estimate - values) / np.where(std > 0, std, np.nan)).tolist()
+    return float(np.nanmax(largest)) if np.isfinite(largest).any() else np.nan
+
+
+def everything(section: str, cell: str) -> list[tuple[str, ...]]:
+    """What a section plays in a cell."""
+    if section == 'clean':
+        return [(), *((label,) for label in BENT)]
+    if section == 'pairs':
+        return [(a, b) for i, a in enumerate(PAIRED) for b in PAIRED[i + 1 :]]
+    if section == 'unlisted':
+        return [(kind,) for kind in UNLISTED]
+    return [(effect.label,) for effect in catalogue(SETUPS[cell].cell) if effect.label != BENT[0]]
