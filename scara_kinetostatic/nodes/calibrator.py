@@ -129,12 +129,12 @@ class Calibrator(Node):
             raise ParameterError(
                 'parameter recording', 'no recording is named, and no collector has announced one', 'set it'
             )
-        return Path(named).expanduser()
+        return declare.place('recording', named)
 
     def _cell(self, recording: Path) -> Cell:
         named = str(self.get_parameter('cell').value)
         if named:
-            return load_cell(Path(named).expanduser())
+            return load_cell(declare.place('cell', named))
         cell = embedded_cell(recording)
         if cell is None:
             raise ParameterError('parameter cell', f'{recording} carries no cell description', 'set the parameter')
@@ -143,13 +143,13 @@ class Calibrator(Node):
     def _output(self, recording: Path) -> Path:
         named = str(self.get_parameter('output').value)
         if named:
-            return Path(named).expanduser()
+            return declare.place('output', named)
         return recording.absolute().with_name(f'{recording.absolute().name}_calibration')
 
 
 def _check_cell(path: str) -> None:
     if path:
-        load_cell(Path(path).expanduser())
+        load_cell(declare.place('cell', path))
 
 
 def _check_parameters(parameters: list[Parameter]) -> SetParametersResult:

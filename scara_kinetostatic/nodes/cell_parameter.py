@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from rclpy.node import Node
 
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
@@ -23,6 +21,6 @@ def cell_or_example(node: Node) -> Cell:
     """
     path = declare.text(node, 'cell', '', 'cell description (YAML file); empty: the example cell of figure 3')
     if path:
-        return load_cell(Path(path).expanduser())
+        return load_cell(declare.place('cell', path))
     node.get_logger().warning('no cell given, taking the example cell of figure 3; set the parameter cell')
     return EXAMPLE_CELL

@@ -15,7 +15,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock, ClockType
@@ -115,7 +114,7 @@ class Collector(Node):
         now = self._now()
         if not now:
             raise ParameterError('parameter use_sim_time', 'it is set, but nothing comes on /clock', 'publish /clock')
-        parent = Path(str(self.get_parameter('output').value)).expanduser().absolute()
+        parent = declare.place('output', str(self.get_parameter('output').value)).absolute()
         self._session = Session(parent, self._cell, now)
         self._autostart = False
         self._failure = ''

@@ -5,6 +5,7 @@ All functions raise `ParameterError` if the node was started with a value that d
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -33,6 +34,18 @@ def text(node: Node, name: str, default: str, description: str, *, read_only: bo
     """Declares a parameter that is a string, and gives its value."""
     descriptor = ParameterDescriptor(description=description, read_only=read_only)
     return str(_declare(node, name, default, descriptor))
+
+
+def place(name: str, path: str) -> Path:
+    """The file or folder that a parameter names; `~` is the home of the user.
+
+    Raises:
+        ParameterError: the home of an unknown user, say.
+    """
+    try:
+        return Path(path).expanduser()
+    except RuntimeError as error:
+        raise ParameterError(f'parameter {name}', f'{path!r}: {error}', 'write the path out') from error
 
 
 def texts(node: Node, name: str, description: str, *, read_only: bool = True) -> list[str]:

@@ -22,6 +22,8 @@ FAR = 0.03
 """in which a joint goes farther than this, rad, is none."""
 LARGEST_SLIDE = 3e-4
 """Change of the joint angles from the first to the last third of a hold, rad."""
+BEFORE = 0.1
+"""From this long before a contact on the joints must have moved, s."""
 LARGEST_SCATTER = 0.1
 """Standard deviation of the force in a hold, of the force."""
 
@@ -130,12 +132,18 @@ def _unrest(signals: Signals, zero: Zero, plateau: Plateau) -> str:
 
 
 def _frozen(signals: Signals, zero: Zero, plateau: Plateau) -> str:
-    """Whether a component of the force reads the same number all along, though it is noisy elsewhere."""
+    """Whether a component of the force reads the same all along, though it is noisy elsewhere, or both joints do.
+
+    Joints at rest may read the same to the last bit; joints that press against something do not.
+    """
     force = signals.wrench.during(plateau.intervals)
     still = ~np.any(np.diff(force, axis=0), axis=0) & _flickers(signals, zero)
     for axis, name in enumerate('xy'):
         if len(force) > 5 and still[axis]:
             return f'the force reading is frozen or saturated: {len(force)} samples of f{name} = {force[0, axis]:.6g} N'
+    joints = signals.joints.value[signals.joints.stretch(zero.contact - BEFORE, plateau.end)]
+    if len(joints) > 5 and not np.any(np.diff(joints, axis=0)):
+        return f'the joint readings are frozen: {len(joints)} samples of {joints[0, 0]:.6g}, {joints[0, 1]:.6g} rad'
     return ''
 
 

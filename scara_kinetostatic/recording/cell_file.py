@@ -183,8 +183,8 @@ def _nominal(robot: _Section) -> Parameters:
 
 def _joint_names(robot: _Section) -> tuple[str, str]:
     names = robot.data.get('joint_names', ['joint1', 'joint2'])
-    good = isinstance(names, list) and len(names) == 2 and all(isinstance(n, str) and n.strip() for n in names)
-    if not good:
+    two = isinstance(names, list) and len(names) == 2
+    if not two or not all(isinstance(name, str) and name.strip() and name.isprintable() for name in names):
         raise robot.error('joint_names', f'expected the two names of q1 and q2 in JointState, got {_shown(names)}')
     if names[0] == names[1]:
         raise robot.error('joint_names', f'both joints are named {names[0]!r}', 'name q1 and q2 as JointState does')

@@ -4,7 +4,9 @@ The two topics are brought together by their stamps, so both must be on one
 clock. Header stamps are not to be trusted where they are missing or stand
 still, where they run back by more than `RESET` (a simulation restarted, a bag
 played in a loop), or where the two topics' clocks disagree. The times of
-recording then serve for both topics, if they are sound.
+recording then serve for both topics, if they are sound. Where both run back,
+as when the computer's clock was set back, the parts in between are put one
+after the other.
 """
 
 from __future__ import annotations
@@ -23,6 +25,9 @@ RESET = 1_000_000_000
 
 STRAY = 60_000_000_000
 """A single stamp this far from the others is a slip, ns."""
+
+PAUSE = 1_000_000_000
+"""Between the parts of a recording whose clock was set back, ns: too long for a touch to reach across."""
 
 DISAGREEMENT = 250_000_000
 """Two clocks this far apart would put a force beside the wrong joint angles, ns."""
@@ -50,11 +55,15 @@ def on_one_clock(source: str, streams: dict[str, Samples], warnings: list[str]) 
     complaint = _complaint(streams, 'stamp') or _disagreement(streams)
     use = 'stamp'
     if complaint:
-        if _complaint(streams, 'log_time'):
+        if not _complaint(streams, 'log_time'):
+            use = 'log_time'
+            warnings.append(f'{complaint}: the times of recording were used instead')
+        elif (mended := _end_to_end(streams, 'stamp') or _end_to_end(streams, 'log_time')) is not None:
+            streams = mended
+            warnings.append(f'{complaint}, the times of recording as well: the parts were put one after the other')
+        else:
             remedy = 'record the robot in one go, with stamps from one clock'
             raise RecordingError(source, f'{complaint}, and the times of recording are no better', remedy)
-        use = 'log_time'
-        warnings.append(f'{complaint}: the times of recording were used instead')
     return [_in_order(topic, getattr(samples, use), samples.values, warnings) for topic, samples in streams.items()]
 
 
@@ -102,6 +111,23 @@ def _disagreement(streams: dict[str, Samples]) -> str:
     if apart < DISAGREEMENT:
         return ''
     return f'the stamps of {" and ".join(streams)} come from clocks that are {apart / 1e9:.3g} s apart'
+
+
+def _end_to_end(streams: dict[str, Samples], use: str) -> dict[str, Samples] | None:
+    """The streams with stamps that run on, from times that were set back on all topics together; None from others.
+
+    Each part of all topics is moved by the same time, so that forces stay beside their joint angles.
+    """
+    times = [np.array(getattr(samples, use)) for samples in streams.values()]
+    cuts = [[0, *(np.flatnonzero(np.diff(time) < -RESET) + 1).tolist(), len(time)] for time in times]
+    if len({len(cut) for cut in cuts}) != 1 or len(cuts[0]) < 3 or any(np.all(time == 0) for time in times):
+        return None
+    for part in range(1, len(cuts[0]) - 1):
+        end = max(int(time[: cut[part]].max()) for time, cut in zip(times, cuts, strict=True))
+        begin = min(int(time[cut[part] : cut[part + 1]].min()) for time, cut in zip(times, cuts, strict=True))
+        for time, cut in zip(times, cuts, strict=True):
+            time[cut[part] : cut[part + 1]] += end + PAUSE - begin
+    return {topic: samples._replace(stamp=time) for (topic, samples), time in zip(streams.items(), times, strict=True)}
 
 
 def _in_order(topic: str, stamp: NDArray[np.int64], values: NDArray[np.float64], warnings: list[str]) -> Timed:

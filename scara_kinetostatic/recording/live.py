@@ -31,6 +31,8 @@ SHORTEST_WAIT = SECOND // 2
 """One never looks more often than this, ns."""
 CLOCK_JUMP = SECOND
 """Stamps that run back by more than this start a new stream, ns."""
+CLOCK_LEAP = 86_400 * SECOND
+"""So do stamps that run ahead by more than this, ns."""
 
 
 class LiveDetector:
@@ -65,7 +67,7 @@ class LiveDetector:
         self._wrench.append(stamp_ns, force)
 
     def _mind_the_clock(self, stamp: int, newest: int) -> None:
-        if stamp < newest - CLOCK_JUMP:
+        if newest and not -CLOCK_JUMP <= stamp - newest <= CLOCK_LEAP:
             self._forget()
 
     def poll(self) -> Detection:

@@ -1,0 +1,131 @@
+"""What goes wrong around the nodes: they say so, and go on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from time import monotonic, sleep
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import WrenchStamped
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.nodes import conversion
+from scara_kinetostatic.nodes.calibrator import Calibrator
+from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
+from scara_kinetostatic.nodes.collector import Collector
+from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
+from scara_kinetostatic.nodes.conversion import Sample
+from scara_kinetostatic.nodes.demo_client import DemoClient
+from scara_kinetostatic.nodes.qos import RELIABLE_STREAM
+from scara_kinetostatic.recording.reader import read_streams
+
+WAIT = 15.0
+NOBODY = '~nobody_of_that_name/recordings'
+
+
+def eventually(condition: Callable[[], bool]) -> bool:
+    end = monotonic() + WAIT
+    while not condition() and monotonic() < end:
+        sleep(0.02)
+    return condition()
+
+
+def play(collector: Node, names: list[str], start: int) -> None:
+    """A publisher of joint states that comes, publishes 20 with the joints in this order, and goes."""
+    angles = {'joint1': 0.1, 'lift': 0.7, 'joint2': 0.2}
+    joints = collector.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
+    wrench = collector.create_publisher(WrenchStamped, '/wrench', RELIABLE_STREAM)
+    assert eventually(lambda: joints.get_subscription_count() > 0 and wrench.get_subscription_count() > 0)
+    sleep(0.3)
+    before = [monitor.count for monitor in collector._monitors.values()]
+    for stamp in range(start, start + 200_000_000, 10_000_000):
+        message = JointState(name=names, position=[angles[name] for name in names])
+        message.header.stamp = conversion.stamp_of(stamp)
+        joints.publish(message)
+        wrench.publish(conversion.wrench(Sample(stamp, 0.0, 0.0), 'base'))
+    assert eventually(lambda: [m.count for m in collector._monitors.values()] == [count + 20 for count in before])
+    collector.destroy_publisher(joints)
+    collector.destroy_publisher(wrench)
+
+
+def test_a_publisher_that_comes_back_with_another_joint_order(spin: Callable[..., Node], tmp_path: Path) -> None:
+    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
+    play(collector, ['joint1', 'joint2'], 1_700_000_000_000_000_000)
+    play(collector, ['joint2', 'lift', 'joint1'], 1_700_000_001_000_000_000)
+    assert [monitor.unusable for monitor in collector._monitors.values()] == [0, 0]
+    collector.close()
+    (bag,) = tmp_path.iterdir()
+    read = read_streams(bag, EXAMPLE_CELL)
+    assert len(read.joints.stamp) == 40
+    np.testing.assert_array_equal(read.joints.position, np.tile([0.1, 0.2], (40, 1)))
+    assert read.warnings == ()
+
+
+def test_a_home_that_nobody_has_is_named_and_ends_no_node(spin: Callable[..., Node], client: DemoClient) -> None:
+    collector = spin(Collector, '--ros-args', '-p', f'output:={NOBODY}')
+    answer = client.call('/collector/start', Trigger, Trigger.Request(), WAIT)
+    assert not answer.success
+    assert f"parameter output: '{NOBODY}'" in answer.message
+    assert NOBODY in collector._examine().message
+
+
+@pytest.mark.parametrize('kind', [Collector, ContactSimulator, Calibrator])
+def test_a_cell_in_a_home_that_nobody_has_is_refused(spin: Callable[..., Node], kind: type[Node]) -> None:
+    with pytest.raises(ParameterError, match='parameter cell'):
+        spin(kind, '--ros-args', '-p', f'cell:={NOBODY}')
+
+
+@pytest.mark.parametrize(
+    ('kind', 'arguments', 'message'),
+    [
+        (Collector, ['autostart:=3'], 'parameter autostart: expected true or false'),
+        (Collector, ['output:=5'], 'parameter output: expected a string'),
+        (Collector, ['cell:=[1, 2]'], 'parameter cell: expected a string'),
+        (Calibrator, ['recording:=true'], 'parameter recording: expected a string'),
+        (Calibrator, ['output:=1.5'], 'parameter output: expected a string'),
+    ],
+)
+def test_parameters_of_a_wrong_type_are_refused(
+    spin: Callable[..., Node], kind: type[Node], arguments: list[str], message: str
+) -> None:
+    with pytest.raises(ParameterError, match=message):
+        spin(kind, '--ros-args', *(part for argument in arguments for part in ('-p', argument)))
+
+
+def test_parameters_are_guarded_while_the_collector_records(
+    spin: Callable[..., Node], client: DemoClient, tmp_path: Path
+) -> None:
+    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
+
+    def refusal(name: str, value: object) -> str:
+        request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+        (result,) = client.call('/collector/set_parameters', SetParameters, request, WAIT).results
+        return '' if result.successful else str(result.reason)
+
+    assert 'Wrong parameter type' in refusal('output', 5)
+    assert 'read-only' in refusal('cell', 'other.yaml')
+    assert 'read-only' in refusal('autostart', False)
+    folder = collector._session.folder
+    assert refusal('output', str(tmp_path / 'next')) == ''
+    assert collector._session.folder == folder
+
+
+def test_calls_that_overlap_are_answered_one_by_one(
+    spin: Callable[..., Node], client: DemoClient, tmp_path: Path
+) -> None:
+    spin(Collector, '--ros-args', '-p', f'output:={tmp_path}')
+    assert 'nothing is being recorded' in client.call('/collector/stop', Trigger, Trigger.Request(), WAIT).message
+    start = client._meet('/collector/start', Trigger)
+    calls = [start.call_async(Trigger.Request()) for _ in range(5)]
+    client.wait('the answers', lambda: all(call.done() for call in calls), WAIT)
+    answers = [call.result() for call in calls]
+    assert sum(answer.success for answer in answers) == 1
+    assert sum('recording already' in answer.message for answer in answers) == 4
+    assert len(list(tmp_path.glob('touches_*'))) == 1
