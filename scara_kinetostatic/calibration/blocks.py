@@ -16,11 +16,6 @@ BLOCK = 4096
 
 T = TypeVar('T')
 
-np.empty(1 << 21)
-# Taken and given back at once, for what the C library of Linux learns from it: memory freed in pieces of up to such a
-# size (16 MiB) is kept for the next array. Else it goes back to the system at every step of a fit, page by page, and
-# fetching it anew takes twice as long as the arithmetic.
-
 
 def blocks(count: int, parts: int = 1) -> Iterator[slice]:
     """The places of the touches of each block; where every touch comes in several variants, of smaller blocks."""
