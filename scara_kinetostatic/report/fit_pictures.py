@@ -7,7 +7,7 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import betaincinv
 
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.model.parameters import NAMES
@@ -61,11 +61,11 @@ def quantile_picture(c: Calibration) -> Markup:
     order = used[np.argsort(c.standardized[used])]
     rank = np.arange(1, len(order) + 1)
     expected, low, high = (
-        np.sqrt(stats.chi2.ppf(part, 2))
+        np.sqrt(-2 * np.log1p(-part))  # of chi-square with 2 degrees of freedom
         for part in (
             (rank - 0.5) / len(order),
-            stats.beta.ppf((1 - BAND) / 2, rank, len(order) + 1 - rank),
-            stats.beta.ppf((1 + BAND) / 2, rank, len(order) + 1 - rank),
+            betaincinv(rank, len(order) + 1 - rank, (1 - BAND) / 2),
+            betaincinv(rank, len(order) + 1 - rank, (1 + BAND) / 2),
         )
     )
     axes.fill_between(expected, low, high, color=SERIES[0], alpha=0.13, lw=0)
