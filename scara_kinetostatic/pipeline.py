@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.held_out import HeldOut, held_out_force_error
 from scara_kinetostatic.calibration.solution import Calibration
@@ -18,6 +20,8 @@ from scara_kinetostatic.model.touch import Rejection, TouchSet
 from scara_kinetostatic.recording.detection import Detection, find_touches
 from scara_kinetostatic.recording.reader import read_streams
 
+HOPELESS = 0.5
+"""Force error, as a part of the force, beyond which a fit is none, settled or not."""
 Progress = Callable[[str, float], None]
 """Called with what is being done and how much of all is done, 0 to 1."""
 
@@ -153,7 +157,8 @@ def _calibrated(
 
 def _settled(found: Calibration, paths: Sequence[str | Path]) -> Calibration:
     """The calibration of the final model, if it is one."""
-    if found.termination is not Termination.CONVERGED:
+    size = float(np.hypot(found.force[:, 0], found.force[:, 1]).mean())
+    if found.termination is not Termination.CONVERGED or found.force_error > HOPELESS * size:
         names = ', '.join(str(path) for path in paths)
         raise UnsupportedDataError(
             f'{names}: the fit does not settle, at a force error of {found.force_error:.3g} N',

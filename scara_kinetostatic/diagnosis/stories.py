@@ -25,7 +25,7 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.contact_lean import ContactLean
 from scara_kinetostatic.errors import UnsupportedDataError
 
-SURE = 1e-4
+SURE = 2e-3
 """P-value of the lean beside noise that grows with the force, below which friction is named."""
 STRAIGHT = 0.01
 """P-value of the lean above which an extended model has no need of it."""
