@@ -81,8 +81,13 @@ def test_recordings_kept_with_the_project_are_what_the_engine_plays(one: EngineR
     count = 3
     errors = SENSORS.touch_errors(one.cell, len(kept), np.random.default_rng([one.seed, 0]))
     played = play_touches(one.robot, one.cell, one.plan.select(np.arange(count)), noise=EXACT)
-    assert np.abs(kept.joints[:count] - errors[0][:count] - played.joints).max() < 1e-5
-    assert np.abs(kept.force[:count] - played.force).max() < 4 * 0.3
+    assert np.abs(kept.joints[:count] - errors[0][:count] - played.joints).max() < 2e-5
+    force = kept.force[:count] - errors[1][:count]
+    size = np.linalg.norm(played.force, axis=1)
+    assert np.abs(np.linalg.norm(force, axis=1) - size).max() < 0.25
+    # where a tip sticks depends on the last digit of the movement: within the cone of friction, on any machine
+    leeway = 0.25 + one.robot.contact_friction * size
+    assert np.all(np.abs(force - played.force) < leeway[:, None])
     assert np.array_equal(kept.disc, one.plan.disc)
     text = (TRUTHS / f'{one.name}.yaml').read_text(encoding='utf-8')
     made = truth_of_scene(one.robot, one.cell, one.seed)
