@@ -17,6 +17,10 @@ Floats = NDArray[np.float64]
 PARTNERS = 12
 """Beside how many of the other candidates the frequency of an effect is searched for again."""
 RIDGE = 1e-6
+FINEST = 4
+"""Grids, each finer than the one before, on which a frequency is looked for."""
+EVEN = 0.3
+"""Part of the variance of the noise that a better frequency must explain to be worth another grid."""
 LEAST_NEW = 0.012
 """Part of a unit column that must be new beside the twelve; less is the noise of the measured force."""
 LEAST_NEW_AT_ONE_LEVEL = 0.03
@@ -149,22 +153,42 @@ def new_part(problem: Problem, columns: Floats) -> tuple[Floats, float]:
 
 
 def best_trial(problem: Problem, scan: Scan, beside: Candidate | None = None) -> Candidate:
-    """The trial that explains most, by itself or beside another candidate."""
-    left, columns = problem.left, scan.columns
+    """The trial that explains most, by itself or beside another candidate; between those of a grid, too.
+
+    It is looked for on ever finer grids, until a step changes what is explained by less than `EVEN` of the
+    noise that would be left.
+    """
+    k, most = _best(problem, scan, beside)
+    width = 1.0
+    for _ in range(FINEST):
+        finer = scan.effect.finer(problem.situation, scan.trials[k], width)
+        if not finer:
+            break
+        before = most
+        scan = _scan(problem, scan.effect, finer, scan.tried)
+        k, most = _best(problem, scan, beside)
+        if most - before < EVEN * max(problem.left @ problem.left - most, 0.0) / problem.freedoms:
+            break
+        width *= 2 / (len(finer) - 1)
+    return Candidate(scan.effect, scan.trials[k], new_part(problem, scan.columns[:, k])[0], scan.tried)
+
+
+def _best(problem: Problem, scan: Scan, beside: Candidate | None) -> tuple[int, float]:
+    """Place of the trial that explains most, and what it explains with the other candidate."""
+    left, columns, most = problem.left, scan.columns, 0.0
     if beside is not None:
         unit = beside.unit
-        left = left - unit @ (unit.T @ left)
+        taken = unit.T @ left
+        left, most = left - unit @ taken, float(taken @ taken)
         columns = columns - np.einsum('rk,ktm->rtm', unit, np.einsum('rk,rtm->ktm', unit, columns))
     gram = np.einsum('rtm,rtk->tmk', columns, columns)
     projected = np.einsum('r,rtm->tm', left, columns)
     size = np.trace(gram, axis1=1, axis2=2)
     ridge = (RIDGE * size.max())[..., None, None] * np.eye(columns.shape[2])
     coefficients = np.linalg.solve(gram + ridge, projected[..., None])[..., 0]
-    k = int(np.argmax(np.einsum('tm,tm->t', projected, coefficients)))
-    finer = scan.effect.finer(problem.situation, scan.trials[k]) if scan.tried == len(scan.trials) else ()
-    if finer:
-        return best_trial(problem, _scan(problem, scan.effect, finer, scan.tried), beside)
-    return Candidate(scan.effect, scan.trials[k], new_part(problem, scan.columns[:, k])[0], scan.tried)
+    gained = np.einsum('tm,tm->t', projected, coefficients)
+    k = int(np.argmax(gained))
+    return k, most + float(gained[k])
 
 
 def _scan(problem: Problem, effect: Effect, trials: Sequence[Trial], tried: int) -> Scan:

@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import Termination
@@ -69,16 +65,16 @@ class Search(NamedTuple):
         return [fit for fit in fits if fit.termination is Termination.CONVERGED]
 
 
-def search(calibration: Calibration, effects: Sequence[Effect], which: NDArray[np.bool_] | None = None) -> Search:
+def search(calibration: Calibration, effects: Sequence[Effect], begin: Calibration | None = None) -> Search:
     """Find the effects that a calibration lacks.
 
     Args:
         calibration: of the twelve parameters; effects that its cell has stay.
         effects: the catalogue.
-        which: the touches to begin with, (n,); None for those that the calibration used. Each
-            fit with effects judges anew which touches are bad.
+        begin: another fit to the same touches to begin at, with noise or used touches of its own. Each
+            fit with effects judges anew which touches are bad, and estimates the noise anew if it is not given.
     """
-    latest = calibration if which is None else replace(calibration, used=which)
+    latest = begin or calibration
     nothing = calibration if calibration.cell.effects else None
     found, before = None, frozenset[str]()
     for _ in range(ROUNDS):

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.estimate import Near
+from scara_kinetostatic.calibration.estimate import USUAL_NOISE, Near
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.contest import CREDIBLE
@@ -59,7 +59,9 @@ def tell(calibration: Calibration, known: Sequence[Effect], alarm: bool, leans: 
     if alarm:
         ways.append(search(c, known))
     if (~c.used).sum() >= SUSPICIOUS:
-        ways.append(search(c, known, np.ones(len(c.touches), dtype=bool)))
+        ways.append(search(c, known, replace(c, used=np.ones(len(c.touches), dtype=bool))))
+    if alarm and c.noise_source == 'estimated' and not any(way.extended for way in ways):
+        ways += _with_usual_noise(c, known)
     if leans and not any(way.extended and lean_p_value(way.extended) > STRAIGHT for way in ways):
         ways += _leaning(c, known)
     settled = [way for way in ways if way.extended is not None]
@@ -72,6 +74,16 @@ def tell(calibration: Calibration, known: Sequence[Effect], alarm: bool, leans: 
     if lead < CREDIBLE:
         return Told(ways[0]._replace(extended=None, proved=(), rivals=()) if alarm else None, 0.0)
     return Told(settled[int(np.argmin(sums))], lead)
+
+
+def _with_usual_noise(calibration: Calibration, known: Sequence[Effect]) -> list[Search]:
+    """The way of an error so large that it passed for noise: it is looked for as if the noise were the usual one."""
+    c = calibration
+    try:
+        begin = calibrate(c.touches, replace(c.cell, noise=USUAL_NOISE), fixed=c.fixed)
+    except UnsupportedDataError:
+        return []
+    return [search(c, known, begin)]
 
 
 def _leaning(calibration: Calibration, known: Sequence[Effect]) -> list[Search]:

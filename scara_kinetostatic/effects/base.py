@@ -68,6 +68,7 @@ class Effect(ABC):
         reveal: the touches that bring it to light.
         betrays: the variable over which its residual is best looked at, a key of `variables.VARIABLES`.
         on_object: whether `place` belongs to the object rather than to the robot.
+        scaled_by: names of those of the twelve parameters that the shift is proportional to.
     """
 
     target: str | None = None
@@ -78,6 +79,7 @@ class Effect(ABC):
     reveal: ClassVar[str]
     betrays: ClassVar[str]
     on_object: ClassVar[bool] = False
+    scaled_by: ClassVar[tuple[str, ...]] = ()
 
     @property
     def spread(self) -> float:
@@ -131,9 +133,8 @@ class Effect(ABC):
         values = np.array(self.start)
         return (Trial(self.derivative(at, values), self.reading_derivative(force, values)),)
 
-
-    def finer(self, at: Situation, trial: Trial) -> Sequence[Trial]:
-        """Further trials close to one of `trials`, where these are a grid."""
+    def finer(self, at: Situation, trial: Trial, width: float) -> Sequence[Trial]:
+        """Further trials, up to `width` steps on both sides of one of `trials`, where these are a grid."""
         return ()
 
 

@@ -39,6 +39,7 @@ class BaseTilt(LinearEffect):
     )
     reveal: ClassVar[str] = 'touches all over the workspace in both elbow postures; a level shows the tilt itself'
     betrays: ClassVar[str] = 'angle'
+    scaled_by: ClassVar[tuple[str, ...]] = ('p1', 'p2')
 
     def basis(self, at: Situation) -> tuple[Shift, ...]:
         first = [-at.parameters.p1 * torque for torque in _torques(at.link1)]

@@ -18,7 +18,7 @@ GRID = 0.75
 """Step of the grid times the standard deviation σ of the joint's angles, rad: a wave half a step off a frequency of the
 grid keeps 1 - (GRID/2)² = 86 % of its power or more, as the phases along the angles differ by GRID/2 at one σ."""
 FINER = 13
-"""Trials between the neighbours of one on the grid."""
+"""Trials about one of the grid."""
 LARGEST_GRID = np.pi
 """Step of the grid times the span of the angles at most: half of 2π/span."""
 
@@ -70,12 +70,12 @@ class TransmissionError(Effect):
         angle = at.joints[:, self.joint]
         return [self._trial(angle, float(cycles)) for cycles in frequencies(angle)]
 
-    def finer(self, at: Situation, trial: Trial) -> Sequence[Trial]:
-        """Frequencies between a trial's neighbours on the grid."""
+    def finer(self, at: Situation, trial: Trial, width: float) -> Sequence[Trial]:
+        """Frequencies about that of a trial, `width` steps of the grid on both sides."""
         angle = at.joints[:, self.joint]
         grid = frequencies(angle)
         step = grid[1] - grid[0] if len(grid) > 1 else 0.0
-        return [self._trial(angle, trial.place + part * step) for part in np.linspace(-1, 1, FINER)]
+        return [self._trial(angle, trial.place + part * step) for part in np.linspace(-width, width, FINER)]
 
     def _trial(self, angle: Floats, cycles: float) -> Trial:
         waves = np.cos(cycles * angle), np.sin(cycles * angle)

@@ -12,7 +12,7 @@ from scara_kinetostatic.model.equations import (
     touch_equations,
 )
 from scara_kinetostatic.model.extension import Setting, Shift
-from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.state import State
 from scara_kinetostatic.model.statics import Floats
 
@@ -63,7 +63,10 @@ def all_derivatives(parameters: Parameters, setting: Setting, state: State, equa
     twelve = parameter_derivative(state, equations, setting.gripper)
     if setting.extension is None:
         return twelve
-    shifts = setting.extension.derivative(setting.situation(parameters, state))
+    at = setting.situation(parameters, state)
+    for name, shift in setting.extension.by_robot(at).items():
+        twelve[:, :, NAMES.index(name)] += shift_column(shift, state, equations)
+    shifts = setting.extension.derivative(at)
     columns = [shift_column(shift, state, equations)[:, :, None] for shift in shifts]
     return np.concatenate([twelve, *columns], axis=2)
 

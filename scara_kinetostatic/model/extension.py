@@ -29,6 +29,8 @@ Floats = NDArray[np.float64]
 FORCE_STEP = 1e-4
 """Step of the central difference over the force, as a part of it (of 1 N at least)."""
 TURN_STEP = 1e-5
+ROBOT_STEP = 1e-6
+"""Step of the central difference over a parameter of the robot, in its unit; the shift is linear in it."""
 READING_PASSES = 8
 
 
@@ -139,6 +141,10 @@ class Law(Protocol):
     def on_object(self) -> bool:
         """Whether `place` belongs to the object rather than to the robot: then H̄ and Ḡ do not see it."""
 
+    @property
+    def scaled_by(self) -> tuple[str, ...]:
+        """Names of the parameters of the robot, such as ``p1``, that the shift is proportional to."""
+
     def shift(self, at: Situation, values: Floats) -> Shift:
         """δ and d at n touches for values (k,) of the effect's parameters."""
 
@@ -179,6 +185,18 @@ class Extension(NamedTuple):
             if part.place is not None and not (robot_only and law.on_object):
                 place = place + part.place
         return joints, place
+
+    def by_robot(self, at: Situation) -> dict[str, Shift]:
+        """The derivatives of δ and d by the parameters of the robot that scale them, by central differences."""
+        found = {}
+        for name in dict.fromkeys(name for law in self.laws for name in law.scaled_by):
+            value = getattr(at.parameters, name)
+            up, down = (
+                self.shift(at._replace(parameters=at.parameters.replace(**{name: value + sign * ROBOT_STEP})))
+                for sign in (1, -1)
+            )
+            found[name] = Shift(*((a - b) / (2 * ROBOT_STEP) for a, b in zip(up, down, strict=True)))
+        return found
 
     def derivative(self, at: Situation) -> list[Shift]:
         """The derivatives of all laws, in the order of their parameters in L̄."""

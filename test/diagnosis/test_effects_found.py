@@ -58,6 +58,27 @@ def test_an_effect_is_named_measured_and_taken_out(label):
     assert found.remaining_p_value > 0.01
 
 
+LARGE = {
+    'transmission_error[joint2]': (-8e-4, 2.0, 2.7),
+    'base_tilt': (60.0, -60.0, 40.0, 30.0),
+    'encoder_gain[joint1]': (3e-3,),
+    'object_position[disc_2]': (2e-3, 1e-3),
+}
+"""Reduced chi-squares of hundreds, or, with the noise estimated, joints that seem to repeat ten times worse."""
+
+
+@pytest.mark.parametrize('given', [True, False])
+@pytest.mark.parametrize('label', LARGE)
+def test_a_large_effect_is_no_unnamed_curve_and_no_noise(label, given):
+    before, found = examined(label, LARGE[label], given, seed=3)
+    assert found.verdict == 'explained'
+    assert named(found.found) == [label]
+    assert found.extended is not None
+    assert np.abs(deviations(before)).max() > 4
+    assert np.abs(deviations(found.extended)).max() < 4
+    assert found.extended.noise.joint < 2e-5
+
+
 @pytest.mark.parametrize('label', ['encoder_gain[joint1]', 'transmission_error[joint2]', 'link_bending[link1]'])
 def test_an_effect_is_named_with_unknown_noise(label):
     before, found = examined(label, SIZES[label], given=False)

@@ -9,6 +9,10 @@ from model.helpers import ROBOTS, assert_derivative
 
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.contact_friction import ContactFriction
+from scara_kinetostatic.model.extended import all_derivatives, extended_equations, settled
+from scara_kinetostatic.model.extension import Setting
+from scara_kinetostatic.model.parameters import NAMES, P1, P2, P_EE, Parameters
+from scara_kinetostatic.model.state import State
 
 
 def check(effect: Effect, seed: int, robot: int) -> None:
@@ -39,6 +43,28 @@ def test_derivatives(effect, robot):
 
 def test_derivatives_of_friction_whose_slide_follows_the_estimate():
     check(ContactFriction(), seed=2, robot=0)
+
+
+def settle(parameters: Parameters, setting: Setting, state: State, frozen: bool) -> State:
+    """The state whose link angles go with the joint angles."""
+    for _ in range(5):
+        state = settled(parameters, setting, state, frozen)
+    return state
+
+
+@pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
+def test_what_a_compliance_scales_is_in_its_derivative(effect):
+    scene, values = random_scene(3, 60), plausible(effect)
+    setting, whole = scene.setting(effect), scene.parameters.replace(extra=tuple(values))
+    state = settle(whole, setting, scene.state, frozen=False)
+    given = all_derivatives(whole, setting, state, extended_equations(whole, setting, state))
+    for place in (P_EE, P1, P2):
+        name, step = NAMES[place], 1e-3 * getattr(whole, NAMES[place])
+        robots = (whole.replace(**{name: getattr(whole, name) + sign * step}) for sign in (1, -1))
+        up, down = (extended_equations(robot, setting, settle(robot, setting, state, frozen=True)) for robot in robots)
+        found = np.stack([up.normal - down.normal, up.tangent - down.tangent], axis=-1) / (2 * step)
+        # what the turn of the force does to the effect is of second order
+        assert np.abs(found - given[:, :, place]).max() < 0.01 * np.abs(given[:, :, place]).max()
 
 
 @pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
