@@ -9,7 +9,7 @@ from scipy import stats
 
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.diagnosis.deciding import Deciding
-from scara_kinetostatic.diagnosis.result import Found
+from scara_kinetostatic.diagnosis.result import Found, Ranked
 from scara_kinetostatic.diagnosis.structure import Trace
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import Unnamed
@@ -18,6 +18,8 @@ LARGEST_JOINT_NOISE = 2e-4
 """Estimated repeatability of a joint beyond which it is an error of the model, rad."""
 GROWING = 1e-3
 """P-value below which it is said that the noise grows with the force."""
+LARGE_BEND = 5.0
+"""Standard deviations by which an effect that is not found may bend one of the twelve before it is said."""
 FEW = 4
 LARGEST_ERROR_SHARE = 0.2
 """The same for the force error as a part of the force."""
@@ -61,31 +63,59 @@ def hint(p_value: float, found: Sequence[Trace]) -> str:
     )
 
 
-def with_growing_noise(text: str, p_value: float) -> str:
-    """What to add where the scatter of the force is not the same at all forces."""
+def not_excluded(ranking: Sequence[Ranked]) -> str:
+    """What "nothing is missing" does not exclude: effects just too small to be found that would bend the twelve."""
+    named = [item for item in ranking if item.hidden_bend > LARGE_BEND and not isinstance(item.effect, Unnamed)]
+    if not named:
+        return ''
+    worst = max(named, key=lambda item: item.hidden_bend)
+    others = f'; {len(named) - 1} other effects some parameter by more than {LARGE_BEND:g}' if len(named) > 1 else ''
+    return (
+        f'not excluded: {worst.effect.label}, just too small to be found in these touches, could bend {worst.bent} by '
+        f'{worst.hidden_bend:.0f} standard deviations{others}'
+    )
+
+
+def held(c: Calibration) -> str:
+    """What to say where some of the twelve were held at given values."""
+    if not c.fixed:
+        return ''
+    names = ', '.join(c.fixed)
+    return f'held at given values: {names}; a wrong value shows as an effect that is not there, so fit it as well'
+
+
+def growing_noise(p_value: float) -> str:
+    """What to say where the scatter of the force is not the same at all forces."""
     if p_value >= GROWING:
-        return text
-    said = (
+        return ''
+    return (
         f'the scatter of the force grows with the force (p = {p_value:.1g}), and all tests take it for the same: '
         'structure over the size of the force may be no more than that'
     )
-    return f'{text}. {said}' if text else said
 
 
 def too_quiet(c: Calibration) -> str:
     """Where the residuals are smaller than the stated noise."""
     if c.noise_source == 'given' and stats.chi2.cdf(c.chi_square, c.degrees_of_freedom) < 1e-3:
         return (
-            f'the residuals are {c.reduced_chi_square**0.5:.2g} times the stated noise: it is stated too large, '
-            'and so are the standard deviations; leave the noise out of the cell file to have it estimated'
+            f'the residuals are {c.reduced_chi_square**0.5:.2g} times the stated noise: it is stated too large, and so '
+            'are the standard deviations of the twelve alone; what was looked for beyond them was looked for with the '
+            'noise that the touches show. Leave the noise out of the cell file to have it estimated'
         )
     return ''
 
 
+def joined(*texts: str) -> str:
+    """Sentences, as one text; it begins small, as it does where there is one only."""
+    first, *others = [text for text in texts if text] or ['']
+    return '. '.join([first, *(text[0].upper() + text[1:] for text in others)])
+
+
 def _few(labels: Sequence[str]) -> str:
     """The first few of many, in words."""
-    more = f' and {len(labels) - FEW} others' if len(labels) > FEW else ''
-    return ' and '.join(labels) if not more else ', '.join(labels[:FEW]) + more
+    left = len(labels) - FEW
+    parts = [*labels[:FEW], *([f'{left} other{"s" if left > 1 else ""}'] if left > 0 else [])]
+    return f'{", ".join(parts[:-1])} and {parts[-1]}' if len(parts) > 1 else parts[0]
 
 
 def after_search(
@@ -100,7 +130,7 @@ def after_search(
     by_label = {effect.label: effect for effect in known}
     sentences = []
     for group in rivals:
-        apart = f'{_few(group)} cannot be told apart by these touches'
+        apart = f'these touches cannot tell {_few(group)} apart'
         reveals = dict.fromkeys(by_label[label].reveal for label in group[:FEW] if label in by_label)
         sentences.append(f'{apart}; to decide, record {"; or ".join(reveals)}' if deciding != () else apart)
     if deciding:
@@ -120,4 +150,4 @@ def after_search(
         sentences.append(f'something is left even so: the residual depends on {names}')
     elif verdict == 'unexplained' and not any(isinstance(item.effect, Unnamed) for item in found):
         sentences.append('the residuals stay larger than the stated noise, without a pattern')
-    return '. '.join(sentences)
+    return joined(*sentences)

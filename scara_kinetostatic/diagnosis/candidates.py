@@ -167,7 +167,7 @@ def best_trial(problem: Problem, scan: Scan, beside: Candidate | None = None) ->
         before = most
         scan = _scan(problem, scan.effect, finer, scan.tried)
         k, most = _best(problem, scan, beside)
-        if most - before < EVEN * max(problem.left @ problem.left - most, 0.0) / problem.freedoms:
+        if most - before < EVEN * max(float(problem.left @ problem.left) - most, 0.0) / problem.freedoms:
             break
         width *= 2 / (len(finer) - 1)
     return Candidate(scan.effect, scan.trials[k], new_part(problem, scan.columns[:, k])[0], scan.tried)

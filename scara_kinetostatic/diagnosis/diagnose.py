@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.estimate import Near
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.candidates import Field
@@ -25,6 +27,7 @@ from scara_kinetostatic.diagnosis.structure import Trace, find_traces
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.unnamed import Unnamed
+from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.parameters import NAMES
 
 SIGNIFICANCE = 0.01
@@ -57,11 +60,25 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
         effects: the catalogue; None for all that `effects.registry` lists.
     """
     known = tuple(catalogue(calibration.cell) if effects is None else effects)
-    found = _diagnose(calibration, known)
+    quiet = advice.too_quiet(calibration)
+    found = _diagnose(_with_own_noise(calibration) if quiet else calibration, known)
     final = found.extended or calibration
     leaning = any(effect.spread for effect in final.cell.effects)
     growing = 1.0 if leaning else min(growing_p_value(fit) for fit in (calibration, final))
-    return replace(found, advice=advice.with_growing_noise(found.advice, growing))
+    held = advice.held(calibration) if found.verdict != 'none' else ''
+    return replace(found, advice=advice.joined(quiet, found.advice, held, advice.growing_noise(growing)))
+
+
+def _with_own_noise(calibration: Calibration) -> Calibration:
+    """The fit with the noise that the touches show, where the cell states too much: under it nothing would stand out
+    but what its errors do beyond first order.
+    """
+    c = calibration
+    try:
+        near = Near(c.parameters, c.noise, c.used)
+        return calibrate(c.touches, replace(c.cell, noise=None), fixed=c.fixed, near=near)
+    except UnsupportedDataError:
+        return c
 
 
 def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
@@ -80,7 +97,7 @@ def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
     if found is None or hint:
         nothing = Search(problem, rank_singles(problem, field), None, 0.0, (), ())
         ranking = _ranking(nothing, c)
-        text = advice.hint(p_value, before.traces) if hint else advice.too_quiet(c)
+        text = advice.joined(advice.hint(p_value, before.traces) if hint else '', advice.not_excluded(ranking))
         return Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, advice=text)
     ranking = _ranking(found, c)
     if found.extended is None:
