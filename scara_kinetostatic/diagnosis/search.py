@@ -95,9 +95,7 @@ def search(calibration: Calibration, effects: Sequence[Effect], begin: Calibrati
     return found or Search(problem, contest, nothing, 0.0, (), ())
 
 
-def _settled(
-    calibration: Calibration, latest: Calibration, problem: Problem, contest: Contest
-) -> Calibration | None:
+def _settled(calibration: Calibration, latest: Calibration, problem: Problem, contest: Contest) -> Calibration | None:
     """The fit with all winners; if that does not settle, with the best credible set that does; None if none does."""
     sets = [[contest.field.candidates[k] for k in entry.members] for entry in contest.credible]
     for members in (_winners(contest), *sets[:ATTEMPTS]):
