@@ -43,7 +43,7 @@ def draw(summary: Part, path: Path) -> None:
         axes = figure.subplots(rows, 2, squeeze=False).ravel()
         for ax, (key, panel) in zip(axes, shown, strict=False):
             panel(ax, summary[key], palette)
-            ax.legend(frameon=False, fontsize='small', ncols=2)
+            ax.legend(frameon=False, fontsize='small', ncols=2, loc='upper center', bbox_to_anchor=(0.5, -0.1))
         for ax in axes[len(shown) :]:
             ax.set_visible(False)
         figure.suptitle('Statistics of the calibration; all touches are simulated')
@@ -75,7 +75,7 @@ def _efficiency(ax: Axes, parts: Part, palette: dict[str, str]) -> None:
         ax.plot(x, list(same.values()), '_', ms=7, color=palette[INK])
     ax.axhline(1.0, color=palette[INK], lw=0.8)
     ax.axhline(EFFICIENT, color=palette[WARN], lw=0.8)
-    title = 'variance over the Cramér–Rao bound, ± its sampling error; dashes: over the ideal of the same noise'
+    title = 'variance over the Cramér–Rao bound, ± sampling error; dashes: without it'
     ax.set_title(title, fontsize='small')
     _names(ax)
 
@@ -85,10 +85,12 @@ def _coverage(ax: Axes, parts: Part, palette: dict[str, str]) -> None:
         rates = [100 * part['coverage']['normal'][name] for name in NAMES]
         x, error = _places(number, len(NAMES), len(parts)), 100 * part['coverage_sampling_error']
         ax.errorbar(x, rates, error, fmt='o', ms=4, color=palette[SERIES[number]], label=key)
+        same = [100 * part['coverage']['normal_of_same_noise'][name] for name in NAMES]
+        ax.plot(x, same, '_', ms=7, color=palette[INK])
     ax.axhline(100 * LEVEL, color=palette[INK], lw=0.8)
     for limit in COVERED:
         ax.axhline(100 * limit, color=palette[WARN], lw=0.8)
-    ax.set_title('95 % intervals that hold the truth, %, ± the sampling error', fontsize='small')
+    ax.set_title('95 % intervals that hold the truth, %, ± sampling error; dashes: without it', fontsize='small')
     _names(ax)
 
 

@@ -49,13 +49,24 @@ def _coverage(parts: dict[str, Any]) -> Iterator[str]:
     if not parts:
         return
     yield from ('', 'Coverage of 95 % intervals, %: value ± quantile times the stated standard deviation', '')
-    yield f'{"":8}' + ''.join(f'{key:>30}' for key in parts)
-    yield f'{"":8}' + f'{"normal":>20}{"Student":>10}' * len(parts)
+    yield 'quantiles: normal, 1.96; Student, with the degrees of freedom of the fit; same noise: normal, less what the'
+    yield 'ideal estimate with the standard deviation of the bound, which covers 95 %, has beyond that on this noise'
+    kinds = ('normal', 'student', 'normal_of_same_noise')
+    yield f'{"":8}' + ''.join(f'{key:>32}' for key in parts)
+    yield f'{"":8}' + f'{"normal":>12}{"Student":>9}{"same n.":>11}' * len(parts)
     for name in (*NAMES, 'pooled'):
-        cells = (f'{100 * p["coverage"]["normal"][name]:20.2f}{100 * p["coverage"]["student"][name]:10.2f}'
-                 for p in parts.values())  # fmt: skip
-        yield f'{name:8}' + ''.join(cells)
-    yield f'sampling error {100 * max(part["coverage_sampling_error"] for part in parts.values()):.2f} of one parameter'
+        rates = [[100 * part['coverage'][kind][name] for kind in kinds] for part in parts.values()]
+        yield f'{name:8}' + ''.join(f'{first:12.2f}{second:9.2f}{third:11.2f}' for first, second, third in rates)
+    plain = 100 * max(part['coverage_sampling_error'] for part in parts.values())
+    same = [100 * max(part['coverage_of_same_noise_sampling_error'].values()) for part in parts.values()]
+    yield f'sampling error of one parameter {plain:.2f}; same noise at most ' + ', '.join(
+        f'{each:.2f}' for each in same
+    )
+    for key, part in parts.items():
+        scattered = part['freedoms']['of_the_stated_variance']
+        if scattered:
+            least, most = min(scattered.values()), max(scattered.values())
+            yield f'{key}: stated variances scatter as with {least:.0f} to {most:.0f} degrees of freedom'
 
 
 def _starts(parts: dict[str, Any]) -> Iterator[str]:
@@ -63,7 +74,7 @@ def _starts(parts: dict[str, Any]) -> Iterator[str]:
         return
     yield from ('', 'Random starts: does the same optimum come out', '')
     yield f'lengths and base off by up to {1e3 * LENGTH_OFF:.0f} mm, offsets by {ANGLE_OFF:.4f} rad, compliances and'
-    yield f'backlashes by a factor of up to {FACTOR_OFF:g}; same: cost to {SAME_COST:g}, parameters to {SAME_VALUE:g} sigma'
+    yield f'backlashes by a factor of up to {FACTOR_OFF:g}; same: cost to {SAME_COST:g}, values to {SAME_VALUE:g} sigma'
     for key, part in parts.items():
         steps = part['iterations']
         yield (
