@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import chdtrc
 
 from scara_kinetostatic.calibration import outliers
 from scara_kinetostatic.calibration.adjustment import Observations
@@ -56,7 +56,7 @@ def conclude(
     chi_square = float(fit.point.distance[used].sum())
     freedoms = 2 * int(used.sum()) - found.subspace.basis.shape[1]
     covariance = covariance_of_fit(fit, found.subspace)
-    if stats.chi2.sf(chi_square, freedoms) < MISFIT:
+    if chdtrc(freedoms, chi_square) < MISFIT:
         covariance = covariance * (chi_square / freedoms)
     std = np.sqrt(np.diag(covariance))
     names = NAMES + tuple(label for law in cell.effects for label in law.labels)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from scara_kinetostatic.cli.arguments import Subparsers, add_verb
 from scara_kinetostatic.cli.calibrate import find_cell
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     from scara_kinetostatic.model.cell import Cell
@@ -83,7 +83,7 @@ def _topics(bag: Path) -> list[tuple[str, str]]:
 
 def _stream(stamp: NDArray[np.int64]) -> dict[str, float | int]:
     duration = 1e-9 * float(stamp[-1] - stamp[0])
-    gaps = 1e-9 * np.diff(stamp)
+    gaps = 1e-9 * (stamp[1:] - stamp[:-1])
     return {
         'messages': len(stamp),
         'duration': duration,
@@ -146,8 +146,8 @@ def _table(touches: list[dict[str, Any]]) -> list[str]:
         if touch['accepted']:
             x, y = touch['force']
             posture = 'left' if touch['posture'] > 0 else 'right'
-            angle = np.degrees(np.arctan2(y, x))
-            lines.append(f'{start}  {touch["object"]:{width}}  {posture:7}  {np.hypot(x, y):7.2f}  {angle:9.1f}')
+            angle = math.degrees(math.atan2(y, x))
+            lines.append(f'{start}  {touch["object"]:{width}}  {posture:7}  {math.hypot(x, y):7.2f}  {angle:9.1f}')
         else:
             lines.append(f'{start}  rejected: {touch["reason"]}')
     return lines

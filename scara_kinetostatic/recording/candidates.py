@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.recording.segmentation import Contacts
 from scara_kinetostatic.recording.settling import SHORTEST_HOLD, Plateau, Settling, settle
-from scara_kinetostatic.recording.signals import Floats, Signals, white_noise
+from scara_kinetostatic.recording.signals import Floats, Signals, median, white_noise
 from scara_kinetostatic.recording.zero import AFTER_CONTACT, SHORTEST_FREE, Zero, zero_before
 
 LARGEST_DRIFT = 0.03
@@ -150,7 +150,7 @@ def _frozen(signals: Signals, zero: Zero, plateau: Plateau) -> str:
 def _drift(values: Floats) -> float:
     """Change from the first to the last third, the larger of both components."""
     third = max(len(values) // 3, 1)
-    return float(np.abs(np.median(values[-third:], axis=0) - np.median(values[:third], axis=0)).max())
+    return float(np.abs(median(values[-third:]) - median(values[:third])).max())
 
 
 def _flickers(signals: Signals, zero: Zero) -> NDArray[np.bool_]:

@@ -16,7 +16,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.recording.signals import Floats, Signals, Topic, mean_steps, robust_mean, runs, white_noise
+from scara_kinetostatic.recording.signals import (
+    Floats,
+    Signals,
+    Topic,
+    mean_steps,
+    median,
+    robust_mean,
+    runs,
+    white_noise,
+)
 from scara_kinetostatic.recording.zero import Zero
 
 SHORTEST_HOLD = 0.2
@@ -142,7 +151,7 @@ def _calmness(signals: Signals, zero: Zero, time: Floats) -> _Calmness:
     force_step, load = mean_steps(wrench, time, half)
     load = np.hypot(*(load - zero.force).T)
     force = wrench.value[wrench.stretch(time[0], np.nextafter(time[-1], np.inf))]
-    noise = max(zero.noise, min(white_noise(force), ROUGH_CONTACT * float(np.median(load))))
+    noise = max(zero.noise, min(white_noise(force), ROUGH_CONTACT * float(median(load))))
     wander = min(zero.wander, LARGEST_WANDER * float(load.max()))
     force_limit = max(SIGMAS * max(_of_step(noise, wrench, half), wander), _digit(force))
     joint_noise = min(white_noise(joints.value[joints.stretch(time[0], time[-1])]), HIGHEST_JOINT_NOISE)

@@ -17,8 +17,6 @@ from scara_kinetostatic.recording.inflate import ZSTD_MAGIC
 from scara_kinetostatic.recording.mcap_checksum import MAGIC as MCAP_MAGIC
 from scara_kinetostatic.recording.mcap_file import McapFile
 from scara_kinetostatic.recording.raw import Batches, Source, Topic, reading
-from scara_kinetostatic.recording.ros1_file import Ros1File
-from scara_kinetostatic.recording.sqlite_file import SqliteFile
 
 SQLITE_MAGIC = b'SQLite format 3\0'
 ROS1_MAGIC = b'#ROSBAG V'
@@ -68,8 +66,12 @@ def _plain(path: Path, start: bytes) -> Source | None:
     if start.startswith(MCAP_MAGIC):
         return McapFile(path)
     if start.startswith(SQLITE_MAGIC):
+        from scara_kinetostatic.recording.sqlite_file import SqliteFile
+
         return SqliteFile(path)
-    if start.startswith(ROS1_MAGIC):
+    if start.startswith(ROS1_MAGIC):  # `rosbags` takes its time to import
+        from scara_kinetostatic.recording.ros1_file import Ros1File
+
         return Ros1File(path)
     return None
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.recording.segmentation import SMOOTHING, moving_mean
-from scara_kinetostatic.recording.signals import Floats, Signals, mean_steps, robust_mean, white_noise
+from scara_kinetostatic.recording.signals import Floats, Signals, mean_steps, median, robust_mean, white_noise
 
 LONGEST_FREE = 2.0
 """Only this much of the free motion before a contact is used, s."""
@@ -59,14 +59,14 @@ def zero_before(signals: Signals, begin: float, previous_end: float) -> Zero | N
         before = np.arange(len(time)) < 3
     steps, _ = mean_steps(signals.calm, time[before], signals.half)
     # the median of the length of a vector with two normal components is 1.18 sigma
-    wander = float(np.median(np.hypot(*steps.T))) / 1.18
+    wander = float(median(np.hypot(*steps.T))) / 1.18
     return Zero(robust_mean(force[before]).mean, noise, wander, contact)
 
 
 def _first_contact(time: Floats, force: Floats, noise: float, period: float) -> float:
     """Where the force leaves the middle of the free samples for good, in the later half of them at the earliest."""
     width = 2 * round(0.5 * SMOOTHING / period) + 1
-    smooth = moving_mean(force - np.median(force, axis=0), width)
+    smooth = moving_mean(force - median(force), width)
     limit = max(FLOOR, 4.0 * noise / np.sqrt(width))
     calm = np.flatnonzero(np.hypot(smooth[:, 0], smooth[:, 1]) < limit)
     latest = max(int(calm[-1]) if len(calm) else 0, len(time) // 2)

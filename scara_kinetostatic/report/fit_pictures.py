@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
+from matplotlib.collections import PatchCollection
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 from scipy.special import betaincinv
@@ -88,17 +89,16 @@ def correlation_picture(c: Calibration) -> Markup | None:
     std = np.sqrt(np.diag(covariance))
     matrix = covariance / np.where(std > 0, np.outer(std, std), 1.0)
     figure, (axes,) = new_figure(HALF, 400)
-    for row in range(len(names)):
-        for column in range(len(names)):
-            value = float(matrix[row, column])
-            colour = INK if row == column else SERIES[0] if value > 0 else SERIES[1]
-            side = 0.92 * np.sqrt(abs(value)) if row != column else 0.92
-            alpha = 0.12 if row == column else 0.25 + 0.6 * min(abs(value), 1.0)
-            place = (column - side / 2, row - side / 2)
-            axes.add_patch(Rectangle(place, side, side, facecolor=colour, alpha=alpha, lw=0))
-            if row != column and abs(value) >= 0.5:
-                percent = f'{100 * value:.0f}'.replace('-', '−')
-                axes.text(column, row, percent, ha='center', va='center', fontsize=9.5, color=INK)
+    squares, colours = [], []
+    for (row, column), value in np.ndenumerate(matrix):
+        size = 1.0 if row == column else abs(float(value))
+        side, alpha = 0.92 * np.sqrt(size), 0.12 if row == column else 0.25 + 0.6 * min(size, 1.0)
+        squares.append(Rectangle((column - side / 2, row - side / 2), side, side))
+        colours.append((INK if row == column else SERIES[0] if value > 0 else SERIES[1], alpha))
+        if row != column and size >= 0.5:
+            percent = f'{100 * value:.0f}'.replace('-', '−')
+            axes.text(column, row, percent, ha='center', va='center', fontsize=9.5, color=INK, clip_on=True)
+    axes.add_collection(PatchCollection(squares, facecolors=colours, linewidths=0))
     axes.set(xlim=(-0.6, len(names) - 0.4), ylim=(len(names) - 0.4, -0.6), aspect='equal')
     axes.set_xticks(range(len(names)), names, rotation=90)
     axes.set_yticks(range(len(names)), names)

@@ -9,6 +9,7 @@ from scara_kinetostatic.report.document import Document
 
 NAME = 'calibration.json'
 WIDTH = 160
+_ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 
 
 def json_text(document: Document) -> str:
@@ -21,12 +22,12 @@ def json_text(document: Document) -> str:
 
 
 def _text(value: Any, indent: str) -> str:
-    flat = json.dumps(value, ensure_ascii=False, allow_nan=False)
+    flat = _ENCODER.encode(value)
     if not isinstance(value, (dict, list)) or _is_short(value, flat, indent):
         return flat
     deeper = indent + '  '
     if isinstance(value, dict):
-        parts = [f'{json.dumps(key, ensure_ascii=False)}: {_text(item, deeper)}' for key, item in value.items()]
+        parts = [f'{_ENCODER.encode(key)}: {_text(item, deeper)}' for key, item in value.items()]
         return '{\n' + ',\n'.join(deeper + part for part in parts) + f'\n{indent}}}'
     return '[\n' + ',\n'.join(deeper + _text(item, deeper) for item in value) + f'\n{indent}]'
 
