@@ -32,13 +32,14 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.misreading import misread, unreading
 from scara_kinetostatic.model.cell import Noise, SensorFrame
-from scara_kinetostatic.model.equations import settle_links
 from scara_kinetostatic.model.extended import all_derivatives, extended_equations, lean_derivative, settled
 from scara_kinetostatic.model.extension import Extension, Setting
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2, Parameters
+from scara_kinetostatic.model.settling import Settled, settle_links
 from scara_kinetostatic.model.state import State, free_state
+from scara_kinetostatic.model.statics import Arm
 
 Floats = NDArray[np.float64]
 
@@ -143,7 +144,7 @@ class Whitened(NamedTuple):
 def first_guess(observations: Observations, parameters: Parameters) -> Adjusted:
     """Start: the observations as measured."""
     o = observations
-    return as_measured(o, parameters, free_state(parameters, o.joints, o.centers))
+    return as_measured(o, parameters, free_state(parameters, o.joints, o.centers))[0]
 
 
 def place_force(
@@ -157,12 +158,17 @@ def place_force(
     return state._replace(magnitude=np.hypot(force[:, 0], force[:, 1]), direction=direction)
 
 
-def linearise(observations: Observations, parameters: Parameters, adjusted: Adjusted) -> Linearisation:
-    """The equations and their derivatives at the adjusted observations."""
-    o = observations
-    state = place_force(o, parameters, adjusted.joints, adjusted.force, adjusted.state)
+def linearise(
+    observations: Observations, parameters: Parameters, adjusted: Adjusted, arm: Arm | None = None
+) -> Linearisation:
+    """The equations and their derivatives at the adjusted observations; `arm` saves work where that of their state
+    is known.
+    """
+    o, state = observations, adjusted.state
+    if arm is None:
+        state = place_force(o, parameters, adjusted.joints, adjusted.force, state)
     setting = o.setting(adjusted.joints, adjusted.lean)
-    e = extended_equations(parameters, setting, state)
+    e = extended_equations(parameters, setting, state, arm)
     derivative = all_derivatives(parameters, setting, state, e)
     by_joints = derivative[:, :, THETA1 : THETA2 + 1 : THETA2 - THETA1]
     if o.frame is SensorFrame.TOOL:  # the sensor turns with link 2, so the force does
@@ -279,7 +285,7 @@ def adjust(
     step: Floats,
     noise: Noise,
     frozen: bool = False,
-) -> Adjusted:
+) -> tuple[Adjusted, Arm | None]:
     """Adjusted observations after a step ΔL̄: [Q̂; F̂] = [Q; F] - Σ Bᵀ V⁻¹ (w + h_L̄ ΔL̄).
 
     Touches that are grossly off keep what they measured, but for the direction of the
@@ -294,6 +300,9 @@ def adjust(
         step: ΔL̄, (12,).
         noise: σ_q and σ_f.
         frozen: whether every joint stays on its flank.
+
+    Returns:
+        The adjusted observations, and the arm at their state if it was worked out on the way.
     """
     o, b_q, b_f = observations, linear.by_joints, linear.by_force
     multiplier, close = _multiplier(whitened, step)
@@ -312,7 +321,8 @@ def adjust(
     lean = None
     if linear.by_lean is not None:
         lean = -o.spread * np.where(close, (linear.by_lean * multiplier).sum(axis=-1), 0.0)
-    return Adjusted(joints, force, settle_twice(o, parameters, joints, state, frozen, lean), lean)
+    state, arm = settle(o, parameters, joints, state, frozen, lean, again=True)
+    return Adjusted(joints, force, state, lean), arm
 
 
 def _multiplier(whitened: Whitened, step: Floats) -> tuple[Floats, NDArray[np.bool_]]:
@@ -327,19 +337,21 @@ def _multiplier(whitened: Whitened, step: Floats) -> tuple[Floats, NDArray[np.bo
     return multiplier, close
 
 
-def settle_twice(
+def settle(
     observations: Observations,
     parameters: Parameters,
     joints: Floats,
     state: State,
     frozen: bool = False,
     lean: Floats | None = None,
-) -> State:
-    """Link angles and modes that go with joints and force; the second step is for changed modes."""
+    again: bool = False,
+) -> Settled:
+    """Link angles and modes that go with joints and force; the second step, `again`, is for changed modes."""
     if observations.extension is None:
-        return settle_links(parameters, joints, state, observations.gripper, frozen, again=True)
+        return settle_links(parameters, joints, state, observations.gripper, frozen, again)
     setting = observations.setting(joints, lean)
-    return settled(parameters, setting, settled(parameters, setting, state, frozen), frozen)
+    state = settled(parameters, setting, state, frozen)
+    return Settled(settled(parameters, setting, state, frozen) if again else state, None)
 
 
 def _turned_radial(observations: Observations, parameters: Parameters, state: State) -> Floats:
@@ -355,8 +367,9 @@ def _turned_radial(observations: Observations, parameters: Parameters, state: St
     return turned if o.extension is None else o.extension.read(parameters, turned)
 
 
-def as_measured(observations: Observations, parameters: Parameters, state: State) -> Adjusted:
-    """The observations as measured, with the link angles that go with a new L̄: the coarse stage."""
+def as_measured(observations: Observations, parameters: Parameters, state: State) -> tuple[Adjusted, Arm | None]:
+    """The observations as measured, with the link angles that go with a new L̄: the coarse stage. As `adjust`."""
     o = observations
     state = place_force(o, parameters, o.joints, o.force, state)
-    return Adjusted(o.joints, o.force, settle_twice(o, parameters, o.joints, state))
+    state, arm = settle(o, parameters, o.joints, state, again=True)
+    return Adjusted(o.joints, o.force, state), arm

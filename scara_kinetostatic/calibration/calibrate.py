@@ -82,10 +82,19 @@ def _leave_out(touches: TouchSet, cell: Cell) -> tuple[TouchSet, list[Rejection]
     least = FAINTEST * cell.noise.force if cell.noise else NO_FORCE
     for k in np.flatnonzero(magnitude <= least):
         reasons[int(k)] = f'presses with {magnitude[k]:.2g} N only: its direction is noise'
-    rows = np.concatenate([touches.joints, touches.force], axis=1)
-    _, first, which = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    earlier = first[which.ravel()]
-    for k in np.flatnonzero(earlier != np.arange(len(rows))):
+    earlier = _earlier_twins(np.concatenate([touches.joints, touches.force], axis=1))
+    for k in np.flatnonzero(earlier != np.arange(len(touches))):
         reasons.setdefault(int(k), f'the same reading as touch {touches.index[earlier[k]]}, to the last bit')
-    kept = np.array([k not in reasons for k in range(len(touches))], dtype=bool)
+    if not reasons:
+        return touches, []
+    kept = np.ones(len(touches), dtype=bool)
+    kept[list(reasons)] = False
     return touches.select(kept), [Rejection(int(touches.index[k]), reason) for k, reason in sorted(reasons.items())]
+
+
+def _earlier_twins(rows: Floats) -> NDArray[np.intp]:
+    """For each row the first one that is the same to the last bit, itself if there is none before, (n,)."""
+    if len(np.unique(rows[:, 0])) == len(rows):  # as nearly always
+        return np.arange(len(rows))
+    _, first, which = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    return np.asarray(first[which.ravel()])

@@ -134,7 +134,7 @@ def estimate(
             break
         if number >= SETTLING:
             good &= used  # nor is a bad touch taken back, for the same reason
-        now_unseen = unseen_directions(observations.select(good), select(fit.point, good), free, noise)
+        now_unseen = unseen_directions(*_only(good, observations, fit.point), free, noise)
         if number >= SETTLING and now_unseen.shape[1] < unseen.shape[1]:
             now_unseen = unseen  # what was unseen is not freed again: the judgements could take turns for ever
         if stage is FINAL and _same(good, used) and not _differ(now_unseen, unseen, number) and _close(noise, renewed):
@@ -159,6 +159,11 @@ def _begin(
     fit = minimise(observations, start, first_guess(observations, start), everything, noise, COARSE)
     used = np.ones(len(observations.joints), dtype=bool)
     return fit.point.parameters, turn_radial(observations, fit.point, noise), noise, used, fit.iterations
+
+
+def _only(good: NDArray[np.bool_], observations: Observations, point: Point) -> tuple[Observations, Point]:
+    """The good touches; without a copy where all are."""
+    return (observations, point) if good.all() else (observations.select(good), select(point, good))
 
 
 def _renew_noise(point: Point, used: NDArray[np.bool_], subspace: Subspace, noise: Noise) -> Noise:

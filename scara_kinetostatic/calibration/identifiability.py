@@ -20,12 +20,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.adjustment import Observations, linearise, place_force, whiten_by
+from scara_kinetostatic.calibration.adjustment import Observations, linearise, place_force, settle, whiten_by
 from scara_kinetostatic.calibration.blocks import blocks, pick
 from scara_kinetostatic.calibration.solver import Point, part_of
 from scara_kinetostatic.calibration.steps import compress, upper_triangle
 from scara_kinetostatic.model.cell import Noise
-from scara_kinetostatic.model.extended import settled
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 
 Floats = NDArray[np.float64]
@@ -155,8 +154,8 @@ def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -
     every = np.tile(np.arange(n), VARIANTS)
     o, adjusted, force = observations.select(every), pick(a, every), moved.reshape(2, -1).T
     placed = place_force(o, p, adjusted.joints, force, adjusted.state)
-    state = settled(p, o.setting(adjusted.joints, adjusted.lean), placed)
-    linear = linearise(o, p, adjusted._replace(force=force, state=state))
+    state, arm = settle(o, p, adjusted.joints, placed, lean=adjusted.lean)
+    linear = linearise(o, p, adjusted._replace(force=force, state=state), arm)
     root = (np.tile(l11, VARIANTS), np.tile(l21, VARIANTS), np.tile(l22, VARIANTS))
     columns = whiten_by(linear.derivative, root).transpose(2, 1, 0).reshape(-1, 2, VARIANTS, n)
     changes = (columns[:, :, 0::2] - columns[:, :, 1::2]) / 2

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.adjustment import Observations, first_guess
+from scara_kinetostatic.calibration.blocks import in_blocks
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import contact
@@ -49,6 +50,10 @@ def base_force(observations: Observations, parameters: Parameters) -> Floats:
 
 def force_residual(observations: Observations, parameters: Parameters) -> Floats:
     """F - A(Q, L̄) with the contact unilateral, as (10) takes it, (n, 2), N."""
+    return in_blocks(len(observations.joints), lambda part: _force_residual(observations.select(part), parameters))
+
+
+def _force_residual(observations: Observations, parameters: Parameters) -> Floats:
     o = observations
     measured = base_force(o, parameters)
     lean = measured_lean(o, parameters) if o.spread else None

@@ -11,6 +11,9 @@ from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import Parameters
 
 ROUNDS = 5
+"""Enough for forces along the normal; where each may lean by an angle of its own, some touches need more."""
+MOST_ROUNDS = 20
+SETTLED = 1e-3
 FAR = 1e3
 """A residual that no touch has: it makes `adjust` treat every touch as grossly off."""
 
@@ -23,7 +26,7 @@ def turn_radial(observations: Observations, point: Point, noise: Noise) -> Adjus
     still = np.zeros(point.whitened.derivative.shape[2])
     distant = point.whitened._replace(residual=point.whitened.residual + FAR)
     with np.errstate(all='ignore'):
-        return adjust(observations, point.parameters, point.adjusted, point.linear, distant, still, noise)
+        return adjust(observations, point.parameters, point.adjusted, point.linear, distant, still, noise)[0]
 
 
 def project(observations: Observations, parameters: Parameters, noise: Noise) -> Point:
@@ -37,10 +40,14 @@ def project(observations: Observations, parameters: Parameters, noise: Noise) ->
     with np.errstate(all='ignore'):
         point = evaluate(observations, parameters, first_guess(observations, parameters), noise, COARSE)
         adjusted = turn_radial(observations, point, noise)
-        for _ in range(ROUNDS):
+        before = np.full(len(observations.joints), np.inf)
+        for number in range(MOST_ROUNDS):
             point = evaluate(observations, parameters, adjusted, noise)
+            if number >= ROUNDS and not np.any(np.abs(point.distance - before) > SETTLED * (1 + point.distance)):
+                return point
+            before = point.distance
             still = np.zeros(point.whitened.derivative.shape[2])
-            adjusted = adjust(observations, parameters, point.adjusted, point.linear, point.whitened, still, noise)
+            adjusted, _ = adjust(observations, parameters, point.adjusted, point.linear, point.whitened, still, noise)
         return evaluate(observations, parameters, adjusted, noise)
 
 

@@ -30,6 +30,7 @@ from scara_kinetostatic.calibration.adjustment import (
 from scara_kinetostatic.calibration.blocks import in_blocks, pick
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.statics import Arm
 
 Floats = NDArray[np.float64]
 
@@ -143,9 +144,14 @@ def evaluate(
 
 
 def _evaluate(
-    observations: Observations, parameters: Parameters, adjusted: Adjusted, noise: Noise, stage: Stage
+    observations: Observations,
+    parameters: Parameters,
+    adjusted: Adjusted,
+    noise: Noise,
+    stage: Stage,
+    arm: Arm | None = None,
 ) -> tuple[Linearisation, Whitened, Floats]:
-    linear = linearise(observations, parameters, adjusted)
+    linear = linearise(observations, parameters, adjusted, arm)
     extra = 0.0 if stage.adjusts else direction_variance(observations, noise)
     whitened = whiten(linear, noise, extra)
     return linear, whitened, squared_distance(whitened)
@@ -211,10 +217,10 @@ def _move(observations: Observations, point: Point, change: Floats, noise: Noise
     def part(where: slice) -> tuple[Adjusted, Linearisation, Whitened, Floats]:
         o, (_, adjusted, linear, whitened, _) = observations.select(where), part_of(point, where)
         if stage.adjusts:
-            adjusted = adjust(o, parameters, adjusted, linear, whitened, change, noise, frozen)
+            adjusted, arm = adjust(o, parameters, adjusted, linear, whitened, change, noise, frozen)
         else:
-            adjusted = as_measured(o, parameters, adjusted.state)
-        return adjusted, *_evaluate(o, parameters, adjusted, noise, stage)
+            adjusted, arm = as_measured(o, parameters, adjusted.state)
+        return adjusted, *_evaluate(o, parameters, adjusted, noise, stage, arm)
 
     with np.errstate(all='ignore'):
         return Point(parameters, *in_blocks(len(observations.joints), part))

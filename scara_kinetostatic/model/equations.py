@@ -46,7 +46,7 @@ from scara_kinetostatic.model.parameters import (
     Y0,
     Parameters,
 )
-from scara_kinetostatic.model.state import State, next_modes
+from scara_kinetostatic.model.state import State
 from scara_kinetostatic.model.statics import Arm, Floats, view_arm
 
 
@@ -133,7 +133,13 @@ def joint_rows(parameters: Parameters, joints: Floats, state: State, gripper: Gr
 
 
 def touch_equations(
-    parameters: Parameters, joints: Floats, centers: Floats, radii: Floats, state: State, gripper: Gripper
+    parameters: Parameters,
+    joints: Floats,
+    centers: Floats,
+    radii: Floats,
+    state: State,
+    gripper: Gripper,
+    arm: Arm | None = None,
 ) -> Equations:
     """The equations of n touches at a state.
 
@@ -144,11 +150,12 @@ def touch_equations(
         radii: its radius, (n,), m.
         state: where to evaluate.
         gripper: the form of (7).
+        arm: that of the state, where it is known.
 
     Returns:
         Residuals and derivatives, to first order exact wherever the rows hold.
     """
-    p, r = parameters, joint_rows(parameters, joints, state, gripper)
+    p, r = parameters, joint_rows(parameters, joints, state, gripper, arm)
     arm, (normal, tangent, a1, a2, by_f, by_d) = r.arm, _circle(p, centers, radii, state, r.arm, gripper)
     g11, g12 = a1 * r.i11 + a2 * r.i21, a1 * r.i12 + a2 * r.i22
     g21, g22 = arm.turn1 * r.i11 + arm.turn2 * r.i21, arm.turn1 * r.i12 + arm.turn2 * r.i22
@@ -253,47 +260,3 @@ def move_links(equations: Equations, state: State, change_f: Floats, change_d: F
         magnitude=state.magnitude + change_f,
         direction=state.direction + change_d,
     )
-
-
-def settle_links(
-    parameters: Parameters,
-    joints: Floats,
-    state: State,
-    gripper: Gripper,
-    frozen: bool = False,
-    again: bool = False,
-) -> State:
-    """One Newton step of the rows alone, then, unless frozen, the modes that the new link angles call for.
-
-    Args:
-        parameters: L̄.
-        joints: Q, (n, 2), rad.
-        state: where from; its force stays.
-        gripper: the form of (7).
-        frozen: whether every joint stays on its flank.
-        again: whether to repeat it where a mode has changed.
-    """
-    moved = _step_links(parameters, joints, state, gripper)
-    if frozen:
-        return moved
-    arm = view_arm(parameters, *moved[:4], gripper)
-    renewed = next_modes(parameters, joints, moved, arm)
-    if not again or ((renewed.mode1 == state.mode1) & (renewed.mode2 == state.mode2)).all():
-        return renewed
-    moved = _step_links(parameters, joints, renewed, gripper, arm)
-    return renew_modes(parameters, joints, moved, gripper)
-
-
-def _step_links(
-    parameters: Parameters, joints: Floats, state: State, gripper: Gripper, arm: Arm | None = None
-) -> State:
-    r = joint_rows(parameters, joints, state, gripper, arm)
-    return state._replace(
-        link1=state.link1 - (r.i11 * r.row1 + r.i12 * r.row2), link2=state.link2 - (r.i21 * r.row1 + r.i22 * r.row2)
-    )
-
-
-def renew_modes(parameters: Parameters, joints: Floats, state: State, gripper: Gripper) -> State:
-    """The state with the modes it calls for."""
-    arm = view_arm(parameters, *state[:4], gripper)
-    return next_modes(parameters, joints, state, arm)

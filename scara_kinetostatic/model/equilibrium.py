@@ -26,7 +26,7 @@ from scara_kinetostatic.model.extended import extended_equations, renewed
 from scara_kinetostatic.model.extension import Setting
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.state import State, free_state, next_modes
-from scara_kinetostatic.model.statics import view_arm
+from scara_kinetostatic.model.statics import Arm, view_arm
 
 Floats = NDArray[np.float64]
 
@@ -50,12 +50,13 @@ def solve_state(parameters: Parameters, setting: Setting) -> tuple[State, NDArra
     """
     start = state = free_state(parameters, setting.joints, setting.centers)
     with np.errstate(all='ignore'):
+        arm: Arm | None = None
         for _ in range(STEPS if setting.extension is None else EXTENDED_STEPS):
-            e = extended_equations(parameters, setting, state)
+            e = extended_equations(parameters, setting, state, arm)
             solved = _obeys(e, parameters, setting, state)
             if solved.all():
                 return _newton_step(e, state), solved
-            state = renewed(parameters, setting, _newton_step(e, state))
+            state, arm = renewed(parameters, setting, _newton_step(e, state))
         todo = ~is_solved(parameters, setting, state)
         part, done = _solve_by_modes(parameters, setting.select(todo))
     state, solved = _put(state, todo, part), _put_mask(~todo, todo, done)
@@ -84,20 +85,19 @@ def _obeys(e: Equations, parameters: Parameters, setting: Setting, state: State)
 def _solve_by_modes(
     parameters: Parameters, setting: Setting, near: Floats | None = None
 ) -> tuple[State, NDArray[np.bool_]]:
-    """Solve in each combination of modes; keep the first consistent one, or the one nearest to a force."""
-    n = len(setting.joints)
-    best = start = free_state(parameters, setting.joints, setting.centers)
-    solved, distance = np.zeros(n, dtype=bool), np.full(n, np.inf)
-    for mode1, mode2 in product((-1, 1, 0), repeat=2):
-        state = start._replace(mode1=np.full_like(start.mode1, mode1), mode2=np.full_like(start.mode2, mode2))
-        for _ in range(STEPS_BY_MODES):
-            state = _newton_step(extended_equations(parameters, setting, state), state)
-        away = np.zeros(n) if near is None else _distance(state, near)
-        better = is_solved(parameters, setting, state) & (away < distance)
-        best = best.replace_where(better, state)
-        distance = np.where(better, away, distance)
-        solved |= better
-    return best, solved
+    """Solve in each combination of modes, all at once; keep the first consistent one, or the one nearest to a force."""
+    n, (mode1, mode2) = len(setting.joints), np.array(list(product((-1.0, 1.0, 0.0), repeat=2))).T
+    every = np.tile(np.arange(n), len(mode1))
+    start = free_state(parameters, setting.joints, setting.centers)
+    state = start.select(every)._replace(mode1=np.repeat(mode1, n), mode2=np.repeat(mode2, n))
+    setting = setting.select(every)
+    for _ in range(STEPS_BY_MODES):
+        state = _newton_step(extended_equations(parameters, setting, state), state)
+    away = np.zeros(len(every)) if near is None else _distance(state, near[every])
+    away = np.where(is_solved(parameters, setting, state), away, np.inf).reshape(len(mode1), n)
+    best = np.argmin(away, axis=0)
+    solved = away[best, np.arange(n)] < np.inf
+    return start.replace_where(solved, state.select(best * n + np.arange(n))), solved
 
 
 def nearest_equilibrium(parameters: Parameters, setting: Setting, state: State, near: Floats) -> State:

@@ -4,29 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from scara_kinetostatic.model.equations import (
-    Equations,
-    parameter_derivative,
-    renew_modes,
-    settle_links,
-    touch_equations,
-)
+from scara_kinetostatic.model.equations import Equations, parameter_derivative, touch_equations
 from scara_kinetostatic.model.extension import Setting, Shift
 from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.settling import Settled, renew_modes, settle_links
 from scara_kinetostatic.model.state import State
-from scara_kinetostatic.model.statics import Floats
+from scara_kinetostatic.model.statics import Arm, Floats
 
 LEAN_STEP = 1e-5
 """Step of the central difference over the lean, rad."""
 
 
-def extended_equations(parameters: Parameters, setting: Setting, state: State) -> Equations:
+def extended_equations(parameters: Parameters, setting: Setting, state: State, arm: Arm | None = None) -> Equations:
     """`touch_equations` for a setting that may have effects.
 
-    To first order exact in f and φ; what the effects change over Q* is left out of the derivatives.
+    To first order exact in f and φ; what the effects change over Q* is left out of the derivatives. `arm` saves work
+    where that of the state is known.
     """
     joints, centers, radii, gripper, *_ = setting.shifted(parameters, state)
-    e = touch_equations(parameters, joints, centers, radii, state, gripper)
+    e = touch_equations(parameters, joints, centers, radii, state, gripper, arm)
     if setting.extension is None:
         return e
     joints_f, place_f, joints_d, place_d = setting.sensitivity(parameters, state)
@@ -83,7 +79,7 @@ def lean_derivative(parameters: Parameters, setting: Setting, state: State, equa
     return shift_column(Shift(joints, place), state, equations)
 
 
-def renewed(parameters: Parameters, setting: Setting, state: State) -> State:
+def renewed(parameters: Parameters, setting: Setting, state: State) -> Settled:
     """The state with the modes it calls for."""
     shifted = setting.shifted(parameters, state)
     return renew_modes(parameters, shifted.joints, state, setting.gripper)
@@ -92,4 +88,4 @@ def renewed(parameters: Parameters, setting: Setting, state: State) -> State:
 def settled(parameters: Parameters, setting: Setting, state: State, frozen: bool = False) -> State:
     """One Newton step of the rows alone, then, unless frozen, the modes that the new link angles call for."""
     shifted = setting.shifted(parameters, state)
-    return settle_links(parameters, shifted.joints, state, setting.gripper, frozen)
+    return settle_links(parameters, shifted.joints, state, setting.gripper, frozen).state

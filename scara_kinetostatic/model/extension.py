@@ -64,9 +64,7 @@ class Tags(NamedTuple):
 
     def select(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Tags:
         """The touches that a mask or an array of positions picks."""
-        return Tags(
-            self.disc[which], self.time[which], self.approach[which], self.posture[which], self.press[which]
-        )
+        return Tags(self.disc[which], self.time[which], self.approach[which], self.posture[which], self.press[which])
 
 
 class Situation(NamedTuple):
@@ -268,8 +266,8 @@ class Setting(NamedTuple):
     extension: Extension | None = None
     lean: Floats | None = None
 
-    def select(self, which: NDArray[np.bool_]) -> Setting:
-        """The touches that a mask picks."""
+    def select(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Setting:
+        """The touches that a mask or an array of positions picks."""
         extension = None if self.extension is None else self.extension.select(which)
         lean = None if self.lean is None else self.lean[which]
         return Setting(self.joints[which], self.centers[which], self.radii[which], self.gripper, extension, lean)

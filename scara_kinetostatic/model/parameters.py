@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -71,15 +72,15 @@ class Parameters:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, 'extra', tuple(float(value) for value in self.extra))
-        if not np.isfinite(self.extra).all():
+        if not all(map(isfinite, self.extra)):
             raise ParameterError('extra', f'expected finite numbers, got {self.extra}')
-        for field in fields(self)[: len(NAMES)]:
-            value = getattr(self, field.name)
+        for name in NAMES:
+            value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
-                raise ParameterError(field.name, f'expected a number, got {value!r}')
-            if not np.isfinite(value):
-                raise ParameterError(field.name, f'expected a finite number, got {value}')
-            object.__setattr__(self, field.name, float(value))
+                raise ParameterError(name, f'expected a number, got {value!r}')
+            if not isfinite(value):
+                raise ParameterError(name, f'expected a finite number, got {value}')
+            object.__setattr__(self, name, float(value))
 
     @classmethod
     def from_array(cls, values: ArrayLike) -> Parameters:

@@ -35,8 +35,8 @@ class State(NamedTuple):
     mode1: Floats
     mode2: Floats
 
-    def select(self, which: NDArray[np.bool_]) -> State:
-        """The touches that a mask picks."""
+    def select(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> State:
+        """The touches that a mask or an array of positions picks."""
         return State(*(part[which] for part in self))
 
     def replace_where(self, where: NDArray[np.bool_], other: State) -> State:
