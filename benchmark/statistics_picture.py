@@ -43,7 +43,7 @@ def draw(summary: Part, path: Path) -> None:
         axes = figure.subplots(rows, 2, squeeze=False).ravel()
         for ax, (key, panel) in zip(axes, shown, strict=False):
             panel(ax, summary[key], palette)
-            ax.legend(frameon=False, fontsize='small', ncols=2, loc='upper center', bbox_to_anchor=(0.5, -0.1))
+            ax.legend(frameon=False, fontsize='small', ncols=2, loc='upper center', bbox_to_anchor=(0.5, -0.08))
         for ax in axes[len(shown) :]:
             ax.set_visible(False)
         figure.suptitle('Statistics of the calibration; all touches are simulated')
@@ -115,6 +115,5 @@ def _naming(ax: Axes, parts: Part, palette: dict[str, str]) -> None:
         line = '-' if number < len(SERIES) else '--'
         ax.plot(range(len(rows)), share, line, marker='o', ms=4, color=colour, label=key)
         ax.set_xticks(range(len(rows)), [sizes_of(row) for row in rows])
-    ax.set(xlabel='size of the bad touch, standard deviations')
-    ax.set_title('bad touches that are rejected, %', fontsize='small')
+    ax.set_title('bad touches that are rejected, %, by their size in standard deviations', fontsize='small')
     ax.grid(color=palette[LINE], lw=0.5)

@@ -117,7 +117,7 @@ def _case(label: str, case: dict[str, Any]) -> str:
 
 def sizes_of(row: dict[str, Any]) -> str:
     """The sizes of a row, in standard deviations."""
-    return f'{row["least"]:g}' + (f'–{row["most"]:g}' if row['most'] else ' and more')
+    return f'{row["least"]:g}' + (f'–{row["most"]:g}' if row['most'] else '+')
 
 
 def _size(value: float | None, without: str = '') -> str:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from benchmark.recordings import CELL, ROBOTS
-from benchmark.statistics import summarise, tasks
+from benchmark.statistics import plain, summarise, tasks
 from benchmark.statistics_bound import linear, size
 from benchmark.statistics_outliers import CASES, CLEAN, LARGE, LEFT_OUT, SPIKE, Kind, play_outliers, spoiled
+from benchmark.statistics_picture import draw
 from benchmark.statistics_runs import NOISE, Task, far_off, play_noise, play_starts, scene
 from benchmark.statistics_summary import judge, noise_summary, outlier_summary, starts_summary
 from benchmark.statistics_tables import tables
@@ -107,9 +109,13 @@ def test_large_bad_touches_are_named_and_cost_no_more_than_they_must():
     np.testing.assert_array_equal(runs[0].error[CLEAN], same)
 
 
-def test_the_report(noise_runs):
+def test_the_report(noise_runs, tmp_path):
     found = noise_summary(noise_runs, scene('table 2', 12))
-    text = '\n'.join(tables({'efficiency': {'table 2, given': found}, 'coverage': {'table 2, given': found}}))
+    summary = {'efficiency': {'table 2, given': found}, 'coverage': {'table 2, given': found}}
+    draw(summary, tmp_path / 'picture.svg')
+    assert 'all touches are simulated' in (tmp_path / 'picture.svg').read_text(encoding='utf-8')
+    assert json.loads(json.dumps(plain(summary), allow_nan=False)) == plain(summary)
+    text = '\n'.join(tables(summary))
     assert text.startswith('All touches are simulated')
     assert all(f'\n{name} ' in text for name in NAMES)
     assert text.count('met   ') + text.count('MISSED') == 4
