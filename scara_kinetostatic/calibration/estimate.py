@@ -33,6 +33,8 @@ USUAL_NOISE = Noise(joint=1e-5, force=0.3)
 ROUNDS = 20
 SETTLING = 4
 """Rounds in which an unseen direction may still be freed and a bad touch taken back, as the noise finds its place."""
+STUCK = 2
+"""Rounds in a row without an end after which a fit that began close by is given up."""
 SAME_DIRECTION = 1e-3
 NOISE_TOLERANCE = 1e-3
 NEARLY = 0.05
@@ -122,12 +124,17 @@ def estimate(
     unseen = np.empty((len(free), 0))
     parameters, adjusted, noise, used, iterations = _begin(observations, cell, everything, near)
     stage = ROBUST if near is None else FINAL
+    limits = 0
     for number in range(ROUNDS + 1):
         fit = minimise(observations, parameters, adjusted, subspace, noise, stage, used)
         parameters, adjusted, iterations = fit.point.parameters, fit.point.adjusted, iterations + fit.iterations
         distance = outliers.studentised(fit.point.whitened, covariance_of_fit(fit, subspace), used)
         renewed = noise if cell.noise else _renew_noise(fit.point, used, subspace, noise)
         good = outliers.find_good(distance)
+        stuck = near is not None and fit.termination is Termination.ITERATION_LIMIT
+        limits = limits + 1 if stuck else 0
+        if limits == STUCK:
+            break
         if number == ROUNDS:
             if not (_same(good & used, used) and _close(noise, renewed, NEARLY)):
                 fit = fit._replace(termination=Termination.ITERATION_LIMIT)

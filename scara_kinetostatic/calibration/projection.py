@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.adjustment import Adjusted, Linearisation, Observations, adjust, first_guess
+from scara_kinetostatic.calibration.blocks import in_blocks, pick
 from scara_kinetostatic.calibration.solver import COARSE, Point, evaluate
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import Parameters
@@ -14,8 +15,6 @@ ROUNDS = 5
 """Enough for forces along the normal; where each may lean by an angle of its own, some touches need more."""
 MOST_ROUNDS = 20
 SETTLED = 1e-3
-FAR = 1e3
-"""A residual that no touch has: it makes `adjust` treat every touch as grossly off."""
 
 
 def turn_radial(observations: Observations, point: Point, noise: Noise) -> Adjusted:
@@ -23,10 +22,12 @@ def turn_radial(observations: Observations, point: Point, noise: Noise) -> Adjus
 
     From here the adjustment proper can start: measured directions are not good enough to linearise at.
     """
-    still = np.zeros(point.whitened.derivative.shape[2])
-    distant = point.whitened._replace(residual=point.whitened.residual + FAR)
+
+    def part(where: slice) -> Adjusted:
+        return as_radial(observations.select(where), point.parameters, pick(point.adjusted.state, where))
+
     with np.errstate(all='ignore'):
-        return adjust(observations, point.parameters, point.adjusted, point.linear, distant, still, noise)[0]
+        return in_blocks(len(observations.joints), part)
 
 
 def project(observations: Observations, parameters: Parameters, noise: Noise) -> Point:

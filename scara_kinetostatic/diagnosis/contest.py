@@ -87,8 +87,8 @@ def compete(problem: Problem, field: Field) -> Contest:
     No set is credible unless it beats the empty one by `CREDIBLE`.
     """
     judge = _Judge(problem, field)
-    entries = [judge.enter(())]
-    layer = [judge.enter((k,)) for k in range(len(field.candidates))]
+    entries = judge.enter([()])
+    layer = judge.enter([(k,) for k in range(len(field.candidates))])
     while layer:
         entries += layer
         size = len(layer[0].members) + 1
@@ -96,7 +96,7 @@ def compete(problem: Problem, field: Field) -> Contest:
             break
         pairs = combinations(range(len(field.candidates)), 2)
         sets = pairs if size == 2 else _grown(sorted(layer, key=lambda e: e.rest + e.price)[:KEPT], judge)
-        layer = [judge.enter(members) for members in sets if judge.allows(members)]
+        layer = judge.enter([members for members in sets if judge.allows(members)])
     scale = _scale(problem, entries)
     ranked = sorted((_scored(problem, entry, scale) for entry in entries), key=lambda entry: entry.score)
     contest = Contest(field, tuple(ranked), (), scale)
@@ -109,7 +109,7 @@ def compete(problem: Problem, field: Field) -> Contest:
 def rank_singles(problem: Problem, field: Field) -> Contest:
     """Examine single effects only: where nothing is missing, that is all there is to say."""
     judge = _Judge(problem, field)
-    entries = [judge.enter(()), *(judge.enter((k,)) for k in range(len(field.candidates)))]
+    entries = judge.enter([(), *((k,) for k in range(len(field.candidates)))])
     scale = _scale(problem, entries)
     ranked = sorted((_scored(problem, entry, scale) for entry in entries), key=lambda entry: entry.score)
     return Contest(field, tuple(ranked), (), scale)
@@ -137,17 +137,23 @@ class _Judge:
         """Whether no effect is in a set twice."""
         return len({self.names[k] for k in members}) == len(members)
 
-    def enter(self, members: tuple[int, ...]) -> Entry:
-        """What a set achieves."""
-        if not members:
-            return Entry((), self.total, 0, 0.0)
-        at = np.concatenate([self.places[k] for k in members])
-        values, vectors = np.linalg.eigh(self.gram[np.ix_(at, at)])
-        seen = values > PARALLEL
-        part = vectors[:, seen].T @ self.projected[at]
-        explained = float(np.sum(part**2 / values[seen]))
-        price = sum(self.prices[k] for k in members)
-        return Entry(members, self.total - explained, int(seen.sum()), price)
+    def enter(self, sets: Sequence[tuple[int, ...]]) -> list[Entry]:
+        """What each set achieves; sets with equally many columns are worked out together."""
+        columns = [np.concatenate([np.empty(0, dtype=np.intp), *(self.places[k] for k in s)]) for s in sets]
+        widths = np.array([len(c) for c in columns])
+        explained, rank = np.zeros(len(sets)), np.zeros(len(sets), dtype=np.intp)
+        for width in np.unique(widths[widths > 0]):
+            alike = np.flatnonzero(widths == width)
+            at = np.stack([columns[k] for k in alike])
+            values, vectors = np.linalg.eigh(self.gram[at[:, :, None], at[:, None, :]])
+            part = np.einsum('ski,sk->si', vectors, self.projected[at])
+            seen = values > PARALLEL
+            explained[alike] = np.sum(np.where(seen, part**2 / np.where(seen, values, 1.0), 0.0), axis=1)
+            rank[alike] = seen.sum(axis=1)
+        return [
+            Entry(members, self.total - float(gain), int(r), sum(self.prices[k] for k in members))
+            for members, gain, r in zip(sets, explained, rank, strict=True)
+        ]
 
 
 def _needed(contest: Contest, entry: Entry, best: Entry) -> bool:

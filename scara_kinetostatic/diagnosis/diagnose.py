@@ -16,6 +16,7 @@ from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.candidates import Field
 from scara_kinetostatic.diagnosis.contest import CREDIBLE, rank_singles
 from scara_kinetostatic.diagnosis.deciding import Deciding, decide
+from scara_kinetostatic.diagnosis.forms import fit_other_forms, widened
 from scara_kinetostatic.diagnosis.leaning import growing_p_value, lean_p_value, without_direction
 from scara_kinetostatic.diagnosis.problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.refit import effect_values
@@ -105,7 +106,7 @@ def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
         return Diagnosis('unexplained', p_value, traces=before.traces, ranking=ranking, advice=text)
     after = adequacy(found.extended)
     rivals = _fit_rivals(found, c)
-    extended = _widened(found.extended, rivals)
+    extended = widened(widened(found.extended, rivals), fit_other_forms(found.extended))
     described = _describe(found, rivals)
     verdict = _verdict(found, described, after)
     return Diagnosis(
@@ -129,18 +130,6 @@ def _fit_rivals(found: Search, calibration: Calibration) -> list[Calibration]:
     kept = found.extended.cell.effects if found.extended else ()
     leaning = tuple(effect for effect in kept if effect.spread)
     return found.fit_rivals(replace(calibration, cell=replace(calibration.cell, effects=leaning)))
-
-
-def _widened(extended: Calibration, rivals: Sequence[Calibration]) -> Calibration:
-    """The extended model with sigmas of the twelve that hold whichever rival it is: their scatter is added."""
-    if not rivals:
-        return extended
-    count = len(NAMES)
-    off = np.array([rival.parameters.as_array()[:count] - extended.parameters.as_array()[:count] for rival in rivals])
-    covariance = extended.covariance.copy()
-    covariance[:count, :count] += off.T @ off / len(off)
-    std = np.where(extended.std > 0, np.sqrt(np.diag(covariance)[:count]), extended.std)
-    return replace(extended, covariance=covariance, std=std)
 
 
 def _deciding(calibration: Calibration, rivals: Sequence[Calibration]) -> tuple[Deciding, ...] | None:

@@ -51,6 +51,7 @@ class Problem(NamedTuple):
         noise_given: whether s is known to be 1.
         one_level: whether all forces are the same but for their noise: what is read off their differences is noise.
         response: what the twelve become when y does: L̄ follows y by it, (12, 2n).
+        without: by how much the twelve move, to first order, when the fit's effects are left out, (12,).
     """
 
     point: Point
@@ -62,6 +63,7 @@ class Problem(NamedTuple):
     noise_given: bool
     one_level: bool
     response: Floats
+    without: Floats
 
     @property
     def freedoms(self) -> int:
@@ -99,24 +101,28 @@ def pose_problem(calibration: Calibration, twelve: Calibration | None = None) ->
     extension = observations.extension or Extension((), Tags.of(touches))
     setting = observations._replace(extension=extension).setting(point.adjusted.joints, point.adjusted.lean)
     state = point.adjusted.state
-    jacobian = point.whitened.derivative[:, :, : len(NAMES)] @ seen
-    jacobian = jacobian.reshape(2 * len(touches), -1)
+    equations, situation = extended_equations(point.parameters, setting, state), setting.situation(c.parameters, state)
+    by_twelve = point.whitened.derivative[:, :, : len(NAMES)].copy()
+    for name, shift in extension.by_robot(situation).items():  # the effects are to be taken out, and this with them
+        by_twelve[:, :, NAMES.index(name)] -= whiten_by(shift_column(shift, state, equations), point.whitened.root)
+    jacobian = (by_twelve @ seen).reshape(2 * len(touches), -1)
     base = orthonormal(jacobian)
     problem = Problem(
         point=point,
-        equations=extended_equations(point.parameters, setting, state),
-        situation=setting.situation(point.parameters, state),
+        equations=equations,
+        situation=situation,
         force=extension.unread(point.parameters, point.adjusted.force),
         base=base,
         left=np.empty(0),
         noise_given=c.noise_source == 'given',
         one_level=bool(np.std(point.adjusted.state.magnitude) < LEVELS * c.noise.force),
         response=-seen @ np.linalg.pinv(jacobian),
+        without=np.zeros(len(NAMES)),
     )
     strengths = [law.strength(part) for law, part in zip(extension.laws, extension.values(c.parameters), strict=True)]
     effects = point.whitened.derivative[:, :, len(NAMES) :].reshape(len(base), -1)
     y = point.whitened.residual.ravel() - effects @ np.concatenate([np.empty(0), *strengths])
-    return problem._replace(left=y - base @ (base.T @ y))
+    return problem._replace(left=y - base @ (base.T @ y), without=problem.response @ y)
 
 
 def _some(which: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -14,13 +14,13 @@ from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.diagnosis.candidates import LEAST_NEW, Candidate
 from scara_kinetostatic.diagnosis.problem import Problem
 from scara_kinetostatic.model.extension import split
-from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.parameters import NAMES, Parameters
 
 Floats = NDArray[np.float64]
 
 
-def start_values(problem: Problem, members: Sequence[Candidate]) -> tuple[float, ...]:
-    """Values of the effects' parameters that fit the linear problem best, effect by effect."""
+def start_from(problem: Problem, members: Sequence[Candidate]) -> Parameters:
+    """L̄ that fits the linear problem best with effects: the twelve, and behind them the effects' parameters."""
     columns = [problem.columns(member.trial) for member in members]
     together = np.concatenate(columns, axis=1)
     scale = np.linalg.norm(together, axis=0)
@@ -32,7 +32,9 @@ def start_values(problem: Problem, members: Sequence[Candidate]) -> tuple[float,
         member.trial.values(found[end - part.shape[1] : end])
         for member, part, end in zip(members, columns, ends, strict=True)
     ]
-    return tuple(float(value) for part in values for value in part)
+    moved = problem.without + problem.response @ np.concatenate(columns, axis=1) @ found
+    twelve = problem.point.parameters.as_array()[: len(NAMES)] + moved
+    return Parameters.from_array(np.concatenate([twelve, *values]))
 
 
 def fit_with(
@@ -46,9 +48,8 @@ def fit_with(
         problem: where the effects were found.
         members: the effects.
     """
-    parameters = latest.parameters.replace(extra=start_values(problem, members))
     cell = replace(calibration.cell, effects=(*calibration.cell.effects, *(member.effect for member in members)))
-    near = Near(parameters, latest.noise, latest.used)
+    near = Near(start_from(problem, members), latest.noise, latest.used)
     found = calibrate(calibration.touches, cell, fixed=calibration.fixed, near=near)
     return with_left_out(found, calibration)
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.candidates import Candidate, Field, gather
 from scara_kinetostatic.diagnosis.contest import Contest, compete
+from scara_kinetostatic.diagnosis.evidence import story
 from scara_kinetostatic.diagnosis.problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.refit import effect_values, fit_with
 from scara_kinetostatic.effects.base import Effect
@@ -62,7 +64,7 @@ class Search(NamedTuple):
                 fits.append(fit_with(calibration, self.start or calibration, self.problem, members))
             except UnsupportedDataError:
                 continue
-        return [fit for fit in fits if fit.termination is Termination.CONVERGED]
+        return [fit for fit in fits if fit.termination is Termination.CONVERGED and _makes_sense(fit)]
 
 
 def search(calibration: Calibration, effects: Sequence[Effect], begin: Calibration | None = None) -> Search:
@@ -76,17 +78,28 @@ def search(calibration: Calibration, effects: Sequence[Effect], begin: Calibrati
     """
     latest = begin or calibration
     nothing = calibration if calibration.cell.effects else None
-    found, before = None, frozenset[str]()
+    found: Search | None = None
+    before, out = frozenset[str](), frozenset[str]()
+    given_up: set[frozenset[str]] = set()
     for _ in range(ROUNDS):
         problem = pose_problem(latest, calibration)
-        contest = compete(problem, all_candidates(latest, problem, effects))
+        contest = compete(problem, all_candidates(latest, problem, [e for e in effects if e.label not in out]))
         winners = _winners(contest)
         if not winners:
             return found or Search(problem, contest, nothing, 0.0, (), ())
         labels = frozenset(candidate.effect.label for candidate in winners)
-        fitted = _settled(calibration, latest, problem, contest)
+        fitted = _settled(calibration, latest, problem, contest, given_up)
+        waves = {c.effect.label for c in winners if c.tried > 1}
+        if fitted is None and waves:
+            out |= waves  # such a frequency explains only the linear problem
+            continue
         if fitted is None:
             return found or Search(problem, contest, nothing, contest.credible[0].price, (), ())
+        if len(contest.credible) == 1 and labels != before:
+            smaller = _smaller(calibration, latest, problem, contest, fitted)
+            if smaller is not None:
+                latest, before = smaller, labels
+                continue
         proved, rivals = _sort_out(contest)
         found = Search(problem, contest, fitted, contest.credible[0].price, proved, rivals, latest)
         if labels == before:
@@ -95,17 +108,54 @@ def search(calibration: Calibration, effects: Sequence[Effect], begin: Calibrati
     return found or Search(problem, contest, nothing, 0.0, (), ())
 
 
-def _settled(calibration: Calibration, latest: Calibration, problem: Problem, contest: Contest) -> Calibration | None:
-    """The fit with all winners; if that does not settle, with the best credible set that does; None if none does."""
+def _settled(
+    calibration: Calibration, latest: Calibration, problem: Problem, contest: Contest, given_up: set[frozenset[str]]
+) -> Calibration | None:
+    """The fit with all winners; if that does not settle, with the best credible set that does; None if none does.
+
+    Sets that do not are remembered in `given_up`, and not tried again.
+    """
     sets = [[contest.field.candidates[k] for k in entry.members] for entry in contest.credible]
     for members in (_winners(contest), *sets[:ATTEMPTS]):
-        try:
+        labels = frozenset(member.effect.label for member in members)
+        if labels in given_up:
+            continue
+        with suppress(UnsupportedDataError):
             fitted = fit_with(calibration, latest, problem, members)
+            if fitted.termination is Termination.CONVERGED and _makes_sense(fitted):
+                return fitted
+        given_up.add(labels)
+    return None
+
+
+def _makes_sense(fitted: Calibration) -> bool:
+    pairs = zip(fitted.cell.effects, effect_values(fitted), strict=True)
+    return all(effect.makes_sense(values) for effect, (values, _) in pairs if isinstance(effect, Effect))
+
+
+def _smaller(
+    calibration: Calibration, latest: Calibration, problem: Problem, contest: Contest, fitted: Calibration
+) -> Calibration | None:
+    """A fit without one of the winners that is the likelier story; None if each is needed.
+
+    Where the residuals are large the linear problem may ask for an effect only to make up for its own second order.
+    """
+    winners = contest.credible[0].members
+    if len(winners) < 2:
+        return None
+    price = {entry.members[0]: entry.price for entry in contest.entries if len(entry.members) == 1}
+    scale = max(1.0, fitted.reduced_chi_square)
+    least, best = story(fitted, sum(price[k] for k in winners), scale), None
+    for out in winners:
+        kept = [k for k in winners if k != out]
+        try:
+            fit = fit_with(calibration, latest, problem, [contest.field.candidates[k] for k in kept])
         except UnsupportedDataError:
             continue
-        if fitted.termination is Termination.CONVERGED:
-            return fitted
-    return None
+        total = story(fit, sum(price[k] for k in kept), scale)
+        if fit.termination is Termination.CONVERGED and total < least:
+            least, best = total, fit
+    return best
 
 
 def all_candidates(latest: Calibration, problem: Problem, effects: Sequence[Effect]) -> Field:

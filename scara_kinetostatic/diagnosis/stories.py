@@ -12,14 +12,16 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import chdtrc
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.estimate import USUAL_NOISE, Near
+from scara_kinetostatic.calibration.estimate import USUAL_NOISE
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.diagnosis.advice import incredible
 from scara_kinetostatic.diagnosis.contest import CREDIBLE
 from scara_kinetostatic.diagnosis.evidence import story
-from scara_kinetostatic.diagnosis.leaning import fit_with_lean, lean_p_value
+from scara_kinetostatic.diagnosis.leaning import fit_with_lean, growing_p_value, lean_p_value
 from scara_kinetostatic.diagnosis.search import Search, search
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.contact_lean import ContactLean
@@ -62,7 +64,7 @@ def tell(calibration: Calibration, known: Sequence[Effect], alarm: bool, leans: 
         ways.append(search(c, known, replace(c, used=np.ones(len(c.touches), dtype=bool))))
     if alarm and c.noise_source == 'estimated' and not any(way.extended for way in ways):
         ways += _with_usual_noise(c, known)
-    if leans and not any(way.extended and lean_p_value(way.extended) > STRAIGHT for way in ways):
+    if leans and not any(way.extended and _stands_straight(way.extended) for way in ways):
         ways += _leaning(c, known)
     settled = [way for way in ways if way.extended is not None]
     if not settled:
@@ -99,20 +101,26 @@ def _leaning(calibration: Calibration, known: Sequence[Effect]) -> list[Search]:
         return []
     if extended is None or extended.termination is not Termination.CONVERGED:
         return []
-    if not _surely_leans(calibration, extended):
+    if not _surely_leans(extended):
         return []
     price = float(np.log(len(calibration.touches)) + 2 * np.log(len(known)))
     return [found._replace(extended=extended, price=found.price + price, proved=(ContactLean.name, *found.proved))]
 
 
-def _surely_leans(calibration: Calibration, extended: Calibration) -> bool:
-    """Whether, beside the other effects of the extended model, the lean is no noise that grows with the force."""
-    c = calibration
+def _stands_straight(extended: Calibration) -> bool:
+    """Whether an extended model fits, and no force leans in it."""
+    c = extended
+    fits = not incredible(c) if c.noise_source == 'estimated' else chdtrc(c.degrees_of_freedom, c.chi_square) > SURE
+    return fits and lean_p_value(c) > STRAIGHT
+
+
+def _surely_leans(extended: Calibration) -> bool:
+    """Whether, beside the other effects of an extended model, the lean is no noise that grows with the force.
+
+    The test is made at the extended model: a fit without the lean may be far off, as all touches then pull at it.
+    Where noise that grows shows beside the lean, too, the lean has to be the clearer by far.
+    """
     others = tuple(effect for effect in extended.cell.effects if not isinstance(effect, ContactLean))
-    if others:
-        near = Near(extended.parameters, extended.noise, extended.used)
-        try:
-            c = calibrate(c.touches, replace(c.cell, effects=others), fixed=c.fixed, near=near)
-        except UnsupportedDataError:
-            return False
-    return lean_p_value(replace(c, used=extended.used), beside_growing=True) < SURE
+    without = replace(extended, cell=replace(extended.cell, effects=others))
+    lean, growing = lean_p_value(without, beside_growing=True), growing_p_value(extended)
+    return lean < SURE * (growing if growing < SURE else 1.0)

@@ -128,6 +128,14 @@ class Effect(ABC):
         """
         return values
 
+    def makes_sense(self, values: Floats) -> bool:
+        """Whether fitted values (k,) still describe this effect, and not something that it was bent to."""
+        return True
+
+    def other_forms(self) -> tuple[Effect, ...]:
+        """The same effect by other laws, just as plausible, that few touches do not tell from this one."""
+        return ()
+
     def trials(self, at: Situation, force: Floats) -> Sequence[Trial]:
         """The ways in which it may be present in these touches; `force` is in the sensor's frame, (n, 2), N."""
         values = np.array(self.start)

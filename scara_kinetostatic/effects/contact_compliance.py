@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -12,6 +12,8 @@ from scara_kinetostatic.model.extension import Shift, Situation
 
 HERTZ = 2 / 3
 """Exponent of force in Hertz's law of a ball on a surface."""
+OTHERS = (1 / 3, 0.5, 0.85)
+"""A soft skin on a hard core sinks in early, a cone by f^(1/2); rough surfaces come near a straight line."""
 
 
 @dataclass(frozen=True)
@@ -22,9 +24,11 @@ class ContactCompliance(LinearEffect):
 
     Attributes:
         disc: number in the cell of the one disc that is soft; None for all.
+        exponent: of the force; 2/3 is Hertz's.
     """
 
     disc: int | None = None
+    exponent: float = HERTZ
 
     name: ClassVar[str] = 'contact_compliance'
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -43,8 +47,11 @@ class ContactCompliance(LinearEffect):
         """That of one disc, by number and name."""
         return cls(target=name, disc=disc)
 
+    def other_forms(self) -> tuple[ContactCompliance, ...]:
+        return tuple(replace(self, exponent=exponent) for exponent in OTHERS)
+
     def basis(self, at: Situation) -> tuple[Shift, ...]:
-        depth = np.sign(at.magnitude) * np.abs(at.magnitude) ** HERTZ
+        depth = np.sign(at.magnitude) * np.abs(at.magnitude) ** self.exponent
         if self.disc is not None:
             depth = depth * (at.tags.disc == self.disc)
         return (Shift(place=-depth[:, None] * at.normal),)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
+
+import numpy as np
 
 from scara_kinetostatic.effects.base import Floats, JointEffect, Parameter
 from scara_kinetostatic.model.extension import Situation
+
+OTHERS = (2, 5)
+"""Powers of a spring whose stiffness changes from the first torque on, and of one that stiffens late."""
 
 
 @dataclass(frozen=True)
@@ -14,7 +19,12 @@ class JointHardening(JointEffect):
     """Beside p c the joint gives way by δ = -rate c³: it hardens for a positive rate, softens for a negative one.
 
     With rate > 0 the law turns round at c = √(p / 3 rate); it holds for torques below that.
+
+    Attributes:
+        power: of the torque, odd as a function; 3 is the first term that a smooth spring has beside p c.
     """
+
+    power: int = 3
 
     name: ClassVar[str] = 'joint_hardening'
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -25,4 +35,8 @@ class JointHardening(JointEffect):
     betrays: ClassVar[str] = 'torque'
 
     def angles(self, at: Situation) -> tuple[Floats, ...]:
-        return (-(at.torques[:, self.joint] ** 3),)
+        torque = at.torques[:, self.joint]
+        return (-np.sign(torque) * np.abs(torque) ** self.power,)
+
+    def other_forms(self) -> tuple[JointHardening, ...]:
+        return tuple(replace(self, power=power) for power in OTHERS)

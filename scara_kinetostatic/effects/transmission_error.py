@@ -14,6 +14,8 @@ from scara_kinetostatic.model.extension import Shift, Situation
 
 LOWEST, HIGHEST = 1.0, 120.0
 """Frequencies that are looked for, cycles per turn of the joint."""
+BARELY = 0.9
+"""Part of the lowest frequency that a fit may end at."""
 GRID = 0.75
 """Step of the grid times the standard deviation σ of the joint's angles, rad: a wave half a step off a frequency of the
 grid keeps 1 - (GRID/2)² = 86 % of its power or more, as the phases along the angles differ by GRID/2 at one σ."""
@@ -65,6 +67,10 @@ class TransmissionError(Effect):
         """Its amplitude alone."""
         return np.array([values[0], 0.0, 0.0])
 
+    def makes_sense(self, values: Floats) -> bool:
+        """Less than one wave per turn is a curve, not a wave."""
+        return bool(BARELY * LOWEST < values[2] < HIGHEST / BARELY)
+
     def trials(self, at: Situation, force: Floats) -> Sequence[Trial]:
         """One per frequency of a grid: a cosine and a sine."""
         angle = at.joints[:, self.joint]
@@ -75,7 +81,8 @@ class TransmissionError(Effect):
         angle = at.joints[:, self.joint]
         grid = frequencies(angle)
         step = grid[1] - grid[0] if len(grid) > 1 else 0.0
-        return [self._trial(angle, trial.place + part * step) for part in np.linspace(-width, width, FINER)]
+        places = trial.place + step * np.linspace(-width, width, FINER)
+        return [self._trial(angle, float(place)) for place in np.maximum(places, LOWEST)]
 
     def _trial(self, angle: Floats, cycles: float) -> Trial:
         waves = np.cos(cycles * angle), np.sin(cycles * angle)
