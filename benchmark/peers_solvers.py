@@ -48,7 +48,7 @@ def minimisation(problem: Problem) -> Ready:
         observations = observe(problem.touches, CELL)
         everything = Subspace(START, np.diag(SCALES))
         near = minimise(observations, CELL.nominal, first_guess(observations, CELL.nominal), everything, NOISE, COARSE)
-        adjusted = turn_radial(observations, near.point, NOISE)
+        adjusted = turn_radial(observations, near.point)
         fit = minimise(observations, near.point.parameters, adjusted, everything, NOISE, FINAL)
         iterations = near.iterations + fit.iterations
         return Answer(fit.point.parameters.as_array(), iterations, fit.termination.value == 'converged')

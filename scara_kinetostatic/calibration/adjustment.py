@@ -367,6 +367,20 @@ def _turned_radial(observations: Observations, parameters: Parameters, state: St
     return turned if o.extension is None else o.extension.read(parameters, turned)
 
 
+def as_radial(observations: Observations, parameters: Parameters, state: State) -> Adjusted:
+    """The observations as measured but for the direction of the force, which points from the tip to the disc's centre.
+
+    Args:
+        observations: the data.
+        parameters: L̄.
+        state: where the tips are.
+    """
+    o, force = observations, _turned_radial(observations, parameters, state)
+    lean = np.zeros(len(force)) if o.spread else None
+    state = place_force(o, parameters, o.joints, force, state)
+    return Adjusted(o.joints, force, settle(o, parameters, o.joints, state, lean=lean, again=True).state, lean)
+
+
 def as_measured(observations: Observations, parameters: Parameters, state: State) -> tuple[Adjusted, Arm | None]:
     """The observations as measured, with the link angles that go with a new L̄: the coarse stage. As `adjust`."""
     o = observations

@@ -165,7 +165,7 @@ def _begin(
     noise, start = cell.noise or USUAL_NOISE, Parameters.from_array(everything.origin)
     fit = minimise(observations, start, first_guess(observations, start), everything, noise, COARSE)
     used = np.ones(len(observations.joints), dtype=bool)
-    return fit.point.parameters, turn_radial(observations, fit.point, noise), noise, used, fit.iterations
+    return fit.point.parameters, turn_radial(observations, fit.point), noise, used, fit.iterations
 
 
 def _only(good: NDArray[np.bool_], observations: Observations, point: Point) -> tuple[Observations, Point]:

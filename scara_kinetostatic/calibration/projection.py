@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.adjustment import Adjusted, Linearisation, Observations, adjust, first_guess
+from scara_kinetostatic.calibration.adjustment import (
+    Adjusted,
+    Linearisation,
+    Observations,
+    adjust,
+    as_radial,
+    first_guess,
+)
 from scara_kinetostatic.calibration.blocks import in_blocks, pick
 from scara_kinetostatic.calibration.solver import COARSE, Point, evaluate
 from scara_kinetostatic.model.cell import Noise
@@ -17,7 +24,7 @@ MOST_ROUNDS = 20
 SETTLED = 1e-3
 
 
-def turn_radial(observations: Observations, point: Point, noise: Noise) -> Adjusted:
+def turn_radial(observations: Observations, point: Point) -> Adjusted:
     """The observations as measured but for the direction of the force, which is made radial.
 
     From here the adjustment proper can start: measured directions are not good enough to linearise at.
@@ -40,7 +47,7 @@ def project(observations: Observations, parameters: Parameters, noise: Noise) ->
     """
     with np.errstate(all='ignore'):
         point = evaluate(observations, parameters, first_guess(observations, parameters), noise, COARSE)
-        adjusted = turn_radial(observations, point, noise)
+        adjusted = turn_radial(observations, point)
         before = np.full(len(observations.joints), np.inf)
         for number in range(MOST_ROUNDS):
             point = evaluate(observations, parameters, adjusted, noise)
