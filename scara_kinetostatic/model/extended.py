@@ -47,10 +47,12 @@ def shift_column(shift: Shift, state: State, equations: Equations) -> Floats:
     out = np.zeros((len(state.magnitude), 2))
     if shift.joints is not None:
         turn1, turn2 = shift.joints[:, 0] * (state.mode1 != 0), shift.joints[:, 1] * (state.mode2 != 0)
-        out -= np.stack([e.g11 * turn1 + e.g12 * turn2, e.g21 * turn1 + e.g22 * turn2], axis=-1)
+        out[:, 0] -= e.g11 * turn1 + e.g12 * turn2
+        out[:, 1] -= e.g21 * turn1 + e.g22 * turn2
     if shift.place is not None:
         x, y = shift.place.T
-        out += np.stack([x * arm.nx + y * arm.ny, y * arm.nx - x * arm.ny], axis=-1)
+        out[:, 0] += x * arm.nx + y * arm.ny
+        out[:, 1] += y * arm.nx - x * arm.ny
     return out
 
 
