@@ -90,6 +90,10 @@ def search(calibration: Calibration, effects: Sequence[Effect], begin: Calibrati
         labels = frozenset(candidate.effect.label for candidate in winners)
         fitted = _settled(calibration, latest, problem, contest, given_up)
         waves = {c.effect.label for c in winners if c.tried > 1}
+        part = _part(calibration, latest, problem, contest, given_up) if fitted is None else None
+        if part is not None and labels != before:
+            latest, before = part, labels
+            continue
         if fitted is None and waves:
             out |= waves  # such a frequency explains only the linear problem
             continue
@@ -126,6 +130,16 @@ def _settled(
                 return fitted
         given_up.add(labels)
     return None
+
+
+def _part(
+    calibration: Calibration, latest: Calibration, problem: Problem, contest: Contest, given_up: set[frozenset[str]]
+) -> Calibration | None:
+    """The fit with a part of the best set, where the whole does not settle: from there the rest looks different."""
+    whole = set(contest.credible[0].members)
+    parts = [entry for entry in contest.entries if entry.members and whole > set(entry.members)]
+    contest = contest._replace(credible=tuple(parts[:ATTEMPTS]))
+    return _settled(calibration, latest, problem, contest, given_up) if parts else None
 
 
 def _makes_sense(fitted: Calibration) -> bool:
