@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.diagnosis.deciding import Deciding
@@ -96,7 +96,7 @@ def growing_noise(p_value: float) -> str:
 
 def too_quiet(c: Calibration) -> str:
     """Where the residuals are smaller than the stated noise."""
-    if c.noise_source == 'given' and stats.chi2.cdf(c.chi_square, c.degrees_of_freedom) < 1e-3:
+    if c.noise_source == 'given' and special.chdtr(c.degrees_of_freedom, c.chi_square) < 1e-3:
         return (
             f'the residuals are {c.reduced_chi_square**0.5:.2g} times the stated noise: it is stated too large, and so '
             'are the standard deviations of the twelve alone; what was looked for beyond them was looked for with the '

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from scara_kinetostatic.diagnosis.candidates import Candidate, Field
 from scara_kinetostatic.diagnosis.problem import Problem
@@ -165,7 +165,7 @@ def _needed(contest: Contest, entry: Entry, best: Entry) -> bool:
     if not unnamed[0] or unnamed[1]:
         return True
     gain, rank = (best.rest - entry.rest) / contest.scale, entry.rank - best.rank
-    return rank <= 0 or float(stats.chi2.sf(gain, rank)) < CLAIM
+    return rank <= 0 or float(special.chdtrc(rank, gain)) < CLAIM
 
 
 def _grown(best: Sequence[Entry], judge: _Judge) -> set[tuple[int, ...]]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import Near
@@ -153,7 +153,7 @@ def adequacy(calibration: Calibration, problem: Problem | None = None, field: Fi
             for candidate in {candidate.effect.label: candidate for candidate in reversed(field.candidates)}.values()
         ]
     given = c.noise_source == 'given'
-    size = float(stats.chi2.sf(c.chi_square, c.degrees_of_freedom)) if given else 1.0
+    size = float(special.chdtrc(c.degrees_of_freedom, c.chi_square)) if given else 1.0
     tests = max(len(traces) + given, 1)
     smallest = min([size, *(trace.p_value for trace in traces)])
     found = sorted((trace for trace in traces if trace.p_value * tests < SIGNIFICANCE), key=lambda t: t.p_value)

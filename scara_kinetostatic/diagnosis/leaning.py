@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from scara_kinetostatic.calibration.adjustment import Observations, outer, whiten_by
 from scara_kinetostatic.calibration.calibrate import calibrate
@@ -77,7 +77,7 @@ def _excess(calibration: Calibration, kind: str, beside: tuple[str, ...]) -> flo
     information = 2 * np.array([[np.einsum('nij,nji->', first, second) for second in half] for first in half])
     weights = np.linalg.lstsq(information[:-1, :-1], information[:-1, -1], rcond=1e-9)[0]
     value, variance = score[-1] - weights @ score[:-1], information[-1, -1] - weights @ information[:-1, -1]
-    return float(stats.norm.sf(value / np.sqrt(variance))) if variance > 0 else 1.0
+    return float(special.ndtr(-value / np.sqrt(variance))) if variance > 0 else 1.0
 
 
 def _kind(name: str, observations: Observations, point: Point, noise: Noise) -> Floats:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from scara_kinetostatic.diagnosis.candidates import LEAST_NEW, Candidate, new_part
 from scara_kinetostatic.diagnosis.contest import Contest
@@ -100,7 +100,7 @@ def significance(problem: Problem, candidate: Candidate) -> tuple[float, float]:
         return 1.0, 0.0
     explained = float(np.sum((candidate.unit.T @ problem.left) ** 2))
     ratio = (explained / rank) / (max(total - explained, 1e-300) / freedoms)
-    return min(1.0, candidate.tried * float(stats.f.sf(ratio, rank, freedoms))), explained / total
+    return min(1.0, candidate.tried * float(special.fdtrc(rank, freedoms, ratio))), explained / total
 
 
 def held_out_deviance(problem: Problem, unit: Floats | None, scale: float) -> float:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from scara_kinetostatic.calibration.adjustment import whiten_by
 from scara_kinetostatic.calibration.prediction import observe
@@ -183,4 +183,4 @@ def _test(residual: Floats, base: Floats, columns: Floats, unsaid: int) -> tuple
         return None
     explained = float(((u.T @ residual) ** 2).sum())
     ratio = (explained / q) / (max(total - explained, 1e-300) / freedoms)
-    return float(stats.f.sf(ratio, q, freedoms)), explained / total
+    return float(special.fdtrc(q, freedoms, ratio)), explained / total
