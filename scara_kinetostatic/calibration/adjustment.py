@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.misreading import misread, unreading
+from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, by_touch
 from scara_kinetostatic.model.cell import Noise, SensorFrame
 from scara_kinetostatic.model.extended import all_derivatives, extended_equations, lean_derivative, settled
 from scara_kinetostatic.model.extension import Extension, Setting
@@ -109,38 +110,6 @@ class Adjusted(NamedTuple):
     lean: Floats | None = None
 
 
-class Linearisation(NamedTuple):
-    """The adjustment's equations at a point; before whitening.
-
-    Attributes:
-        misclosure: w, (n, 2), m, along and across the force.
-        derivative: h_L̄, (n, 2, 12 + k), the k parameters of effects behind the twelve.
-        by_joints: h_Q, (n, 2, 2), m/rad.
-        by_force: h_F in radial and tangential components of F̂, (n, 2, 2), m/N.
-        by_lean: h_α times the standard deviation of the lean, (n, 2), m; None without.
-    """
-
-    misclosure: Floats
-    derivative: Floats
-    by_joints: Floats
-    by_force: Floats
-    by_lean: Floats | None = None
-
-
-class Whitened(NamedTuple):
-    """The same in units of standard deviations.
-
-    Attributes:
-        residual: (n, 2).
-        derivative: (n, 2, 12).
-        root: lower Cholesky factor of V, as (l11, l21, l22), (n,) each.
-    """
-
-    residual: Floats
-    derivative: Floats
-    root: tuple[Floats, Floats, Floats]
-
-
 def first_guess(observations: Observations, parameters: Parameters) -> Adjusted:
     """Start: the observations as measured."""
     o = observations
@@ -175,14 +144,14 @@ def linearise(
         turned = np.stack([e.normal_d, e.tangent_d], axis=-1)
         derivative[:, :, THETA1] += turned
         derivative[:, :, THETA2] += turned
-    by_force = _by_touch(2, 2, len(o.joints))
+    by_force = by_touch(2, 2, len(o.joints))
     per_force = 1.0 / state.magnitude
     by_force[:, 0, 0], by_force[:, 1, 0] = e.normal_f, e.tangent_f
     by_force[:, 0, 1], by_force[:, 1, 1] = e.normal_d * per_force, e.tangent_d * per_force
     if o.extension is not None and o.extension.reads:
         derivative[:, :, len(NAMES) :] += misread(o.extension, parameters, adjusted.force, by_force)
         by_force = by_force @ unreading(o.extension, parameters, adjusted.force)
-    misclosure = _by_touch(2, len(o.joints))
+    misclosure = by_touch(2, len(o.joints))
     off = _off_measured(o, adjusted)
     misclosure[:, 0] = e.normal + _row_times(by_joints[:, 0], by_force[:, 0], off)
     misclosure[:, 1] = e.tangent + _row_times(by_joints[:, 1], by_force[:, 1], off)
@@ -192,11 +161,6 @@ def linearise(
     if adjusted.lean is not None:
         misclosure -= by_lean * adjusted.lean[:, None]
     return Linearisation(misclosure, derivative, by_joints, by_force, o.spread * by_lean)
-
-
-def _by_touch(*shape: int) -> Floats:
-    """A new array whose first axis is the last of `shape`: one value of all touches lies in one piece of memory."""
-    return np.empty(shape).transpose()
 
 
 def _off_measured(observations: Observations, adjusted: Adjusted) -> tuple[Floats, Floats, Floats, Floats]:
@@ -216,64 +180,6 @@ def _off_measured(observations: Observations, adjusted: Adjusted) -> tuple[Float
 def _row_times(by_joints: Floats, by_force: Floats, off: tuple[Floats, Floats, Floats, Floats]) -> Floats:
     q1, q2, along, across = off
     return by_joints[:, 0] * q1 + by_joints[:, 1] * q2 + by_force[:, 0] * along + by_force[:, 1] * across
-
-
-def covariance_of(linear: Linearisation, noise: Noise) -> tuple[Floats, Floats, Floats]:
-    """V of each touch's misclosure: the entries 11, 21, 22, (n,) each, m²."""
-    q, f = noise.joint**2, noise.force**2
-    joints, force = products(linear.by_joints), products(linear.by_force)
-    v11, v21, v22 = (q * a + f * b for a, b in zip(joints, force, strict=True))
-    if linear.by_lean is None:
-        return v11, v21, v22
-    lean1, lean2 = linear.by_lean[:, 0], linear.by_lean[:, 1]
-    return v11 + lean1 * lean1, v21 + lean1 * lean2, v22 + lean2 * lean2
-
-
-def products(matrices: Floats) -> tuple[Floats, Floats, Floats]:
-    """B Bᵀ of (n, 2, 2) matrices: the entries 11, 21, 22, (n,) each."""
-    b11, b12, b21, b22 = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
-    return b11 * b11 + b12 * b12, b11 * b21 + b12 * b22, b21 * b21 + b22 * b22
-
-
-def direction_variance(observations: Observations, noise: Noise) -> Floats:
-    """What the measured direction of the force adds to V11 in the coarse stage, (n,), m²."""
-    spread = noise.force**2 / (observations.force**2).sum(axis=-1)
-    return (observations.radii * spread) ** 2
-
-
-def outer(matrices: Floats) -> Floats:
-    """B Bᵀ of (n, 2, k) matrices, (n, 3): the entries 11, 21, 22."""
-    first, second = matrices[:, 0], matrices[:, 1]
-    return np.stack([(first * first).sum(-1), (first * second).sum(-1), (second * second).sum(-1)], axis=-1)
-
-
-def whiten(linear: Linearisation, noise: Noise, extra: Floats | float = 0.0) -> Whitened:
-    """Divide by the Cholesky root of V, touch by touch; `extra` is added to V11."""
-    v11, v21, v22 = covariance_of(linear, noise)
-    l11 = np.sqrt(v11 + extra)
-    l21 = v21 / l11
-    l22 = np.sqrt(np.maximum(v22 - l21 * l21, 1e-12 * v22))
-    root = (l11, l21, l22)
-    return Whitened(whiten_by(linear.misclosure, root), whiten_by(linear.derivative, root), root)
-
-
-def whiten_by(array: Floats, root: tuple[Floats, Floats, Floats]) -> Floats:
-    """L⁻¹ applied to arrays (n, 2) or (n, 2, k), touch by touch."""
-    l11, l21, l22 = root
-    columns = array.transpose()  # the touches last
-    out = np.empty(columns.shape)
-    first, second = out[..., 0, :], out[..., 1, :]
-    np.divide(columns[..., 0, :], l11, out=first)
-    np.multiply(first, -l21, out=second)
-    second += columns[..., 1, :]
-    second /= l22
-    return out.transpose()
-
-
-def squared_distance(whitened: Whitened) -> Floats:
-    """Squared Mahalanobis distance of each touch, (n,); chi-square of 2 degrees where all is well."""
-    first, second = whitened.residual[:, 0], whitened.residual[:, 1]
-    return np.asarray(first * first + second * second)
 
 
 def adjust(
@@ -310,7 +216,7 @@ def adjust(
     along, across = (noise.force**2 * (b_f[:, 0, k] * first + b_f[:, 1, k] * second) for k in range(2))
     size = np.hypot(adjusted.force[:, 0], adjusted.force[:, 1])
     x, y = adjusted.force[:, 0] / size, adjusted.force[:, 1] / size
-    joints, force = _by_touch(2, len(size)), _by_touch(2, len(size))
+    joints, force = by_touch(2, len(size)), by_touch(2, len(size))
     for k in range(2):
         joints[:, k] = o.joints[:, k] - noise.joint**2 * (b_q[:, 0, k] * first + b_q[:, 1, k] * second)
     force[:, 0], force[:, 1] = o.force[:, 0] - (along * x - across * y), o.force[:, 1] - (along * y + across * x)
@@ -331,7 +237,7 @@ def _multiplier(whitened: Whitened, step: Floats) -> tuple[Floats, NDArray[np.bo
     n, _, k = whitened.derivative.shape
     left = whitened.residual.T + (step @ whitened.derivative.transpose(2, 1, 0).reshape(k, 2 * n)).reshape(2, n)
     close = left[0] * left[0] + left[1] * left[1] < GROSS
-    multiplier = _by_touch(2, n)
+    multiplier = by_touch(2, n)
     multiplier[:, 1] = left[1] / l22
     multiplier[:, 0] = (left[0] - l21 * multiplier[:, 1]) / l11
     return multiplier, close

@@ -20,10 +20,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.adjustment import Observations, linearise, place_force, settle, whiten_by
+from scara_kinetostatic.calibration.adjustment import Observations, linearise, place_force, settle
 from scara_kinetostatic.calibration.blocks import blocks, pick
 from scara_kinetostatic.calibration.solver import Point, part_of
 from scara_kinetostatic.calibration.steps import compress, upper_triangle
+from scara_kinetostatic.calibration.whitening import whiten_by
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 

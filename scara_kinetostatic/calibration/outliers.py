@@ -13,9 +13,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.adjustment import Whitened
 from scara_kinetostatic.calibration.blocks import in_blocks, pick
 from scara_kinetostatic.calibration.steps import typical_scale
+from scara_kinetostatic.calibration.whitening import Whitened
 from scara_kinetostatic.model.touch import Rejection
 
 Floats = NDArray[np.float64]

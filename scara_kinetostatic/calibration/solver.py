@@ -17,17 +17,13 @@ from numpy.typing import NDArray
 from scara_kinetostatic.calibration import steps
 from scara_kinetostatic.calibration.adjustment import (
     Adjusted,
-    Linearisation,
     Observations,
-    Whitened,
     adjust,
     as_measured,
-    direction_variance,
     linearise,
-    squared_distance,
-    whiten,
 )
 from scara_kinetostatic.calibration.blocks import in_blocks, pick
+from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, squared_distance, whiten
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.statics import Arm
@@ -152,9 +148,15 @@ def _evaluate(
     arm: Arm | None = None,
 ) -> tuple[Linearisation, Whitened, Floats]:
     linear = linearise(observations, parameters, adjusted, arm)
-    extra = 0.0 if stage.adjusts else direction_variance(observations, noise)
+    extra = 0.0 if stage.adjusts else _direction_variance(observations, noise)
     whitened = whiten(linear, noise, extra)
     return linear, whitened, squared_distance(whitened)
+
+
+def _direction_variance(observations: Observations, noise: Noise) -> Floats:
+    """What the measured direction of the force adds to V11 in the coarse stage, (n,), m²."""
+    spread = noise.force**2 / (observations.force**2).sum(axis=-1)
+    return (observations.radii * spread) ** 2
 
 
 def minimise(

@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.adjustment import Linearisation, Whitened, outer
+from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, outer
 from scara_kinetostatic.model.cell import Noise
 
 Floats = NDArray[np.float64]

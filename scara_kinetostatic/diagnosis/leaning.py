@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from scara_kinetostatic.calibration.adjustment import Observations, outer, whiten_by
+from scara_kinetostatic.calibration.adjustment import Observations
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import Near
 from scara_kinetostatic.calibration.prediction import observe
@@ -22,6 +22,7 @@ from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import Point
 from scara_kinetostatic.calibration.variance import whiten_matrix
+from scara_kinetostatic.calibration.whitening import outer, whiten_by
 from scara_kinetostatic.diagnosis.problem import orthonormal
 from scara_kinetostatic.diagnosis.refit import with_left_out
 from scara_kinetostatic.effects.contact_lean import ContactLean

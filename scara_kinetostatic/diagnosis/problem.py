@@ -16,12 +16,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.adjustment import whiten_by
 from scara_kinetostatic.calibration.misreading import along_and_across
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import Point
+from scara_kinetostatic.calibration.whitening import whiten_by
 from scara_kinetostatic.effects.base import Trial
 from scara_kinetostatic.model.equations import Equations
 from scara_kinetostatic.model.extended import extended_equations, shift_column

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from scara_kinetostatic.calibration.adjustment import whiten_by
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import Point
+from scara_kinetostatic.calibration.whitening import whiten_by
 from scara_kinetostatic.diagnosis.problem import LEVELS
 from scara_kinetostatic.model.statics import view_arm
 from scara_kinetostatic.model.touch import TouchSet

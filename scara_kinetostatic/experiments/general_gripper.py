@@ -14,10 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.adjustment import place_force, whiten_by
+from scara_kinetostatic.calibration.adjustment import place_force
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
+from scara_kinetostatic.calibration.whitening import whiten_by
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.equations import excess_derivative, touch_equations
 from scara_kinetostatic.model.parameters import NAMES, Parameters

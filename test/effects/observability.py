@@ -12,9 +12,10 @@ import numpy as np
 from calibration.studies import CELL, NOISE
 from effects.scenes import exact_touches
 
-from scara_kinetostatic.calibration.adjustment import linearise, whiten_by
+from scara_kinetostatic.calibration.adjustment import linearise
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
+from scara_kinetostatic.calibration.whitening import whiten_by
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.extension import Extension, Tags

@@ -1,0 +1,101 @@
+"""The linearised adjustment in units of standard deviations: V of each touch's misclosure and its root."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.model.cell import Noise
+
+Floats = NDArray[np.float64]
+
+
+class Linearisation(NamedTuple):
+    """The adjustment's equations at a point; before whitening.
+
+    Attributes:
+        misclosure: w, (n, 2), m, along and across the force.
+        derivative: h_L̄, (n, 2, 12 + k), the k parameters of effects behind the twelve.
+        by_joints: h_Q, (n, 2, 2), m/rad.
+        by_force: h_F in radial and tangential components of F̂, (n, 2, 2), m/N.
+        by_lean: h_α times the standard deviation of the lean, (n, 2), m; None without.
+    """
+
+    misclosure: Floats
+    derivative: Floats
+    by_joints: Floats
+    by_force: Floats
+    by_lean: Floats | None = None
+
+
+class Whitened(NamedTuple):
+    """The same in units of standard deviations.
+
+    Attributes:
+        residual: (n, 2).
+        derivative: (n, 2, 12).
+        root: lower Cholesky factor of V, as (l11, l21, l22), (n,) each.
+    """
+
+    residual: Floats
+    derivative: Floats
+    root: tuple[Floats, Floats, Floats]
+
+
+def by_touch(*shape: int) -> Floats:
+    """A new array whose first axis is the last of `shape`: one value of all touches lies in one piece of memory."""
+    return np.empty(shape).transpose()
+
+
+def covariance_of(linear: Linearisation, noise: Noise) -> tuple[Floats, Floats, Floats]:
+    """V of each touch's misclosure: the entries 11, 21, 22, (n,) each, m²."""
+    q, f = noise.joint**2, noise.force**2
+    joints, force = products(linear.by_joints), products(linear.by_force)
+    v11, v21, v22 = (q * a + f * b for a, b in zip(joints, force, strict=True))
+    if linear.by_lean is None:
+        return v11, v21, v22
+    lean1, lean2 = linear.by_lean[:, 0], linear.by_lean[:, 1]
+    return v11 + lean1 * lean1, v21 + lean1 * lean2, v22 + lean2 * lean2
+
+
+def products(matrices: Floats) -> tuple[Floats, Floats, Floats]:
+    """B Bᵀ of (n, 2, 2) matrices: the entries 11, 21, 22, (n,) each."""
+    b11, b12, b21, b22 = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
+    return b11 * b11 + b12 * b12, b11 * b21 + b12 * b22, b21 * b21 + b22 * b22
+
+
+def outer(matrices: Floats) -> Floats:
+    """B Bᵀ of (n, 2, k) matrices, (n, 3): the entries 11, 21, 22."""
+    first, second = matrices[:, 0], matrices[:, 1]
+    return np.stack([(first * first).sum(-1), (first * second).sum(-1), (second * second).sum(-1)], axis=-1)
+
+
+def whiten(linear: Linearisation, noise: Noise, extra: Floats | float = 0.0) -> Whitened:
+    """Divide by the Cholesky root of V, touch by touch; `extra` is added to V11."""
+    v11, v21, v22 = covariance_of(linear, noise)
+    l11 = np.sqrt(v11 + extra)
+    l21 = v21 / l11
+    l22 = np.sqrt(np.maximum(v22 - l21 * l21, 1e-12 * v22))
+    root = (l11, l21, l22)
+    return Whitened(whiten_by(linear.misclosure, root), whiten_by(linear.derivative, root), root)
+
+
+def whiten_by(array: Floats, root: tuple[Floats, Floats, Floats]) -> Floats:
+    """L⁻¹ applied to arrays (n, 2) or (n, 2, k), touch by touch."""
+    l11, l21, l22 = root
+    columns = array.transpose()  # the touches last
+    out = np.empty(columns.shape)
+    first, second = out[..., 0, :], out[..., 1, :]
+    np.divide(columns[..., 0, :], l11, out=first)
+    np.multiply(first, -l21, out=second)
+    second += columns[..., 1, :]
+    second /= l22
+    return out.transpose()
+
+
+def squared_distance(whitened: Whitened) -> Floats:
+    """Squared Mahalanobis distance of each touch, (n,); chi-square of 2 degrees where all is well."""
+    first, second = whitened.residual[:, 0], whitened.residual[:, 1]
+    return np.asarray(first * first + second * second)
