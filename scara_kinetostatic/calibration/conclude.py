@@ -53,11 +53,7 @@ def conclude(
     """
     fit, used = found.fit, found.used
     parameters = fit.point.parameters
-    chi_square = float(fit.point.distance[used].sum())
-    freedoms = 2 * int(used.sum()) - found.subspace.basis.shape[1]
-    covariance = covariance_of_fit(fit, found.subspace)
-    if chdtrc(freedoms, chi_square) < MISFIT:
-        covariance = covariance * (chi_square / freedoms)
+    covariance, chi_square, freedoms = _covariance(found)
     std = np.sqrt(np.diag(covariance))
     names = NAMES + tuple(label for law in cell.effects for label in law.labels)
     identifiability = _identifiability(found, observations, covariance, std, fixed, names)
@@ -65,9 +61,6 @@ def conclude(
     std[[name in confounded for name in names]] = np.nan
     status = {name: 'fixed' if name in fixed else 'confounded' if name in confounded else 'estimated' for name in NAMES}
     residual, nominal = force_residual(observations, parameters), force_residual(observations, start)
-    rejected = [
-        outliers.explain(int(touches.index[i]), float(found.distance[i]), residual[i]) for i in np.flatnonzero(~used)
-    ]
     return Calibration(
         cell=cell,
         fixed=dict(fixed),
@@ -79,7 +72,7 @@ def conclude(
         status=status,
         touches=touches,
         used=used,
-        rejected=tuple(sorted((*left_out, *rejected), key=lambda item: item.index)),
+        rejected=_rejections(touches, found, residual, left_out),
         noise=found.noise,
         noise_source='given' if cell.noise else 'estimated',
         force=base_force(observations, parameters),
@@ -95,6 +88,24 @@ def conclude(
         termination=fit.termination,
         history=fit.history,
     )
+
+
+def _covariance(found: Estimate) -> tuple[Floats, float, int]:
+    """Covariance of L̄, enlarged where the stated noise does not cover the residuals; chi-square and its freedoms."""
+    chi_square = float(found.fit.point.distance[found.used].sum())
+    freedoms = 2 * int(found.used.sum()) - found.subspace.basis.shape[1]
+    covariance = covariance_of_fit(found.fit, found.subspace)
+    enlarged = chdtrc(freedoms, chi_square) < MISFIT
+    return covariance * (chi_square / freedoms if enlarged else 1.0), chi_square, freedoms
+
+
+def _rejections(
+    touches: TouchSet, found: Estimate, residual: Floats, left_out: Sequence[Rejection]
+) -> tuple[Rejection, ...]:
+    """Touches that the fit does not believe, and those never given to it, in the order of their numbers."""
+    bad = np.flatnonzero(~found.used)
+    rejected = [outliers.explain(int(touches.index[i]), float(found.distance[i]), residual[i]) for i in bad]
+    return tuple(sorted((*left_out, *rejected), key=lambda item: item.index))
 
 
 def _identifiability(
