@@ -106,7 +106,9 @@ def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
         return Diagnosis('unexplained', p_value, traces=before.traces, ranking=ranking, advice=text)
     after = adequacy(found.extended)
     rivals = _fit_rivals(found, c)
-    extended = widened(widened(found.extended, rivals), fit_other_forms(found.extended))
+    extended = widened(found.extended, rivals)
+    for form in fit_other_forms(found.extended):
+        extended = widened(extended, [form])  # one by one: each is to lie within a standard deviation
     described = _describe(found, rivals)
     verdict = _verdict(found, described, after)
     return Diagnosis(

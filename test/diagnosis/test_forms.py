@@ -1,0 +1,63 @@
+"""The form of a law is not known: the standard deviations hold for others as well."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis.played import CELL, PLAN, calibrate, deviations, effect
+
+from scara_kinetostatic.diagnosis.diagnose import diagnose
+from scara_kinetostatic.diagnosis.forms import fit_other_forms, widened
+from scara_kinetostatic.effects.contact_compliance import ContactCompliance
+from scara_kinetostatic.effects.joint_hardening import JointHardening
+from scara_kinetostatic.model.parameters import G_EE, P1, P_EE, PAPER_ACTUAL
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.simulation.streams import simulate_touches
+
+
+def played(law: object, *values: float, seed: int = 3) -> TouchSet:
+    cell = replace(CELL, effects=(law,))
+    return simulate_touches(cell, PAPER_ACTUAL.replace(extra=values), PLAN, CELL.noise, seed)
+
+
+@pytest.mark.parametrize(('exponent', 'value'), [(0.4, 2e-4), (0.5, 1.2e-4), (0.8, 5e-5)])
+def test_a_contact_of_another_law_bends_nothing_beyond_its_sigmas(exponent, value):
+    fit = calibrate(played(ContactCompliance(exponent=exponent), value), CELL)
+    found = diagnose(fit)
+    assert [item.effect.label for item in found.found if item.proved] == ['contact_compliance']
+    assert found.extended is not None
+    as_hertz = calibrate(fit.touches, replace(CELL, effects=(ContactCompliance(),)))
+    assert np.abs(deviations(as_hertz)[[P_EE, G_EE]]).max() > 4
+    assert np.abs(deviations(found.extended)).max() < 4
+
+
+def test_a_joint_that_softens_with_the_square_of_the_torque():
+    fit = calibrate(played(JointHardening(target='joint1', joint=0, power=2), -1.5e-6), CELL)
+    found = diagnose(fit)
+    assert [item.effect.label for item in found.found if item.proved] == ['joint_hardening[joint1]']
+    assert found.extended is not None
+    assert abs(deviations(found.extended)[P1]) < 4
+
+
+def test_every_form_that_fits_lies_within_a_standard_deviation():
+    laws = (effect('contact_compliance'),)
+    extended = calibrate(played(laws[0], 6e-5), replace(CELL, effects=laws))
+    forms = fit_other_forms(extended)
+    assert len(forms) == len(laws[0].other_forms())
+    wide = extended
+    for form in forms:
+        wide = widened(wide, [form])
+    for form in forms:
+        off = form.parameters.as_array()[:12] - extended.parameters.as_array()[:12]
+        assert np.all(np.abs(off) <= wide.std)
+    assert wide.std[P_EE] > 5 * extended.std[P_EE]
+    assert wide.std[P1] < 1.5 * extended.std[P1]
+
+
+def test_a_form_that_fits_worse_is_none():
+    laws = (effect('contact_compliance[disc_2]'),)
+    extended = calibrate(played(laws[0], 4e-5), replace(CELL, effects=laws))
+    assert fit_other_forms(extended) == []
+    assert widened(extended, []) is extended
