@@ -25,6 +25,7 @@ from scara_kinetostatic.diagnosis.leaning import fit_with_lean, growing_p_value,
 from scara_kinetostatic.diagnosis.search import Search, search
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.contact_lean import ContactLean
+from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import UnsupportedDataError
 
 SURE = 2e-3
@@ -60,7 +61,8 @@ def tell(calibration: Calibration, known: Sequence[Effect], alarm: bool, leans: 
     ways: list[Search] = []
     if alarm:
         ways.append(search(c, known))
-    if (~c.used).sum() >= SUSPICIOUS:
+    taken_back = any(way.extended and way.extended.used.all() for way in ways)
+    if (~c.used).sum() >= SUSPICIOUS and not taken_back:
         ways.append(search(c, known, replace(c, used=np.ones(len(c.touches), dtype=bool))))
     if alarm and c.noise_source == 'estimated' and not any(way.extended for way in ways):
         ways += _with_usual_noise(c, known)
@@ -108,8 +110,10 @@ def _leaning(calibration: Calibration, known: Sequence[Effect]) -> list[Search]:
 
 
 def _stands_straight(extended: Calibration) -> bool:
-    """Whether an extended model fits, and no force leans in it."""
+    """Whether an extended model fits without a curve that has no name, and no force leans in it."""
     c = extended
+    if any(isinstance(effect, Unnamed) for effect in c.cell.effects):
+        return False
     fits = not incredible(c) if c.noise_source == 'estimated' else chdtrc(c.degrees_of_freedom, c.chi_square) > SURE
     return fits and lean_p_value(c) > STRAIGHT
 
