@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.estimate import USUAL_NOISE
 from scara_kinetostatic.calibration.held_out import HeldOut, held_out_force_error
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import Termination
@@ -147,12 +148,26 @@ def calibrate_recordings(
 def _calibrated(
     paths: Sequence[str | Path], detection: Detection, cell: Cell, fixed: Mapping[str, float] | None
 ) -> Calibration:
-    """The calibration of the twelve; what is wrong with the data is told with their name."""
+    """The calibration of the twelve; what is wrong with the data is told with their name.
+
+    Where nothing can be said with the noise estimated, the fit is that at the usual noise, if it leads to a missing
+    effect: its own sigmas say how badly it fits.
+    """
     names = ', '.join(str(path) for path in paths)
     try:
         return calibrate(detection.touches, cell, fixed=fixed)
     except UnsupportedDataError as error:
-        raise UnsupportedDataError(f'{names}: {error.problem}', error.remedy) from error
+        trouble = UnsupportedDataError(f'{names}: {error.problem}', error.remedy)
+        if cell.noise is not None:
+            raise trouble from error
+    try:  # an effect so large that, taken for noise, it hides everything
+        usual = calibrate(detection.touches, replace(cell, noise=USUAL_NOISE), fixed=fixed)
+    except UnsupportedDataError:
+        raise trouble from None
+    calibration = replace(usual, cell=replace(usual.cell, noise=None))
+    if diagnose(calibration).verdict != 'explained':
+        raise trouble
+    return calibration
 
 
 def _settled(found: Calibration, paths: Sequence[str | Path]) -> Calibration:

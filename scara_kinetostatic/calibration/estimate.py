@@ -148,7 +148,7 @@ def estimate(
             break
         if _differ(now_unseen, unseen, number):
             check_rank(now_unseen)
-            subspace, unseen = _restrict(everything, now_unseen), now_unseen
+            subspace, unseen = restrict(everything, now_unseen), now_unseen
             parameters = subspace.project(parameters)
         used, noise, stage = good, renewed, FINAL
         check_number(int(used.sum()), subspace.basis.shape[1])
@@ -188,7 +188,7 @@ def covariance_of_fit(fit: Fit, subspace: Subspace) -> Floats:
     return subspace.basis @ steps.covariance(fit.system) @ subspace.basis.T
 
 
-def _restrict(everything: Subspace, unseen: Floats) -> Subspace:
+def restrict(everything: Subspace, unseen: Floats) -> Subspace:
     """The subspace without the unseen directions: along those, L̄ stays at the origin."""
     k, d = unseen.shape
     complement = np.linalg.qr(np.concatenate([unseen, np.eye(k)], axis=1))[0][:, d:k]

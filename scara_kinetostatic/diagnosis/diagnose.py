@@ -63,9 +63,12 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
     known = tuple(catalogue(calibration.cell) if effects is None else effects)
     quiet = advice.too_quiet(calibration)
     found = _diagnose(_with_own_noise(calibration) if quiet else calibration, known)
+    if not quiet and found.extended is not None and advice.too_quiet(found.extended):
+        quiet = advice.too_quiet(found.extended)
+        found = _diagnose(_with_own_noise(calibration), known)
     final = found.extended or calibration
     leaning = any(effect.spread for effect in final.cell.effects)
-    growing = 1.0 if leaning else min(growing_p_value(fit) for fit in (calibration, final))
+    growing = 1.0 if leaning else growing_p_value(final)
     held = advice.held(calibration) if found.verdict != 'none' else ''
     return replace(found, advice=advice.joined(quiet, found.advice, held, advice.growing_noise(growing)))
 
@@ -92,7 +95,7 @@ def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
     incredible = advice.incredible(c)
     alarm = p_value < SIGNIFICANCE or bool(incredible)
     found, lead = tell(c, known, alarm, lean < SIGNIFICANCE / 2)
-    if found is not None and not alarm:
+    if found is not None and p_value >= SIGNIFICANCE:
         p_value = min(p_value, float(np.exp(-lead / 2)))
     hint = found is not None and not incredible and p_value >= STRICT and found.gain < CREDIBLE
     if found is None or hint:

@@ -16,11 +16,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.calibration.adjustment import Observations
+from scara_kinetostatic.calibration.estimate import restrict
+from scara_kinetostatic.calibration.identifiability import scales_of, unseen_directions
 from scara_kinetostatic.calibration.misreading import along_and_across
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.solution import Calibration
-from scara_kinetostatic.calibration.solver import Point
+from scara_kinetostatic.calibration.solver import Point, Subspace
 from scara_kinetostatic.calibration.whitening import whiten_by
 from scara_kinetostatic.effects.base import Trial
 from scara_kinetostatic.model.equations import Equations
@@ -85,19 +88,17 @@ class Problem(NamedTuple):
         return whiten_by(h, self.point.whitened.root).ravel()
 
 
-def pose_problem(calibration: Calibration, twelve: Calibration | None = None) -> Problem:
+def pose_problem(calibration: Calibration) -> Problem:
     """The linear problem that a calibration leaves; its cell may have effects or not.
 
     Args:
         calibration: the fit.
-        twelve: the fit without effects, whose unseen directions stay unseen: with effects in the fit an
-            unseen direction of the twelve may mix with them. None for the same fit.
     """
     c = calibration
     touches = c.touches.select(_some(c.used))
-    seen = (twelve or c).subspace.basis[: len(NAMES)]
     observations = observe(touches, c.cell)
     point = project(observations, c.parameters, c.noise)
+    seen = _seen(c, observations, point) if c.cell.effects else c.subspace.basis
     extension = observations.extension or Extension((), Tags.of(touches))
     setting = observations._replace(extension=extension).setting(point.adjusted.joints, point.adjusted.lean)
     state = point.adjusted.state
@@ -123,6 +124,21 @@ def pose_problem(calibration: Calibration, twelve: Calibration | None = None) ->
     effects = point.whitened.derivative[:, :, len(NAMES) :].reshape(len(base), -1)
     y = point.whitened.residual.ravel() - effects @ np.concatenate([np.empty(0), *strengths])
     return problem._replace(left=y - base @ (base.T @ y), without=problem.response @ y)
+
+
+def _seen(calibration: Calibration, observations: Observations, point: Point) -> Floats:
+    """The directions of the twelve that the touches show at a fit with effects, (12, r).
+
+    Judged without the effects, with which an unseen direction may mix; and judged here, as without the effects the
+    noise may have been so large that little was seen.
+    """
+    c = calibration
+    free = np.array([k for k, name in enumerate(NAMES) if name not in c.fixed], dtype=np.intp)
+    scales = scales_of(observations)
+    everything = np.zeros((len(scales), len(free)))
+    everything[free, np.arange(len(free))] = scales[free]
+    unseen = unseen_directions(observations, point, free, c.noise)
+    return restrict(Subspace(c.parameters.as_array(), everything), unseen).basis[: len(NAMES)]
 
 
 def _some(which: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -13,20 +13,32 @@ from scara_kinetostatic.calibration.estimate import Near
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.diagnosis.candidates import LEAST_NEW, Candidate
 from scara_kinetostatic.diagnosis.problem import Problem
+from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extension import split
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 
 Floats = NDArray[np.float64]
 
+LEAST_SHARE = 0.03
+"""Part of an estimated noise that a fit with effects begins with at least."""
 
-def start_from(problem: Problem, members: Sequence[Candidate]) -> Parameters:
-    """L̄ that fits the linear problem best with effects: the twelve, and behind them the effects' parameters."""
+
+def start_from(problem: Problem, members: Sequence[Candidate]) -> tuple[Parameters, float]:
+    """L̄ that fits the linear problem best with effects: the twelve, and behind them the effects' parameters.
+
+    With it goes the part of the noise that these effects leave over: where it was estimated without them, they are
+    in it.
+    """
     columns = [problem.columns(member.trial) for member in members]
     together = np.concatenate(columns, axis=1)
     scale = np.linalg.norm(together, axis=0)
     scale[scale == 0] = 1.0
     together = (together - problem.base @ (problem.base.T @ together)) / scale
     found = -np.linalg.lstsq(together, problem.left, rcond=LEAST_NEW)[0] / scale
+    freedoms = problem.freedoms, max(problem.freedoms - together.shape[1], 1)
+    sizes = problem.left, problem.left + together @ (scale * found)
+    before, after = (float(rest @ rest) / number for rest, number in zip(sizes, freedoms, strict=True))
+    share = float(np.sqrt(min(after / before, 1.0))) if before > 0 else 1.0
     ends = np.cumsum([part.shape[1] for part in columns])
     values = [
         member.trial.values(found[end - part.shape[1] : end])
@@ -34,7 +46,7 @@ def start_from(problem: Problem, members: Sequence[Candidate]) -> Parameters:
     ]
     moved = problem.without + problem.response @ np.concatenate(columns, axis=1) @ found
     twelve = problem.point.parameters.as_array()[: len(NAMES)] + moved
-    return Parameters.from_array(np.concatenate([twelve, *values]))
+    return Parameters.from_array(np.concatenate([twelve, *values])), max(share, LEAST_SHARE)
 
 
 def fit_with(
@@ -49,7 +61,9 @@ def fit_with(
         members: the effects.
     """
     cell = replace(calibration.cell, effects=(*calibration.cell.effects, *(member.effect for member in members)))
-    near = Near(start_from(problem, members), latest.noise, latest.used)
+    start, share = start_from(problem, members)
+    share = share if latest.noise_source == 'estimated' else 1.0
+    near = Near(start, Noise(share * latest.noise.joint, share * latest.noise.force), latest.used)
     found = calibrate(calibration.touches, cell, fixed=calibration.fixed, near=near)
     return with_left_out(found, calibration)
 

@@ -17,7 +17,7 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import unnamed_effects
 from scara_kinetostatic.errors import UnsupportedDataError
 
-ROUNDS = 4
+ROUNDS = 6
 ATTEMPTS = 4
 FITTED = 8
 MOST_IN_UNION = 5
@@ -82,7 +82,7 @@ def search(calibration: Calibration, effects: Sequence[Effect], begin: Calibrati
     before, out = frozenset[str](), frozenset[str]()
     given_up: set[frozenset[str]] = set()
     for _ in range(ROUNDS):
-        problem = pose_problem(latest, calibration)
+        problem = pose_problem(latest)
         contest = compete(problem, all_candidates(latest, problem, [e for e in effects if e.label not in out]))
         winners = _winners(contest)
         if not winners:
@@ -90,9 +90,12 @@ def search(calibration: Calibration, effects: Sequence[Effect], begin: Calibrati
         labels = frozenset(candidate.effect.label for candidate in winners)
         fitted = _settled(calibration, latest, problem, contest, given_up)
         waves = {c.effect.label for c in winners if c.tried > 1}
-        part = _part(calibration, latest, problem, contest, given_up) if fitted is None else None
-        if part is not None and labels != before:
+        part = None
+        if fitted is None and labels != before:
+            part = _part(calibration, latest, problem, contest, given_up)
+        if part is not None:
             latest, before = part, labels
+            given_up.clear()
             continue
         if fitted is None and waves:
             out |= waves  # such a frequency explains only the linear problem
@@ -167,7 +170,7 @@ def _smaller(
         except UnsupportedDataError:
             continue
         total = story(fit, sum(price[k] for k in kept), scale)
-        if fit.termination is Termination.CONVERGED and total < least:
+        if fit.termination is Termination.CONVERGED and _makes_sense(fit) and total < least:
             least, best = total, fit
     return best
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
@@ -43,3 +44,20 @@ def test_two_recordings_are_calibrated_together(tmp_path):
     assert outcome.calibration.touches.index.tolist() == list(range(72))
     errors = outcome.calibration.parameters.as_array() - PAPER_ACTUAL.as_array()
     assert np.abs(errors / outcome.calibration.std).max() < 5
+
+
+@pytest.mark.parametrize(
+    ('label', 'values'), [('object_position[disc_2]', (5e-3, 2e-3)), ('encoder_gain[joint2]', (0.01,))]
+)
+def test_an_effect_so_large_that_it_hides_everything_is_found_with_unknown_noise(label, values, tmp_path):
+    cell = replace(CELL, noise=None)
+    robot = PAPER_ACTUAL.replace(extra=values)
+    built = replace(CELL, effects=(find(CELL, label),))
+    streams = simulate_streams(built, robot, default_plan(CELL, per_disc=14), seed=4)
+    write_streams(tmp_path / 'large.mcap', streams, cell)
+    outcome = calibrate_recordings([tmp_path / 'large.mcap'], cell)
+    assert outcome.diagnosis.verdict == 'explained'
+    assert [item.effect.label for item in outcome.diagnosis.found] == [label]
+    assert outcome.final.noise_source == 'estimated'
+    off = outcome.final.parameters.as_array()[:12] - PAPER_ACTUAL.as_array()
+    assert np.abs(off / outcome.final.std).max() < 4
