@@ -103,6 +103,11 @@ class Bend(NamedTuple):
     shift: float
     in_std: float
 
+    @property
+    def sure(self) -> bool:
+        """Whether the shift is more than the standard deviation of the extended model; rivals may leave that wide."""
+        return bool(np.isfinite(self.in_std)) and abs(self.shift) > self.std
+
 
 def compare(outcome: Outcome) -> Comparison:
     """Both models of an outcome, on the touches of the final one."""

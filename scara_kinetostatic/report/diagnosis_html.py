@@ -185,7 +185,7 @@ def _bend(row: Bend) -> dict[str, str]:
         'shift': text(row.shift) if known else '',
         'in_std': _signed(row.in_std),
         'unit': unit,
-        'notable': 'lost' if abs(row.in_std) > 2 else '',
+        'notable': 'lost' if row.sure and abs(row.in_std) > 2 else '',
     }
 
 

@@ -147,7 +147,7 @@ def bent(outcome: Outcome) -> str:
     """How far what was missing had bent the twelve; empty where nothing was found."""
     if outcome.final is outcome.calibration:
         return ''
-    rows = sorted((row for row in bends(outcome) if np.isfinite(row.in_std)), key=lambda row: -abs(row.in_std))
+    rows = sorted((row for row in bends(outcome) if row.sure), key=lambda row: -abs(row.in_std))
     worst = ', '.join(f'{row.name} by {abs(row.in_std):.2g} σ' for row in rows[:3])
     moved = compare(outcome).moved * 1e3
     return f'without it {worst or "nothing"} off; the tip H(L̄, Q) by {moved:.3g} mm (rms over the touches)'
