@@ -30,8 +30,8 @@ from scara_kinetostatic.errors import UnsupportedDataError
 
 SURE = 2e-3
 """P-value of the lean beside noise that grows with the force, below which friction is named."""
-STRAIGHT = 0.01
-"""P-value of the lean above which an extended model has no need of it."""
+STRAIGHT = 2e-3
+"""P-value of the lean above which an extended model has no need of it; beside growing noise it would be larger yet."""
 SUSPICIOUS = 1
 """Rejected touches from which on they are asked whether an effect explains them."""
 
