@@ -90,6 +90,7 @@ def failure(r: Record) -> str:
     if r.section == 'unlisted':
         reasons += ['not detected'] if r.verdict == 'none' else []
         reasons += [f'fell by {fallen(r):.2f}'] if not fallen(r) >= FALLEN else []
+        reasons += ['z > 4'] if not unbent(r) else []
     elif r.played and r.section != 'clean':
         small = r.size < 2.0 and r.verdict == 'none'
         reasons += ['misnamed'] if not right(r) and not small else []

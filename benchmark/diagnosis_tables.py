@@ -189,6 +189,7 @@ def summary(records: Sequence[Record]) -> Iterator[str]:
         ('effects and pairs that were found: the twelve within 4 std', '100 %', [
             r for r in all_effects if r.verdict != 'none'
         ], unbent),
+        ('outside the list: the twelve within 4 std', '100 %', of['unlisted'], unbent),
         ('CPU time below 2 s', '100 %', records, lambda r: r.cpu < 2.0),
     )
     for words_, bound, some, holds in wanted:

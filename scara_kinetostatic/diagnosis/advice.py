@@ -4,39 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from scipy import special
-
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.diagnosis.deciding import Deciding
+from scara_kinetostatic.diagnosis.refit import effect_values
 from scara_kinetostatic.diagnosis.result import Found, Ranked
 from scara_kinetostatic.diagnosis.structure import Trace
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import Unnamed
 
-LARGEST_JOINT_NOISE = 2e-4
-"""Estimated repeatability of a joint beyond which it is an error of the model, rad."""
-GROWING = 1e-3
-"""P-value below which it is said that the noise grows with the force."""
 LARGE_BEND = 5.0
 """Standard deviations by which an effect that is not found may bend one of the twelve before it is said."""
 FEW = 4
-LARGEST_ERROR_SHARE = 0.2
-"""The same for the force error as a part of the force."""
-
-
-def incredible(c: Calibration) -> str:
-    """Why estimated noise cannot be noise; empty if it can. A gross error of the model passes for noise otherwise."""
-    if c.noise_source == 'given':
-        return ''
-    share = c.force_error / float(np.hypot(c.force[:, 0], c.force[:, 1]).mean())
-    if c.noise.joint <= LARGEST_JOINT_NOISE and share <= LARGEST_ERROR_SHARE:
-        return ''
-    return (
-        f'the touches miss the model by {c.force_error:.2g} N, {100 * share:.0f} % of the force, as if the joints '
-        f'repeated to {c.noise.joint:.1e} rad only: no noise is like that; check the places and radii of '
-        'the discs, the fixed parameters, and whether a joint lost its zero'
-    )
 
 
 def unexplained(c: Calibration, found: Sequence[Trace]) -> str:
@@ -84,27 +62,6 @@ def held(c: Calibration) -> str:
     return f'held at given values: {names}; a wrong value shows as an effect that is not there, so fit it as well'
 
 
-def growing_noise(p_value: float) -> str:
-    """What to say where the scatter of the force is not the same at all forces."""
-    if p_value >= GROWING:
-        return ''
-    return (
-        f'the scatter of the force grows with the force (p = {p_value:.1g}), and all tests take it for the same: '
-        'structure over the size of the force may be no more than that'
-    )
-
-
-def too_quiet(c: Calibration) -> str:
-    """Where the residuals are smaller than the stated noise."""
-    if c.noise_source == 'given' and special.chdtr(c.degrees_of_freedom, c.chi_square) < 1e-3:
-        return (
-            f'the residuals are {c.reduced_chi_square**0.5:.2g} times the stated noise: it is stated too large, and so '
-            'are the standard deviations of the twelve alone; what was looked for beyond them was looked for with the '
-            'noise that the touches show. Leave the noise out of the cell file to have it estimated'
-        )
-    return ''
-
-
 def joined(*texts: str) -> str:
     """Sentences, as one text; it begins small, as it does where there is one only."""
     first, *others = [text for text in texts if text] or ['']
@@ -116,6 +73,28 @@ def _few(labels: Sequence[str]) -> str:
     left = len(labels) - FEW
     parts = [*labels[:FEW], *([f'{left} other{"s" if left > 1 else ""}'] if left > 0 else [])]
     return f'{", ".join(parts[:-1])} and {parts[-1]}' if len(parts) > 1 else parts[0]
+
+
+def other_frequencies(extended: Calibration, peaks: Sequence[Calibration]) -> str:
+    """Which other frequencies fit as well as those of an extended model.
+
+    Args:
+        extended: the model.
+        peaks: fits of the same effects with other frequencies.
+    """
+    sentences = []
+    for place, effect in enumerate(extended.cell.effects):
+        if not isinstance(effect, Effect) or not effect.searched:
+            continue
+        k = effect.place_of_searched
+        found, *others = (f'{effect_values(fit)[place][0][k]:.3g}' for fit in (extended, *peaks))
+        others = sorted(set(others) - {found}, key=float)
+        if others:
+            sentences.append(
+                f'{effect.label} fits as well with {" or ".join(others)} {effect.searched} instead of {found}; the '
+                f'standard deviations hold for all of them; to decide, record {effect.reveal}'
+            )
+    return joined(*sentences)
 
 
 def after_search(
@@ -140,7 +119,11 @@ def after_search(
     elif deciding is not None:
         sentences.append('no touch of these discs would do it; measure one of the rivals by other means, and hold it')
     for item in found:
-        if isinstance(item.effect, Unnamed):
+        if isinstance(item.effect, Unnamed) and not item.proved:
+            sentences.append(
+                f'{item.effect.label} stands for something that no effect of the list is: {item.effect.description}'
+            )
+        elif isinstance(item.effect, Unnamed):
             sentences.append(
                 f'no effect of the list explains what is left: {item.effect.description}; it is corrected by a fitted '
                 f'curve. To learn what it is, record {item.effect.reveal}'

@@ -109,11 +109,11 @@ def gather(problem: Problem, effects: Iterable[Effect], fitted: Mapping[str, Flo
     for effect in effects:
         trials = effect.trials(problem.situation, problem.force)
         if len(trials) > 1:
-            scans.append(_scan(problem, effect, trials, len(trials)))
+            scans.append(scan_trials(problem, effect, trials, len(trials)))
             continue
         unit, new = new_part(problem, problem.columns(trials[0]))
         if effect.label in fitted and not isinstance(effect, LinearEffect):
-            found.append(_as_fitted(problem, effect, fitted[effect.label], 1))
+            found.append(as_fitted(problem, effect, fitted[effect.label], 1))
         elif unit.shape[1]:
             found.append(Candidate(effect, trials[0], unit, 1))
         else:
@@ -121,14 +121,16 @@ def gather(problem: Problem, effects: Iterable[Effect], fitted: Mapping[str, Flo
     alone = [best_trial(problem, scan) for scan in scans]
     partners = sorted(found + alone, key=lambda c: -explained(problem, c))[:PARTNERS]
     for scan, first in zip(scans, alone, strict=True):
-        beside = [best_trial(problem, scan, partner) for partner in partners if partner.effect != scan.effect]
+        beside = [best_trial(problem, scan, partner.unit) for partner in partners if partner.effect != scan.effect]
         if scan.effect.label in fitted:
-            beside.append(_as_fitted(problem, scan.effect, fitted[scan.effect.label], scan.tried))
+            beside.append(as_fitted(problem, scan.effect, fitted[scan.effect.label], scan.tried))
         found += list({id(c.trial): c for c in (first, *beside)}.values())
-    return Field(tuple(found), tuple(unseen))
+    seen = {candidate.effect.label for candidate in found}
+    hidden = {item.effect.label: item for item in unseen if item.effect.label not in seen}
+    return Field(tuple(found), tuple(hidden.values()))
 
 
-def _as_fitted(problem: Problem, effect: Effect, values: Floats, tried: int) -> Candidate:
+def as_fitted(problem: Problem, effect: Effect, values: Floats, tried: int) -> Candidate:
     """A nonlinear effect as the last fit had it, free to move about these values."""
     at, reported = problem.situation, problem.force
     trial = Trial(effect.derivative(at, values), effect.reading_derivative(reported, values), lambda _: values)
@@ -152,46 +154,51 @@ def new_part(problem: Problem, columns: Floats) -> tuple[Floats, float]:
     return u[:, values > least], min(1.0, float(values[0]))
 
 
-def best_trial(problem: Problem, scan: Scan, beside: Candidate | None = None) -> Candidate:
-    """The trial that explains most, by itself or beside another candidate; between those of a grid, too.
+def best_trial(problem: Problem, scan: Scan, beside: Floats | None = None) -> Candidate:
+    """The trial that explains most, by itself or beside an orthonormal basis (2n, r); between those of a grid, too."""
+    return refined(problem, scan, int(np.argmax(gains(problem, scan, beside))), beside)
+
+
+def refined(problem: Problem, scan: Scan, k: int, beside: Floats | None = None) -> Candidate:
+    """The best trial near that with number k.
 
     It is looked for on ever finer grids, until a step changes what is explained by less than `EVEN` of the
     noise that would be left.
     """
-    k, most = _best(problem, scan, beside)
+    taken = 0.0 if beside is None else float(np.sum((beside.T @ problem.left) ** 2))
+    most = float(gains(problem, scan, beside)[k])
     width = 1.0
     for _ in range(FINEST):
         finer = scan.effect.finer(problem.situation, scan.trials[k], width)
         if not finer:
             break
         before = most
-        scan = _scan(problem, scan.effect, finer, scan.tried)
-        k, most = _best(problem, scan, beside)
-        if most - before < EVEN * max(float(problem.left @ problem.left) - most, 0.0) / problem.freedoms:
+        scan = scan_trials(problem, scan.effect, finer, scan.tried)
+        gained = gains(problem, scan, beside)
+        k = int(np.argmax(gained))
+        most = float(gained[k])
+        if most - before < EVEN * max(float(problem.left @ problem.left) - taken - most, 0.0) / problem.freedoms:
             break
         width *= 2 / (len(finer) - 1)
     return Candidate(scan.effect, scan.trials[k], new_part(problem, scan.columns[:, k])[0], scan.tried)
 
 
-def _best(problem: Problem, scan: Scan, beside: Candidate | None) -> tuple[int, float]:
-    """Place of the trial that explains most, and what it explains with the other candidate."""
-    left, columns, most = problem.left, scan.columns, 0.0
+def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
+    """What of the sum of squares each trial takes away beside an orthonormal basis (2n, r), (t,)."""
+    left, columns = problem.left, scan.columns
     if beside is not None:
-        unit = beside.unit
-        taken = unit.T @ left
-        left, most = left - unit @ taken, float(taken @ taken)
-        columns = columns - np.einsum('rk,ktm->rtm', unit, np.einsum('rk,rtm->ktm', unit, columns))
+        left = left - beside @ (beside.T @ left)
+        columns = columns - np.einsum('rk,ktm->rtm', beside, np.einsum('rk,rtm->ktm', beside, columns))
     gram = np.einsum('rtm,rtk->tmk', columns, columns)
     projected = np.einsum('r,rtm->tm', left, columns)
     size = np.trace(gram, axis1=1, axis2=2)
     ridge = (RIDGE * size.max())[..., None, None] * np.eye(columns.shape[2])
     coefficients = np.linalg.solve(gram + ridge, projected[..., None])[..., 0]
-    gained = np.einsum('tm,tm->t', projected, coefficients)
-    k = int(np.argmax(gained))
-    return k, most + float(gained[k])
+    return np.einsum('tm,tm->t', projected, coefficients)
 
 
-def _scan(problem: Problem, effect: Effect, trials: Sequence[Trial], tried: int) -> Scan:
+def scan_trials(problem: Problem, effect: Effect, trials: Sequence[Trial], tried: int) -> Scan:
+    """Trials of an effect, of `tried` in all, without what the twelve take up of them."""
     columns = np.stack([problem.columns(trial) for trial in trials], axis=1)
     flat = columns.reshape(len(problem.left), -1)
     flat = flat - problem.base @ (problem.base.T @ flat)

@@ -80,6 +80,10 @@ class Contest(NamedTuple):
         """Labels of an entry's effects."""
         return tuple(self.field.candidates[k].effect.label for k in entry.members)
 
+    def freedoms(self, entry: Entry) -> int:
+        """Parameters of an entry's effects that can show."""
+        return sum(self.field.candidates[k].freedoms for k in entry.members)
+
 
 def compete(problem: Problem, field: Field) -> Contest:
     """Examine all singles and pairs, and larger sets made from the best ones.
@@ -164,8 +168,8 @@ def _needed(contest: Contest, entry: Entry, best: Entry) -> bool:
     unnamed = [any(isinstance(contest.field.candidates[k].effect, Unnamed) for k in e.members) for e in (entry, best)]
     if not unnamed[0] or unnamed[1]:
         return True
-    gain, rank = (best.rest - entry.rest) / contest.scale, entry.rank - best.rank
-    return rank <= 0 or float(special.chdtrc(rank, gain)) < CLAIM
+    gain, more = (best.rest - entry.rest) / contest.scale, contest.freedoms(entry) - contest.freedoms(best)
+    return more <= 0 or float(special.chdtrc(more, gain)) < CLAIM
 
 
 def _grown(best: Sequence[Entry], judge: _Judge) -> set[tuple[int, ...]]:

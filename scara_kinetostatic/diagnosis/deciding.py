@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.touch import TouchSet
@@ -70,8 +71,8 @@ def decide(calibration: Calibration, rivals: Sequence[Calibration], most: int = 
     """
     pool, angle, let_down = _pool(calibration)
     apart, sigmas = np.zeros(len(pool)), np.zeros(len(pool))
-    for one, other in combinations(rivals, 2):
-        distance, spread = _apart(pool, one, other)
+    for one, other in combinations([_predict(pool, rival) for rival in rivals], 2):
+        distance, spread = _apart(one, other)
         farther = distance / spread > sigmas
         apart, sigmas = np.where(farther, distance, apart), np.where(farther, distance / spread, sigmas)
     chosen: list[int] = []
@@ -95,20 +96,34 @@ def decide(calibration: Calibration, rivals: Sequence[Calibration], most: int = 
     )
 
 
-def _apart(pool: TouchSet, one: Calibration, other: Calibration) -> tuple[Floats, Floats]:
-    """How far the forces that two fits predict lie apart, N, and the standard deviation of that distance."""
-    forces = []
-    for fit in (one, other):
-        o = observe(pool, fit.cell)
-        found = contact(fit.parameters, o.joints, o.centers, o.radii, o.gripper, near=pool.force, extension=o.extension)
-        forces.append(np.where(found.solved[:, None] & (found.magnitude > 0)[:, None], found.force, np.nan))
-    o, p = observe(pool, one.cell), one.parameters
+class _Predicted(NamedTuple):
+    """The forces that a fit predicts for touches.
+
+    Attributes:
+        force: F, (n, 2), N; NaN where the model reaches none.
+        by_joints: ∂F/∂Q, (n, 2, 2).
+        noise: σ_q and σ_f of the fit.
+    """
+
+    force: Floats
+    by_joints: Floats
+    noise: Noise
+
+
+def _predict(pool: TouchSet, fit: Calibration) -> _Predicted:
+    o, p = observe(pool, fit.cell), fit.parameters
     found = contact(p, o.joints, o.centers, o.radii, o.gripper, near=pool.force, extension=o.extension)
+    reached = (found.solved & (found.magnitude > 0))[:, None]
     by_joints = contact_derivatives(p, o.joints, o.centers, o.radii, found, o.gripper, o.extension).joints
-    difference = forces[0] - forces[1]
+    return _Predicted(np.where(reached, found.force, np.nan), by_joints, fit.noise)
+
+
+def _apart(one: _Predicted, other: _Predicted) -> tuple[Floats, Floats]:
+    """How far two predictions lie apart, N, and the standard deviation of that distance."""
+    difference = one.force - other.force
     distance = np.nan_to_num(np.hypot(difference[:, 0], difference[:, 1]))
     along = np.nan_to_num(difference / np.maximum(distance, 1e-12)[:, None])
-    turned = np.einsum('nij,ni->nj', by_joints, along)
+    turned = np.einsum('nij,ni->nj', one.by_joints, along)
     return distance, np.sqrt(one.noise.force**2 + one.noise.joint**2 * (turned**2).sum(axis=1))
 
 

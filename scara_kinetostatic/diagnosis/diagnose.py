@@ -12,12 +12,13 @@ from scipy import special
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import Near
 from scara_kinetostatic.calibration.solution import Calibration
-from scara_kinetostatic.diagnosis import advice
+from scara_kinetostatic.diagnosis import advice, noise_advice
 from scara_kinetostatic.diagnosis.candidates import Field
 from scara_kinetostatic.diagnosis.contest import CREDIBLE, rank_singles
 from scara_kinetostatic.diagnosis.deciding import Deciding, decide
 from scara_kinetostatic.diagnosis.forms import fit_other_forms, widened
 from scara_kinetostatic.diagnosis.leaning import growing_p_value, lean_p_value, without_direction
+from scara_kinetostatic.diagnosis.peaks import fit_other_peaks
 from scara_kinetostatic.diagnosis.problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.refit import effect_values
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
@@ -61,16 +62,16 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
         effects: the catalogue; None for all that `effects.registry` lists.
     """
     known = tuple(catalogue(calibration.cell) if effects is None else effects)
-    quiet = advice.too_quiet(calibration)
+    quiet = noise_advice.too_quiet(calibration)
     found = _diagnose(_with_own_noise(calibration) if quiet else calibration, known)
-    if not quiet and found.extended is not None and advice.too_quiet(found.extended):
-        quiet = advice.too_quiet(found.extended)
+    if not quiet and found.extended is not None and noise_advice.too_quiet(found.extended):
+        quiet = noise_advice.too_quiet(found.extended)
         found = _diagnose(_with_own_noise(calibration), known)
     final = found.extended or calibration
     leaning = any(effect.spread for effect in final.cell.effects)
     growing = 1.0 if leaning else growing_p_value(final)
     held = advice.held(calibration) if found.verdict != 'none' else ''
-    return replace(found, advice=advice.joined(quiet, found.advice, held, advice.growing_noise(growing)))
+    return replace(found, advice=advice.joined(quiet, found.advice, held, noise_advice.growing_noise(growing)))
 
 
 def _with_own_noise(calibration: Calibration) -> Calibration:
@@ -92,7 +93,7 @@ def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
     before = adequacy(c, problem, field)
     lean = lean_p_value(c)
     p_value = min(1.0, 2 * min(before.p_value, lean))
-    incredible = advice.incredible(c)
+    incredible = noise_advice.incredible(c)
     alarm = p_value < SIGNIFICANCE or bool(incredible)
     found, lead = tell(c, known, alarm, lean < SIGNIFICANCE / 2)
     if found is not None and p_value >= SIGNIFICANCE:
@@ -110,9 +111,10 @@ def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
     after = adequacy(found.extended)
     rivals = _fit_rivals(found, c)
     extended = widened(found.extended, rivals)
-    for form in fit_other_forms(found.extended):
-        extended = widened(extended, [form])  # one by one: each is to lie within a standard deviation
-    described = _describe(found, rivals)
+    peaks = fit_other_peaks(found.extended)
+    for other in (*fit_other_forms(found.extended), *peaks):
+        extended = widened(extended, [other])  # one by one: each is to lie within a standard deviation
+    described = _describe(found._replace(extended=extended), rivals)
     verdict = _verdict(found, described, after)
     return Diagnosis(
         verdict=verdict,
@@ -124,7 +126,11 @@ def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
         remaining=after.traces,
         remaining_p_value=after.p_value,
         ranking=ranking,
-        advice=advice.after_search(verdict, described, found.rivals, after.traces, known, _deciding(c, rivals)),
+        advice=advice.joined(
+            advice.after_search(verdict, described, found.rivals, after.traces, known, _deciding(c, rivals)),
+            advice.other_frequencies(found.extended, peaks),
+            noise_advice.large_noise(found.extended),
+        ),
     )
 
 

@@ -19,8 +19,8 @@ from scara_kinetostatic.diagnosis.contest import CREDIBLE
 from scara_kinetostatic.diagnosis.evidence import story
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.extension import split
-from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.model.extension import Law, split
+from scara_kinetostatic.model.parameters import NAMES, Parameters
 
 
 def fit_other_forms(extended: Calibration) -> list[Calibration]:
@@ -29,23 +29,34 @@ def fit_other_forms(extended: Calibration) -> list[Calibration]:
     Args:
         extended: the fit with effects.
     """
+    laws, variants = extended.cell.effects, []
+    for place, effect in enumerate(laws):
+        for other in effect.other_forms() if isinstance(effect, Effect) else ():
+            values = split(laws, extended.parameters)
+            values[place] = np.array(other.start)
+            start = extended.parameters.replace(extra=tuple(np.concatenate(values)))
+            variants.append(((*laws[:place], other, *laws[place + 1 :]), start))
+    return fit_variants(extended, variants)
+
+
+def fit_variants(
+    extended: Calibration, variants: Sequence[tuple[tuple[Law, ...], Parameters]]
+) -> list[Calibration]:
+    """The touches of an extended model fitted with other effects, or from elsewhere, where that fits them as well.
+
+    Args:
+        extended: the fit with effects.
+        variants: effects of the cell, and L̄ with their parameters to start from.
+    """
     scale = max(1.0, extended.reduced_chi_square)
     most = story(extended, 0.0, scale) + CREDIBLE
-    fits = []
-    for place, effect in enumerate(extended.cell.effects):
-        for other in effect.other_forms() if isinstance(effect, Effect) else ():
-            fit = _with_form(extended, place, other)
-            if fit is not None and story(fit, 0.0, scale) < most:
-                fits.append(fit)
-    return fits
+    fits = [_with_variant(extended, *variant) for variant in variants]
+    return [fit for fit in fits if fit is not None and story(fit, 0.0, scale) < most]
 
 
-def _with_form(extended: Calibration, place: int, other: Effect) -> Calibration | None:
+def _with_variant(extended: Calibration, effects: tuple[Law, ...], start: Parameters) -> Calibration | None:
     c = extended
-    effects = (*c.cell.effects[:place], other, *c.cell.effects[place + 1 :])
-    values = split(c.cell.effects, c.parameters)
-    values[place] = np.array(other.start)
-    near = Near(c.parameters.replace(extra=tuple(np.concatenate(values))), c.noise, c.used)
+    near = Near(start, c.noise, c.used)
     try:
         fit = calibrate(c.touches, replace(c.cell, effects=effects), fixed=c.fixed, near=near)
     except UnsupportedDataError:
@@ -54,12 +65,18 @@ def _with_form(extended: Calibration, place: int, other: Effect) -> Calibration 
 
 
 def widened(extended: Calibration, others: Sequence[Calibration]) -> Calibration:
-    """The extended model with sigmas of the twelve that hold for other fits as well: their scatter is added."""
+    """The extended model with sigmas that hold for other fits as well: their scatter is added.
+
+    To those of the twelve; and to those of the effects where all have the same.
+    """
     if not others:
         return extended
-    count = len(NAMES)
+    alike = all(other.cell.effects == extended.cell.effects for other in others)
+    count = len(extended.covariance) if alike else len(NAMES)
     off = np.array([other.parameters.as_array()[:count] - extended.parameters.as_array()[:count] for other in others])
     covariance = extended.covariance.copy()
     covariance[:count, :count] += off.T @ off / len(off)
-    std = np.where(extended.std > 0, np.sqrt(np.diag(covariance)[:count]), extended.std)
-    return replace(extended, covariance=covariance, std=std)
+    std = np.sqrt(np.diag(covariance))
+    known = np.concatenate([extended.std, extended.extra_std])
+    std = np.where(known > 0, std, known)
+    return replace(extended, covariance=covariance, std=std[: len(NAMES)], extra_std=std[len(NAMES) :])

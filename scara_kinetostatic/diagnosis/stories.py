@@ -18,10 +18,10 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import USUAL_NOISE
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.diagnosis.advice import incredible
 from scara_kinetostatic.diagnosis.contest import CREDIBLE
 from scara_kinetostatic.diagnosis.evidence import story
 from scara_kinetostatic.diagnosis.leaning import fit_with_lean, growing_p_value, lean_p_value
+from scara_kinetostatic.diagnosis.noise_advice import incredible
 from scara_kinetostatic.diagnosis.search import Search, search
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.contact_lean import ContactLean

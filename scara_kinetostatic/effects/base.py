@@ -68,6 +68,7 @@ class Effect(ABC):
         reveal: the touches that bring it to light.
         betrays: the variable over which its residual is best looked at, a key of `variables.VARIABLES`.
         on_object: whether `place` belongs to the object rather than to the robot.
+        searched: name of the parameter over which `trials` is a grid, such as a frequency; empty if there is none.
         scaled_by: names of those of the twelve parameters that the shift is proportional to.
     """
 
@@ -79,6 +80,7 @@ class Effect(ABC):
     reveal: ClassVar[str]
     betrays: ClassVar[str]
     on_object: ClassVar[bool] = False
+    searched: ClassVar[str] = ''
     scaled_by: ClassVar[tuple[str, ...]] = ()
 
     @property
@@ -95,6 +97,11 @@ class Effect(ABC):
     def labels(self) -> tuple[str, ...]:
         """Each parameter's name behind the effect's."""
         return tuple(f'{self.label}.{parameter.name}' for parameter in self.parameters)
+
+    @property
+    def place_of_searched(self) -> int:
+        """Place of the parameter `searched` among `parameters`."""
+        return [parameter.name for parameter in self.parameters].index(self.searched)
 
     @property
     def scales(self) -> tuple[float, ...]:

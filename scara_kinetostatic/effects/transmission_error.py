@@ -47,6 +47,7 @@ class TransmissionError(Effect):
     )
     reveal: ClassVar[str] = 'touches at many different angles of the joint, unevenly spaced, in both elbow postures'
     betrays: ClassVar[str] = 'angle'
+    searched: ClassVar[str] = 'cycles'
 
     @classmethod
     def of(cls, joint: int) -> TransmissionError:

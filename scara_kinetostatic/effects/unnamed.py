@@ -17,6 +17,8 @@ from scara_kinetostatic.model.extension import Shift, Situation
 
 WAVES = 3
 POWERS = 4
+FEW = 3
+"""Powers of a curve over a joint's angle that few parameters describe, such as what a cable does."""
 BEYOND = 1.05
 """Half ranges from the middle beyond which a fitted curve stays flat: it knows nothing of what lies there."""
 PLACE_WAVES = (2, 3, 4)
@@ -24,6 +26,7 @@ PLACE_WAVES = (2, 3, 4)
 JOINTS = ('q1', 'q2')
 """Angles that do not come round: a curve over them may have a slope."""
 ANGLES = (*JOINTS, 'direction', 'direction_from_link2')
+JOINT_CHANNELS = ('joint1', 'joint2')
 VARIABLES = {
     'q1': 'the angle of joint 1',
     'q2': 'the angle of joint 2',
@@ -53,6 +56,7 @@ class Unnamed(LinearEffect):
         middle: of the variable in the touches.
         half: half its range there.
         disc: number of the disc if it acts there alone; -1 for all.
+        powers: highest power if it is a polynomial; 0 for what `variable` asks for.
     """
 
     channel: str = 'along'
@@ -60,6 +64,7 @@ class Unnamed(LinearEffect):
     middle: float = 0.0
     half: float = 1.0
     disc: int = -1
+    powers: int = 0
 
     name: ClassVar[str] = 'unnamed'
     hides_behind: ClassVar[str] = 'anything that depends on the same variable'
@@ -85,8 +90,8 @@ class Unnamed(LinearEffect):
     @property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         """One coefficient per function."""
-        unit, scale = {'along': ('m', 1e-4), 'across': ('m', 1e-4), 'reading': ('N', 1.0)}.get(
-            self.channel, ('rad', 1e-4)
+        unit, scale = {'along': ('m', 1e-3), 'across': ('m', 1e-3), 'reading': ('N', 1.0)}.get(
+            self.channel, ('rad', 1e-3)
         )
         sides = ('x_', 'y_') if self.channel == 'reading' else ('',)
         return tuple(
@@ -94,10 +99,15 @@ class Unnamed(LinearEffect):
         )
 
     def _function_names(self) -> list[str]:
-        if self.variable in ANGLES:
+        if self.waves:
             slope = ['slope'] if self.variable in JOINTS else []
             return slope + [f'{wave}{k}' for k in self._orders() for wave in ('cos', 'sin')]
-        return [f'power{k}' for k in range(1, POWERS + 1)]
+        return [f'power{k}' for k in range(1, (self.powers or POWERS) + 1)]
+
+    @property
+    def waves(self) -> bool:
+        """Whether it is a sum of waves; else it is one of powers."""
+        return self.variable in ANGLES and not self.powers
 
     def _orders(self) -> Sequence[int]:
         return PLACE_WAVES if self.disc >= 0 else range(1, WAVES + 1)
@@ -106,16 +116,16 @@ class Unnamed(LinearEffect):
         """The functions of the variable, (n,) each."""
         value = variable(at, self.variable)
         z = np.clip((value - self.middle) / self.half, -BEYOND, BEYOND)
-        if self.variable in ANGLES:
+        if self.waves:
             slope = [z] if self.variable in JOINTS else []
             return slope + [wave(k * value) for k in self._orders() for wave in (np.cos, np.sin)]
-        return [z**k for k in range(1, POWERS + 1)]
+        return [z**k for k in range(1, (self.powers or POWERS) + 1)]
 
     def basis(self, at: Situation) -> tuple[Shift, ...]:
         parts = self.functions(at)
         if self.disc >= 0:
             parts = [part * (at.tags.disc == self.disc) for part in parts]
-        if self.channel in ('joint1', 'joint2'):
+        if self.channel in JOINT_CHANNELS:
             return tuple(Shift(joints=at_joint(part, int(self.channel == 'joint2'))) for part in parts)
         side = at.normal if self.channel == 'along' else at.tangent
         return tuple(Shift(place=part[:, None] * side) for part in parts)
@@ -153,6 +163,8 @@ def unnamed_effects(at: Situation, discs: Sequence[str], one_level: bool = False
             if name in ANGLES and name not in JOINTS:
                 middle, half = 0.0, 1.0
             yield Unnamed(None, channel, name, middle, half)
+            if name in JOINTS and channel in JOINT_CHANNELS:
+                yield Unnamed(None, channel, name, middle, half, powers=FEW)
     for disc in np.unique(at.tags.disc):
         for channel in ('along', 'across'):
             yield Unnamed(discs[disc], channel, 'direction', disc=int(disc))

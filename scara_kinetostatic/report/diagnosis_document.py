@@ -25,7 +25,7 @@ def diagnosis_document(found: Diagnosis) -> Document:
     return {
         'verdict': found.verdict,
         'p_value': number(found.p_value),
-        'effects': [_found(item) for item in found.found if item.proved or isinstance(item.effect, Unnamed)],
+        'effects': [_found(item) for item in found.found if item.proved],
         'rivals': [[_plain_name(labels, label) for label in group] for group in found.rivals],
         'rival_effects': [[_rival(found, labels, label) for label in group] for group in found.rivals],
         'remaining_p_value': number(found.remaining_p_value),
