@@ -111,7 +111,7 @@ def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
     after = adequacy(found.extended)
     rivals = _fit_rivals(found, c)
     extended = widened(found.extended, rivals)
-    peaks = fit_other_peaks(found.extended)
+    peaks = fit_other_peaks(found.extended, found.proved)
     for other in (*fit_other_forms(found.extended), *peaks):
         extended = widened(extended, [other])  # one by one: each is to lie within a standard deviation
     described = _describe(found._replace(extended=extended), rivals)

@@ -7,6 +7,8 @@ the standard deviations must hold for all of them.
 
 from __future__ import annotations
 
+from collections.abc import Container
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,20 +30,22 @@ APART = 3.0
 """Standard deviations by which a frequency is another one."""
 
 
-def fit_other_peaks(extended: Calibration) -> list[Calibration]:
+def fit_other_peaks(extended: Calibration, proved: Container[str]) -> list[Calibration]:
     """The touches of an extended model fitted with other frequencies of its effects that fit them as well.
 
     Args:
         extended: the fit with effects.
+        proved: labels of effects that have no rivals; beside rivals, which draw a wave in part, a frequency is vague.
     """
     laws = [law for law in extended.cell.effects if isinstance(law, Effect)]
-    if not any(law.searched for law in laws):
+    waves = [k for k, law in enumerate(laws) if law.searched and law.label in proved]
+    if not waves:
         return []
     problem = pose_problem(extended)
     values = effect_values(extended)
     found = [as_fitted(problem, law, part, 1) for law, (part, _) in zip(laws, values, strict=True)]
     variants = []
-    for place in (k for k, law in enumerate(laws) if law.searched):
+    for place in waves:
         frequency, std = (part[laws[place].place_of_searched] for part in values[place])
         for peak in _peaks(problem, found, place, max(1.0, extended.reduced_chi_square)):
             if abs(peak.trial.place - frequency) <= APART * std:

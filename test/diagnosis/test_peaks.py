@@ -31,7 +31,7 @@ def test_a_slow_wave_that_looks_like_one_of_twice_the_frequency(phase):
 def test_one_frequency_alone_keeps_its_standard_deviation():
     _, found = examined(WAVE, (8e-5, 0.4, 31.0))
     assert found.extended is not None
-    assert fit_other_peaks(found.extended) == []
+    assert fit_other_peaks(found.extended, [item.effect.label for item in found.found]) == []
     _, _, cycles = found.found[0].values
     assert abs(cycles.value - 31.0) < 4 * cycles.std
     assert cycles.std < 0.1
@@ -41,7 +41,7 @@ def test_one_frequency_alone_keeps_its_standard_deviation():
 def test_without_a_wave_there_is_nothing_to_fit():
     _, found = examined('encoder_gain[joint2]', (8e-5,))
     assert found.extended is not None
-    assert fit_other_peaks(found.extended) == []
+    assert fit_other_peaks(found.extended, [item.effect.label for item in found.found]) == []
 
 
 @dataclass(frozen=True)
