@@ -17,10 +17,9 @@ BLOCK = 4096
 T = TypeVar('T')
 
 
-def blocks(count: int, parts: int = 1) -> Iterator[slice]:
-    """The places of the touches of each block; where every touch comes in several variants, of smaller blocks."""
-    size = BLOCK // parts
-    return (slice(start, min(start + size, count)) for start in range(0, count, size))
+def blocks(count: int) -> Iterator[slice]:
+    """The places of the touches of each block."""
+    return (slice(start, min(start + BLOCK, count)) for start in range(0, count, BLOCK))
 
 
 def in_blocks(count: int, run: Callable[[slice], T]) -> T:

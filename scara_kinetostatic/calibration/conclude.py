@@ -19,7 +19,7 @@ from scara_kinetostatic.calibration.identifiability import (
     group_names,
     scales_of,
 )
-from scara_kinetostatic.calibration.prediction import base_force, force_error, force_residual
+from scara_kinetostatic.calibration.prediction import base_force, force_residual
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES, Parameters
@@ -60,11 +60,11 @@ def conclude(
     confounded = {name for group in identifiability.confounded for name in group}
     std[[name in confounded for name in names]] = np.nan
     status = {name: 'fixed' if name in fixed else 'confounded' if name in confounded else 'estimated' for name in NAMES}
-    residual, nominal = force_residual(observations, parameters), force_residual(observations, start)
     return Calibration(
         cell=cell,
         fixed=dict(fixed),
         subspace=found.subspace,
+        start=start,
         parameters=parameters,
         covariance=covariance,
         std=std[: len(NAMES)],
@@ -72,15 +72,11 @@ def conclude(
         status=status,
         touches=touches,
         used=used,
-        rejected=_rejections(touches, found, residual, left_out),
+        rejected=_rejections(touches, found, observations, left_out),
         noise=found.noise,
         noise_source='given' if cell.noise else 'estimated',
         force=base_force(observations, parameters),
-        residual=residual,
-        nominal_residual=nominal,
         standardized=np.sqrt(found.distance),
-        force_error=force_error(residual[used]),
-        force_error_nominal=force_error(nominal[used]),
         chi_square=chi_square,
         degrees_of_freedom=freedoms,
         identifiability=identifiability,
@@ -100,11 +96,17 @@ def _covariance(found: Estimate) -> tuple[Floats, float, int]:
 
 
 def _rejections(
-    touches: TouchSet, found: Estimate, residual: Floats, left_out: Sequence[Rejection]
+    touches: TouchSet, found: Estimate, observations: Observations, left_out: Sequence[Rejection]
 ) -> tuple[Rejection, ...]:
     """Touches that the fit does not believe, and those never given to it, in the order of their numbers."""
     bad = np.flatnonzero(~found.used)
-    rejected = [outliers.explain(int(touches.index[i]), float(found.distance[i]), residual[i]) for i in bad]
+    if not len(bad):
+        return tuple(left_out)
+    residual = force_residual(observations.select(bad), found.fit.point.parameters)
+    rejected = [
+        outliers.explain(int(touches.index[i]), float(found.distance[i]), off)
+        for i, off in zip(bad, residual, strict=True)
+    ]
     return tuple(sorted((*left_out, *rejected), key=lambda item: item.index))
 
 

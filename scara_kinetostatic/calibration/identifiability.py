@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.adjustment import Observations, linearise, place_force, settle
-from scara_kinetostatic.calibration.blocks import blocks, pick
-from scara_kinetostatic.calibration.solver import Point, part_of
+from scara_kinetostatic.calibration.blocks import pick
+from scara_kinetostatic.calibration.projection import select
+from scara_kinetostatic.calibration.solver import Point
 from scara_kinetostatic.calibration.steps import compress, upper_triangle
 from scara_kinetostatic.calibration.whitening import whiten_by
 from scara_kinetostatic.model.cell import Noise
@@ -34,6 +35,8 @@ SCALES = np.array([0.02, 0.02, 0.05, 0.02, 0.05, 0.02, 1e-4, 1e-3, 1e-3, 1e-3, 5
 """Plausible range of each parameter about its nominal value, in its unit; also the solver's scaling."""
 NOISE_SHARE = 0.25
 CONSEQUENCE = 0.3
+SAMPLE = 1024
+"""Touches from which the information that noise produces is worked out, if there are more: drawn at random."""
 VARIANTS = 4
 """Forces at which the change of the Jacobian is worked out: two ways along F̂, two across."""
 MEMBER = 0.05
@@ -132,11 +135,12 @@ def _noise_triangle(observations: Observations, point: Point, noise: Noise) -> F
     """How the whitened Jacobian changes by one standard deviation of what noise is left in F̂, as the triangle R of
     its QR factorisation, (12, 12).
     """
-    triangles = []
-    for part in blocks(len(observations.joints), VARIANTS):
-        changes = _noise_derivatives(observations.select(part), part_of(point, part), noise)
-        triangles.append(upper_triangle(changes, overwrite=True))
-    return triangles[0] if len(triangles) == 1 else upper_triangle(np.concatenate(triangles))
+    count = len(observations.joints)
+    if count > SAMPLE:
+        some = np.sort(np.random.default_rng(0).choice(count, SAMPLE, replace=False))
+        observations, point = observations.select(some), select(point, some)
+    changes = _noise_derivatives(observations, point, noise)
+    return upper_triangle(changes, overwrite=True) * np.sqrt(max(count / SAMPLE, 1.0))
 
 
 def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -> Floats:

@@ -53,8 +53,8 @@ def project(observations: Observations, parameters: Parameters, noise: Noise) ->
         return evaluate(observations, parameters, adjusted, noise)
 
 
-def select(point: Point, which: NDArray[np.bool_]) -> Point:
-    """The touches of a point that a mask picks."""
+def select(point: Point, which: NDArray[np.bool_] | NDArray[np.intp]) -> Point:
+    """The touches of a point that a mask or an array of positions picks."""
     a, linear, w = point.adjusted, point.linear, point.whitened
     return point._replace(
         adjusted=a._replace(

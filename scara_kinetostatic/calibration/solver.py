@@ -8,6 +8,7 @@ of squares over those that are used.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import Enum
 from typing import NamedTuple
 
@@ -33,6 +34,13 @@ Floats = NDArray[np.float64]
 MAX_ITERATIONS = 60
 STEP_TOLERANCE = 1e-14
 """A step shorter than this in scaled parameters is rounding error."""
+RELATIVE_OFFSET = 1e-5
+"""A step that moves the predictions by a smaller part of the residual than this is the last one, taken to first order
+(Bates and Watts, Technometrics 23 (1981) 179)."""
+LARGEST_OFFSET = 1e-4
+"""The same in standard deviations, however large the residual."""
+SAME_COST = 1.01
+"""The cost has come to rest if the last step lowered it by less; it never does where touches are exact."""
 STALL_TOLERANCE = 1e-9
 MAX_DAMPING = 1e12
 FREEZE_AFTER = 12
@@ -189,14 +197,20 @@ def minimise(
     system, scale = _system(point, subspace, stage, used)
     per_touch = stage.per_touch if observations.extension is None else 0.0
     tolerance = max(stage.tolerance, per_touch * np.sqrt(len(point.distance)))
-    damping, history, iterations, termination = stage.damping, [], 0, Termination.ITERATION_LIMIT
+    damping, iterations, termination = stage.damping, 0, Termination.ITERATION_LIMIT
+    history: list[float] = []
     while iterations < max_iterations:
         iterations += 1
         step = steps.damped_step(system, damping)
-        trial = _move(observations, point, subspace.basis @ step, noise, stage, iterations > FREEZE_AFTER)
-        cost, trial_cost = (_cost(item, scale, stage, used) for item in (point, trial))
-        shift = steps.predicted_shift(system, step)
+        change, shift = subspace.basis @ step, steps.predicted_shift(system, step)
+        cost = _cost(point, scale, stage, used)
         settled = shift < tolerance or float(np.abs(step).max(initial=0.0)) < STEP_TOLERANCE
+        if (settled and not stage.adjusts) or shift < _negligible(history):
+            point, termination = _last_step(point, change), Termination.CONVERGED
+            history.append(_cost(point, scale, stage, used))
+            break
+        trial = _move(observations, point, change, noise, stage, iterations > FREEZE_AFTER)
+        trial_cost = _cost(trial, scale, stage, used)
         if np.isfinite(trial_cost) and (settled or shift < 1e-3 or trial_cost <= cost * (1 + STALL_TOLERANCE)):
             point, damping = trial, max(stage.damping, damping / 10 if damping > 1e-6 else 0.0)
             history.append(trial_cost)
@@ -211,6 +225,21 @@ def minimise(
                 termination = Termination.STALLED
                 break
     return Fit(point, system, iterations, tuple(history), termination)
+
+
+def _negligible(history: Sequence[float]) -> float:
+    """Standard deviations below which a step need not be looked at again; 0 while the cost still falls."""
+    if len(history) < 2 or history[-2] > SAME_COST * history[-1]:
+        return 0.0
+    return min(RELATIVE_OFFSET * float(np.sqrt(history[-1])), LARGEST_OFFSET)
+
+
+def _last_step(point: Point, change: Floats) -> Point:
+    """The point after a step so short that it is taken to first order, without looking again."""
+    parameters = Parameters.from_array(point.parameters.as_array() + change)
+    w = point.whitened
+    whitened = w._replace(residual=w.residual + w.derivative @ change)
+    return point._replace(parameters=parameters, whitened=whitened, distance=squared_distance(whitened))
 
 
 def _move(observations: Observations, point: Point, change: Floats, noise: Noise, stage: Stage, frozen: bool) -> Point:

@@ -93,7 +93,12 @@ class Field(NamedTuple):
         return len({candidate.effect.label for candidate in self.candidates})
 
 
-def gather(problem: Problem, effects: Iterable[Effect], fitted: Mapping[str, Floats] = MappingProxyType({})) -> Field:
+def gather(
+    problem: Problem,
+    effects: Iterable[Effect],
+    fitted: Mapping[str, Floats] = MappingProxyType({}),
+    together: bool = True,
+) -> Field:
     """The candidates among effects.
 
     An effect with many trials (a frequency to be found) takes part with the one that explains
@@ -103,6 +108,7 @@ def gather(problem: Problem, effects: Iterable[Effect], fitted: Mapping[str, Flo
         problem: the touches.
         effects: who may take part.
         fitted: values of the parameters of effects that the last fit had, by label.
+        together: whether several effects are to act at once; else the best way of each by itself will do.
     """
     found: list[Candidate] = []
     unseen, scans = [], []
@@ -119,7 +125,7 @@ def gather(problem: Problem, effects: Iterable[Effect], fitted: Mapping[str, Flo
         else:
             unseen.append(Unseen(effect, new))
     alone = [best_trial(problem, scan) for scan in scans]
-    partners = sorted(found + alone, key=lambda c: -explained(problem, c))[:PARTNERS]
+    partners = sorted(found + alone, key=lambda c: -explained(problem, c))[: PARTNERS if together else 0]
     for scan, first in zip(scans, alone, strict=True):
         beside = [best_trial(problem, scan, partner.unit) for partner in partners if partner.effect != scan.effect]
         if scan.effect.label in fitted:

@@ -89,7 +89,7 @@ def _with_own_noise(calibration: Calibration) -> Calibration:
 def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
     c = calibration
     problem = pose_problem(c)
-    field = all_candidates(c, problem, known)
+    field = all_candidates(c, problem, known, together=False)
     before = adequacy(c, problem, field)
     lean = lean_p_value(c)
     p_value = min(1.0, 2 * min(before.p_value, lean))

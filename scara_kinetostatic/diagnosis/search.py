@@ -175,12 +175,14 @@ def _smaller(
     return best
 
 
-def all_candidates(latest: Calibration, problem: Problem, effects: Sequence[Effect]) -> Field:
-    """The catalogue and unnamed structure as candidates."""
+def all_candidates(
+    latest: Calibration, problem: Problem, effects: Sequence[Effect], together: bool = True
+) -> Field:
+    """The catalogue and unnamed structure as candidates; `together` as in `gather`."""
     pairs = zip(latest.cell.effects, effect_values(latest), strict=True)
     fitted = {effect.label: values for effect, (values, _) in pairs if isinstance(effect, Effect) and len(values)}
     discs = [disc.name for disc in latest.cell.discs]
-    return gather(problem, [*effects, *unnamed_effects(problem.situation, discs, problem.one_level)], fitted)
+    return gather(problem, [*effects, *unnamed_effects(problem.situation, discs, problem.one_level)], fitted, together)
 
 
 def _winners(contest: Contest) -> list[Candidate]:

@@ -71,11 +71,14 @@ class Parameters:
     extra: Any = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, 'extra', tuple(float(value) for value in self.extra))
-        if not all(map(isfinite, self.extra)):
-            raise ParameterError('extra', f'expected finite numbers, got {self.extra}')
+        if not isinstance(self.extra, tuple) or self.extra:
+            object.__setattr__(self, 'extra', tuple(float(value) for value in self.extra))
+            if not all(map(isfinite, self.extra)):
+                raise ParameterError('extra', f'expected finite numbers, got {self.extra}')
         for name in NAMES:
             value = getattr(self, name)
+            if type(value) is float and isfinite(value):  # as nearly always
+                continue
             if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
                 raise ParameterError(name, f'expected a number, got {value!r}')
             if not isfinite(value):

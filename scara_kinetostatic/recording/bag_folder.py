@@ -145,13 +145,14 @@ class BagFolder:
         return RecordingError(self.path, 'no recording in this folder', remedy)
 
 
-def folder_state(path: str | Path) -> tuple[int, int] | None:
-    """Something that changes whenever a writer replaces the metadata of a folder; None without metadata."""
+def finished_files(path: str | Path) -> frozenset[str]:
+    """Names of the files of a folder, drafts apart; a writer adds to them, and takes them away only once others hold
+    what was in them. Empty if it is no folder.
+    """
     try:
-        status = (Path(path) / METADATA).stat()
+        return frozenset(item.name for item in Path(path).iterdir() if not item.name.startswith('.'))
     except (OSError, ValueError):
-        return None
-    return status.st_ino, status.st_mtime_ns
+        return frozenset()
 
 
 def _contents(metadata: Path) -> tuple[list[str], dict[str, int]]:

@@ -15,7 +15,7 @@ from typing import TypeVar
 
 from scara_kinetostatic.errors import RecordingError, one_line
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.recording.bag_folder import folder_state
+from scara_kinetostatic.recording.bag_folder import finished_files
 from scara_kinetostatic.recording.cell_file import CELL_TOPIC, parse_cell
 from scara_kinetostatic.recording.clock import counted, on_one_clock
 from scara_kinetostatic.recording.decoding import Decoder, Samples, decode_string
@@ -83,16 +83,16 @@ def _cell(path: str | Path) -> Cell | None:
 
 
 def _steadily(path: str | Path, read: Callable[[], _T]) -> _T:
-    """What `read` gives; again where a collector changed the folder meanwhile."""
+    """What `read` gives; again where a collector took files away meanwhile. That it added some does not matter."""
     for _ in range(_ATTEMPTS):
-        before = folder_state(path)
+        before = finished_files(path)
         try:
             result = read()
         except RecordingError:
-            if folder_state(path) == before:
+            if before <= finished_files(path):
                 raise
         else:
-            if folder_state(path) == before:
+            if before <= finished_files(path):
                 return result
     return read()
 
