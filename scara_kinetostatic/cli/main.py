@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import os
 import signal
 import sys
 import threading
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from types import FrameType
 from typing import NoReturn
@@ -57,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     _never_fail_on_a_character()
     debug = bool(os.environ.get(DEBUG))
     try:
-        with _Termination():
+        with _Termination(), _rare_collections():
             args = build_parser().parse_args(argv)
             debug = debug or args.debug
             status = int(import_module(f'scara_kinetostatic.cli.{args.verb}').run(args))
@@ -94,6 +96,17 @@ def build_parser() -> argparse.ArgumentParser:
     for verb in VERBS:
         import_module(f'scara_kinetostatic.cli.{verb}').add_parser(subparsers)
     return parser
+
+
+@contextmanager
+def _rare_collections() -> Iterator[None]:
+    """Lets Python look for garbage rarely: a command makes modules and figures that stay to its end."""
+    before = gc.get_threshold()
+    gc.set_threshold(100_000, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
 
 
 class _Termination:

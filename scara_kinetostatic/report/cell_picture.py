@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.report.drawing import FAINT, INK, LINE, PAPER, WARN, as_svg, mark, new_figure
+from scara_kinetostatic.report.drawing import FAINT, INK, LINE, PAPER, WARN, Margins, as_svg, mark, new_figure
 
 Floats = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ def cell_picture(c: Calibration) -> Markup:
     arm = c.parameters.l1 + c.parameters.l2
     low, high = _extent(c, tip, elbow, base, arm)
     height = WIDTH * float(np.clip((high[1] - low[1]) / (high[0] - low[0]), 0.3, 1.0))
-    figure, (axes,) = new_figure(WIDTH, height)
+    figure, (axes,) = new_figure(WIDTH, height, margins=Margins())
     _draw_discs(axes, c)
     _draw_arms(axes, c, tip, elbow, base, arm)
     _draw_touches(axes, c, tip, arm)

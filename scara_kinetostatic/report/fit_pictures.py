@@ -12,7 +12,7 @@ from scipy.special import betaincinv
 
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.report.drawing import FAINT, INK, LINE, PAPER, SERIES, WARN, as_svg, mark, new_figure
+from scara_kinetostatic.report.drawing import FAINT, INK, LINE, PAPER, SERIES, WARN, Margins, as_svg, mark, new_figure
 
 Floats = NDArray[np.float64]
 
@@ -22,13 +22,14 @@ BAND = 0.95
 
 def error_picture(c: Calibration) -> Markup:
     """The length of F - A(Q, L̄) per touch, nominal and calibrated, on a logarithmic scale."""
-    figure, (axes,) = new_figure(WIDTH, 280)
+    figure, (axes,) = new_figure(WIDTH, 280, margins=Margins())
     before = np.hypot(c.nominal_residual[:, 0], c.nominal_residual[:, 1])
     after = np.hypot(c.residual[:, 0], c.residual[:, 1])
     axes.vlines(c.touches.index, after, before, color=LINE, lw=1.0)
     axes.plot(c.touches.index, before, 'o', ms=5, mfc=PAPER, mec=FAINT, mew=1.1)
     _scatter(axes, c, after)
     axes.set(xlabel='touch', ylabel='force error  [N]', yscale='log')
+    axes.minorticks_off()
     axes.yaxis.set_major_formatter(lambda value, _: f'{value:g}')
     axes.grid(visible=False, axis='x')
     axes.margins(x=0.015)
@@ -42,7 +43,7 @@ def residual_picture(c: Calibration) -> Markup:
         ('along the force  [N]', (c.residual * along).sum(axis=1)),
         ('across it  [N]', c.residual[:, 1] * along[:, 0] - c.residual[:, 0] * along[:, 1]),
     )
-    figure, (first, second) = new_figure(WIDTH, 380, rows=2, sharex=True)
+    figure, (first, second) = new_figure(WIDTH, 380, rows=2, margins=Margins(), sharex=True)
     for axes, (label, values) in zip((first, second), parts, strict=True):
         largest = 1.25 * float(np.abs(values[c.used]).max(initial=1e-6))
         axes.axhline(0, color=FAINT, lw=0.9)
@@ -57,7 +58,7 @@ def residual_picture(c: Calibration) -> Markup:
 
 def quantile_picture(c: Calibration) -> Markup:
     """The touches' distances against what chance would give, in standard deviations."""
-    figure, (axes,) = new_figure(HALF, 400)
+    figure, (axes,) = new_figure(HALF, 400, margins=Margins())
     used = np.flatnonzero(c.used)
     order = used[np.argsort(c.standardized[used])]
     rank = np.arange(1, len(order) + 1)
@@ -88,7 +89,7 @@ def correlation_picture(c: Calibration) -> Markup | None:
     covariance = c.covariance[np.ix_(places, places)]
     std = np.sqrt(np.diag(covariance))
     matrix = covariance / np.where(std > 0, np.outer(std, std), 1.0)
-    figure, (axes,) = new_figure(HALF, 400)
+    figure, (axes,) = new_figure(HALF, 400, margins=Margins(bottom=10, top=52))
     squares, colours = [], []
     for (row, column), value in np.ndenumerate(matrix):
         size = 1.0 if row == column else abs(float(value))
