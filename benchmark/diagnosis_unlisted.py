@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from benchmark.diagnosis_cells import Played, Setup, seed_of
 from scara_kinetostatic.effects.base import DiscEffect, Effect, JointEffect, Parameter
-from scara_kinetostatic.model.extension import Situation
+from scara_kinetostatic.model.law import Situation
 
 Floats = NDArray[np.float64]
 

@@ -10,8 +10,9 @@ from scara_kinetostatic.calibration.blocks import in_blocks
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import contact
-from scara_kinetostatic.model.extension import Extension, Tags
+from scara_kinetostatic.model.extension import Extension
 from scara_kinetostatic.model.kinematics import forward, rotate
+from scara_kinetostatic.model.law import Tags
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 

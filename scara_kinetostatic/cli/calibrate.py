@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -75,6 +77,8 @@ def run(args: argparse.Namespace) -> int:
         except CellError as error:  # the data contradict it: say in which file
             where = args.cell or f'the cell description in {args.bags[0]}'
             raise CellError(f'{where}: {error.where}', error.problem, error.remedy) from error
+        if args.cell:
+            outcome = replace(outcome, warnings=(*outcome.warnings, *other_descriptions(cell, args.bags)))
         tell('writing the report', 1.0)
         files = write_results(outcome, args.out)
     print(text_report(outcome))
@@ -103,6 +107,21 @@ def find_cell(named: Path | None, bags: list[Path]) -> Cell:
     first = carried[bags[0]]
     assert first is not None
     return first
+
+
+def other_descriptions(cell: Cell, bags: list[Path]) -> list[str]:
+    """Where recordings carry another cell description than the one that is named, one sentence each."""
+    from scara_kinetostatic.model.cell import different_parts
+    from scara_kinetostatic.recording.reader import embedded_cell
+
+    sentences = []
+    for bag in bags:
+        with suppress(InputError):  # it may be why another one is named
+            carried = embedded_cell(bag)
+            keys = [] if carried is None else different_parts(cell, carried)
+            if keys:
+                sentences.append(f'{bag} carries another cell description ({", ".join(keys)}); that of --cell is used')
+    return sentences
 
 
 def _check_different(bags: list[Path]) -> None:

@@ -19,7 +19,8 @@ from scara_kinetostatic.diagnosis.contest import CREDIBLE
 from scara_kinetostatic.diagnosis.evidence import story
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.extension import Law, split
+from scara_kinetostatic.model.extension import split
+from scara_kinetostatic.model.law import Law
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 
 

@@ -28,7 +28,8 @@ from scara_kinetostatic.calibration.whitening import whiten_by
 from scara_kinetostatic.effects.base import Trial
 from scara_kinetostatic.model.equations import Equations
 from scara_kinetostatic.model.extended import extended_equations, shift_column
-from scara_kinetostatic.model.extension import Extension, Shift, Situation, Tags
+from scara_kinetostatic.model.extension import Extension
+from scara_kinetostatic.model.law import Shift, Situation, Tags
 from scara_kinetostatic.model.parameters import NAMES
 
 Floats = NDArray[np.float64]

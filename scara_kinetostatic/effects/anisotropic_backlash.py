@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from scara_kinetostatic.effects.base import LinearEffect, Parameter
-from scara_kinetostatic.model.extension import Shift, Situation
+from scara_kinetostatic.model.law import Shift, Situation
 
 
 @dataclass(frozen=True)

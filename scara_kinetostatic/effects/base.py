@@ -1,6 +1,6 @@
 """What a physical effect is: the one interface behind which each of them stands.
 
-An effect says what it does to a touch (`model.extension`): δ, an angle between actuator and link beside the
+An effect says what it does to a touch (`model.law`): δ, an angle between actuator and link beside the
 law of the joint (6); d, a displacement of tip or object beside (7) and (11); e, an error of the force sensor. Most
 effects are linear in their parameters: such a one only names its `basis`, the shift per unit of each parameter.
 
@@ -17,7 +17,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.model.extension import Shift, Situation
+from scara_kinetostatic.model.law import Shift, Situation
 
 Floats = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import LinearEffect, Parameter
-from scara_kinetostatic.model.extension import Shift, Situation
+from scara_kinetostatic.model.law import Shift, Situation
 
 HERTZ = 2 / 3
 """Exponent of force in Hertz's law of a ball on a surface."""

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import Effect, Floats, Parameter
-from scara_kinetostatic.model.extension import Shift, Situation
+from scara_kinetostatic.model.law import Shift, Situation
 from scara_kinetostatic.model.parameters import Parameters
 
 STICKING = 0.1

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import Floats, JointEffect, Parameter
-from scara_kinetostatic.model.extension import Situation
+from scara_kinetostatic.model.law import Situation
 
 OTHERS = (2, 5)
 """Powers of a spring whose stiffness changes from the first torque on, and of one that stiffens late."""

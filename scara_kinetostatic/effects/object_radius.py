@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from scara_kinetostatic.effects.base import DiscEffect, Floats, Parameter
-from scara_kinetostatic.model.extension import Situation
+from scara_kinetostatic.model.law import Situation
 
 
 @dataclass(frozen=True)

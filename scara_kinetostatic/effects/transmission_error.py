@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import Effect, Floats, Parameter, Trial, at_joint
-from scara_kinetostatic.model.extension import Shift, Situation
+from scara_kinetostatic.model.law import Shift, Situation
 
 LOWEST, HIGHEST = 1.0, 120.0
 """Frequencies that are looked for, cycles per turn of the joint."""

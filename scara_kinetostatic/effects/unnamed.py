@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import Effect, Floats, LinearEffect, Parameter, at_joint
-from scara_kinetostatic.model.extension import Shift, Situation
+from scara_kinetostatic.model.law import Shift, Situation
 
 WAVES = 3
 POWERS = 4

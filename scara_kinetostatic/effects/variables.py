@@ -10,7 +10,7 @@ import numpy as np
 
 from scara_kinetostatic.effects.base import Floats
 from scara_kinetostatic.effects.contact_friction import slide
-from scara_kinetostatic.model.extension import Situation
+from scara_kinetostatic.model.law import Situation
 
 
 class Variable(NamedTuple):

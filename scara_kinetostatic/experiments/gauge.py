@@ -16,17 +16,16 @@ where the model wants half gaps, or be just "reasonable but arbitrary", as the p
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.experiments.gauge_checks import Check
-from scara_kinetostatic.experiments.gauge_directions import DirectionMap, direction_map
-from scara_kinetostatic.experiments.gauge_lines import ZERO_BAND, RunFit, fit_run
+from scara_kinetostatic.experiments.gauge_directions import direction_map
+from scara_kinetostatic.experiments.gauge_lines import ZERO_BAND, fit_run
+from scara_kinetostatic.experiments.gauge_result import GaugeAnalysis, Part, Run, called
 from scara_kinetostatic.experiments.gauge_solution import Estimate
 from scara_kinetostatic.experiments.gauge_statistics import agreement
+from scara_kinetostatic.experiments.gauge_warnings import part_warnings, run_warnings
 from scara_kinetostatic.recording.gauge_readings import GRIPPER, PARTS, TIP, GaugeReadings
 
 Floats = NDArray[np.float64]
@@ -34,105 +33,6 @@ Floats = NDArray[np.float64]
 ALARM_LEVEL = 0.01
 """Chance of a false alarm about anything in a whole experiment."""
 _SAME_AXIS = np.radians(0.5)
-_PLAUSIBLE = (1e-8, 1e-2)
-"""Compliances outside, m/N, are hardly those of a robot, rather a wrong unit."""
-
-
-class Run(NamedTuple):
-    """One run and what it says of its part.
-
-    Attributes:
-        part: one of `PARTS`.
-        seat: where the gauge was.
-        source: name of its file.
-        direction: rad, NaN if none is given.
-        lever: m, NaN for the gripper.
-        readings: its rows.
-        fit: slope and gap as the gauge saw them, m/N and m.
-        compliance: of the part, m/N or rad/Nm.
-        gap: of the part, m or rad.
-        alarms: the checks that fail.
-        outliers: rows far off their line.
-        note: what was subtracted, or should have been.
-    """
-
-    part: str
-    seat: str
-    source: str
-    direction: float
-    lever: float
-    readings: GaugeReadings
-    fit: RunFit
-    compliance: Estimate
-    gap: Estimate
-    alarms: tuple[Check, ...] = ()
-    outliers: tuple[int, ...] = ()
-    note: str = ''
-
-    @property
-    def name(self) -> str:
-        """What to call it in a message."""
-        return _called(self.part, self.direction)
-
-    @property
-    def half_gap(self) -> Estimate:
-        """The g of (6) and (7)."""
-        return Estimate(self.gap.value / 2, self.gap.std / 2)
-
-
-class Part(NamedTuple):
-    """What all runs of a part say.
-
-    Attributes:
-        name: one of `PARTS`.
-        runs: in the order of the readings.
-        compliance: m/N or rad/Nm; over the directions their mean.
-        gap: m or rad; over the directions their mean.
-        compliance_map: over the direction, for a gripper with two directions or more.
-        gap_map: likewise.
-    """
-
-    name: str
-    runs: tuple[Run, ...]
-    compliance: Estimate
-    gap: Estimate
-    compliance_map: DirectionMap | None
-    gap_map: DirectionMap | None
-
-    @property
-    def half_gap(self) -> Estimate:
-        """The g of (6) and (7)."""
-        return Estimate(self.gap.value / 2, self.gap.std / 2)
-
-    @property
-    def units(self) -> tuple[str, str]:
-        """Units of compliance and gap."""
-        return ('m/N', 'm') if self.name == GRIPPER else ('rad/Nm', 'rad')
-
-
-class GaugeAnalysis(NamedTuple):
-    """All of it.
-
-    Attributes:
-        parts: those measured, in the order of `PARTS`.
-        warnings: what a reader should know, one sentence each.
-        sources: names of the files.
-    """
-
-    parts: tuple[Part, ...]
-    warnings: tuple[str, ...]
-    sources: tuple[str, ...]
-
-    def part(self, name: str) -> Part:
-        """One of the parts.
-
-        Raises:
-            ParameterError: it was not measured.
-        """
-        for part in self.parts:
-            if part.name == name:
-                return part
-        raise ParameterError(name, 'was not measured', f'there is {", ".join(part.name for part in self.parts)}')
 
 
 def analyse(readings: GaugeReadings, zero_band: float = ZERO_BAND) -> GaugeAnalysis:
@@ -151,7 +51,7 @@ def analyse(readings: GaugeReadings, zero_band: float = ZERO_BAND) -> GaugeAnaly
     level = ALARM_LEVEL / sum(len(run.fit.checks) + 2 for run in runs)
     runs = [_with_alarms(_without_gripper(run, gripper), level) for run in runs]
     parts = tuple(part for name in PARTS if (part := _part(name, [run for run in runs if run.part == name])))
-    warnings = (*readings.notes, *(text for run in runs for text in _warnings(run)), *_part_warnings(parts, level))
+    warnings = (*readings.notes, *(text for run in runs for text in run_warnings(run)), *part_warnings(parts, level))
     return GaugeAnalysis(parts, warnings, readings.sources)
 
 
@@ -188,13 +88,9 @@ def _run(rows: GaugeReadings, zero_band: float) -> Run:
     try:
         fit = fit_run(rows, zero_band)
     except UnsupportedDataError as error:
-        raise UnsupportedDataError(f'{source}: {_called(part, direction)}: {error.problem}', error.remedy) from error
+        raise UnsupportedDataError(f'{source}: {called(part, direction)}: {error.problem}', error.remedy) from error
     run = Run(part, str(rows.seat[0]), source, direction, lever, rows, fit, fit.compliance, fit.gap)
     return _scaled(run, fit.compliance, fit.gap)
-
-
-def _called(part: str, direction: float) -> str:
-    return part if np.isnan(direction) else f'{part} at {np.degrees(direction):g} deg'
 
 
 def _scaled(run: Run, compliance: Estimate, gap: Estimate) -> Run:
@@ -264,56 +160,3 @@ def _with_alarms(run: Run, level: float) -> Run:
         alarms=tuple(check for check in run.fit.checks if check.p_value < level),
         outliers=tuple(np.flatnonzero(run.fit.row_p < level / run.fit.used.sum()).tolist()),
     )
-
-
-_MEANING = {
-    'senses': 'the slopes of the two senses differ by {value:.3g} ± {std:.2g} µm/N',
-    'hysteresis': 'the displacement is {value:.3g} ± {std:.2g} µm larger while the load is removed: friction or creep',
-    'curvature': 'the lines are bent by {value:.3g} ± {std:.2g} µm: one slope does not describe them',
-    'zero_drift': "the gauge's zero moves by {value:.3g} ± {std:.2g} µm per cycle; "
-    'if it moves steadily, half of that is in the gap',
-    'gap_repeats': 'the gap scatters by {value:.3g} µm between cycles; its uncertainty includes that',
-    'slope_repeats': 'the slope scatters by {value:.3g} µm/N between cycles; its uncertainty includes that',
-}
-
-
-def _warnings(run: Run) -> list[str]:
-    found = [
-        f'{run.name}: {_MEANING[check.name].format(value=1e6 * check.value, std=1e6 * check.std)}'
-        for check in run.alarms
-    ]
-    if run.outliers:
-        lines = [str(line) for line in run.readings.line[list(run.outliers)].tolist() if line]
-        where = f'line{"s" * (len(lines) > 1)} {", ".join(lines)}' if lines else f'{len(run.outliers)} rows'
-        found.append(f'{run.source}: {where}: far off the straight line of {run.name}; look for a slip of the pen')
-    if not _PLAUSIBLE[0] < run.fit.compliance.value < _PLAUSIBLE[1]:
-        found.append(f'{run.name}: a compliance of {run.fit.compliance.value:.2g} m/N; are the units and signs right?')
-    if run.gap.value < -4 * run.gap.std:
-        found.append(f'{run.name}: the gap is negative; does the displacement count positive along the positive force?')
-    return found + [f'{run.name}: {run.note}'] * bool(run.note)
-
-
-def _part_warnings(parts: tuple[Part, ...], level: float) -> list[str]:
-    found = []
-    for part in parts:
-        maps = (('compliance', part.compliance_map), ('gap', part.gap_map))
-        for what, each in maps:
-            if each is not None and each.ellipse is not None and each.ellipse.p_value < level:
-                chance = f'p = {each.ellipse.p_value:.2g}'
-                found.append(f'{part.name}: the {what} over the direction is no ellipse ({chance})')
-        if len(part.runs) > 1 and part.compliance_map is None:
-            found += _disagreements(part, level)
-    return found
-
-
-def _disagreements(part: Part, level: float) -> list[str]:
-    """Runs of one part, no map, that do not agree."""
-    dof = np.array([run.fit.degrees_of_freedom for run in part.runs], dtype=float)
-    quantities = {'compliance': [run.compliance for run in part.runs], 'gap': [run.gap for run in part.runs]}
-    found = []
-    for what, estimates in quantities.items():
-        values = np.array(estimates)
-        test = agreement(values[:, 0], values[:, 1], dof)
-        if test.p_value < level:
-            found.append(f'{part.name}: the runs do not agree on the {what} (p = {test.p_value:.2g})')
-    return found

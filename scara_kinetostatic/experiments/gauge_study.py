@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.experiments.gauge import GaugeAnalysis, analyse
+from scara_kinetostatic.experiments.gauge import analyse
 from scara_kinetostatic.experiments.gauge_lines import ZERO_BAND
 from scara_kinetostatic.experiments.gauge_loops import LoopAnalysis, Sense, analyse_loops
+from scara_kinetostatic.experiments.gauge_result import GaugeAnalysis
 from scara_kinetostatic.recording.gauge_readings import GaugeReadings, join
 
 AUTO, POINTS, LOOPS = 'auto', 'points', 'loops'

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.extension import Law
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.gripper import GripperSign as GripperSign
+from scara_kinetostatic.model.law import Law
 from scara_kinetostatic.model.parameters import Parameters
 
 
@@ -107,6 +107,16 @@ class Cell:
     def radii(self) -> NDArray[np.float64]:
         """Radii of the discs, shape (m,), m."""
         return np.array([disc.radius for disc in self.discs])
+
+
+def different_parts(one: Cell, other: Cell) -> list[str]:
+    """Sections of the cell file in which two descriptions differ, discs by name."""
+    parts = [] if one.nominal == other.nominal and one.joint_names == other.joint_names else ['robot']
+    discs, others = ({disc.name: disc for disc in cell.discs} for cell in (one, other))
+    parts += sorted(name for name in discs.keys() | others.keys() if discs.get(name) != others.get(name))
+    parts += ['sensor'] if one.sensor != other.sensor else []
+    parts += ['noise'] if one.noise != other.noise else []
+    return parts + (['model'] if one.gripper != other.gripper else [])
 
 
 PAPER_DISCS = (

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from scara_kinetostatic.model.equations import Equations, parameter_derivative, touch_equations
-from scara_kinetostatic.model.extension import Setting, Shift
+from scara_kinetostatic.model.extension import Setting
+from scara_kinetostatic.model.law import Shift
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.settling import Settled, renew_modes, settle_links
 from scara_kinetostatic.model.state import State

@@ -48,7 +48,7 @@ X0, Y0, THETA1, L1, THETA2, L2, P_EE, P1, P2, G_EE, G1, G2 = range(12)
 class Parameters:
     """One set of values of L̄ = [L, L_c, L_g] (4), SI units, in the order of table 1.
 
-    `extra`, a tuple of floats, continues L̄ with the parameters of effects beyond the twelve (`extension.Law`).
+    `extra`, a tuple of floats, continues L̄ with the parameters of effects beyond the twelve (`law.Law`).
     Estimates may be negative where noise makes them so; a description of a
     real robot may not: `check_physical` tells.
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.experiments.gauge import Part, Run
 from scara_kinetostatic.experiments.gauge_directions import DirectionMap
 from scara_kinetostatic.experiments.gauge_loops import Sense
+from scara_kinetostatic.experiments.gauge_result import Part, Run
 from scara_kinetostatic.experiments.gauge_reversals import Reversal
 from scara_kinetostatic.experiments.gauge_solution import Estimate
 from scara_kinetostatic.experiments.gauge_statistics import Agreement

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.experiments.gauge import GaugeAnalysis, Part, Run
+from scara_kinetostatic.experiments.gauge_result import GaugeAnalysis, Part, Run
 from scara_kinetostatic.experiments.gauge_study import GaugeStudy, LoopRecord, sense_name
 from scara_kinetostatic.recording.gauge_readings import GRIPPER
 from scara_kinetostatic.report import gauge_pictures as pictures

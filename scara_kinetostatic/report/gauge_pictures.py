@@ -12,9 +12,9 @@ from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from scara_kinetostatic.experiments.gauge import Part, Run
 from scara_kinetostatic.experiments.gauge_directions import DirectionMap
 from scara_kinetostatic.experiments.gauge_loops import Sense
+from scara_kinetostatic.experiments.gauge_result import Part, Run
 from scara_kinetostatic.experiments.gauge_study import LoopRecord, sense_name
 from scara_kinetostatic.report.drawing import FAINT, INK, LINE, PAPER, SERIES, WARN, as_svg, new_figure
 

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.experiments.gauge import GaugeAnalysis, Part, Run
 from scara_kinetostatic.experiments.gauge_directions import DirectionMap
 from scara_kinetostatic.experiments.gauge_loops import Sense
+from scara_kinetostatic.experiments.gauge_result import GaugeAnalysis, Part, Run
 from scara_kinetostatic.experiments.gauge_solution import Estimate
 from scara_kinetostatic.experiments.gauge_statistics import Agreement
 from scara_kinetostatic.experiments.gauge_study import GaugeStudy, LoopRecord, sense_name

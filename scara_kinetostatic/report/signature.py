@@ -24,7 +24,8 @@ from scara_kinetostatic.effects.transmission_error import TransmissionError
 from scara_kinetostatic.effects.unnamed import ANGLES, Unnamed, variable
 from scara_kinetostatic.effects.unnamed import VARIABLES as UNNAMED
 from scara_kinetostatic.effects.variables import VARIABLES
-from scara_kinetostatic.model.extension import Shift, split
+from scara_kinetostatic.model.extension import split
+from scara_kinetostatic.model.law import Shift
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.pipeline import Outcome
 

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.contact import Contact, contact
-from scara_kinetostatic.model.extension import Extension, Tags
+from scara_kinetostatic.model.extension import Extension
+from scara_kinetostatic.model.law import Tags
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.plan import Plan
 

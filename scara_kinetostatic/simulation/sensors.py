@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
-from scara_kinetostatic.model.extension import Extension, Tags
+from scara_kinetostatic.model.extension import Extension
 from scara_kinetostatic.model.kinematics import rotate
+from scara_kinetostatic.model.law import Tags
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.phases import TRAVEL
 from scara_kinetostatic.simulation.trajectory import Instant

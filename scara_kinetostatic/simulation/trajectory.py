@@ -25,9 +25,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.extension import Tags
 from scara_kinetostatic.model.kinematics import forward, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
+from scara_kinetostatic.model.law import Tags
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.recording.approach import last_movement
 from scara_kinetostatic.simulation.loading import LIGHT, Loading

@@ -109,6 +109,16 @@ def test_simulate_is_repeatable_and_follows_its_options(run: Run, recordings: Pa
     assert embedded_cell(tmp_path / 'e.mcap') is None
 
 
+def test_a_recording_that_carries_another_description_is_said(run: Run, recordings: Path, tmp_path: Path) -> None:
+    text = (recordings / 'cell.yaml').read_text()
+    (tmp_path / 'same.yaml').write_text(text)
+    (tmp_path / 'other.yaml').write_text(text.replace('radius: 0.05', 'radius: 0.0501', 1))
+    assert 'carries another' not in run('calibrate', recordings / 'good', '--cell', 'same.yaml', '--out', 'a').out
+    assert run('calibrate', recordings / 'good', '--cell', 'other.yaml', '--out', 'b').status == 0
+    (warning,) = json.loads((tmp_path / 'b' / 'calibration.json').read_text())['warnings']
+    assert warning.endswith('carries another cell description (disc_2); that of --cell is used')
+
+
 def test_simulate_presses_every_other_touch_beyond_its_hold(run: Run, tmp_path: Path) -> None:
     for name, options in (('plain.mcap', ()), ('beyond.mcap', ('--overpress', '0.3'))):
         assert run('simulate', '--out', name, '--per-disc', '2', *options).status == 0

@@ -14,7 +14,7 @@ from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.base import DiscEffect, Floats, JointEffect, Parameter
-from scara_kinetostatic.model.extension import Situation
+from scara_kinetostatic.model.law import Situation
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 
 SIZES = {

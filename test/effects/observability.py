@@ -18,7 +18,8 @@ from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.whitening import whiten_by
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
-from scara_kinetostatic.model.extension import Extension, Tags
+from scara_kinetostatic.model.extension import Extension
+from scara_kinetostatic.model.law import Tags
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, Parameters
 from scara_kinetostatic.simulation.plan import default_plan
 

@@ -11,10 +11,11 @@ from model.helpers import Poses, random_poses
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.extension import Extension, Setting, Shift, Situation, Tags
+from scara_kinetostatic.model.extension import Extension, Setting
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection, joint_torques
+from scara_kinetostatic.model.law import Shift, Situation, Tags
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.state import State, free_state
 from scara_kinetostatic.model.touch import TouchSet

@@ -8,9 +8,10 @@ from effects.scenes import EFFECTS, LABELS, plausible, random_scene
 from model.helpers import ROBOTS
 
 from scara_kinetostatic.model.contact import contact
-from scara_kinetostatic.model.extension import Extension, Tags
+from scara_kinetostatic.model.extension import Extension
 from scara_kinetostatic.model.gripper import Gripper, GripperSign
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
+from scara_kinetostatic.model.law import Tags
 
 ROBOT = [effect for effect in EFFECTS if not effect.on_object]
 OBJECT = [effect for effect in EFFECTS if effect.on_object]

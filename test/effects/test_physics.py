@@ -23,9 +23,10 @@ from scara_kinetostatic.effects.sensor_bias import SensorBias
 from scara_kinetostatic.effects.sensor_rotation import SensorRotation
 from scara_kinetostatic.effects.thermal_drift import LinkGrowth, ZeroDrift
 from scara_kinetostatic.model.contact import Contact, contact
-from scara_kinetostatic.model.extension import Extension, Tags
+from scara_kinetostatic.model.extension import Extension
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.kinematics import jacobian
+from scara_kinetostatic.model.law import Tags
 
 SCENE = random_scene(5, 150)
 FIRST = SCENE.tags.disc == 0

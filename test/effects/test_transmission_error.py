@@ -7,7 +7,7 @@ import pytest
 from effects.scenes import random_scene
 
 from scara_kinetostatic.effects.transmission_error import HIGHEST, LOWEST, TransmissionError, frequencies
-from scara_kinetostatic.model.extension import Situation
+from scara_kinetostatic.model.law import Situation
 
 
 def joints(kind: str, n: int = 120) -> np.ndarray:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.experiments.gauge import GaugeAnalysis, analyse
+from scara_kinetostatic.experiments.gauge import analyse
+from scara_kinetostatic.experiments.gauge_result import GaugeAnalysis
 from scara_kinetostatic.experiments.gauge_simulation import (
     GaugeSensors,
     GaugeTruth,

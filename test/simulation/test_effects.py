@@ -13,8 +13,9 @@ from simulation.oval import OvalDisc
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, SensorFrame, SensorSign
 from scara_kinetostatic.model.contact import contact
-from scara_kinetostatic.model.extension import Extension, Tags
+from scara_kinetostatic.model.extension import Extension
 from scara_kinetostatic.model.kinematics import rotate
+from scara_kinetostatic.model.law import Tags
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
 from scara_kinetostatic.recording.detection import find_touches
 from scara_kinetostatic.simulation.phases import HOLD, PAUSE, TRAVEL
