@@ -89,9 +89,15 @@ def _union(d: Diagnosis) -> list[str]:
     """What rivals do in the extended model."""
     if not d.rivals or d.extended is None:
         return []
+    held = {item.effect.label for item in d.found}
+    if all(label in held for group in d.rivals for label in group):
+        return [
+            'The extended model holds the rivals together, so that the twelve parameters are right whichever it is; '
+            'the values of the rivals themselves are not.'
+        ]
     return [
-        'The extended model holds the rivals together, so that the twelve parameters are right whichever it is; '
-        'the values of the rivals themselves are not.'
+        'The extended model holds one rival, or some of them; the standard deviations of the twelve parameters are '
+        'widened so that they cover the others, those of the rivals themselves are not.'
     ]
 
 
