@@ -25,7 +25,7 @@ from scara_kinetostatic.calibration.blocks import pick
 from scara_kinetostatic.calibration.projection import select
 from scara_kinetostatic.calibration.solver import Point
 from scara_kinetostatic.calibration.steps import compress, upper_triangle
-from scara_kinetostatic.calibration.whitening import whiten_by
+from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 
@@ -151,9 +151,7 @@ def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -
     size = np.hypot(x, y)
     moved = np.empty((2, VARIANTS, n))
     for k, (along_x, along_y) in enumerate(((x / size, y / size), (-y / size, x / size))):
-        first = point.linear.by_force[:, 0, k] / l11
-        second = (point.linear.by_force[:, 1, k] - l21 * first) / l22
-        left = noise.force * np.sqrt(np.clip(1 - noise.force**2 * (first**2 + second**2), 0.0, 1.0))
+        left = noise_left(point.linear, point.whitened.root, noise, k)
         moved[:, 2 * k] = x + left * along_x, y + left * along_y
         moved[:, 2 * k + 1] = x - left * along_x, y - left * along_y
     every = np.tile(np.arange(n), VARIANTS)

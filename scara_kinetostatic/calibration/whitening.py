@@ -95,6 +95,21 @@ def whiten_by(array: Floats, root: tuple[Floats, Floats, Floats]) -> Floats:
     return out.transpose()
 
 
+def noise_left(linear: Linearisation, root: tuple[Floats, Floats, Floats], noise: Noise, side: int) -> Floats:
+    """Standard deviation of the noise that is left in the adjusted force, (n,), N.
+
+    Args:
+        linear: the linearisation.
+        root: of V there.
+        noise: σ_q and σ_f.
+        side: 0 along the force, 1 across it.
+    """
+    l11, l21, l22 = root
+    first = linear.by_force[:, 0, side] / l11
+    second = (linear.by_force[:, 1, side] - l21 * first) / l22
+    return np.asarray(noise.force * np.sqrt(np.clip(1 - noise.force**2 * (first**2 + second**2), 0.0, 1.0)))
+
+
 def squared_distance(whitened: Whitened) -> Floats:
     """Squared Mahalanobis distance of each touch, (n,); chi-square of 2 degrees where all is well."""
     first, second = whitened.residual[:, 0], whitened.residual[:, 1]

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
 from scara_kinetostatic.diagnosis.problem import Problem
 from scara_kinetostatic.effects.base import Effect, LinearEffect, Trial
 
@@ -117,7 +118,7 @@ def gather(
         if len(trials) > 1:
             scans.append(scan_trials(problem, effect, trials, len(trials)))
             continue
-        unit, new = new_part(problem, problem.columns(trials[0]))
+        unit, new = new_part(problem, problem.columns(trials[0]), problem.noise_columns(effect, trials[0]))
         if effect.label in fitted and not isinstance(effect, LinearEffect):
             found.append(as_fitted(problem, effect, fitted[effect.label], 1))
         elif unit.shape[1]:
@@ -148,16 +149,24 @@ def explained(problem: Problem, candidate: Candidate) -> float:
     return float(np.sum((candidate.unit.T @ problem.left) ** 2))
 
 
-def new_part(problem: Problem, columns: Floats) -> tuple[Floats, float]:
-    """Orthonormal basis of what columns (2n, m) add to the twelve, and the largest part of a unit column that does."""
+def new_part(problem: Problem, columns: Floats, noise: Floats | None = None) -> tuple[Floats, float]:
+    """Orthonormal basis of what columns (2n, m) add to the twelve, and the largest part of a unit column that does.
+
+    A direction counts as new only if no more than `NOISE_SHARE` of it is made by the noise of the forces; `noise` is
+    the change of the columns by one standard deviation of that, (2n, m), None for nothing.
+    """
     scale = np.linalg.norm(columns, axis=0)
-    columns = columns[:, scale > 0] / scale[scale > 0]
+    visible = scale > 0
+    columns = columns[:, visible] / scale[visible]
     if not columns.size:
         return np.empty((len(columns), 0)), 0.0
     left = columns - problem.base @ (problem.base.T @ columns)
-    u, values, _ = np.linalg.svd(left, full_matrices=False)
-    least = LEAST_NEW_AT_ONE_LEVEL if problem.one_level else LEAST_NEW
-    return u[:, values > least], min(1.0, float(values[0]))
+    u, values, vt = np.linalg.svd(left, full_matrices=False)
+    new = values > (LEAST_NEW_AT_ONE_LEVEL if problem.one_level else LEAST_NEW)
+    if noise is not None:
+        made = np.linalg.norm(noise[:, visible] / scale[visible] @ vt.T, axis=0)
+        new &= made**2 <= NOISE_SHARE * values**2
+    return u[:, new], min(1.0, float(values[0]))
 
 
 def best_trial(problem: Problem, scan: Scan, beside: Floats | None = None) -> Candidate:

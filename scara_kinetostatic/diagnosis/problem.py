@@ -24,8 +24,8 @@ from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import Point, Subspace
-from scara_kinetostatic.calibration.whitening import whiten_by
-from scara_kinetostatic.effects.base import Trial
+from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
+from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.model.equations import Equations
 from scara_kinetostatic.model.extended import extended_equations, shift_column
 from scara_kinetostatic.model.extension import Extension
@@ -50,6 +50,7 @@ class Problem(NamedTuple):
         equations: of the touches there.
         situation: the touches as effects see them.
         force: true forces in the sensor's frame, (n, 2), N.
+        noisy: the same touches, each force larger by one standard deviation of the noise that is left in it.
         base: orthonormal basis of J, (2n, r).
         left: y less what the twelve can take up, (2n,).
         noise_given: whether s is known to be 1.
@@ -62,6 +63,7 @@ class Problem(NamedTuple):
     equations: Equations
     situation: Situation
     force: Floats
+    noisy: Situation
     base: Floats
     left: Floats
     noise_given: bool
@@ -79,6 +81,12 @@ class Problem(NamedTuple):
         readings = trial.readings or (None,) * len(trial.columns)
         columns = [self.column(shift, reading) for shift, reading in zip(trial.columns, readings, strict=True)]
         return np.stack(columns, axis=-1)
+
+    def noise_columns(self, effect: Effect, trial: Trial) -> Floats:
+        """How the columns of an effect's only trial change by one standard deviation of the noise in F̂, (2n, m)."""
+        grown = self.force * (self.noisy.magnitude / self.situation.magnitude)[:, None]
+        (changed,) = effect.trials(self.noisy, grown)
+        return self.columns(changed) - self.columns(trial)
 
     def column(self, shift: Shift, reading: Floats | None = None) -> Floats:
         """What a shift, and an error of the sensor, do to the whitened misclosures, (2n,)."""
@@ -114,6 +122,7 @@ def pose_problem(calibration: Calibration) -> Problem:
         equations=equations,
         situation=situation,
         force=extension.unread(point.parameters, point.adjusted.force),
+        noisy=_noisy(situation, noise_left(point.linear, point.whitened.root, c.noise, 0)),
         base=base,
         left=np.empty(0),
         noise_given=c.noise_source == 'given',
@@ -140,6 +149,16 @@ def _seen(calibration: Calibration, observations: Observations, point: Point) ->
     everything[free, np.arange(len(free))] = scales[free]
     unseen = unseen_directions(observations, point, free, c.noise)
     return restrict(Subspace(c.parameters.as_array(), everything), unseen).basis[: len(NAMES)]
+
+
+def _noisy(situation: Situation, more: Floats) -> Situation:
+    """The touches with forces (n,) larger, the rest as it is."""
+    larger = 1 + more / situation.magnitude
+    return situation._replace(
+        magnitude=situation.magnitude * larger,
+        force=situation.force * larger[:, None],
+        torques=situation.torques * larger[:, None],
+    )
 
 
 def _some(which: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import Point
-from scara_kinetostatic.calibration.whitening import whiten_by
+from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
 from scara_kinetostatic.diagnosis.problem import LEVELS
 from scara_kinetostatic.model.statics import view_arm
 from scara_kinetostatic.model.touch import TouchSet
@@ -40,10 +41,12 @@ class Family(NamedTuple):
     Attributes:
         name: that thing, in words.
         columns: the functions at each touch, (n, 2, m), whitened.
+        noise: their change by one standard deviation of the noise in the forces, (n, 2, m); None for nothing.
     """
 
     name: str
     columns: Floats
+    noise: Floats | None = None
 
 
 class Trace(NamedTuple):
@@ -70,6 +73,12 @@ def families(calibration: Calibration, point: Point) -> tuple[Family, ...]:
     f, phi = state.magnitude, state.direction
     q1, q2 = point.adjusted.joints.T
     link2 = q1 + q2 + point.parameters.theta1 + point.parameters.theta2
+    more = f + noise_left(point.linear, point.whitened.root, calibration.noise, 0)
+    noisy = {
+        'the torque of joint 1': _powers(f * arm.lever1, more * arm.lever1),
+        'the torque of joint 2': _powers(f * arm.lever2, more * arm.lever2),
+        'the size of the force': _powers(f, more),
+    }
     smooth = {
         'the angle of joint 1': _waves(q1, 2),
         'the angle of joint 2': _waves(q2, 2),
@@ -86,7 +95,11 @@ def families(calibration: Calibration, point: Point) -> tuple[Family, ...]:
     if np.std(f) < LEVELS * calibration.noise.force:
         del smooth['the size of the force']  # what is left of it is its noise
     one_side = [
-        Family(f'{name} ({side} the force)', _on_side(columns, k))
+        Family(
+            f'{name} ({side} the force)',
+            _on_side(columns, k),
+            _on_side(noisy[name] - columns, k) if name in noisy else None,
+        )
         for name, columns in smooth.items()
         for k, side in enumerate(('along', 'across'))
     ]
@@ -135,9 +148,10 @@ def _waves(angle: Floats, most: int) -> Floats:
     return np.stack([wave(k * angle) for k in range(1, most + 1) for wave in (np.cos, np.sin)], axis=1)
 
 
-def _powers(values: Floats) -> Floats:
+def _powers(values: Floats, at: Floats | None = None) -> Floats:
+    """Powers of values (n,) over their range; or those of others, scaled alike."""
     spread = float(np.ptp(values)) or 1.0
-    z = (values - values.mean()) / spread
+    z = ((values if at is None else at) - values.mean()) / spread
     return np.stack([z, z**2, z**3], axis=1)
 
 
@@ -161,22 +175,30 @@ def find_traces(calibration: Calibration) -> tuple[Trace, ...]:
     residual = point.whitened.residual.ravel() - base @ (base.T @ point.whitened.residual.ravel())
     traces = []
     for family in families(c, point):
-        trace = _test(residual, base, family.columns.reshape(2 * n, -1), unsaid)
+        noise = None if family.noise is None else family.noise.reshape(2 * n, -1)
+        trace = _test(residual, base, family.columns.reshape(2 * n, -1), noise, unsaid)
         if trace is not None:
             traces.append(Trace(family.name, *trace))
     return tuple(sorted(traces, key=lambda trace: trace.p_value))
 
 
-def _test(residual: Floats, base: Floats, columns: Floats, unsaid: int) -> tuple[float, float] | None:
+def _test(
+    residual: Floats, base: Floats, columns: Floats, noise: Floats | None, unsaid: int
+) -> tuple[float, float] | None:
     """p-value and share of the residual that further columns explain; None if they add nothing testable.
 
-    Of the rows of the residual, `unsaid` say nothing.
+    Of the rows of the residual, `unsaid` say nothing. What the noise of the forces, `noise`, makes of the columns does
+    not count as new.
     """
     scale = np.linalg.norm(columns, axis=0)
-    columns = columns[:, scale > 0] / scale[scale > 0]
+    visible = scale > 0
+    columns = columns[:, visible] / scale[visible]
     left = columns - base @ (base.T @ columns)
-    u, values, _ = np.linalg.svd(left, full_matrices=False)
-    u = u[:, values > LEAST_NEW]
+    u, values, vt = np.linalg.svd(left, full_matrices=False)
+    new = values > LEAST_NEW
+    if noise is not None:
+        new &= np.linalg.norm(noise[:, visible] / scale[visible] @ vt.T, axis=0) ** 2 <= NOISE_SHARE * values**2
+    u = u[:, new]
     q, freedoms = u.shape[1], len(residual) - unsaid - base.shape[1] - u.shape[1]
     total = float(residual @ residual)
     if q == 0 or freedoms < 1 or total < ROUNDING * len(residual):
