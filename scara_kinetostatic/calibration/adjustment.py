@@ -149,8 +149,8 @@ def linearise(
     by_force[:, 0, 0], by_force[:, 1, 0] = e.normal_f, e.tangent_f
     by_force[:, 0, 1], by_force[:, 1, 1] = e.normal_d * per_force, e.tangent_d * per_force
     if o.extension is not None and o.extension.reads:
-        derivative[:, :, len(NAMES) :] += misread(o.extension, parameters, adjusted.force, by_force)
         by_force = by_force @ unreading(o.extension, parameters, adjusted.force)
+        derivative[:, :, len(NAMES) :] += misread(o.extension, parameters, adjusted.force, by_force)
     misclosure = by_touch(2, len(o.joints))
     off = _off_measured(o, adjusted)
     misclosure[:, 0] = e.normal + _row_times(by_joints[:, 0], by_force[:, 0], off)

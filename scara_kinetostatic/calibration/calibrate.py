@@ -12,7 +12,7 @@ from scara_kinetostatic.calibration.estimate import Near, check_number, estimate
 from scara_kinetostatic.calibration.plausibility import check_plausible
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.solution import Calibration
-from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import Rejection, TouchSet
@@ -46,8 +46,8 @@ def calibrate(
     Raises:
         ParameterError: `fixed` names no parameter, gives a senseless value, or leaves nothing free; a
             touch names no disc of the cell.
-        UnsupportedDataError: too few touches for the free parameters, or touches so much
-            alike that they determine less than half of them.
+        UnsupportedDataError: too few touches for the free parameters, touches so much
+            alike that they determine less than half of them, or a fit that runs away.
         CellError: the forces contradict the cell's sensor sign or frame.
     """
     fixed = dict(fixed or {})
@@ -58,7 +58,11 @@ def calibrate(
     check_number(len(touches), len(free))
     observations = observe(touches, cell)
     check_plausible(observations, cell)
-    found = estimate(observations, cell, start, free, near)
+    try:
+        found = estimate(observations, cell, start, free, near)
+    except np.linalg.LinAlgError as error:
+        problem = 'the fit ran away to where the model is not defined'
+        raise UnsupportedDataError(problem, 'check the nominal values, the discs and the sensor in the cell') from error
     return conclude(touches, cell, start, fixed, observations, found, left_out)
 
 

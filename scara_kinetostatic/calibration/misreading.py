@@ -14,12 +14,21 @@ READING_STEP = 1e-5
 """Step of the central difference over a reported force, as a part of it."""
 
 
-def misread(extension: Extension, parameters: Parameters, reported: Floats, by_force: Floats) -> Floats:
-    """What misread forces do to h by the parameters of the effects, (n, 2, k)."""
+def misread(extension: Extension, parameters: Parameters, reported: Floats, by_reported: Floats) -> Floats:
+    """What misread forces do to h by the parameters of the effects, (n, 2, k).
+
+    The true force behind a reported one moves by -∂F/∂(reported F) ∂e.
+
+    Args:
+        extension: the effects.
+        parameters: L̄.
+        reported: forces, (n, 2), N.
+        by_reported: ∂h by the reported force, along and across it, (n, 2, 2).
+    """
     columns, force = [], extension.unread(parameters, reported)
     for error in extension.reading_derivative(parameters, force):
         error = np.zeros_like(force) if error is None else error
-        columns.append(-np.einsum('nij,nj->ni', by_force, along_and_across(error, force)))
+        columns.append(-np.einsum('nij,nj->ni', by_reported, along_and_across(error, reported)))
     return np.stack(columns, axis=-1)
 
 

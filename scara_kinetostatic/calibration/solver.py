@@ -205,7 +205,7 @@ def minimise(
         change, shift = subspace.basis @ step, steps.predicted_shift(system, step)
         cost = _cost(point, scale, stage, used)
         settled = shift < tolerance or float(np.abs(step).max(initial=0.0)) < STEP_TOLERANCE
-        if (settled and not stage.adjusts) or shift < _negligible(history):
+        if (settled and not stage.adjusts) or (damping == stage.damping and shift < _negligible(history)):
             point, termination = _last_step(point, change), Termination.CONVERGED
             history.append(_cost(point, scale, stage, used))
             break

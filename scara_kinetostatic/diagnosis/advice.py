@@ -19,6 +19,11 @@ FEW = 4
 
 def unexplained(c: Calibration, found: Sequence[Trace]) -> str:
     """Where the twelve parameters are not enough and nothing was found to add."""
+    if not found and c.noise_source == 'estimated':
+        return (
+            'the forces lean from the normal of the disc, or scatter, in another way than noise does, without a '
+            'pattern: a few bad touches, or contact friction too small to be told; record more touches'
+        )
     if not found:
         return (
             f'the residuals are {c.reduced_chi_square**0.5:.2g} times as large as the stated noise, without a pattern: '

@@ -16,7 +16,7 @@ from scara_kinetostatic.diagnosis import advice, noise_advice
 from scara_kinetostatic.diagnosis.candidates import Field
 from scara_kinetostatic.diagnosis.contest import CREDIBLE, rank_singles
 from scara_kinetostatic.diagnosis.deciding import Deciding, decide
-from scara_kinetostatic.diagnosis.forms import fit_other_forms, widened
+from scara_kinetostatic.diagnosis.forms import fit_other_forms, widened, with_free_zeros
 from scara_kinetostatic.diagnosis.leaning import growing_p_value, lean_p_value, without_direction
 from scara_kinetostatic.diagnosis.peaks import fit_other_peaks
 from scara_kinetostatic.diagnosis.problem import Problem, pose_problem
@@ -107,13 +107,22 @@ def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
     ranking = _ranking(found, c)
     if found.extended is None:
         text = incredible or advice.unexplained(c, before.traces)
-        return Diagnosis('unexplained', p_value, traces=before.traces, ranking=ranking, advice=text)
+        return Diagnosis(
+            verdict='unexplained',
+            p_value=p_value,
+            traces=before.traces,
+            remaining=before.traces,
+            remaining_p_value=p_value,
+            ranking=ranking,
+            advice=text,
+        )
     after = adequacy(found.extended)
     rivals = _fit_rivals(found, c)
     extended = widened(found.extended, rivals)
     peaks = fit_other_peaks(found.extended, found.proved)
     for other in (*fit_other_forms(found.extended), *peaks):
         extended = widened(extended, [other])  # one by one: each is to lie within a standard deviation
+    extended = with_free_zeros(extended, [extended, *rivals])
     described = _describe(found._replace(extended=extended), rivals)
     verdict = _verdict(found, described, after)
     return Diagnosis(
@@ -190,6 +199,8 @@ def _describe(found: Search, rivals: Sequence[Calibration]) -> tuple[Found, ...]
         if not proved:
             alone = [rows for rival in rivals for other, rows in _with_values(rival) if other.label == effect.label]
             values = alone[0] if alone else tuple(value._replace(value=np.nan, std=np.nan) for value in values)
+            if effect.searched:  # nobody has looked for other frequencies of this fit
+                values = tuple(value._replace(std=np.nan) for value in values)
         items.append(Found(effect, values, proved))
     return tuple(items)
 

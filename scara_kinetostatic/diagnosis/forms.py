@@ -17,11 +17,16 @@ from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.contest import CREDIBLE
 from scara_kinetostatic.diagnosis.evidence import story
+from scara_kinetostatic.diagnosis.problem import pose_problem
 from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.extension import split
 from scara_kinetostatic.model.law import Law
-from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.parameters import G_EE, NAMES, THETA1, THETA2, Parameters
+
+ZEROS = {'joint1': THETA1, 'joint2': THETA2, 'along': G_EE}
+"""Which of the twelve a constant in a channel of an unnamed curve is."""
 
 
 def fit_other_forms(extended: Calibration) -> list[Calibration]:
@@ -81,3 +86,32 @@ def widened(extended: Calibration, others: Sequence[Calibration]) -> Calibration
     known = np.concatenate([extended.std, extended.extra_std])
     std = np.where(known > 0, std, known)
     return replace(extended, covariance=covariance, std=std[: len(NAMES)], extra_std=std[len(NAMES) :])
+
+
+def with_free_zeros(extended: Calibration, fits: Sequence[Calibration]) -> Calibration:
+    """The extended model with sigmas that allow for the zero of curves without a name.
+
+    A curve over anything may be raised by a constant: an unknown deviation of a joint moves its offset, one along the
+    force the backlash of the gripper. How large that constant is nobody knows; the curve itself tells the scale.
+
+    Args:
+        extended: the fit with effects.
+        fits: it and those of rivals.
+    """
+    covariance = extended.covariance.copy()
+    for name, place in ZEROS.items():
+        known = extended.std[place] > 0
+        size = max((rms for fit in fits for rms in _curve_sizes(fit, name)), default=0.0)
+        covariance[place, place] += size**2 if known else 0.0
+    std = np.where(extended.std > 0, np.sqrt(np.diag(covariance)[: len(NAMES)]), extended.std)
+    return replace(extended, covariance=covariance, std=std)
+
+
+def _curve_sizes(fit: Calibration, channel: str) -> list[float]:
+    """Root mean square over the touches of each curve without a name that acts in a channel, on all discs."""
+    pairs = list(zip(fit.cell.effects, split(fit.cell.effects, fit.parameters), strict=True))
+    curves = [(e, v) for e, v in pairs if isinstance(e, Unnamed) and e.channel == channel and e.disc < 0]
+    if not curves:
+        return []
+    at = pose_problem(fit).situation
+    return [float(np.sqrt(np.mean((np.stack(e.functions(at), axis=-1) @ v) ** 2))) for e, v in curves]

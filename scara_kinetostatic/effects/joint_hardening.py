@@ -10,8 +10,8 @@ import numpy as np
 from scara_kinetostatic.effects.base import Floats, JointEffect, Parameter
 from scara_kinetostatic.model.law import Situation
 
-OTHERS = (2, 5)
-"""Powers of a spring whose stiffness changes from the first torque on, and of one that stiffens late."""
+OTHERS = (0.5, 2, 5)
+"""Powers of a spring that is soft about zero, of one whose stiffness changes evenly, and of one that stiffens late."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class JointHardening(JointEffect):
         power: of the torque, odd as a function; 3 is the first term that a smooth spring has beside p c.
     """
 
-    power: int = 3
+    power: float = 3
 
     name: ClassVar[str] = 'joint_hardening'
     parameters: ClassVar[tuple[Parameter, ...]] = (

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from scara_kinetostatic.effects.base import LinearEffect, Parameter
 from scara_kinetostatic.model.law import Shift, Situation
+
+HINGES = (0.2, 0.35, 0.5, 0.65, 0.8)
+"""Where a link that bends at one place may do so."""
 
 
 @dataclass(frozen=True)
@@ -26,13 +29,20 @@ class LinkBending(LinearEffect):
 
     The parts c1 / 3 and c2 / 3 are another p1 and p2; only the coupling of the joints, c / 6, is new.
 
+    Where the link is no even beam, only the parts for c1 in δ1 and c2 in δ2 differ. A hinge at the part s of its
+    length, an elastic flange or a soft section, gives
+
+        δ1 = k' ((1 - s)² c1 + s (1 - s) c2),   δ2 = k' (s (1 - s) c1 + s² c2).
+
     *Link 2* ends in the tip: M = 0, P l2 = c2, and δ2 = k c2 / 3. That is another p2, exactly: it can never be seen.
 
     Attributes:
         link: 0 or 1.
+        hinge: part of the length of link 1 at which it bends; None for an even beam.
     """
 
     link: int = 0
+    hinge: float | None = None
 
     name: ClassVar[str] = 'link_bending'
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -49,8 +59,17 @@ class LinkBending(LinearEffect):
         """That of link 0 or 1."""
         return cls(target=f'link{link + 1}', link=link)
 
+    def other_forms(self) -> tuple[LinkBending, ...]:
+        return () if self.link else tuple(replace(self, hinge=hinge) for hinge in HINGES)
+
     def basis(self, at: Situation) -> tuple[Shift, ...]:
         c1, c2 = at.torques.T
         if self.link == 0:
-            return (Shift(joints=np.stack([c1 / 3 + c2 / 6, c1 / 6 + c2 / 3], axis=-1)),)
+            first, second = (1 / 3, 1 / 3) if self.hinge is None else self._beside_coupling(self.hinge)
+            return (Shift(joints=np.stack([first * c1 + c2 / 6, c1 / 6 + second * c2], axis=-1)),)
         return (Shift(joints=np.stack([np.zeros_like(c2), c2 / 3], axis=-1)),)
+
+    @staticmethod
+    def _beside_coupling(hinge: float) -> tuple[float, float]:
+        """The parts for c1 in δ1 and c2 in δ2 of a hinge whose coupling is that of the even beam, 1/6."""
+        return (1 - hinge) / hinge / 6, hinge / (1 - hinge) / 6

@@ -21,6 +21,7 @@ from scara_kinetostatic.effects.link_bending import LinkBending
 from scara_kinetostatic.effects.object_position import ObjectPosition
 from scara_kinetostatic.effects.object_radius import ObjectRadius
 from scara_kinetostatic.effects.sensor_bias import SensorBias
+from scara_kinetostatic.effects.sensor_nonlinearity import SensorNonlinearity
 from scara_kinetostatic.effects.sensor_rotation import SensorRotation
 from scara_kinetostatic.effects.thermal_drift import LinkGrowth, ZeroDrift
 from scara_kinetostatic.effects.transmission_error import TransmissionError
@@ -50,6 +51,7 @@ BUILT_IN: tuple[Factory, ...] = (
     lambda cell: [ContactFriction(reference=cell.nominal)],
     lambda cell: [SensorRotation()],
     lambda cell: [SensorBias()],
+    lambda cell: [SensorNonlinearity()],
     each_joint(EncoderGain.of),
     each_joint(TransmissionError.of),
     each_joint(JointHardening.of),

@@ -23,7 +23,11 @@ FORCE_STEP = 1e-4
 TURN_STEP = 1e-5
 ROBOT_STEP = 1e-6
 """Step of the central difference over a parameter of the robot, in its unit; the shift is linear in it."""
-READING_PASSES = 8
+READING_PASSES = 60
+READING_ROUNDING = 1e-15
+"""Change of a force at which it is found, as a part of the largest one."""
+UNREADABLE = 1e-9
+"""The same, beyond which it is not found even in the end."""
 
 
 class Extension(NamedTuple):
@@ -80,11 +84,16 @@ class Extension(NamedTuple):
         return force + self._reading(parameters, force)
 
     def unread(self, parameters: Parameters, reported: Floats) -> Floats:
-        """The true forces behind what the sensor reports, (n, 2), N."""
-        force = reported
-        for _ in range(READING_PASSES if self.reads else 0):
-            force = reported - self._reading(parameters, force)
-        return force
+        """The true forces behind what the sensor reports, (n, 2), N; NaN where the error is as large as the force."""
+        if not self.reads:
+            return reported
+        force, most = reported, READING_ROUNDING * np.abs(reported).max(initial=0.0)
+        for _ in range(READING_PASSES):
+            before, force = force, reported - self._reading(parameters, force)
+            moved = np.abs(force - before)
+            if not np.any(moved > most):
+                return force
+        return np.where(moved > UNREADABLE * np.abs(reported).max(), np.nan, force)
 
     @property
     def spread(self) -> float:

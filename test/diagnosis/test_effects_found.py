@@ -30,7 +30,6 @@ SIZES = {
     'link_bending[link1]': (8e-5,),
     'base_compliance': (6e-7, 4e-7),
     'base_tilt': (6.0, -6.0, 4.0, 3.0),
-    'contact_compliance': (6e-5,),
     'contact_compliance[disc_2]': (3e-6,),
     'object_position[disc_1]': (6e-5, -6e-5),
     'object_radius[disc_2]': (3e-5,),
@@ -56,6 +55,19 @@ def test_an_effect_is_named_measured_and_taken_out(label):
     assert found.extended.reduced_chi_square < before.reduced_chi_square
     assert held_out_force_error(found.extended).force_error < held_out_force_error(before).force_error
     assert found.remaining_p_value > 0.01
+
+
+@pytest.mark.parametrize('given', [True, False])
+@pytest.mark.parametrize(('label', 'value'), [('contact_compliance', 6e-5), ('sensor_nonlinearity', 6e-3)])
+def test_a_soft_contact_and_a_nonlinear_sensor_are_rivals(label, value, given):
+    before, found = examined(label, (value,), given)
+    assert found.verdict == 'ambiguous'
+    assert [set(group) for group in found.rivals] == [{'contact_compliance', 'sensor_nonlinearity'}]
+    (item,) = [item for item in found.found if item.effect.label == label]
+    assert abs(item.values[0].value - value) < 4 * item.values[0].std
+    assert found.extended is not None
+    assert np.abs(deviations(before)).max() > 20
+    assert np.abs(deviations(found.extended)).max() < 4
 
 
 LARGE = {

@@ -28,6 +28,7 @@ SIZES = {
     'contact_friction': (0.1,),
     'sensor_rotation': (0.05,),
     'sensor_bias': (1.0, -0.7),
+    'sensor_nonlinearity': (1e-3,),
     'encoder_gain': (1e-3,),
     'transmission_error': (1e-4, 0.7, 7.3),
     'joint_hardening': (1e-9,),  # less than the compliance of the joint up to 60 Nm

@@ -15,9 +15,9 @@ from scara_kinetostatic.effects.variables import VARIABLES
 from scara_kinetostatic.errors import ParameterError
 
 NAMES = {
-    'contact_friction', 'sensor_rotation', 'sensor_bias', 'encoder_gain', 'transmission_error', 'joint_hardening',
-    'joint_hysteresis', 'anisotropic_gripper', 'anisotropic_backlash', 'link_bending', 'base_compliance',
-    'contact_compliance', 'object_position', 'object_radius', 'thermal_drift', 'base_tilt',
+    'contact_friction', 'sensor_rotation', 'sensor_bias', 'sensor_nonlinearity', 'encoder_gain', 'transmission_error',
+    'joint_hardening', 'joint_hysteresis', 'anisotropic_gripper', 'anisotropic_backlash', 'link_bending',
+    'base_compliance', 'contact_compliance', 'object_position', 'object_radius', 'thermal_drift', 'base_tilt',
 }  # fmt: skip
 
 
