@@ -27,12 +27,15 @@ class JointHardening(JointEffect):
     power: float = 3
 
     name: ClassVar[str] = 'joint_hardening'
-    parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('rate', 'rad/(Nm)^3', 1e-6, 'by which the deflection falls short of p c, over c³'),
-    )
     hides_behind: ClassVar[str] = 'compliance and backlash of the joint, if its torques are alike in size'
     reveal: ClassVar[str] = 'touches with torques on the joint from small to large, in three or more steps'
     betrays: ClassVar[str] = 'torque'
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        """The rate; its plausible size is that of a milliradian at 10 Nm."""
+        meaning = f'by which the deflection falls short of p c, over c^{self.power:g}'
+        return (Parameter('rate', f'rad/(Nm)^{self.power:g}', 1e-3 / 10**self.power, meaning),)
 
     def angles(self, at: Situation) -> tuple[Floats, ...]:
         torque = at.torques[:, self.joint]
