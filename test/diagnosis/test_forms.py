@@ -9,11 +9,13 @@ import pytest
 from diagnosis.played import CELL, PLAN, calibrate, deviations, effect
 
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.diagnosis.forms import fit_other_forms, widened
+from scara_kinetostatic.diagnosis.forms import fit_other_forms, widened, with_free_zeros
+from scara_kinetostatic.diagnosis.problem import pose_problem
 from scara_kinetostatic.effects.contact_compliance import ContactCompliance
 from scara_kinetostatic.effects.joint_hardening import JointHardening
 from scara_kinetostatic.effects.link_bending import LinkBending
-from scara_kinetostatic.model.parameters import G_EE, P1, P_EE, PAPER_ACTUAL
+from scara_kinetostatic.effects.unnamed import Unnamed
+from scara_kinetostatic.model.parameters import G_EE, P1, P_EE, PAPER_ACTUAL, THETA2
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.streams import simulate_touches
 
@@ -74,3 +76,16 @@ def test_a_link_that_bends_at_one_place(hinge):
     as_beam = calibrate(fit.touches, replace(CELL, effects=(effect('link_bending[link1]'),)))
     assert np.abs(deviations(as_beam)).max() > 4
     assert np.abs(deviations(found.extended)).max() < 4
+
+
+def test_a_curve_may_be_raised_by_a_constant():
+    kink = Unnamed(None, 'joint2', 'q2', 0.0, 2.0, powers=3)
+    extended = calibrate(played(effect('encoder_gain[joint2]'), 0.0), replace(CELL, effects=(kink,)))
+    rival = replace(extended, parameters=extended.parameters.replace(extra=(3e-4, 0.0, 0.0)))
+    wide = with_free_zeros(extended, [rival])
+    slope = kink.functions(pose_problem(rival).situation)[0]
+    size = 3e-4 * np.sqrt(np.mean(slope**2))
+    assert wide.std[THETA2] == pytest.approx(np.hypot(extended.std[THETA2], size))
+    others = np.arange(12) != THETA2
+    np.testing.assert_array_equal(wide.std[others], extended.std[others])
+    assert with_free_zeros(extended, []).std[THETA2] == extended.std[THETA2]
