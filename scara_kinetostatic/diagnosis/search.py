@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
+import numpy as np
+
 from scara_kinetostatic.calibration.solution import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.candidates import Candidate, Field, gather
@@ -20,6 +22,8 @@ from scara_kinetostatic.errors import UnsupportedDataError
 ROUNDS = 6
 ATTEMPTS = 4
 FITTED = 8
+APART = 0.1
+"""Least singular value of the unit columns of effects that are fitted together."""
 MOST_IN_UNION = 5
 """Rivals that are fitted together at most; of more, the best ones."""
 
@@ -120,10 +124,12 @@ def _settled(
 ) -> Calibration | None:
     """The fit with all winners; if that does not settle, with the best credible set that does; None if none does.
 
-    Sets that do not are remembered in `given_up`, and not tried again.
+    Sets that do not are remembered in `given_up`, and not tried again. Winners that are nearly the same are not tried
+    together: they would run to large values that cancel.
     """
-    sets = [[contest.field.candidates[k] for k in entry.members] for entry in contest.credible]
-    for members in (_winners(contest), *sets[:ATTEMPTS]):
+    sets = [[contest.field.candidates[k] for k in entry.members] for entry in contest.credible[:ATTEMPTS]]
+    together = _winners(contest)
+    for members in ([together] if _are_apart(together) else []) + sets:
         labels = frozenset(member.effect.label for member in members)
         if labels in given_up:
             continue
@@ -133,6 +139,11 @@ def _settled(
                 return fitted
         given_up.add(labels)
     return None
+
+
+def _are_apart(members: Sequence[Candidate]) -> bool:
+    columns = np.concatenate([member.unit for member in members], axis=1)
+    return float(np.linalg.svd(columns, compute_uv=False)[-1]) > APART
 
 
 def _part(
