@@ -11,7 +11,7 @@ from scara_kinetostatic.model.parameters import Parameters
 Floats = NDArray[np.float64]
 
 READING_STEP = 1e-5
-"""Step of the central difference over a reported force, as a part of it."""
+"""Step of the central difference over a force, as a part of it."""
 
 
 def misread(extension: Extension, parameters: Parameters, reported: Floats, by_reported: Floats) -> Floats:
@@ -33,16 +33,21 @@ def misread(extension: Extension, parameters: Parameters, reported: Floats, by_r
 
 
 def unreading(extension: Extension, parameters: Parameters, reported: Floats) -> Floats:
-    """∂F/∂(reported F), (n, 2, 2), each in components along and across itself; by central differences."""
+    """∂F/∂(reported F), (n, 2, 2), each in components along and across itself.
+
+    It is the inverse of ∂(reported F)/∂F, which is worked out by central differences.
+    """
     force = extension.unread(parameters, reported)
-    size = np.hypot(reported[:, 0], reported[:, 1])[:, None]
-    along = reported / size
+    size = np.hypot(force[:, 0], force[:, 1])[:, None]
+    along = force / size
     columns = []
     for direction in (along, np.stack([-along[:, 1], along[:, 0]], axis=-1)):
         step = READING_STEP * size * direction
-        up, down = (extension.unread(parameters, reported + sign * step) for sign in (1, -1))
-        columns.append(along_and_across((up - down) / (2 * READING_STEP * size), force))
-    return np.stack(columns, axis=-1)
+        up, down = (extension.read(parameters, force + sign * step) for sign in (1, -1))
+        columns.append(along_and_across((up - down) / (2 * READING_STEP * size), reported))
+    (a, c), (b, d) = (column.T for column in columns)
+    inverse = np.stack([np.stack([d, -b], axis=-1), np.stack([-c, a], axis=-1)], axis=-2)
+    return np.asarray(inverse / (a * d - b * c)[:, None, None])
 
 
 def along_and_across(vectors: Floats, force: Floats) -> Floats:
