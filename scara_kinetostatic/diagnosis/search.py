@@ -125,7 +125,7 @@ def _settled(
     """The fit with all winners; if that does not settle, with the best credible set that does; None if none does.
 
     Sets that do not are remembered in `given_up`, and not tried again. Winners that are nearly the same are not tried
-    together: they would run to large values that cancel.
+    together where they would run to large values that cancel.
     """
     sets = [[contest.field.candidates[k] for k in entry.members] for entry in contest.credible[:ATTEMPTS]]
     together = _winners(contest)
@@ -143,7 +143,8 @@ def _settled(
 
 def _are_apart(members: Sequence[Candidate]) -> bool:
     columns = np.concatenate([member.unit for member in members], axis=1)
-    return float(np.linalg.svd(columns, compute_uv=False)[-1]) > APART
+    least = float(np.linalg.svd(columns, compute_uv=False)[-1])
+    return least > APART or not any(member.effect.runs_off for member in members)
 
 
 def _part(

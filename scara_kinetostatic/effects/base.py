@@ -69,6 +69,7 @@ class Effect(ABC):
         betrays: the variable over which its residual is best looked at, a key of `variables.VARIABLES`.
         on_object: whether `place` belongs to the object rather than to the robot.
         searched: name of the parameter over which `trials` is a grid, such as a frequency; empty if there is none.
+        runs_off: whether it runs to large values beside a rival that is nearly the same, instead of sharing with it.
         scaled_by: names of those of the twelve parameters that the shift is proportional to.
     """
 
@@ -81,6 +82,7 @@ class Effect(ABC):
     betrays: ClassVar[str]
     on_object: ClassVar[bool] = False
     searched: ClassVar[str] = ''
+    runs_off: ClassVar[bool] = False
     scaled_by: ClassVar[tuple[str, ...]] = ()
 
     @property

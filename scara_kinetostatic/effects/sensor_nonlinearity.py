@@ -27,6 +27,7 @@ class SensorNonlinearity(SensorEffect):
     )
     reveal: ClassVar[str] = 'touches at many force levels, from very small to large, at many places'
     betrays: ClassVar[str] = 'magnitude'
+    runs_off: ClassVar[bool] = True
 
     def reading(self, force: Floats, values: Floats) -> Floats:
         return np.asarray(values[0] * self._per_rate(force))

@@ -48,6 +48,7 @@ class TransmissionError(Effect):
     reveal: ClassVar[str] = 'touches at many different angles of the joint, unevenly spaced, in both elbow postures'
     betrays: ClassVar[str] = 'angle'
     searched: ClassVar[str] = 'cycles'
+    runs_off: ClassVar[bool] = True
 
     @classmethod
     def of(cls, joint: int) -> TransmissionError:

@@ -70,6 +70,7 @@ class Unnamed(LinearEffect):
     hides_behind: ClassVar[str] = 'anything that depends on the same variable'
     reveal: ClassVar[str] = 'touches in which this variable changes while all others stay'
     betrays: ClassVar[str] = 'angle'
+    runs_off: ClassVar[bool] = True
 
     @property
     def label(self) -> str:
