@@ -10,9 +10,6 @@ from scara_kinetostatic.model.parameters import Parameters
 
 Floats = NDArray[np.float64]
 
-READING_STEP = 1e-5
-"""Step of the central difference over a force, as a part of it."""
-
 
 def misread(extension: Extension, parameters: Parameters, reported: Floats, by_reported: Floats) -> Floats:
     """What misread forces do to h by the parameters of the effects, (n, 2, k).
@@ -33,21 +30,12 @@ def misread(extension: Extension, parameters: Parameters, reported: Floats, by_r
 
 
 def unreading(extension: Extension, parameters: Parameters, reported: Floats) -> Floats:
-    """∂F/∂(reported F), (n, 2, 2), each in components along and across itself.
-
-    It is the inverse of ∂(reported F)/∂F, which is worked out by central differences.
-    """
+    """∂F/∂(reported F), (n, 2, 2), each in components along and across itself."""
     force = extension.unread(parameters, reported)
-    size = np.hypot(force[:, 0], force[:, 1])[:, None]
-    along = force / size
-    columns = []
-    for direction in (along, np.stack([-along[:, 1], along[:, 0]], axis=-1)):
-        step = READING_STEP * size * direction
-        up, down = (extension.read(parameters, force + sign * step) for sign in (1, -1))
-        columns.append(along_and_across((up - down) / (2 * READING_STEP * size), reported))
-    (a, c), (b, d) = (column.T for column in columns)
-    inverse = np.stack([np.stack([d, -b], axis=-1), np.stack([-c, a], axis=-1)], axis=-2)
-    return np.asarray(inverse / (a * d - b * c)[:, None, None])
+    matrix = extension.unreading(parameters, force)
+    unit = reported / np.hypot(reported[:, 0], reported[:, 1])[:, None]
+    columns = [matrix @ unit[:, :, None], matrix @ np.stack([-unit[:, 1], unit[:, 0]], axis=-1)[:, :, None]]
+    return np.stack([along_and_across(column[:, :, 0], force) for column in columns], axis=-1)
 
 
 def along_and_across(vectors: Floats, force: Floats) -> Floats:

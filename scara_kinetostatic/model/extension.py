@@ -23,11 +23,13 @@ FORCE_STEP = 1e-4
 TURN_STEP = 1e-5
 ROBOT_STEP = 1e-6
 """Step of the central difference over a parameter of the robot, in its unit; the shift is linear in it."""
-READING_PASSES = 60
+READING_PASSES = 12
+READING_STEP = 1e-5
+"""Step of the central difference over a force, as a part of it (of 1 N at least)."""
 READING_ROUNDING = 1e-15
-"""Change of a force at which it is found, as a part of the largest one."""
+"""What a true force may miss the reported one by, as a part of the largest one."""
 UNREADABLE = 1e-9
-"""The same, beyond which it is not found even in the end."""
+"""The same, beyond which there is none."""
 
 
 class Extension(NamedTuple):
@@ -84,17 +86,28 @@ class Extension(NamedTuple):
         return force + self._reading(parameters, force)
 
     def unread(self, parameters: Parameters, reported: Floats) -> Floats:
-        """The true forces behind what the sensor reports, (n, 2), N; NaN where the error is as large as the force."""
+        """The true forces behind what the sensor reports, (n, 2), N; NaN where there is none. By Newton's method."""
         if not self.reads:
             return reported
-        force, most = reported, READING_ROUNDING * np.abs(reported).max(initial=0.0)
-        with np.errstate(over='ignore', invalid='ignore'):
+        force, most = reported, np.abs(reported).max(initial=0.0)
+        with np.errstate(all='ignore'):
             for _ in range(READING_PASSES):
-                before, force = force, reported - self._reading(parameters, force)
-                moved = np.abs(force - before)
-                if not np.any(moved > most):
-                    return force
-        return np.where(moved <= UNREADABLE * np.abs(reported).max(), force, np.nan)
+                off = self.read(parameters, force) - reported
+                if not np.any(np.abs(off) > READING_ROUNDING * most):
+                    break
+                force = force - np.einsum('nij,nj->ni', self.unreading(parameters, force), off)
+            return np.where(np.abs(off) <= UNREADABLE * most, force, np.nan)
+
+    def unreading(self, parameters: Parameters, force: Floats) -> Floats:
+        """∂F/∂(reported F) at true forces (n, 2), (n, 2, 2): the inverse of what central differences give."""
+        step = READING_STEP * np.maximum(np.hypot(force[:, 0], force[:, 1]), 1.0)[:, None]
+        columns = [
+            (self.read(parameters, force + step * unit) - self.read(parameters, force - step * unit)) / (2 * step)
+            for unit in np.eye(2)
+        ]
+        (a, c), (b, d) = (column.T for column in columns)
+        inverse = np.stack([np.stack([d, -b], axis=-1), np.stack([-c, a], axis=-1)], axis=-2)
+        return np.asarray(inverse / (a * d - b * c)[:, None, None])
 
     @property
     def spread(self) -> float:
