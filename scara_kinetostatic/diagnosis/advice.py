@@ -11,10 +11,13 @@ from scara_kinetostatic.diagnosis.result import Found, Ranked
 from scara_kinetostatic.diagnosis.structure import Trace
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import Unnamed
+from scara_kinetostatic.model.parameters import NAMES
 
 LARGE_BEND = 5.0
 """Standard deviations by which an effect that is not found may bend one of the twelve before it is said."""
 FEW = 4
+VAGUE = 5.0
+"""Factor by which a standard deviation grows with other forms from which on it is said."""
 
 
 def unexplained(c: Calibration, found: Sequence[Trace]) -> str:
@@ -100,6 +103,17 @@ def other_frequencies(extended: Calibration, peaks: Sequence[Calibration]) -> st
                 f'standard deviations hold for all of them; to decide, record {effect.reveal}'
             )
     return joined(*sentences)
+
+
+def vague(extended: Calibration, widened: Calibration) -> str:
+    """Which of the twelve other forms and frequencies, that fit as well, leave open."""
+    names = [name for name, a, b in zip(NAMES, extended.std, widened.std, strict=True) if b > VAGUE * a]
+    if not names:
+        return ''
+    return (
+        f'{_few(names)} {"is" if len(names) == 1 else "are"} left open: what was found may go by another law that fits '
+        'these touches as well, and the standard deviations hold for those, too'
+    )
 
 
 def after_search(

@@ -16,7 +16,7 @@ from scara_kinetostatic.diagnosis import advice, noise_advice
 from scara_kinetostatic.diagnosis.candidates import Field
 from scara_kinetostatic.diagnosis.contest import CREDIBLE, rank_singles
 from scara_kinetostatic.diagnosis.deciding import Deciding, decide
-from scara_kinetostatic.diagnosis.forms import fit_other_forms, widened, with_free_zeros
+from scara_kinetostatic.diagnosis.forms import fit_other_forms, widened, widened_for_each, with_free_zeros
 from scara_kinetostatic.diagnosis.leaning import growing_p_value, lean_p_value, without_direction
 from scara_kinetostatic.diagnosis.peaks import fit_other_peaks
 from scara_kinetostatic.diagnosis.problem import Problem, pose_problem
@@ -120,8 +120,7 @@ def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
     rivals = _fit_rivals(found, c)
     extended = widened(found.extended, rivals)
     peaks = fit_other_peaks(found.extended, found.proved)
-    for other in (*fit_other_forms(found.extended), *peaks):
-        extended = widened(extended, [other])  # one by one: each is to lie within a standard deviation
+    extended = widened_for_each(extended, [*fit_other_forms(found.extended), *peaks])
     extended = with_free_zeros(extended, [extended, *rivals])
     described = _describe(found._replace(extended=extended), rivals)
     verdict = _verdict(found, described, after)
@@ -138,6 +137,7 @@ def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
         advice=advice.joined(
             advice.after_search(verdict, described, found.rivals, after.traces, known, _deciding(c, rivals)),
             advice.other_frequencies(found.extended, peaks),
+            advice.vague(found.extended, extended),
             noise_advice.large_noise(found.extended),
         ),
     )

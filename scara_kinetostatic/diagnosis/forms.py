@@ -23,10 +23,13 @@ from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.extension import split
 from scara_kinetostatic.model.law import Law
-from scara_kinetostatic.model.parameters import G_EE, NAMES, THETA1, THETA2, Parameters
+from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, P1, P2, P_EE, THETA1, THETA2, Parameters
 
 ZEROS = {'joint1': THETA1, 'joint2': THETA2, 'along': G_EE}
 """Which of the twelve a constant in a channel of an unnamed curve is."""
+STIFF = np.array([P_EE, P1, P2, G_EE, G1, G2])
+SIGNIFICANT = 3.0
+"""Standard deviations below zero from which on a compliance or a backlash is none."""
 
 
 def fit_other_forms(extended: Calibration) -> list[Calibration]:
@@ -57,7 +60,7 @@ def fit_variants(
     scale = max(1.0, extended.reduced_chi_square)
     most = story(extended, 0.0, scale) + CREDIBLE
     fits = [_with_variant(extended, *variant) for variant in variants]
-    return [fit for fit in fits if fit is not None and story(fit, 0.0, scale) < most]
+    return [fit for fit in fits if fit is not None and _is_physical(fit) and story(fit, 0.0, scale) < most]
 
 
 def _with_variant(extended: Calibration, effects: tuple[Law, ...], start: Parameters) -> Calibration | None:
@@ -68,6 +71,31 @@ def _with_variant(extended: Calibration, effects: tuple[Law, ...], start: Parame
     except UnsupportedDataError:
         return None
     return fit if fit.termination is Termination.CONVERGED else None
+
+
+def _is_physical(fit: Calibration) -> bool:
+    """Whether no compliance and no backlash is significantly negative: no robot is like that."""
+    values, std = fit.parameters.as_array()[STIFF], fit.std[STIFF]
+    return not np.any(values < -SIGNIFICANT * std)
+
+
+def widened_for_each(extended: Calibration, others: Sequence[Calibration]) -> Calibration:
+    """The extended model with sigmas within one of which each other fit lies, the farthest first."""
+    count = len(NAMES)
+
+    def far(other: Calibration) -> float:
+        off = other.parameters.as_array()[:count] - extended.parameters.as_array()[:count]
+        return float(np.nanmax(np.abs(off) / np.where(extended.std > 0, extended.std, np.inf), initial=0.0))
+
+    wide = extended
+    for other in sorted(others, key=far, reverse=True):
+        off = np.abs(other.parameters.as_array() - extended.parameters.as_array())
+        alike = other.cell.effects == extended.cell.effects
+        std = np.concatenate([wide.std, wide.extra_std])
+        beyond = off > np.where(std > 0, std, np.inf)
+        if beyond[: len(std) if alike else count].any():
+            wide = widened(wide, [other])
+    return wide
 
 
 def widened(extended: Calibration, others: Sequence[Calibration]) -> Calibration:

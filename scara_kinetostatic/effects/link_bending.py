@@ -10,7 +10,7 @@ import numpy as np
 from scara_kinetostatic.effects.base import LinearEffect, Parameter
 from scara_kinetostatic.model.law import Shift, Situation
 
-HINGES = (0.2, 0.35, 0.5, 0.65, 0.8)
+HINGES = (0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.75, 0.8)
 """Where a link that bends at one place may do so."""
 
 
