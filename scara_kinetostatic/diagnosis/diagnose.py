@@ -116,26 +116,31 @@ def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
             ranking=ranking,
             advice=text,
         )
+    return _extend(Diagnosis('explained', p_value, traces=before.traces, ranking=ranking), c, found, known)
+
+
+def _extend(base: Diagnosis, calibration: Calibration, found: Search, known: tuple[Effect, ...]) -> Diagnosis:
+    """A diagnosis with what was found: the verdict, the extended model with its standard deviations, advice."""
+    assert found.extended is not None
     after = adequacy(found.extended)
-    rivals = _fit_rivals(found, c)
+    rivals = _fit_rivals(found, calibration)
     extended = widened(found.extended, rivals)
     peaks = fit_other_peaks(found.extended, found.proved)
     extended = widened_for_each(extended, [*fit_other_forms(found.extended), *peaks])
     extended = with_free_zeros(extended, [extended, *rivals])
     described = _describe(found._replace(extended=extended), rivals)
     verdict = _verdict(found, described, after)
-    return Diagnosis(
+    deciding = _deciding(calibration, rivals)
+    return replace(
+        base,
         verdict=verdict,
-        p_value=p_value,
         found=described,
         rivals=found.rivals,
         extended=extended,
-        traces=before.traces,
         remaining=after.traces,
         remaining_p_value=after.p_value,
-        ranking=ranking,
         advice=advice.joined(
-            advice.after_search(verdict, described, found.rivals, after.traces, known, _deciding(c, rivals)),
+            advice.after_search(verdict, described, found.rivals, after.traces, known, deciding),
             advice.other_frequencies(found.extended, peaks),
             advice.vague(found.extended, extended),
             noise_advice.large_noise(found.extended),
