@@ -57,7 +57,7 @@ setup(
     zip_safe=False,
     entry_points={
         'console_scripts': [
-            f'scara-kinetostatic = {NAME}.cli.main:main',
+            f'scara-kinetostatic = {NAME}.cli.main:command',
             f'contact_simulator = {NAME}.nodes.contact_simulator:main',
             f'collector = {NAME}.nodes.collector:main',
             f'calibrator = {NAME}.nodes.calibrator:main',

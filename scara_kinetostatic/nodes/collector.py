@@ -36,6 +36,8 @@ from scara_kinetostatic.nodes.stream_subscription import StreamSubscription
 
 POLL = 0.1
 """Between two looks for finished touches, s."""
+REST = 0.005
+"""Between two callbacks, s: messages of 1 kHz are taken ten at a time."""
 PERSISTENT = 3
 """So many reports in a row complain of the same before it is logged, too."""
 
@@ -213,7 +215,7 @@ class Collector(Node):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Runs the node; see `runtime.run` for the exit status."""
-    return run(Collector, args)
+    return run(Collector, args, rest=REST)
 
 
 if __name__ == '__main__':
