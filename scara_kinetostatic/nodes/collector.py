@@ -61,12 +61,14 @@ class Collector(Node):
             Stream.WRENCH: StreamMonitor(sensor.wrench),
         }
         self._session: Session | None = None
+        self._lost_before = 0
         self._failure = ''
         self._complaint, self._complained = '', 0
         self._touches = self.create_publisher(UInt32, '~/touches', LATCHED)
         self._recording = self.create_publisher(String, '~/recording', LATCHED)
-        StreamSubscription(self, JointState, sensor.joint_states, partial(self._receive, Stream.JOINTS))
-        StreamSubscription(self, WrenchStamped, sensor.wrench, partial(self._receive, Stream.WRENCH))
+        for stream, kind in ((Stream.JOINTS, JointState), (Stream.WRENCH, WrenchStamped)):
+            monitor = self._monitors[stream]
+            StreamSubscription(self, kind, monitor.topic, partial(self._receive, stream), monitor.lose)
         self.create_service(Trigger, '~/start', self._start)
         self.create_service(Trigger, '~/stop', self._stop)
         self.create_timer(POLL, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -118,6 +120,7 @@ class Collector(Node):
             raise ParameterError('parameter use_sim_time', 'it is set, but nothing comes on /clock', 'publish /clock')
         parent = declare.place('output', str(self.get_parameter('output').value)).absolute()
         self._session = Session(parent, self._cell, now)
+        self._lost_before = self._lost()
         self._autostart = False
         self._failure = ''
         self._touches.publish(UInt32(data=0))
@@ -134,7 +137,12 @@ class Collector(Node):
             self._fail(error)
             return f'{session.folder}: {error}'
         self._touches.publish(UInt32(data=session.touches))
-        return f'{session.touches} touches ({session.rejected} more rejected) in {session.folder}'
+        lost = self._lost() - self._lost_before
+        loss = f'; {lost} messages were lost on the way' if lost else ''
+        return f'{session.touches} touches ({session.rejected} more rejected) in {session.folder}{loss}'
+
+    def _lost(self) -> int:
+        return sum(monitor.lost for monitor in self._monitors.values())
 
     def _fail(self, error: Exception) -> None:
         """Gives up the recording, keeps the node."""
@@ -186,8 +194,11 @@ class Collector(Node):
             self.get_logger().info(line)
 
     def _report(self) -> Condition:
-        """The condition; what is wrong for some time goes to the log once, for those who do not watch diagnostics."""
-        condition = self._examine()
+        """The condition; losses, and what is wrong for some time, go to the log, too."""
+        losses = [loss for monitor in self._monitors.values() if (loss := monitor.loss())]
+        for loss in losses:
+            self.get_logger().warning(loss)
+        condition = self._examine(losses)
         complaint = condition.message if condition.level == WARN else ''
         self._complained = self._complained + 1 if complaint == self._complaint else 1
         self._complaint = complaint
@@ -195,9 +206,9 @@ class Collector(Node):
             self.get_logger().warning(complaint)
         return condition
 
-    def _examine(self) -> Condition:
+    def _examine(self, losses: Sequence[str] = ()) -> Condition:
         values: dict[str, str] = {}
-        complaints = []
+        complaints = list(losses)
         for monitor in self._monitors.values():
             rate = monitor.rate()
             values |= monitor.details(rate)

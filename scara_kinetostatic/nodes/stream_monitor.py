@@ -15,6 +15,7 @@ class StreamMonitor:
         topic: its name.
         count: messages so far.
         unusable: messages so far that did not hold what is needed.
+        lost: messages so far that were published but did not come.
         problem: what the last of these lacked; empty once a good message has come. Where good and unusable ones
             alternate (several drivers publish joint states on one topic), there is none.
     """
@@ -23,8 +24,10 @@ class StreamMonitor:
         self.topic = topic
         self.count = 0
         self.unusable = 0
+        self.lost = 0
         self.problem = ''
         self._counted = 0
+        self._told = 0
         self._accepted = False
         self._since = monotonic()
 
@@ -41,6 +44,17 @@ class StreamMonitor:
         if not self._accepted:
             self.problem = problem
 
+    def lose(self, number: int) -> None:
+        """Notes messages that will never come."""
+        self.lost += number
+
+    def loss(self) -> str:
+        """What was lost since the last call, in words; empty if nothing."""
+        number, self._told = self.lost - self._told, self.lost
+        if not number:
+            return ''
+        return f'{self.topic}: {number} messages lost on the way; this machine or the network is too busy'
+
     def rate(self) -> float:
         """Messages per second since the last call."""
         now = monotonic()
@@ -54,6 +68,7 @@ class StreamMonitor:
             f'{self.topic}: rate [Hz]': f'{rate:.1f}',
             f'{self.topic}: messages': str(self.count),
             f'{self.topic}: unusable': str(self.unusable),
+            f'{self.topic}: lost': str(self.lost),
         }
 
     def complaint(self, rate: float, expected: bool) -> str:

@@ -12,6 +12,7 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from scara_kinetostatic.nodes.qos import BEST_EFFORT_STREAM, RELIABLE_STREAM
+from scara_kinetostatic.nodes.sequence import SequenceMonitor
 
 MOST_AT_ONCE = 200
 """Messages taken in one go, so that services and timers get their turn."""
@@ -31,13 +32,23 @@ class StreamSubscription:
         message_type: of the topic.
         topic: its name.
         callback: gets each message as its serialized bytes (CDR).
+        lost: told how many messages are missing before one, where the middleware numbers them.
     """
 
-    def __init__(self, node: Node, message_type: type, topic: str, callback: Callable[[bytes], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        message_type: type,
+        topic: str,
+        callback: Callable[[bytes], None],
+        lost: Callable[[int], None],
+    ) -> None:
         self._node = node
         self._message_type = message_type
         self._topic = topic
         self._callback = callback
+        self._lost = lost
+        self._sequence = SequenceMonitor(lambda: self._subscription.get_publisher_count())
         self._retry: Timer | None = None
         self._subscription = self._subscribe(RELIABLE_STREAM, SubscriptionEventCallbacks(incompatible_qos=self._notice))
 
@@ -46,14 +57,20 @@ class StreamSubscription:
             self._message_type, self._topic, self._receive, profile, event_callbacks=events, raw=True
         )
 
-    def _receive(self, message: bytes) -> None:
-        self._callback(message)
+    def _receive(self, message: bytes, info: dict[str, Any]) -> None:
+        self._take(message, info)
         with self._subscription.handle:
             for _ in range(MOST_AT_ONCE):
                 taken = self._subscription.handle.take_message(self._message_type, True)
                 if taken is None:
                     return
-                self._callback(taken[0])
+                self._take(*taken)
+
+    def _take(self, message: bytes, info: dict[str, Any]) -> None:
+        missed = self._sequence.missed(info.get('publication_sequence_number'))
+        if missed:
+            self._lost(missed)
+        self._callback(message)
 
     def _notice(self, event: Any) -> None:
         policy = qos_policy_name_from_kind(event.last_policy_kind)

@@ -12,11 +12,12 @@ from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.nodes import conversion
+from scara_kinetostatic.nodes import conversion, stream_subscription
 from scara_kinetostatic.nodes.calibrator import Calibrator
 from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
 from scara_kinetostatic.nodes.collector import Collector
@@ -24,6 +25,8 @@ from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.qos import RELIABLE_STREAM
+from scara_kinetostatic.nodes.sequence import SequenceMonitor
+from scara_kinetostatic.nodes.session import Stream
 from scara_kinetostatic.recording.reader import read_streams
 
 WAIT = 15.0
@@ -129,3 +132,56 @@ def test_calls_that_overlap_are_answered_one_by_one(
     assert sum(answer.success for answer in answers) == 1
     assert sum('recording already' in answer.message for answer in answers) == 4
     assert len(list(tmp_path.glob('touches_*'))) == 1
+
+
+def test_messages_that_were_lost_are_said(
+    spin: Callable[..., Node], client: DemoClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shallow = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+    monkeypatch.setattr(stream_subscription, 'RELIABLE_STREAM', shallow)
+    collector = spin(Collector, '--ros-args', '-p', f'output:={tmp_path}')
+    client.call('/collector/start', Trigger, Trigger.Request(), WAIT)
+    publisher = collector.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
+    assert eventually(lambda: publisher.get_subscription_count() > 0)
+    sleep(0.3)
+    monitor = collector._monitors[Stream.JOINTS]
+
+    def publish(stamp: int) -> None:
+        message = JointState(name=['joint1', 'joint2'], position=[0.1, 0.2])
+        message.header.stamp = conversion.stamp_of(stamp * 1_000_000)
+        publisher.publish(message)
+
+    def busy() -> None:
+        timer.cancel()
+        for stamp in range(1, 101):
+            publish(stamp)
+        sleep(0.5)
+
+    publish(0)
+    assert eventually(lambda: monitor.count == 1)
+    timer = collector.create_timer(0.0, busy)
+    assert eventually(lambda: monitor.count > 1)
+    assert eventually(lambda: monitor.lost + monitor.count == 101)
+    assert monitor.lost >= 80
+    loss = monitor.loss()
+    assert loss == '' or f'{monitor.lost} messages lost' in loss  # '' if it was reported meanwhile
+    answer = client.call('/collector/stop', Trigger, Trigger.Request(), WAIT)
+    assert f'{monitor.lost} messages were lost' in answer.message
+
+
+@pytest.mark.parametrize(
+    ('publishers', 'numbers', 'missed'),
+    [
+        (1, [1, 2, 3, 4], [0, 0, 0, 0]),
+        (1, [7, 8, 12, 13], [0, 0, 3, 0]),
+        (1, [98, 99, 1, 2, 4], [0, 0, 0, 0, 1]),  # started anew
+        (1, [8, 9, 5, 6, 9], [0, 0, 0, 0, 2]),  # started anew, and heard late
+        (2, [50, 1, 51, 2, 52, 4, 54, 55], [0, 0, 0, 0, 0, 1, 1, 0]),
+        (2, [5, 5, 6, 6, 8, 7], [0, 0, 0, 0, 1, 0]),
+        (0, [1, 2, 4], [0, 0, 1]),  # gone, its messages still wait
+        (1, [None, 0, 0], [0, 0, 0]),  # a middleware without numbers
+    ],
+)
+def test_gaps_in_the_numbers_of_messages(publishers: int, numbers: list[int | None], missed: list[int]) -> None:
+    monitor = SequenceMonitor(lambda: publishers)
+    assert [monitor.missed(number) for number in numbers] == missed
