@@ -20,7 +20,9 @@ from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.recording.raw import Batch, Batches, Source, Topic, reading, ros_topic
 
 METADATA = 'metadata.yaml'
-MAX_METADATA = 1 << 26
+MAX_METADATA = 1 << 24
+MAX_DEPTH = 32
+"""Levels of nesting in the metadata; rosbag2 writes eight at most."""
 _STORED = re.compile(r'.+\.(mcap|db3)(\.zstd)?\Z')
 _PIECE = re.compile(r'\.?(?P<stem>.+_piece)_(?P<number>[0-9]+)\.mcap(\.part)?\Z')
 
@@ -159,12 +161,25 @@ def _contents(metadata: Path) -> tuple[list[str], dict[str, int]]:
     """File names in the metadata (old versions prefix the folder) and the number of messages by topic."""
     if metadata.stat().st_size > MAX_METADATA:
         raise ValueError('too large')
-    loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
-    data: Any = yaml.load(metadata.read_text('utf-8'), Loader=loader)
-    data = data['rosbag2_bagfile_information']
-    names = [PurePosixPath(name).name for name in data['relative_file_paths']]
+    data = _words(metadata.read_text('utf-8'))['rosbag2_bagfile_information']
+    names = list(dict.fromkeys(PurePosixPath(name).name for name in data['relative_file_paths']))
     topics = data['topics_with_message_count']
     return names, {ros_topic(item['topic_metadata']['name']): int(item['message_count']) for item in topics}
+
+
+def _words(text: str) -> Any:
+    """YAML with every scalar left as it is written: no merge key is followed, no number worked out. The composer
+    calls itself for every level, so that the levels are counted beforehand.
+    """
+    loader = getattr(yaml, 'CBaseLoader', yaml.BaseLoader)
+    depth = 0
+    for event in yaml.parse(text, Loader=loader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > MAX_DEPTH:
+            raise ValueError(f'nested deeper than {MAX_DEPTH}')
+        if isinstance(event, yaml.AliasEvent):
+            raise ValueError('aliases are not allowed')
+    return yaml.load(text, Loader=loader)
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

@@ -52,7 +52,8 @@ def _streams(path: str | Path, cell: Cell) -> Streams:
         source = open_recording(path)
         for batch in source.batches(types):
             if batch.topic.msgtype == types[batch.topic.name] and batch.topic.encoding in _ENCODINGS:
-                decoders[batch.topic.name].add(inflate_messages(batch))
+                for portion in inflate_messages(batch):
+                    decoders[batch.topic.name].add(portion)
         warnings = list(source.warnings)
         streams = {topic: decoder.samples() for topic, decoder in decoders.items()}
         for topic, samples in streams.items():
@@ -77,7 +78,7 @@ def _cell(path: str | Path) -> Cell | None:
     with reading(path), closing(open_recording(path).batches({CELL_TOPIC})) as batches:
         for batch in batches:
             if batch.topic.msgtype == STRING and batch.topic.encoding in _ENCODINGS:
-                text = decode_string(inflate_messages(batch).payload(0), batch.topic.encoding)
+                text = decode_string(next(inflate_messages(batch)).payload(0), batch.topic.encoding)
                 return parse_cell(text, f'{path}: {CELL_TOPIC}')
     return None
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import stat
 import tempfile
 from collections.abc import Collection
@@ -13,7 +12,7 @@ import zstandard
 
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.recording.bag_folder import BagFolder
-from scara_kinetostatic.recording.inflate import ZSTD_MAGIC
+from scara_kinetostatic.recording.inflate import ZSTD_MAGIC, unpack
 from scara_kinetostatic.recording.mcap_checksum import MAGIC as MCAP_MAGIC
 from scara_kinetostatic.recording.mcap_file import McapFile
 from scara_kinetostatic.recording.raw import Batches, Source, Topic, reading
@@ -105,7 +104,7 @@ class _Unpacked:
             plain = Path(folder) / self.path.stem
             with zstandard.open(self.path, 'rb') as packed, plain.open('wb') as unpacked:
                 try:
-                    shutil.copyfileobj(packed, unpacked, 1 << 20)
+                    unpack(packed, unpacked, self.path.stat().st_size)
                 except zstandard.ZstdError as error:
                     self.warnings.append(f'{self.path.name} breaks off ({error}): read as far as it goes')
             yield from self._read(plain, wanted)

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
 from collections.abc import Collection, Iterator
 from contextlib import closing
 from pathlib import Path
 
 from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.recording.inflate import LARGEST_MESSAGE
 from scara_kinetostatic.recording.raw import BATCH, Batch, Batches, Topic, ros2_type, ros_topic
 
 _SMALL = 1 << 30
 """So large a file is checked as a whole, bytes; a larger one holds other things than these messages."""
+
+_CAREFUL = ('PRAGMA trusted_schema = OFF', 'PRAGMA ignore_check_constraints = ON')
+"""Expressions that stand in the schema of a file may neither call what has effects nor be checked at length."""
+_TABLES = "SELECT name, sql FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')"
 
 
 class SqliteFile:
@@ -74,6 +80,8 @@ class SqliteFile:
             database = sqlite3.connect(f'{uri}?{mode}', uri=True)
             database.text_factory = lambda text: text.decode('utf-8', 'replace')
             try:
+                for setting in _CAREFUL:
+                    database.execute(setting)
                 database.execute('SELECT count(*) FROM sqlite_master').fetchone()
             except sqlite3.Error as error:
                 database.close()
@@ -83,15 +91,16 @@ class SqliteFile:
         raise RecordingError(self.path, f'the database cannot be opened: {last}', 'record it again') from last
 
     def _read_topics(self, database: sqlite3.Connection) -> None:
-        tables = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')"
-        if database.execute(tables).fetchone()[0] != 2:
+        tables = database.execute(_TABLES).fetchall()
+        if len(tables) != 2 or not all(_stored(database, name, str(sql)) for name, sql in tables):
             raise RecordingError(self.path, 'this database is no recording', 'expected the tables of rosbag2')
         rows = database.execute('SELECT id, name, type, serialization_format FROM topics ORDER BY id')
         for key, name, msgtype, encoding in rows:
             self._topics[key] = Topic(ros_topic(str(name)), ros2_type(str(msgtype)), str(encoding))
 
     def _read_messages(self, database: sqlite3.Connection, key: int, topic: Topic) -> Iterator[Batch]:
-        cursor = database.execute('SELECT timestamp, data FROM messages WHERE topic_id = ? ORDER BY id', (key,))
+        data = f'CASE WHEN length(data) <= {LARGEST_MESSAGE} THEN data END'
+        cursor = database.execute(f'SELECT timestamp, {data} FROM messages WHERE topic_id = ? ORDER BY id', (key,))
         while True:
             try:
                 rows = cursor.fetchmany(BATCH)
@@ -102,3 +111,9 @@ class SqliteFile:
                 return
             times = [time if isinstance(time, int) else 0 for time, _ in rows]
             yield Batch.from_payloads(topic, times, [data if isinstance(data, bytes) else b'' for _, data in rows])
+
+
+def _stored(database: sqlite3.Connection, table: str, sql: str) -> bool:
+    """Whether all of a table stands in the file: a virtual table or a generated column is worked out on reading."""
+    hidden = [column[6] for column in database.execute(f'PRAGMA table_xinfo({table})')]
+    return not any(hidden) and not re.match(r'create\s+virtual', sql, re.IGNORECASE)

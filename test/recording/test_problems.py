@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import os
+import sqlite3
+import tracemalloc
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
+import zstandard
 from mcap.writer import CompressionType
 from recording.forms import (
     CELL,
@@ -25,6 +30,7 @@ from recording.forms import (
 
 from scara_kinetostatic.errors import CellError, RecordingError
 from scara_kinetostatic.model.cell import Cell, Sensor
+from scara_kinetostatic.recording import inflate
 from scara_kinetostatic.recording.encoding import joint_state_messages, string_message
 from scara_kinetostatic.recording.raw import JOINT_STATE, WRENCH_STAMPED
 from scara_kinetostatic.recording.reader import embedded_cell, read_streams
@@ -291,3 +297,87 @@ def test_a_record_of_giant_length(tmp_path: Path) -> None:
     content[9:17] = b'\xff' * 8
     (tmp_path / 'a.mcap').write_bytes(content)
     assert 'breaks off after 8 bytes' in refused(tmp_path / 'a.mcap')
+
+
+DEEP = 'rosbag2_bagfile_information: ' + 50_000 * '[' + 50_000 * ']'
+MERGED = ''.join(f'a{n + 1}: &a{n + 1} {{<<: [*a{n}, *a{n}]}}\n' for n in range(40))
+DIGITS = 'big: ' + ':'.join(200_000 * ['59']) + '\n'
+
+
+@pytest.mark.parametrize(
+    ('head', 'warning'),
+    [
+        (DEEP, ('metadata.yaml cannot be read (nested deeper than 32): the files of the folder were read in order',)),
+        (
+            'a0: &a0 {x: 1}\n' + MERGED,
+            ('metadata.yaml cannot be read (aliases are not allowed): the files of the folder were read in order',),
+        ),
+        (DIGITS, ()),
+    ],
+)
+def test_metadata_that_would_take_the_stack_or_all_time(
+    tmp_path: Path, cell: Cell, streams: Streams, head: str, warning: tuple[str, ...]
+) -> None:
+    write_streams(tmp_path / 'bag', streams, cell)
+    metadata = tmp_path / 'bag/metadata.yaml'
+    metadata.write_text(head + ('' if head is DEEP else metadata.read_text()))
+    read = read_streams(tmp_path / 'bag', cell)
+    assert_same(read, streams)
+    assert read.warnings == warning
+
+
+class _WithoutAliases(yaml.SafeDumper):
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+
+def test_a_file_that_is_listed_twice_is_read_once(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    write_streams(tmp_path / 'bag', streams, cell)
+    metadata = tmp_path / 'bag/metadata.yaml'
+    document = yaml.safe_load(metadata.read_text())
+    document['rosbag2_bagfile_information']['relative_file_paths'] *= 2
+    metadata.write_text(yaml.dump(document, Dumper=_WithoutAliases))
+    read = read_streams(tmp_path / 'bag', cell)
+    assert_same(read, streams)
+    assert read.warnings == ()
+
+
+@pytest.mark.parametrize(
+    'schema',
+    [
+        'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, data AS (zeroblob(500000000)) VIRTUAL)',
+        'CREATE VIRTUAL TABLE messages USING fts5(id, topic_id, timestamp, data)',
+        'CREATE VIEW messages AS SELECT 1 AS id, 1 AS topic_id, 0 AS timestamp, zeroblob(500000000) AS data',
+    ],
+)
+def test_a_database_whose_messages_would_be_worked_out_on_reading(tmp_path: Path, schema: str) -> None:
+    with closing(sqlite3.connect(tmp_path / 'a.db3')) as database:
+        database.execute('CREATE TABLE topics(id INTEGER PRIMARY KEY, name, type, serialization_format)')
+        database.execute(f"INSERT INTO topics VALUES (1, '/joint_states', '{JOINT_STATE}', 'cdr')")
+        database.execute(schema)
+        if 'VIRTUAL)' in schema:
+            database.executemany('INSERT INTO messages VALUES (?, 1, 0)', [(number,) for number in range(50)])
+        database.commit()
+    assert 'this database is no recording' in refused(tmp_path / 'a.db3')
+
+
+def test_messages_that_decompress_to_far_more_than_a_message_are_dropped(tmp_path: Path, streams: Streams) -> None:
+    items = messages(streams)
+    bomb = zstandard.compress(bytes(1 << 24))
+    spoilt = [zstandard.compress(item.payload) if number % 2 else bomb for number, item in enumerate(items)]
+    packed = [item._replace(payload=payload) for item, payload in zip(items, spoilt, strict=True)]
+    write_mcap(tmp_path / 'a.mcap', packed, compression=CompressionType.ZSTD)
+    tracemalloc.start()
+    read = read_streams(tmp_path / 'a.mcap', CELL)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    kept = len(read.joints.stamp) + len(read.wrench.stamp)
+    assert kept == len(items) // 2
+    assert any(f'{CELL.sensor.wrench}: ' in warning and 'dropped' in warning for warning in read.warnings)
+    assert peak < 1 << 28
+
+
+def test_a_file_that_unpacks_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(inflate, 'LEAST_ALLOWED', 1 << 20)
+    (tmp_path / 'a.db3.zstd').write_bytes(zstandard.compress(b'SQLite format 3\0' + bytes(1 << 24)))
+    assert 'unpacks to more than a recording would' in refused(tmp_path / 'a.db3.zstd')
