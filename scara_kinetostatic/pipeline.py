@@ -157,7 +157,7 @@ def _calibrated(
     try:
         return calibrate(detection.touches, cell, fixed=fixed)
     except UnsupportedDataError as error:
-        trouble = UnsupportedDataError(f'{names}: {error.problem}', error.remedy)
+        trouble = UnsupportedDataError(f'{names}: {error.problem}{_lost(detection)}', error.remedy)
         if cell.noise is not None:
             raise trouble from error
     try:  # an effect so large that, taken for noise, it hides everything
@@ -168,6 +168,14 @@ def _calibrated(
     if diagnose(calibration).verdict != 'explained':
         raise trouble
     return calibration
+
+
+def _lost(detection: Detection) -> str:
+    """What became of the other touches, where most of those found cannot be used."""
+    if len(detection.rejected) <= len(detection.touches):
+        return ''
+    first, lost = detection.rejected[0], len(detection.rejected)
+    return f'; {lost} of {detection.found} found were rejected, the first, touch {first.index}: {first.reason}'
 
 
 def _settled(found: Calibration, paths: Sequence[str | Path]) -> Calibration:

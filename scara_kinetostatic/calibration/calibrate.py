@@ -55,7 +55,7 @@ def calibrate(
     names = [*NAMES, *('effect' for _ in start.extra)]
     free = np.array([j for j, name in enumerate(names) if name not in fixed], dtype=np.intp)
     touches, left_out = _leave_out(touches, cell)
-    check_number(len(touches), len(free))
+    check_number(len(touches), len(free), [item.reason for item in left_out])
     observations = observe(touches, cell)
     check_plausible(observations, cell)
     try:
@@ -85,7 +85,8 @@ def _leave_out(touches: TouchSet, cell: Cell) -> tuple[TouchSet, list[Rejection]
     magnitude = np.hypot(touches.force[:, 0], touches.force[:, 1])
     least = FAINTEST * cell.noise.force if cell.noise else NO_FORCE
     for k in np.flatnonzero(magnitude <= least):
-        reasons[int(k)] = f'presses with {magnitude[k]:.2g} N only: its direction is noise'
+        noise = f' of {cell.noise.force:.2g} N' if cell.noise else ''
+        reasons[int(k)] = f'presses with {magnitude[k]:.2g} N only: its direction is noise{noise}'
     earlier = _earlier_twins(np.concatenate([touches.joints, touches.force], axis=1))
     for k in np.flatnonzero(earlier != np.arange(len(touches))):
         reasons.setdefault(int(k), f'the same reading as touch {touches.index[earlier[k]]}, to the last bit')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -77,13 +78,34 @@ class Estimate(NamedTuple):
     iterations: int
 
 
-def check_number(touches: int, parameters: int) -> None:
-    """Whether there are more equations than parameters."""
+def check_number(touches: int, parameters: int, left_out: Sequence[str] = ()) -> None:
+    """Whether there are more equations than parameters.
+
+    Args:
+        touches: how many there are.
+        parameters: how many are free.
+        left_out: why others were left out beforehand.
+
+    Raises:
+        UnsupportedDataError: too few touches.
+    """
     needed = parameters // 2 + 1
     if touches < needed:
+        problem = f'{touches} touches give {2 * touches} equations, too few for {parameters} parameters'
+        remedy = f'record {needed} touches at the very least, 36 or more for a good result'
+        if left_out:
+            problem += f'; {len(left_out)} were left out, the first: {left_out[0]}'
+            remedy = f'check the noise in the cell description, or {remedy}'
+        raise UnsupportedDataError(problem, remedy)
+
+
+def _check_left(good: NDArray[np.bool_], parameters: int, noise: Noise) -> None:
+    """Whether the touches that fit are enough."""
+    if int(good.sum()) < parameters // 2 + 1:
         raise UnsupportedDataError(
-            f'{touches} touches give {2 * touches} equations, too few for {parameters} parameters',
-            f'record {needed} touches at the very least, 36 or more for a good result',
+            f'{int(good.sum())} of {len(good)} touches fit a model at a noise of {noise.joint:.2g} rad per joint and '
+            f'{noise.force:.2g} N, too few for {parameters} parameters',
+            'check the noise in the cell description, the places of the discs, frame, sign and axes of the sensor',
         )
 
 
@@ -151,7 +173,7 @@ def estimate(
             subspace, unseen = restrict(everything, now_unseen), now_unseen
             parameters = subspace.project(parameters)
         used, noise, stage = good, renewed, FINAL
-        check_number(int(used.sum()), subspace.basis.shape[1])
+        _check_left(good, subspace.basis.shape[1], noise)
     return Estimate(fit, used, noise, subspace, unseen, distance, iterations)
 
 

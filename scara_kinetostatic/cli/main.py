@@ -12,6 +12,7 @@ import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
+from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
@@ -72,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 done; 2 the command or an input is wrong; 3 the data cannot support a calibration;
         130 interrupted by Ctrl-C; 143 by SIGTERM; 141 the reader of stdout went away; 1 a bug.
     """
-    _never_fail_on_a_character()
+    _settle_streams()
     debug = bool(os.environ.get(DEBUG))
     try:
         with _Termination(), _rare_collections():
@@ -93,9 +94,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _say('terminated', TERMINATED)
     except BrokenPipeError:
         return _reader_gone()
+    except OSError as error:
+        return _complain_of_bug(error, debug) if error.filename else _unwritable(error)
     except Exception as error:
-        remedy = f'please report it with what {PROGRAM} --debug … prints'
-        return _complain(f'internal error, {type(error).__name__}: {error}; {remedy}', INTERNAL, debug)
+        return _complain_of_bug(error, debug)
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -142,8 +144,11 @@ def _terminate(number: int, frame: FrameType | None) -> NoReturn:
     raise _TerminatedError
 
 
-def _never_fail_on_a_character() -> None:
-    """A terminal without ± gets a question mark, not an exception."""
+def _settle_streams() -> None:
+    """What is written to a closed stream goes nowhere; a terminal without ± gets a question mark, not an exception."""
+    for name in ('stdout', 'stderr'):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open('w', encoding='utf-8'))  # noqa: SIM115  to the end of the process
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, 'reconfigure'):
             stream.reconfigure(errors='replace')
@@ -153,6 +158,11 @@ def _complain(error: object, status: int, debug: bool) -> int:
     if debug:
         traceback.print_exc()
     return _say(error, status)
+
+
+def _complain_of_bug(error: Exception, debug: bool) -> int:
+    remedy = f'please report it with what {PROGRAM} --debug … prints'
+    return _complain(f'internal error, {type(error).__name__}: {error}; {remedy}', INTERNAL, debug)
 
 
 def _say(what: object, status: int) -> int:
@@ -166,13 +176,26 @@ def _flushed(status: int) -> int:
         sys.stdout.flush()
     except BrokenPipeError:
         return _reader_gone()
+    except OSError as error:
+        return _unwritable(error)
     return status
 
 
 def _reader_gone() -> int:
-    """As in `… | head`: what is still to be flushed at exit goes nowhere."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    """As in `… | head`."""
+    _forget_stdout()
     return BROKEN_PIPE
+
+
+def _unwritable(error: OSError) -> int:
+    """As in `… > /dev/full`: an error without a file is one of a stream."""
+    _forget_stdout()
+    return _say(f'stdout cannot be written: {error.strerror}; results in files are not concerned', WRONG_INPUT)
+
+
+def _forget_stdout() -> None:
+    """What is still to be flushed at exit goes nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 if __name__ == '__main__':

@@ -42,6 +42,8 @@ def place(name: str, path: str) -> Path:
     Raises:
         ParameterError: the home of an unknown user, say.
     """
+    if not path.isprintable():
+        raise ParameterError(f'parameter {name}', f'{path!r} holds control characters', 'give a plain path')
     try:
         return Path(path).expanduser()
     except RuntimeError as error:

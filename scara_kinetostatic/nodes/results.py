@@ -16,6 +16,7 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, UNITS
 from scara_kinetostatic.report import effect_parameters
 from scara_kinetostatic.report.effect_parameters import EffectParameter
@@ -43,6 +44,7 @@ class ResultParameters:
 
     Raises:
         InvalidParameterTypeException: such a value is not a real number.
+        ParameterError: one of the twelve is not finite.
     """
 
     def __init__(self, node: Node) -> None:
@@ -50,8 +52,11 @@ class ResultParameters:
         self._writer: int | None = None
         for full, description in DECLARED.items():
             self._declare(full, description)
-            if node.get_parameter_or(full).type_ == Parameter.Type.NOT_SET:
+            given = node.get_parameter_or(full)
+            if given.type_ == Parameter.Type.NOT_SET:
                 node.undeclare_parameter(full)
+            elif full.startswith(f'{VALUE}.') and not np.isfinite(given.value):
+                raise ParameterError(f'parameter {full}', f'expected a finite number, got {given.value}')
         self._effects = [full for full in node._parameter_overrides if full.startswith(EFFECTS)]
         for full in self._effects:
             self._declare(full, 'of an effect beyond the twelve parameters')

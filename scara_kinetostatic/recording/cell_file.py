@@ -36,6 +36,9 @@ CELL_TOPIC = '/cell_description'
 _TOPIC = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*\Z')
 _LARGEST = {'m': 100.0, 'rad': 2 * math.pi, 'm/N': 1.0, 'rad/Nm': 1.0}
 _HINT = {'m': 'lengths are in m, not mm', 'rad': 'angles are in rad, not degrees'}
+_BELIEVABLE = ((1e-9, 1e-2), (1e-6, 100.0))
+"""Noise of one touch, from and to: joint angle, rad, and force, N."""
+_LONGEST_NAME = 200
 _E = TypeVar('_E', bound=Enum)
 
 
@@ -159,6 +162,8 @@ class _Section:
             raise self.error(name, f'expected a string, got {_shown(value)}', 'put it in quotes')
         if not value.strip() or value != value.strip() or not value.isprintable():
             raise self.error(name, f'expected a name, got {_shown(value)}')
+        if len(value) > _LONGEST_NAME:
+            raise self.error(name, f'expected at most {_LONGEST_NAME} characters, got {len(value)}')
         return value
 
     def choice(self, name: str, default: _E) -> _E:
@@ -250,7 +255,12 @@ def _noise(top: _Section) -> Noise | None:
     if top.data.get('noise') is None:
         return None
     section = top.section('noise', required=('joint', 'force'))
-    return Noise(section.positive('joint', 'rad'), section.positive('force'))
+    noise = Noise(section.positive('joint', 'rad'), section.positive('force'))
+    for key, value, (least, most), unit in zip(noise._fields, noise, _BELIEVABLE, ('rad', 'N'), strict=True):
+        if not least <= value <= most:
+            problem = f'expected {least:g} to {most:g} {unit}, got {value:g}'
+            raise section.error(key, problem, 'give the repeatability of one touch, or leave out noise')
+    return noise
 
 
 def _check_layout(cell: Cell, top: _Section) -> None:

@@ -42,6 +42,9 @@ CELL_CHANGES = {
     'no discs': ('objects:', 'objects: []\nothers:', 'cell.yaml'),
     'unknown frame': ('frame: base', 'frame: world', 'sensor.frame'),
     'zero noise': ('force: 0.3', 'force: 0', 'noise'),
+    'noise in mN': ('force: 0.3', 'force: 300', 'noise.force: expected 1e-06 to 100 N'),
+    'noise in degrees': ('joint: 1.0e-5', 'joint: 0.1', 'noise.joint'),
+    'a name without end': ('name: disc_2', f'name: {1000 * "d"}', 'at most 200 characters'),
 }
 
 

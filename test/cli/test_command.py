@@ -92,3 +92,20 @@ def test_a_terminal_without_signs(recordings: Path) -> None:
     process = subprocess.run(command, capture_output=True, env=environment, check=False)
     assert process.returncode == 0
     assert process.stderr == b''
+
+
+def test_stdout_that_cannot_be_written(recordings: Path) -> None:
+    command = [*COMMAND, 'inspect', str(recordings / 'few')]
+    with Path('/dev/full').open('w') as full:
+        process = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, env=ENVIRONMENT, check=False, text=True)
+    assert process.returncode == 2
+    assert process.stderr.startswith('scara-kinetostatic: stdout cannot be written: ')
+    assert process.stderr.count('\n') == 1
+
+
+@pytest.mark.parametrize('closed', ['>&-', '2>&-'])
+def test_a_closed_stream_stops_no_calibration(recordings: Path, tmp_path: Path, closed: str) -> None:
+    command = [*COMMAND, 'calibrate', str(recordings / 'good'), '--out', str(tmp_path / 'result')]
+    process = subprocess.run(['sh', '-c', f'exec "$@" {closed}', 'sh', *command], env=ENVIRONMENT, check=False)
+    assert process.returncode == 0
+    assert (tmp_path / 'result/report.html').exists()

@@ -79,6 +79,21 @@ def test_a_home_that_nobody_has_is_named_and_ends_no_node(spin: Callable[..., No
     assert NOBODY in collector._examine().message
 
 
+def test_control_characters_in_a_path_are_refused(spin: Callable[..., Node], client: DemoClient) -> None:
+    spin(Collector)
+    request = SetParameters.Request(parameters=[Parameter('output', value='here\x01\t').to_parameter_msg()])
+    client.call('/collector/set_parameters', SetParameters, request, WAIT)
+    answer = client.call('/collector/start', Trigger, Trigger.Request(), WAIT)
+    assert not answer.success
+    assert answer.message.isprintable()
+    assert 'control characters' in answer.message
+
+
+def test_a_former_result_that_is_no_number_is_refused(spin: Callable[..., Node]) -> None:
+    with pytest.raises(ParameterError, match=r'parameter calibrated.l1: expected a finite number'):
+        spin(Calibrator, '--ros-args', '-p', 'calibrated.l1:=.nan')
+
+
 @pytest.mark.parametrize('kind', [Collector, ContactSimulator, Calibrator])
 def test_a_cell_in_a_home_that_nobody_has_is_refused(spin: Callable[..., Node], kind: type[Node]) -> None:
     with pytest.raises(ParameterError, match='parameter cell'):
