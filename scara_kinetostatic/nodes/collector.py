@@ -156,7 +156,7 @@ class Collector(Node):
         """Takes a message in: all go into the bag, the usable ones to the touch detection, too."""
         try:
             sample = self._convert(stream, message)
-            self._monitors[stream].accept()
+            self._monitors[stream].accept(sample.stamp_ns)
         except UnusableMessageError as error:
             sample = None
             self._monitors[stream].refuse(str(error))

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from time import monotonic
 
+STANDING = 20
+"""So many messages in a row with the same stamp are said."""
+
 
 class StreamMonitor:
     """Counts the messages of one topic.
@@ -29,13 +32,16 @@ class StreamMonitor:
         self._counted = 0
         self._told = 0
         self._accepted = False
+        self._stamp, self._standing = 0, 0
         self._since = monotonic()
 
-    def accept(self) -> None:
-        """Notes a good message."""
+    def accept(self, stamp: int) -> None:
+        """Notes a good message, stamped so, ns."""
         self.count += 1
         self._accepted = True
-        self.problem = ''
+        self._standing = self._standing + 1 if stamp == self._stamp else 0
+        self._stamp = stamp
+        self.problem = '' if self._standing < STANDING else 'the header stamps stand still, so no touch can be counted'
 
     def refuse(self, problem: str) -> None:
         """Notes a message that cannot be used."""

@@ -32,6 +32,9 @@ PAUSE = 1_000_000_000
 DISAGREEMENT = 250_000_000
 """Two clocks this far apart would put a force beside the wrong joint angles, ns."""
 
+STRETCHES, SHORT = 64, 0.04
+"""The lags are compared in so many stretches; that they are apart in a smaller part of these is no matter."""
+
 
 class Timed(NamedTuple):
     """Samples in the order of their stamps, each stamp once: (n,) ns and (n, 2)."""
@@ -55,12 +58,15 @@ def on_one_clock(source: str, streams: dict[str, Samples], warnings: list[str]) 
     complaint = _complaint(streams, 'stamp') or _disagreement(streams)
     use = 'stamp'
     if complaint:
-        if not _complaint(streams, 'log_time'):
+        mended = _end_to_end(streams, 'stamp')
+        sound = not _complaint(streams, 'log_time')
+        if sound and (mended is None or _at_one_pace(streams)):
             use = 'log_time'
             warnings.append(f'{complaint}: the times of recording were used instead')
-        elif (mended := _end_to_end(streams, 'stamp') or _end_to_end(streams, 'log_time')) is not None:
+        elif (mended := mended or _end_to_end(streams, 'log_time')) is not None:
             streams = mended
-            warnings.append(f'{complaint}, the times of recording as well: the parts were put one after the other')
+            why = 'the times of recording go at another pace' if sound else 'the times of recording as well'
+            warnings.append(f'{complaint}, {why}: the parts were put one after the other')
         else:
             remedy = 'record the robot in one go, with stamps from one clock'
             raise RecordingError(source, f'{complaint}, and the times of recording are no better', remedy)
@@ -97,20 +103,58 @@ def _complaint(streams: dict[str, Samples], use: str) -> str:
 
 
 def _disagreement(streams: dict[str, Samples]) -> str:
-    """Whether the clocks of the two topics are apart, judged by a steady lag against the times of recording."""
-    if _complaint(streams, 'log_time'):
+    """Whether the clocks of the two topics are apart, or run apart, judged by their lags behind the times of recording.
+
+    Where the lags vary because the recorder wrote in bursts, or what it recorded was played fast, the stamps are the
+    better clock.
+    """
+    if _complaint(streams, 'log_time') or not _at_one_pace(streams):
         return ''
-    lags = []
+    lags = _lags(list(streams.values()))
+    apart = np.abs(lags[0] - lags[1])
+    if np.mean(apart > DISAGREEMENT) < SHORT or any(_in_bursts(samples) for samples in streams.values()):
+        return ''
+    names, low, high = ' and '.join(streams), float(apart.min()), float(apart.max())
+    if high - low < DISAGREEMENT:
+        return f'the stamps of {names} come from clocks that are {np.median(apart) / 1e9:.3g} s apart'
+    return f'the stamps of {names} run apart, by up to {high / 1e9:.3g} s'
+
+
+def _in_bursts(samples: Samples) -> bool:
+    """Whether the times of recording pause where the stamps run on."""
+    recorded, stamped = (_pausing(times) for times in (samples.log_time, samples.stamp))
+    return recorded - stamped > 0.2
+
+
+def _pausing(times: NDArray[np.int64]) -> float:
+    """The part of the time that goes by in pauses."""
+    steps = np.abs(np.diff(times)).astype(float)
+    return float(steps[steps > DISAGREEMENT / 2].sum() / max(steps.sum(), 1.0))
+
+
+def _lags(samples: list[Samples]) -> NDArray[np.float64]:
+    """Median lag of each topic's stamps behind the times of recording in stretches of common time, (topics, k), ns."""
+    begin = max(int(one.log_time.min()) for one in samples)
+    end = min(int(one.log_time.max()) for one in samples)
+    edges = np.linspace(begin, max(end, begin + 1), STRETCHES + 1)
+    zero = int(samples[0].stamp[0] - samples[0].log_time[0])
+    rows = []
+    for one in samples:
+        lag, place = (one.stamp - one.log_time - zero).astype(float), np.searchsorted(edges, one.log_time, 'right') - 1
+        rows.append([float(np.median(part)) if len(part := lag[place == k]) else np.nan for k in range(STRETCHES)])
+    found = np.array(rows)
+    both = np.isfinite(found).all(axis=0)
+    return found[:, both] if both.any() else np.zeros((len(samples), 1))
+
+
+def _at_one_pace(streams: dict[str, Samples]) -> bool:
+    """Whether stamps and times of recording go at the same pace; a bag that was played fast has others."""
     for samples in streams.values():
-        lag = samples.stamp - samples.log_time
-        low, middle, high = np.percentile(lag - lag[0], [5, 50, 95])
-        if high - low > DISAGREEMENT:
-            return ''
-        lags.append(int(lag[0]) + int(middle))
-    apart = max(lags) - min(lags)
-    if apart < DISAGREEMENT:
-        return ''
-    return f'the stamps of {" and ".join(streams)} come from clocks that are {apart / 1e9:.3g} s apart'
+        if len(samples.stamp) > 2:
+            stamped, recorded = (float(np.median(np.diff(times))) for times in (samples.stamp, samples.log_time))
+            if stamped > 0 and not 0.5 < recorded / stamped < 2.0:
+                return False
+    return True
 
 
 def _end_to_end(streams: dict[str, Samples], use: str) -> dict[str, Samples] | None:

@@ -179,7 +179,7 @@ def test_two_collectors_that_choose_the_same_name_record_both(tmp_path: Path, mo
 def test_joint_states_of_another_driver_on_the_same_topic_are_no_trouble() -> None:
     monitor = StreamMonitor('/joint_states')
     for _ in range(3):
-        monitor.accept()
+        monitor.accept(monitor.count)
         monitor.refuse('expected positions of joint1 and joint2')
         assert monitor.complaint(monitor.rate(), expected=True) == ''
     monitor.refuse('expected positions of joint1 and joint2')

@@ -200,3 +200,18 @@ def test_messages_that_were_lost_are_said(
 def test_gaps_in_the_numbers_of_messages(publishers: int, numbers: list[int | None], missed: list[int]) -> None:
     monitor = SequenceMonitor(lambda: publishers)
     assert [monitor.missed(number) for number in numbers] == missed
+
+
+def test_a_driver_that_does_not_stamp_is_named(spin: Callable[..., Node], tmp_path: Path) -> None:
+    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
+    publisher = collector.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
+    assert eventually(lambda: publisher.get_subscription_count() > 0)
+    sleep(0.3)
+    monitor = collector._monitors[Stream.JOINTS]
+    for _ in range(30):
+        publisher.publish(JointState(name=['joint1', 'joint2'], position=[0.1, 0.2]))
+    assert eventually(lambda: monitor.count == 30)
+    assert 'header stamps stand still' in monitor.complaint(rate=1.0, expected=True)
+    publisher.publish(conversion.joint_state(Sample(1_700_000_000_000_000_000, 0.1, 0.2), ('joint1', 'joint2')))
+    assert eventually(lambda: monitor.count == 31)
+    assert monitor.complaint(rate=1.0, expected=True) == ''

@@ -158,3 +158,51 @@ def test_order_in_the_file_does_not_matter(tmp_path: Path) -> None:
     assert_same(read, streams)
     assert not read.joints.position.flags.writeable
     assert not read.wrench.stamp.flags.writeable
+
+
+def slow(stamps: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """The same over some 160 s."""
+    joints, wrench = (T0 + (stamp - T0) * 45 for stamp in stamps)
+    return joints, wrench
+
+
+def test_one_clock_that_steps_back_a_little(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
+    """By less than would be a restart, so that sorting would mix two times."""
+    joints, wrench = slow(stamps)
+    stepped = joints.copy()
+    stepped[150:] -= 9 * SECOND // 10
+    read = record(tmp_path, stepped, wrench, joints, wrench)
+    np.testing.assert_array_equal(read.joints.stamp, joints)
+    assert read.warnings == (
+        'the stamps of /joint_states and /wrench run apart, by up to 0.9 s: the times of recording were used instead',
+    )
+
+
+def test_clocks_that_drift_apart(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
+    joints, wrench = slow(stamps)
+    read = record(tmp_path, joints + (joints - T0) // 100, wrench, joints, wrench)
+    np.testing.assert_array_equal(read.joints.stamp, joints)
+    assert 'run apart, by up to 1.5' in read.warnings[0]
+
+
+@pytest.mark.parametrize('every', [1, 4])
+def test_a_recorder_that_writes_in_bursts_is_not_believed(
+    tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray], every: int
+) -> None:
+    joints, wrench = slow(stamps)
+    burst = wrench + every * SECOND - (wrench - T0) % (every * SECOND)
+    read = record(tmp_path, joints, wrench, joints, burst)
+    np.testing.assert_array_equal(read.wrench.stamp, wrench)
+    assert read.warnings == ()
+
+
+def test_a_clock_that_was_reset_while_played_fast(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
+    """The times of recording run on, but five times too fast: touches would be too short."""
+    joints, wrench = slow(stamps)
+    back = [np.where(stamp > joints[150], stamp - 3600 * SECOND, stamp) for stamp in (joints, wrench)]
+    read = record(tmp_path, *back, T0 + (joints - T0) // 5, T0 + (wrench - T0) // 5)
+    np.testing.assert_array_equal(np.diff(read.joints.stamp)[:140], np.diff(joints)[:140])
+    np.testing.assert_array_equal(np.diff(read.joints.stamp)[-140:], np.diff(joints)[-140:])
+    assert read.warnings[0].endswith(
+        'the times of recording go at another pace: the parts were put one after the other'
+    )
