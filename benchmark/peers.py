@@ -83,7 +83,7 @@ def summarise(records: list[dict[str, Any]]) -> dict[str, Any]:
             if (own, count) in found:
                 ratio = record['median'] / found[own, count]['median']
                 summary['faster'][f'{own} against {name}, {count} touches'] = round(ratio, 2)
-        if name.startswith('casadi') and ('minimisation', count) in found:
+        if ('minimisation', count) in found:
             values, ours = np.array(record['values']), np.array(found['minimisation', count]['values'])
             summary['difference'][f'{name}, {count} touches'] = float(np.abs(values - ours).max())
     for own in OURS:

@@ -11,6 +11,7 @@ one, and what is timed is that loop and the putting into arrays; this package al
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import multiprocessing
 import os
@@ -127,7 +128,7 @@ def measure(job: tuple[str, Path]) -> dict[str, Any]:
         'processor_seconds': seconds,
         'seconds': elapsed,
         'peak': peak_memory(),
-        'sums': [float(part[:, 1:].sum()) for part in results],
+        'digests': [hashlib.sha256(np.ascontiguousarray(part).tobytes()).hexdigest() for part in results],
     }
 
 
@@ -157,10 +158,7 @@ def summarise(records: list[dict[str, Any]]) -> dict[str, Any]:
     own = np.median(ours['processor_seconds'])
     return {
         'faster': {item['reader']: round(float(np.median(item['processor_seconds']) / own), 1) for item in others},
-        'same': all(
-            item['messages'] == ours['messages'] and np.allclose(item['sums'], ours['sums'], rtol=1e-9)
-            for item in others
-        ),
+        'same arrays, to the last bit': all(item['digests'] == ours['digests'] for item in others),
     }
 
 

@@ -34,10 +34,10 @@ Floats = NDArray[np.float64]
 MAX_ITERATIONS = 60
 STEP_TOLERANCE = 1e-14
 """A step shorter than this in scaled parameters is rounding error."""
-RELATIVE_OFFSET = 1e-5
+RELATIVE_OFFSET = 1e-4
 """A step that moves the predictions by a smaller part of the residual than this is the last one, taken to first order
 (Bates and Watts, Technometrics 23 (1981) 179)."""
-LARGEST_OFFSET = 1e-4
+LARGEST_OFFSET = 1e-3
 """The same in standard deviations, however large the residual."""
 SAME_COST = 1.01
 """The cost has come to rest if the last step lowered it by less; it never does where touches are exact."""
