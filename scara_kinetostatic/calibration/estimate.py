@@ -95,7 +95,7 @@ def check_number(touches: int, parameters: int, left_out: Sequence[str] = ()) ->
         remedy = f'record {needed} touches at the very least, 36 or more for a good result'
         if left_out:
             problem += f'; {len(left_out)} were left out, the first: {left_out[0]}'
-            remedy = f'check the noise in the cell description, or {remedy}'
+            remedy = f'see what was left out, or {remedy}'
         raise UnsupportedDataError(problem, remedy)
 
 

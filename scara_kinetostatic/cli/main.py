@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import gc
 import os
 import signal
@@ -10,7 +11,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
@@ -23,6 +24,7 @@ from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataErr
 PROGRAM = 'scara-kinetostatic'
 VERBS = ('calibrate', 'inspect', 'simulate', 'physics', 'demo', 'gauge', 'loops', 'design', 'paper')
 DONE, INTERNAL, WRONG_INPUT, UNSUPPORTED, INTERRUPTED, BROKEN_PIPE, TERMINATED = 0, 1, 2, 3, 130, 141, 143
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 DEBUG = 'SCARA_KINETOSTATIC_DEBUG'
 
 DESCRIPTION = """\
@@ -95,7 +97,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return _reader_gone()
     except OSError as error:
-        return _complain_of_bug(error, debug) if error.filename else _unwritable(error)
+        if error.filename is None and error.errno in NO_ROOM:  # as in `… > /dev/full`; files are named
+            return _unwritable(error)
+        return _complain_of_bug(error, debug)
     except Exception as error:
         return _complain_of_bug(error, debug)
 
@@ -167,7 +171,8 @@ def _complain_of_bug(error: Exception, debug: bool) -> int:
 
 def _say(what: object, status: int) -> int:
     line = ' '.join(str(what).split())
-    print(f'{PROGRAM}: {line}', file=sys.stderr)
+    with suppress(OSError):  # a full disk behind stderr does not change the status
+        print(f'{PROGRAM}: {line}', file=sys.stderr, flush=True)
     return status
 
 
@@ -188,14 +193,15 @@ def _reader_gone() -> int:
 
 
 def _unwritable(error: OSError) -> int:
-    """As in `… > /dev/full`: an error without a file is one of a stream."""
+    """As in `… > /dev/full`."""
     _forget_stdout()
     return _say(f'stdout cannot be written: {error.strerror}; results in files are not concerned', WRONG_INPUT)
 
 
 def _forget_stdout() -> None:
     """What is still to be flushed at exit goes nowhere."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    with suppress(OSError):  # it may be no file
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 if __name__ == '__main__':

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from time import monotonic
 
-STANDING = 20
-"""So many messages in a row with the same stamp are said."""
+STANDING = 1.0
+"""Messages with the same stamp for so long, s, are said."""
 
 
 class StreamMonitor:
@@ -32,16 +32,18 @@ class StreamMonitor:
         self._counted = 0
         self._told = 0
         self._accepted = False
-        self._stamp, self._standing = 0, 0
-        self._since = monotonic()
+        self._since = self._stamped = monotonic()
+        self._stamp = -1
 
     def accept(self, stamp: int) -> None:
         """Notes a good message, stamped so, ns."""
         self.count += 1
         self._accepted = True
-        self._standing = self._standing + 1 if stamp == self._stamp else 0
-        self._stamp = stamp
-        self.problem = '' if self._standing < STANDING else 'the header stamps stand still, so no touch can be counted'
+        now = monotonic()
+        if stamp != self._stamp:
+            self._stamp, self._stamped = stamp, now
+        standing = now - self._stamped > STANDING
+        self.problem = 'the header stamps stand still, so no touch can be counted' if standing else ''
 
     def refuse(self, problem: str) -> None:
         """Notes a message that cannot be used."""

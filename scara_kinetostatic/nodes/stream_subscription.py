@@ -48,9 +48,12 @@ class StreamSubscription:
         self._topic = topic
         self._callback = callback
         self._lost = lost
-        self._sequence = SequenceMonitor(lambda: self._subscription.get_publisher_count())
+        self._sequence = self._new_sequence()
         self._retry: Timer | None = None
         self._subscription = self._subscribe(RELIABLE_STREAM, SubscriptionEventCallbacks(incompatible_qos=self._notice))
+
+    def _new_sequence(self) -> SequenceMonitor:
+        return SequenceMonitor(lambda: self._subscription.get_publisher_count())
 
     def _subscribe(self, profile: QoSProfile, events: SubscriptionEventCallbacks | None = None) -> Subscription:
         return self._node.create_subscription(
@@ -82,4 +85,5 @@ class StreamSubscription:
         if self._retry is not None:
             self._retry.cancel()
         self._node.destroy_subscription(self._subscription)
+        self._sequence = self._new_sequence()
         self._subscription = self._subscribe(BEST_EFFORT_STREAM)

@@ -32,9 +32,6 @@ REST_SPEED = 1e-3
 CLEAR = 2e-3
 """Closer to the contact than this, in every joint, is no free pose, rad."""
 
-MOST_TURNED = 1e4
-"""No joint turns farther, rad."""
-
 
 class Arrival(NamedTuple):
     """How the joints came to a hold.
@@ -68,11 +65,10 @@ def last_movement(path: ArrayLike, hold: ArrayLike, least: ArrayLike = LEAST_TUR
     return np.asarray(sense * np.where(np.maximum.accumulate(turned, axis=0), 0.0, way).max(axis=0))
 
 
-def resolution(joints: Topic) -> Floats:
-    """Step of each encoder, (2,), rad; near 0 where the readings are not rounded, 0 where all are the same."""
-    believable = (column[np.abs(column) < MOST_TURNED] for column in joints.value.T)
-    gaps = [np.diff(np.unique(np.round(column, 12))) for column in believable]
-    return np.array([gap.min() if len(gap) else 0.0 for gap in gaps])
+def resolution(joints: Topic) -> float:
+    """Step of the encoders, the coarser of both, rad; near 0 where the readings are not rounded."""
+    gaps = [np.diff(np.unique(np.round(column, 12))) for column in joints.value.T]
+    return max((float(gap.min()) for gap in gaps if len(gap)), default=0.0)
 
 
 def arrival(joints: Topic, plateau: Plateau, contact: float, earliest: float, step: float) -> Arrival:

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.recording.freezing import BEFORE
 from scara_kinetostatic.recording.segmentation import Contacts
 from scara_kinetostatic.recording.settling import SHORTEST_HOLD, Plateau, Settling, settle
 from scara_kinetostatic.recording.signals import Floats, Signals, median, white_noise
@@ -23,6 +22,8 @@ FAR = 0.03
 """in which a joint goes farther than this, rad, is none."""
 LARGEST_SLIDE = 3e-4
 """Change of the joint angles from the first to the last third of a hold, rad."""
+BEFORE = 0.1
+"""From this long before a contact on the joints must have moved, s."""
 LARGEST_SCATTER = 0.1
 """Standard deviation of the force in a hold, of the force."""
 

@@ -36,7 +36,7 @@ CELL_TOPIC = '/cell_description'
 _TOPIC = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*\Z')
 _LARGEST = {'m': 100.0, 'rad': 2 * math.pi, 'm/N': 1.0, 'rad/Nm': 1.0}
 _HINT = {'m': 'lengths are in m, not mm', 'rad': 'angles are in rad, not degrees'}
-_BELIEVABLE = ((1e-9, 1e-2), (1e-6, 100.0))
+_BELIEVABLE = ((1e-15, 1e-2), (1e-12, 100.0))
 """Noise of one touch, from and to: joint angle, rad, and force, N."""
 _LONGEST_NAME = 200
 _E = TypeVar('_E', bound=Enum)

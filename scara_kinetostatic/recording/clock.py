@@ -11,6 +11,7 @@ after the other.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -32,8 +33,12 @@ PAUSE = 1_000_000_000
 DISAGREEMENT = 250_000_000
 """Two clocks this far apart would put a force beside the wrong joint angles, ns."""
 
-STRETCHES, SHORT = 64, 0.04
-"""The lags are compared in so many stretches; that they are apart in a smaller part of these is no matter."""
+STRETCH, LEAST_STRETCHES, MOST_STRETCHES = 2_000_000_000, 8, 200
+"""Lags that vary are compared stretch by stretch, of at least so many ns each."""
+SHORT = 0.04
+"""That the lags are apart in a smaller part of the stretches is no matter."""
+PACE = 0.03
+"""Stamps and times of recording go at one pace if they differ by less over a stretch; clocks drift far less."""
 
 
 class Timed(NamedTuple):
@@ -103,55 +108,65 @@ def _complaint(streams: dict[str, Samples], use: str) -> str:
 
 
 def _disagreement(streams: dict[str, Samples]) -> str:
-    """Whether the clocks of the two topics are apart, or run apart, judged by their lags behind the times of recording.
+    """Whether the clocks of the two topics are apart, or run apart, by their lags against the times of recording."""
+    if _complaint(streams, 'log_time'):
+        return ''
+    lags = []
+    for samples in streams.values():
+        lag = samples.stamp - samples.log_time
+        low, middle, high = np.percentile(lag - lag[0], [5, 50, 95])
+        if high - low > DISAGREEMENT:
+            return _running_apart(streams)
+        lags.append(int(lag[0]) + int(middle))
+    apart = max(lags) - min(lags)
+    if apart < DISAGREEMENT:
+        return ''
+    return f'the stamps of {" and ".join(streams)} come from clocks that are {apart / 1e9:.3g} s apart'
 
-    Where the lags vary because the recorder wrote in bursts, or what it recorded was played fast, the stamps are the
-    better clock.
+
+def _running_apart(streams: dict[str, Samples]) -> str:
+    """Whether the lags differ where stamps and times of recording go at one pace.
+
+    Elsewhere a recorder stood still or caught up, or what it recorded was played fast: the stamps are the better clock.
     """
-    if _complaint(streams, 'log_time') or not _at_one_pace(streams):
-        return ''
-    lags = _lags(list(streams.values()))
-    apart = np.abs(lags[0] - lags[1])
-    if np.mean(apart > DISAGREEMENT) < SHORT or any(_in_bursts(samples) for samples in streams.values()):
-        return ''
-    names, low, high = ' and '.join(streams), float(apart.min()), float(apart.max())
-    if high - low < DISAGREEMENT:
-        return f'the stamps of {names} come from clocks that are {np.median(apart) / 1e9:.3g} s apart'
-    return f'the stamps of {names} run apart, by up to {high / 1e9:.3g} s'
-
-
-def _in_bursts(samples: Samples) -> bool:
-    """Whether the times of recording pause where the stamps run on."""
-    recorded, stamped = (_pausing(times) for times in (samples.log_time, samples.stamp))
-    return recorded - stamped > 0.2
-
-
-def _pausing(times: NDArray[np.int64]) -> float:
-    """The part of the time that goes by in pauses."""
-    steps = np.abs(np.diff(times)).astype(float)
-    return float(steps[steps > DISAGREEMENT / 2].sum() / max(steps.sum(), 1.0))
-
-
-def _lags(samples: list[Samples]) -> NDArray[np.float64]:
-    """Median lag of each topic's stamps behind the times of recording in stretches of common time, (topics, k), ns."""
+    samples = list(streams.values())
     begin = max(int(one.log_time.min()) for one in samples)
     end = min(int(one.log_time.max()) for one in samples)
-    edges = np.linspace(begin, max(end, begin + 1), STRETCHES + 1)
-    zero = int(samples[0].stamp[0] - samples[0].log_time[0])
-    rows = []
-    for one in samples:
-        lag, place = (one.stamp - one.log_time - zero).astype(float), np.searchsorted(edges, one.log_time, 'right') - 1
-        rows.append([float(np.median(part)) if len(part := lag[place == k]) else np.nan for k in range(STRETCHES)])
-    found = np.array(rows)
-    both = np.isfinite(found).all(axis=0)
-    return found[:, both] if both.any() else np.zeros((len(samples), 1))
+    number = min((end - begin) // STRETCH, MOST_STRETCHES)
+    if number < LEAST_STRETCHES:
+        return ''
+    edges = np.linspace(begin, end, number + 1)
+    apart = []
+    for low, high in pairwise(edges):
+        lags = [_lag(one, low, high) for one in samples]
+        if not any(np.isnan(lags)):
+            apart.append(abs(lags[0] - lags[1]))
+    if len(apart) < LEAST_STRETCHES or np.mean(np.array(apart) > DISAGREEMENT) < SHORT:
+        return ''
+    return f'the stamps of {" and ".join(streams)} run apart, by up to {max(apart) / 1e9:.3g} s'
+
+
+def _lag(samples: Samples, begin: float, end: float) -> float:
+    """Median lag of the stamps behind the times of recording within a stretch, ns; NaN where the two go at different
+    paces.
+    """
+    first, last = np.searchsorted(samples.log_time, [begin, end])
+    stamp, recorded = samples.stamp[first:last].astype(float), samples.log_time[first:last].astype(float)
+    if len(stamp) < 3 or abs((recorded[-1] - recorded[0]) - (stamp[-1] - stamp[0])) > PACE * (end - begin):
+        return np.nan
+    return float(np.median(stamp - recorded))
 
 
 def _at_one_pace(streams: dict[str, Samples]) -> bool:
-    """Whether stamps and times of recording go at the same pace; a bag that was played fast has others."""
+    """Whether stamps and times of recording go at about the same pace; a bag that was played fast has others.
+
+    Judged over many samples, as a recorder may take several at a time.
+    """
     for samples in streams.values():
+        apart = max(1, len(samples.stamp) // 64)
         if len(samples.stamp) > 2:
-            stamped, recorded = (float(np.median(np.diff(times))) for times in (samples.stamp, samples.log_time))
+            stamped = float(np.median(samples.stamp[apart:] - samples.stamp[:-apart]))
+            recorded = float(np.median(samples.log_time[apart:] - samples.log_time[:-apart]))
             if stamped > 0 and not 0.5 < recorded / stamped < 2.0:
                 return False
     return True

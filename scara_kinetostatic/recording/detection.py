@@ -19,7 +19,6 @@ from scara_kinetostatic.model.touch import Rejection, TouchSet
 from scara_kinetostatic.recording.approach import Arrival, arrival, resolution
 from scara_kinetostatic.recording.assignment import assign
 from scara_kinetostatic.recording.candidates import Candidate, find_candidates
-from scara_kinetostatic.recording.freezing import expected_moves, stuck_joints, stuck_reasons
 from scara_kinetostatic.recording.segmentation import find_contacts
 from scara_kinetostatic.recording.signals import Floats, Signals, as_signals
 from scara_kinetostatic.recording.streams import Streams
@@ -86,11 +85,10 @@ def find_touches(streams: Streams, cell: Cell) -> Detection:
         return Detection(no_touches())
     contacts = find_contacts(signals)
     found, faint = find_candidates(signals, contacts)
-    step = resolution(signals.joints)
-    candidates, advice = _with_discs(_without_stuck(signals, found, cell, step), cell)
+    candidates, advice = _with_discs(found, cell)
     episodes = tuple(_episode(number, candidate) for number, candidate in enumerate(candidates))
     return Detection(
-        touches=_touch_set(signals, candidates, cell, float(step.max())),
+        touches=_touch_set(signals, candidates, cell),
         rejected=tuple(Rejection(episode.index, episode.reason) for episode in episodes if episode.reason),
         found=len(candidates),
         warnings=(*signals.warnings, *_warnings(contacts.glitches, faint, candidates), *advice),
@@ -130,25 +128,14 @@ def _means(candidates: list[Candidate], cell: Cell) -> tuple[Floats, Floats]:
     return np.array([p.joints for p in plateaus]), sign * np.array([p.force for p in plateaus])
 
 
-def _without_stuck(signals: Signals, candidates: list[Candidate], cell: Cell, steps: Floats) -> list[Candidate]:
-    """The candidates, those during which a joint's reading stood still rejected."""
-    missed = np.zeros((len(candidates), 2))
-    for number, (contact, _, plateau, reason, *_) in enumerate(candidates):
-        if not reason and plateau is not None:
-            moves = expected_moves(plateau.joints, plateau.force, cell)
-            missed[number] = stuck_joints(signals.joints, contact[0], plateau.end, moves, steps)
-    reasons = stuck_reasons(missed)
-    return [one._replace(reason=one.reason or reason) for one, reason in zip(candidates, reasons, strict=True)]
-
-
-def _touch_set(signals: Signals, candidates: list[Candidate], cell: Cell, step: float) -> TouchSet:
+def _touch_set(signals: Signals, candidates: list[Candidate], cell: Cell) -> TouchSet:
     index = [number for number, candidate in enumerate(candidates) if not candidate.reason]
     if not index:
         return no_touches()
     kept = [candidates[number] for number in index]
     joints, force = _means(kept, cell)
     plateaus = [candidate.plateau for candidate in kept if candidate.plateau is not None]
-    arrivals = _arrivals(signals, kept, candidates, step)
+    arrivals = _arrivals(signals, kept, candidates)
     return TouchSet(
         joints=joints,
         force=force,
@@ -164,9 +151,10 @@ def _touch_set(signals: Signals, candidates: list[Candidate], cell: Cell, step: 
     )
 
 
-def _arrivals(signals: Signals, kept: list[Candidate], candidates: list[Candidate], step: float) -> list[Arrival]:
+def _arrivals(signals: Signals, kept: list[Candidate], candidates: list[Candidate]) -> list[Arrival]:
     """How the joints came to each settled candidate."""
     ends = np.unique([candidate.contact[1] for candidate in candidates])
+    step = resolution(signals.joints)
     found = []
     for candidate in kept:
         if candidate.plateau is not None:

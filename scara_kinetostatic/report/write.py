@@ -67,8 +67,9 @@ def write_texts(folder: str | Path, texts: Mapping[str, str]) -> None:
         OutputError: the folder cannot be written.
     """
     folder = Path(folder)
-    if folder.is_file():
-        raise OutputError(folder, 'cannot be written: it is a file, not a folder', 'choose another folder')
+    with _writing(folder):
+        if folder.is_file():
+            raise OutputError(folder, 'cannot be written: it is a file, not a folder', 'choose another folder')
     with _writing(folder), _made(folder), _workshop(folder) as workshop:
         for name, text in texts.items():
             _write(workshop / name, text)

@@ -42,7 +42,7 @@ CELL_CHANGES = {
     'no discs': ('objects:', 'objects: []\nothers:', 'cell.yaml'),
     'unknown frame': ('frame: base', 'frame: world', 'sensor.frame'),
     'zero noise': ('force: 0.3', 'force: 0', 'noise'),
-    'noise in mN': ('force: 0.3', 'force: 300', 'noise.force: expected 1e-06 to 100 N'),
+    'noise in mN': ('force: 0.3', 'force: 300', 'noise.force: expected 1e-12 to 100 N'),
     'noise in degrees': ('joint: 1.0e-5', 'joint: 0.1', 'noise.joint'),
     'a name without end': ('name: disc_2', f'name: {1000 * "d"}', 'at most 200 characters'),
 }
@@ -162,7 +162,7 @@ def test_cell_missing_or_contradictory(run: Run, recordings: Path, tmp_path: Pat
     check(run('calibrate', recordings / 'good', recordings / '.' / 'good'), 2, 'twice')
 
 
-@pytest.mark.parametrize('place', ['taken', 'taken/deeper', '/proc/nowhere'])
+@pytest.mark.parametrize('place', ['taken', 'taken/deeper', '/proc/nowhere', 300 * 'n'])
 def test_place_that_cannot_be_written(run: Run, recordings: Path, tmp_path: Path, place: str) -> None:
     (tmp_path / 'taken').write_text('mine')
     result = run('calibrate', recordings / 'good', '--out', place)

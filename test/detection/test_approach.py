@@ -176,5 +176,5 @@ def test_resolution_of_the_encoders():
     )
     assert coarse is not None
     assert fine is not None
-    assert resolution(coarse.joints) == pytest.approx([1e-4, 1e-4])
-    assert resolution(fine.joints).max() < LEAST_TURN
+    assert resolution(coarse.joints) == pytest.approx(1e-4)
+    assert resolution(fine.joints) < LEAST_TURN

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 from detection.scenes import CELL, Scene
 
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.recording.detection import find_touches
-from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.sensors import SensorModel
-from scara_kinetostatic.simulation.streams import simulate_streams
 
 
 def only_rejection(scene, **how):
@@ -140,26 +135,3 @@ def test_no_contact_at_all():
     scene = Scene().go((0.1, 0.8), 1.0).go((1.0, 1.8), 2.0)
     detection = find_touches(scene.streams(), CELL)
     assert detection.found == len(detection.touches) == len(detection.rejected) == 0
-
-
-@pytest.mark.parametrize('joint', [0, 1])
-def test_one_joint_whose_reading_stands_still(joint: int) -> None:
-    """The driver of one joint hangs for half of the recording: its reading stays, the other's goes on."""
-    cell = Cell(PAPER_NOMINAL, PAPER_DISCS)
-    streams = simulate_streams(cell, PAPER_ACTUAL, default_plan(cell))
-    time = 1e-9 * (streams.joints.stamp - streams.joints.stamp[0])
-    hangs = (time > 60) & (time < 120)
-    streams.joints.position[hangs, joint] = streams.joints.position[np.flatnonzero(hangs)[0], joint]
-    detection = find_touches(streams, cell)
-    inside = {e.index for e in detection.episodes if e.contact[0] > 60.2 and e.contact[1] < 119.8}
-    assert len(inside) > 15
-    assert inside <= {item.index for item in detection.rejected}
-    frozen = f'the reading of joint {joint + 1} is frozen'
-    assert sum(frozen in item.reason for item in detection.rejected) > 10
-    assert len(detection.rejected) <= len(inside) + 2
-
-
-def test_a_coarse_encoder_is_not_frozen() -> None:
-    cell = Cell(PAPER_NOMINAL, PAPER_DISCS)
-    streams = simulate_streams(cell, PAPER_ACTUAL, default_plan(cell), sensors=SensorModel(resolution=5e-5))
-    assert not [item for item in find_touches(streams, cell).rejected if 'frozen' in item.reason]

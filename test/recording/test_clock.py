@@ -206,3 +206,24 @@ def test_a_clock_that_was_reset_while_played_fast(tmp_path: Path, stamps: tuple[
     assert read.warnings[0].endswith(
         'the times of recording go at another pace: the parts were put one after the other'
     )
+
+
+def test_a_recorder_that_stood_still_and_catches_up_is_not_believed(tmp_path: Path) -> None:
+    """One topic waits longer in its queue than the other, for a twentieth of the time."""
+    joints = T0 + np.arange(600) * SECOND // 5
+    wrench = T0 + np.arange(800) * 3 * SECOND // 20
+    at = T0 + 40 * SECOND
+    late = np.where((wrench > at) & (wrench < at + 12 * SECOND), at + 6 * SECOND + (wrench - at) // 2, wrench)
+    read = record(tmp_path, joints, wrench, joints, late)
+    np.testing.assert_array_equal(read.joints.stamp, joints)
+    np.testing.assert_array_equal(read.wrench.stamp, wrench)
+    assert read.warnings == ()
+
+
+def test_clocks_apart_are_seen_though_messages_are_taken_several_at_a_time(
+    tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]
+) -> None:
+    joints, wrench = stamps[0][:280], stamps[1][:280]
+    taken = [np.repeat(stamp[3::4], 4) + np.tile(np.arange(4), 70) * 1000 for stamp in (joints, wrench)]
+    read = record(tmp_path, joints, wrench + 3 * SECOND, *taken)
+    assert 'come from clocks that are 3 s apart' in read.warnings[0]
