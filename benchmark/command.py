@@ -20,14 +20,14 @@ from typing import Any
 import numpy as np
 
 from benchmark.peers_timing import machine
+from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.cli.main import VERBS
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
-from scara_kinetostatic.recording.streams import Streams
-from scara_kinetostatic.recording.writer import write_streams
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import simulate_streams
+from scara_kinetostatic.touches.streams import Streams
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 MESSAGES = 50_000

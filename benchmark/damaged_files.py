@@ -17,15 +17,15 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmark.mutations import mutated, mutated_yaml
-from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.bags.reader import embedded_cell, read_streams
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.cli.calibrate import find_cell
 from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.files.cell_file import dump_cell, load_cell, parse_cell
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.recording.cell_file import dump_cell, load_cell, parse_cell
-from scara_kinetostatic.recording.detection import find_touches
-from scara_kinetostatic.recording.reader import embedded_cell, read_streams
-from scara_kinetostatic.recording.streams import Streams
+from scara_kinetostatic.touches.detection import find_touches
+from scara_kinetostatic.touches.streams import Streams
 
 LONGEST = 5.0
 """No file may take longer, s."""

@@ -24,15 +24,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.experiments.design import design
-from scara_kinetostatic.experiments.design_prediction import Robot, predict
-from scara_kinetostatic.experiments.design_solution import Design, Question
-from scara_kinetostatic.experiments.design_workspace import Tip, free_tip, make_workspace, tip_std
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import simulate_touches
+from scara_kinetostatic.studies.design.design import design
+from scara_kinetostatic.studies.design.prediction import Robot, predict
+from scara_kinetostatic.studies.design.solution import Design, Question
+from scara_kinetostatic.studies.design.workspace import Tip, free_tip, make_workspace, tip_std
 
 NOISE = Noise(joint=1e-5, force=0.3)
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=NOISE)

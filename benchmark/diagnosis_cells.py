@@ -10,7 +10,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.adjustment import Observations
+from scara_kinetostatic.calibration.gauss_helmert import Observations
 from scara_kinetostatic.calibration.identifiability import scales_of
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project

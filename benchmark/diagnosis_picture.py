@@ -11,11 +11,11 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scara_kinetostatic.report.html import TEMPLATES
 
 from benchmark.diagnosis_record import NAMINGS, WITHIN, Record
 from benchmark.diagnosis_tables import SHOWN
-from scara_kinetostatic.report.drawing import COLOURS, FAINT, INK, LINE, SERIES, WARN, style
-from scara_kinetostatic.report.html import TEMPLATES
+from scara_kinetostatic.render.figure import COLOURS, FAINT, INK, LINE, SERIES, WARN, style
 
 Pick = Callable[[Record, int], float]
 

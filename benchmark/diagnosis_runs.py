@@ -16,7 +16,7 @@ from benchmark.diagnosis_unlisted import ALIAS, UNLISTED, unlisted
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import Near
 from scara_kinetostatic.calibration.held_out import held_out_force_error
-from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.registry import catalogue, find
@@ -149,9 +149,7 @@ def _judge(record: Record, found: Diagnosis, before: Calibration) -> None:
     record.more = tuple(label for label in record.named if label not in expected)
 
 
-def _measure(
-    record: Record, setup: Setup, cell: Cell, played: Played, outcome: tuple[Calibration, Diagnosis]
-) -> None:
+def _measure(record: Record, setup: Setup, cell: Cell, played: Played, outcome: tuple[Calibration, Diagnosis]) -> None:
     """Errors of the twelve, of the extended and of the true model, on the touches that the true model uses."""
     before, found = outcome
     after, truth = found.extended or before, setup.truth

@@ -186,9 +186,12 @@ def summary(records: Sequence[Record]) -> Iterator[str]:
         ('two effects: both named', '>= 85 %', of['pairs'], right),
         ('outside the list: detected', '100 %', of['unlisted'], lambda r: r.verdict != 'none'),
         ('outside the list: fallen by two thirds', '100 %', of['unlisted'], lambda r: fallen(r) >= FALLEN),
-        ('effects and pairs that were found: the twelve within 4 std', '100 %', [
-            r for r in all_effects if r.verdict != 'none'
-        ], unbent),
+        (
+            'effects and pairs that were found: the twelve within 4 std',
+            '100 %',
+            [r for r in all_effects if r.verdict != 'none'],
+            unbent,
+        ),
         ('outside the list: the twelve within 4 std', '100 %', of['unlisted'], unbent),
         ('CPU time below 2 s', '100 %', records, lambda r: r.cpu < 2.0),
     )

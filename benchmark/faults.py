@@ -28,14 +28,14 @@ import numpy as np
 from benchmark.damaged_files import FAILURES, Judged, Verdict, judged_calibration, judged_cell, judged_reading
 from benchmark.forms import forms
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
-from scara_kinetostatic.recording.cell_file import dump_cell
-from scara_kinetostatic.recording.detection import find_touches
-from scara_kinetostatic.recording.streams import JointStream, Streams, WrenchStream
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import simulate_streams
+from scara_kinetostatic.touches.detection import find_touches
+from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 CELL_FILE = Path(__file__).parents[1] / 'config' / 'cell.yaml'

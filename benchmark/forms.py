@@ -13,11 +13,11 @@ from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
 from benchmark.damaged_files import METADATA, Form
+from scara_kinetostatic.bags.encoding import channels, joint_state_messages, string_message, wrench_messages
+from scara_kinetostatic.bags.writer import BagWriter, write_streams
+from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.recording.cell_file import dump_cell
-from scara_kinetostatic.recording.encoding import channels, joint_state_messages, string_message, wrench_messages
-from scara_kinetostatic.recording.streams import Streams
-from scara_kinetostatic.recording.writer import BagWriter, write_streams
+from scara_kinetostatic.touches.streams import Streams
 
 Message = tuple[int, int, bytes]
 """Log time, number of the channel, payload."""

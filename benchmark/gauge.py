@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from scara_kinetostatic.experiments.gauge import analyse
-from scara_kinetostatic.experiments.gauge_simulation import GaugeTruth, simulate_experiments
-from scara_kinetostatic.recording.gauge_readings import GRIPPER, JOINT1, JOINT2
+from scara_kinetostatic.studies.dial_gauge.analysis import analyse
+from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2
+from scara_kinetostatic.studies.dial_gauge.simulation import GaugeTruth, simulate_experiments
 
 
 def play(number: int) -> dict[str, object]:

@@ -19,12 +19,12 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 from std_srvs.srv import Trigger
 
+from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
 from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain
-from scara_kinetostatic.recording.detection import find_touches
-from scara_kinetostatic.recording.reader import embedded_cell, read_streams
+from scara_kinetostatic.touches.detection import find_touches
 
 PATIENCE = 60.0
 """Longest wait for anything, s."""

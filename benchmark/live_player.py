@@ -19,14 +19,14 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 
+from scara_kinetostatic.bags.encoding import joint_state_messages, wrench_messages
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
 from scara_kinetostatic.nodes.qos import RELIABLE_STREAM
-from scara_kinetostatic.recording.encoding import joint_state_messages, wrench_messages
-from scara_kinetostatic.recording.streams import Streams
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import simulate_streams
+from scara_kinetostatic.touches.streams import Streams
 
 PERIOD = 0.001
 """Between two looks at the clock, s."""

@@ -15,10 +15,10 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-from scara_kinetostatic.experiments.loops_choice import LEVEL, NONE, UNEXPLAINED, Choice, choose
-from scara_kinetostatic.experiments.loops_dependence import anything_left, dependences
-from scara_kinetostatic.experiments.loops_fit import fit
-from scara_kinetostatic.experiments.loops_laws import (
+from scara_kinetostatic.studies.hysteresis.choice import LEVEL, NONE, UNEXPLAINED, Choice, choose
+from scara_kinetostatic.studies.hysteresis.dependence import anything_left, dependences
+from scara_kinetostatic.studies.hysteresis.fit import fit
+from scara_kinetostatic.studies.hysteresis.laws import (
     BACKLASH,
     CANDIDATES,
     FRICTION,
@@ -28,8 +28,8 @@ from scara_kinetostatic.experiments.loops_laws import (
     VISCOUS,
     Law,
 )
-from scara_kinetostatic.experiments.loops_motion import Motion
-from scara_kinetostatic.experiments.loops_simulation import played
+from scara_kinetostatic.studies.hysteresis.motion import Motion
+from scara_kinetostatic.studies.hysteresis.simulation import played
 
 NOISE = 100.0
 CORRELATIONS = (0.0, 0.9)

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from benchmark.peers_casadi import casadi_angles, casadi_forces
 from benchmark.peers_problem import CELL, NOISE, Answer, Problem, Ready
 from benchmark.peers_scipy import scipy_arrays, scipy_scalars
-from scara_kinetostatic.calibration.adjustment import first_guess
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.gauss_helmert import first_guess
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import turn_radial

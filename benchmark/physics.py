@@ -17,20 +17,21 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.bags.writer import write_streams
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
-from scara_kinetostatic.physics.played import Played
-from scara_kinetostatic.physics.player import Player
-from scara_kinetostatic.physics.recorded import as_streams, usual_plan
-from scara_kinetostatic.physics.scene import SCENES, Scene, scene_named
-from scara_kinetostatic.physics.truth import built_effects, expected_parameters
-from scara_kinetostatic.pipeline import Outcome, calibrate_recordings
-from scara_kinetostatic.recording.writer import write_streams
+from scara_kinetostatic.pipeline import calibrate_recordings
+from scara_kinetostatic.simulation.mujoco.motion import Played
+from scara_kinetostatic.simulation.mujoco.player import Player
+from scara_kinetostatic.simulation.mujoco.recorded import as_streams, usual_plan
+from scara_kinetostatic.simulation.mujoco.scene import SCENES, Scene, scene_named
+from scara_kinetostatic.simulation.mujoco.truth import built_effects, expected_parameters
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 

@@ -15,28 +15,25 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from markupsafe import Markup
+from scara_kinetostatic.report.html import TEMPLATES
 
+from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.experiments.gauge_simulation import simulate_experiments
-from scara_kinetostatic.experiments.gauge_study import study
-from scara_kinetostatic.experiments.reproduction import reproduce
+from scara_kinetostatic.diagnosis.effect_residual import signature
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.recording.reader import embedded_cell
-from scara_kinetostatic.report import (
-    cell_picture,
-    design_maps,
-    design_pictures,
-    effect_pictures,
-    gauge_pictures,
-    paper_pictures,
-)
-from scara_kinetostatic.report.drawing import style
-from scara_kinetostatic.report.html import TEMPLATES
-from scara_kinetostatic.report.signature import signature
+from scara_kinetostatic.render.figure import style
+from scara_kinetostatic.report import cell_picture, effect_pictures
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
+from scara_kinetostatic.studies.design import figures as design_pictures
+from scara_kinetostatic.studies.design import maps as design_maps
+from scara_kinetostatic.studies.dial_gauge import figures as gauge_pictures
+from scara_kinetostatic.studies.dial_gauge.simulation import simulate_experiments
+from scara_kinetostatic.studies.dial_gauge.study import study
+from scara_kinetostatic.studies.paper import figures as paper_pictures
+from scara_kinetostatic.studies.paper.reproduction import reproduce
 
 UNDECLARED = Path(__file__).parents[1] / 'bags' / 'undeclared_a.mcap'
 FONT = 'system-ui, -apple-system, Segoe UI, Noto Sans, DejaVu Sans, sans-serif'

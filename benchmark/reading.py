@@ -37,9 +37,9 @@ RUNS = 3
 
 def write(path: Path, seconds: float, rate: float) -> int:
     """Write the recording; how many messages it has."""
-    from scara_kinetostatic.recording.bag_writer import JOINTS, WRENCH
-    from scara_kinetostatic.recording.encoding import channels, joint_state_messages, wrench_messages
-    from scara_kinetostatic.recording.mcap_piece import McapPiece
+    from scara_kinetostatic.bags.bag_writer import JOINTS, WRENCH
+    from scara_kinetostatic.bags.encoding import channels, joint_state_messages, wrench_messages
+    from scara_kinetostatic.bags.mcap_writer import McapPiece
 
     piece, random = McapPiece(path, channels(CELL)), np.random.default_rng(0)
     count = round(seconds * rate)
@@ -59,7 +59,7 @@ def write(path: Path, seconds: float, rate: float) -> int:
 
 def by_package(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """`read_streams`."""
-    from scara_kinetostatic.recording.reader import read_streams
+    from scara_kinetostatic.bags.reader import read_streams
 
     streams = read_streams(path, CELL)
     return (

@@ -23,9 +23,9 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
-from scara_kinetostatic.recording.detection import find_touches
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
+from scara_kinetostatic.touches.detection import find_touches
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 ROBOTS = {'table 2': PAPER_ACTUAL, 'figure 4(d)': PAPER_MEASURED}

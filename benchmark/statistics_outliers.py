@@ -23,7 +23,7 @@ from benchmark.recordings import CELL
 from benchmark.statistics_bound import size
 from benchmark.statistics_runs import NOISE, Scene, Task, error_of, scene, told
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.touch import TouchSet

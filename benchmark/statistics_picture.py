@@ -11,13 +11,13 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scara_kinetostatic.report.html import TEMPLATES
 
 from benchmark.statistics_outliers import CASES, LEFT_OUT
 from benchmark.statistics_summary import COVERED, EFFICIENT, GROWTH, LEVEL
 from benchmark.statistics_tables import sizes_of
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.report.drawing import COLOURS, INK, LINE, SERIES, WARN, style
-from scara_kinetostatic.report.html import TEMPLATES
+from scara_kinetostatic.render.figure import COLOURS, INK, LINE, SERIES, WARN, style
 
 Part = dict[str, Any]
 Panel = Callable[[Axes, Part, dict[str, str]], None]

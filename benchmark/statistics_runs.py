@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from benchmark.recordings import CELL, ROBOTS
 from benchmark.statistics_bound import Bound, bound
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.parameters import NAMES, Parameters

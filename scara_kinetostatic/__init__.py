@@ -24,28 +24,29 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from scara_kinetostatic.bags.reader import read_streams
     from scara_kinetostatic.calibration.calibrate import calibrate
-    from scara_kinetostatic.calibration.solution import Calibration
+    from scara_kinetostatic.calibration.result import Calibration
     from scara_kinetostatic.diagnosis.diagnose import diagnose
+    from scara_kinetostatic.diagnosis.outcome import Outcome
     from scara_kinetostatic.diagnosis.result import Diagnosis
     from scara_kinetostatic.effects.base import Effect
     from scara_kinetostatic.effects.registry import catalogue, register
     from scara_kinetostatic.errors import InputError, ScaraKinetostaticError, UnsupportedDataError
+    from scara_kinetostatic.files.cell_file import load_cell
     from scara_kinetostatic.model.cell import Cell, Disc, Noise, Sensor
     from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
     from scara_kinetostatic.model.touch import TouchSet
-    from scara_kinetostatic.pipeline import Outcome, calibrate_recordings
-    from scara_kinetostatic.recording.cell_file import load_cell
-    from scara_kinetostatic.recording.detection import Detection, find_touches
-    from scara_kinetostatic.recording.reader import read_streams
+    from scara_kinetostatic.pipeline import calibrate_recordings
     from scara_kinetostatic.report.document import as_document
     from scara_kinetostatic.report.write import write_results
+    from scara_kinetostatic.touches.detection import Detection, find_touches
 
 __version__ = '0.1.0'
 
 _HOME = {
     'calibrate': 'calibration.calibrate',
-    'Calibration': 'calibration.solution',
+    'Calibration': 'calibration.result',
     'diagnose': 'diagnosis.diagnose',
     'Diagnosis': 'diagnosis.result',
     'Effect': 'effects.base',
@@ -64,12 +65,12 @@ _HOME = {
     'PAPER_NOMINAL': 'model.parameters',
     'Parameters': 'model.parameters',
     'TouchSet': 'model.touch',
-    'Outcome': 'pipeline',
+    'Outcome': 'diagnosis.outcome',
     'calibrate_recordings': 'pipeline',
-    'load_cell': 'recording.cell_file',
-    'Detection': 'recording.detection',
-    'find_touches': 'recording.detection',
-    'read_streams': 'recording.reader',
+    'load_cell': 'files.cell_file',
+    'Detection': 'touches.detection',
+    'find_touches': 'touches.detection',
+    'read_streams': 'bags.reader',
     'as_document': 'report.document',
     'write_results': 'report.write',
 }

@@ -3,58 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import USUAL_NOISE
-from scara_kinetostatic.calibration.held_out import HeldOut, held_out_force_error
-from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.held_out import held_out_force_error
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.diagnosis.result import Diagnosis
+from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.touch import Rejection, TouchSet
-from scara_kinetostatic.recording.detection import Detection, find_touches
-from scara_kinetostatic.recording.reader import read_streams
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.touches.detection import Detection, find_touches
 
 HOPELESS = 0.5
 """Force error, as a part of the force, beyond which a fit is none, settled or not."""
 Progress = Callable[[str, float], None]
 """Called with what is being done and how much of all is done, 0 to 1."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """All that a calibration of recordings gives.
-
-    Attributes:
-        calibration: the twelve parameters alone, with their uncertainty.
-        held_out: force error of that model on touches not used in the fit.
-        diagnosis: whether the model is enough, and what is missing.
-        extended_held_out: as `held_out`, of the model extended by what was found; the same where nothing was.
-        found: touches in the recordings, rejected ones included.
-        rejected: all that were not used, by index: by the detection and by the fit.
-        sources: the recordings.
-        warnings: what is odd about them, one sentence each.
-    """
-
-    calibration: Calibration
-    held_out: HeldOut
-    diagnosis: Diagnosis
-    extended_held_out: HeldOut
-    found: int
-    rejected: tuple[Rejection, ...]
-    sources: tuple[str, ...]
-    warnings: tuple[str, ...]
-
-    @property
-    def final(self) -> Calibration:
-        """The calibration to use: extended by what was found, where something was."""
-        return self.diagnosis.extended or self.calibration
 
 
 def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress | None = None) -> Detection:

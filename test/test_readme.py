@@ -11,9 +11,9 @@ import pytest
 from pipeline.opened import Row, outcome_of, rows
 
 from scara_kinetostatic.cli.main import build_parser
-from scara_kinetostatic.pipeline import Outcome
-from scara_kinetostatic.report.comparison import compare
-from scara_kinetostatic.report.quantities import SCALES
+from scara_kinetostatic.diagnosis.comparison import compare
+from scara_kinetostatic.diagnosis.outcome import Outcome
+from scara_kinetostatic.render.quantities import SCALES
 from scara_kinetostatic.report.text import text_report
 
 ROOT = Path(__file__).parents[1]

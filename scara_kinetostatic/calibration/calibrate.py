@@ -7,11 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.conclude import conclude
+from scara_kinetostatic.calibration.build_result import conclude
 from scara_kinetostatic.calibration.estimate import Near, check_number, estimate
 from scara_kinetostatic.calibration.plausibility import check_plausible
 from scara_kinetostatic.calibration.prediction import observe
-from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES, Parameters

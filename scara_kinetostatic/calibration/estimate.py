@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration import outliers, steps
-from scara_kinetostatic.calibration.adjustment import Adjusted, Observations, first_guess
+from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Observations, first_guess
 from scara_kinetostatic.calibration.identifiability import scales_of, unseen_directions
 from scara_kinetostatic.calibration.projection import project, select, turn_radial
 from scara_kinetostatic.calibration.solver import (

@@ -8,7 +8,7 @@ import numpy as np
 
 from scara_kinetostatic.calibration.prediction import force_error, force_residual, observe
 from scara_kinetostatic.calibration.projection import project
-from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import FINAL, minimise
 
 SEED = 0

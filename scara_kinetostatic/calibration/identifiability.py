@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.adjustment import Observations, linearise, place_force, settle
 from scara_kinetostatic.calibration.blocks import pick
+from scara_kinetostatic.calibration.gauss_helmert import Observations, linearise, place_force, settle
 from scara_kinetostatic.calibration.projection import select
 from scara_kinetostatic.calibration.solver import Point
 from scara_kinetostatic.calibration.steps import compress, upper_triangle

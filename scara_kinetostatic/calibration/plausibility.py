@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.adjustment import Observations
+from scara_kinetostatic.calibration.gauss_helmert import Observations
 from scara_kinetostatic.calibration.prediction import base_force
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.adjustment import Observations, first_guess
 from scara_kinetostatic.calibration.blocks import in_blocks
+from scara_kinetostatic.calibration.gauss_helmert import Observations, first_guess
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import contact

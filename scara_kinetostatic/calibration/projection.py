@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.adjustment import Adjusted, Observations, adjust, as_radial, first_guess
 from scara_kinetostatic.calibration.blocks import in_blocks, pick
+from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Observations, adjust, as_radial, first_guess
 from scara_kinetostatic.calibration.solver import COARSE, Point, evaluate
 from scara_kinetostatic.calibration.whitening import Linearisation
 from scara_kinetostatic.model.cell import Noise

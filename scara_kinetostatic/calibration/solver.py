@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration import steps
-from scara_kinetostatic.calibration.adjustment import (
+from scara_kinetostatic.calibration.blocks import in_blocks, pick
+from scara_kinetostatic.calibration.gauss_helmert import (
     Adjusted,
     Observations,
     adjust,
     as_measured,
     linearise,
 )
-from scara_kinetostatic.calibration.blocks import in_blocks, pick
 from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, squared_distance, whiten
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import Parameters

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NoReturn
 
 EXIT_STATUSES = """\
@@ -26,16 +26,35 @@ Subparsers = argparse._SubParsersAction  # what `add_subparsers` returns; argpar
 
 
 def add_verb(
-    subparsers: Subparsers[argparse.ArgumentParser], name: str, summary: str, description: str, example: str
+    subparsers: Subparsers[argparse.ArgumentParser],
+    name: str,
+    summary: str,
+    description: str,
+    example: str,
+    run: Callable[[argparse.Namespace], int],
+    aliases: Sequence[str] = (),
 ) -> argparse.ArgumentParser:
-    """A verb with a help that teaches: what it does, an example, the exit statuses."""
-    return subparsers.add_parser(
+    """A verb with its help: what it does, an example, the exit statuses.
+
+    Args:
+        subparsers: of the command.
+        name: of the verb.
+        summary: for the list of verbs.
+        description: for the verb's own help.
+        example: one or more command lines.
+        run: from the parsed arguments to the exit status.
+        aliases: other names of the verb.
+    """
+    parser = subparsers.add_parser(
         name,
+        aliases=aliases,
         help=summary,
         description=description,
         epilog=f'example:\n{example}\n{EXIT_STATUSES}',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.set_defaults(run=run)
+    return parser
 
 
 def real(lowest: float = float('-inf'), *, above: bool = False) -> Callable[[str], float]:

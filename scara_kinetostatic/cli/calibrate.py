@@ -37,7 +37,7 @@ EXAMPLE = """\
 
 def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Adds the verb."""
-    parser = add_verb(subparsers, 'calibrate', 'estimate the parameters from recordings', DESCRIPTION, EXAMPLE)
+    parser = add_verb(subparsers, 'calibrate', 'estimate the parameters from recordings', DESCRIPTION, EXAMPLE, run)
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='recordings of one robot in one cell')
     parser.add_argument(
         '--cell', type=Path, metavar='FILE', help='cell description; default: the one that the recording carries'
@@ -93,8 +93,8 @@ def find_cell(named: Path | None, bags: list[Path]) -> Cell:
         CellError: it cannot be read or makes no sense.
         RecordingError: none is named, and the recordings carry none, or different ones.
     """
-    from scara_kinetostatic.recording.cell_file import load_cell
-    from scara_kinetostatic.recording.reader import embedded_cell
+    from scara_kinetostatic.bags.reader import embedded_cell
+    from scara_kinetostatic.files.cell_file import load_cell
 
     if named is not None:
         return load_cell(named)
@@ -111,8 +111,8 @@ def find_cell(named: Path | None, bags: list[Path]) -> Cell:
 
 def other_descriptions(cell: Cell, bags: list[Path]) -> list[str]:
     """Where recordings carry another cell description than the one that is named, one sentence each."""
+    from scara_kinetostatic.bags.reader import embedded_cell
     from scara_kinetostatic.model.cell import different_parts
-    from scara_kinetostatic.recording.reader import embedded_cell
 
     sentences = []
     for bag in bags:

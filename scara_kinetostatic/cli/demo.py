@@ -28,7 +28,7 @@ TELL_EVERY = 12
 
 def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Adds the verb."""
-    parser = add_verb(subparsers, 'demo', 'simulate, record and calibrate over ROS', DESCRIPTION, EXAMPLE)
+    parser = add_verb(subparsers, 'demo', 'simulate, record and calibrate over ROS', DESCRIPTION, EXAMPLE, run)
     parser.add_argument(
         '--out', type=Path, default=Path('demo'), metavar='DIR', help='each run makes a folder in it (default: demo)'
     )
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
             raise
         remedy = "install the ROS wheels by pip install 'scara_kinetostatic[ros]', or source a ROS 2 installation"
         raise InputError('demo', f'needs ROS 2 Jazzy, and there is no module {error.name!r}', remedy) from error
-    from scara_kinetostatic.recording.cell_file import load_cell
+    from scara_kinetostatic.files.cell_file import load_cell
 
     cell = load_cell(args.cell) if args.cell else None
     result = run_demo(_new_folder(args.out), cell, {'seed': args.seed, 'time_factor': args.time_factor}, _Teller())

@@ -11,8 +11,8 @@ from scara_kinetostatic.cli.progress import progress
 from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.experiments.design_prediction import Robot
-    from scara_kinetostatic.experiments.design_solution import Design, Question
+    from scara_kinetostatic.studies.design.prediction import Robot
+    from scara_kinetostatic.studies.design.solution import Design, Question
 
 PLAN, SPARE_PLAN = 'plan.yaml', 'plan_spare.yaml'
 DESCRIPTION = """\
@@ -30,7 +30,7 @@ EXAMPLE = """\
 
 def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Adds the verb."""
-    parser = add_verb(subparsers, 'design', 'the smallest set of touches for an accuracy', DESCRIPTION, EXAMPLE)
+    parser = add_verb(subparsers, 'design', 'the smallest set of touches for an accuracy', DESCRIPTION, EXAMPLE, run)
     parser.add_argument('--cell', type=Path, metavar='FILE', help="cell description; default: the paper's cell")
     parser.add_argument(
         '--accuracy',
@@ -94,10 +94,10 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: the accuracy is out of reach.
     """
     question, robot = _question(args), _robot(args)
-    from scara_kinetostatic.experiments.design import design
-    from scara_kinetostatic.report import design_document
-    from scara_kinetostatic.report.design_text import text
-    from scara_kinetostatic.report.json_file import json_text
+    from scara_kinetostatic.render.json_file import json_text
+    from scara_kinetostatic.studies.design import document as design_document
+    from scara_kinetostatic.studies.design.design import design
+    from scara_kinetostatic.studies.design.text import text
 
     with progress() as tell:
         found = design(robot, question, tell)
@@ -110,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _write(folder: Path, found: Design) -> list[str]:
-    from scara_kinetostatic.report.write import write_texts
+    from scara_kinetostatic.files.atomic import write_texts
 
     texts = design_texts(found)
     write_texts(folder, texts)
@@ -119,10 +119,11 @@ def _write(folder: Path, found: Design) -> list[str]:
 
 def design_texts(found: Design) -> dict[str, str]:
     """What goes into each file of a design, by name: both plans, the numbers, the page."""
-    from scara_kinetostatic.recording.plan_writer import dump_plan
-    from scara_kinetostatic.report import design_document, design_html
-    from scara_kinetostatic.report.design_text import choice_sentences
-    from scara_kinetostatic.report.json_file import json_text
+    from scara_kinetostatic.render.json_file import json_text
+    from scara_kinetostatic.simulation.plan_writer import dump_plan
+    from scara_kinetostatic.studies.design import document as design_document
+    from scara_kinetostatic.studies.design import page as design_html
+    from scara_kinetostatic.studies.design.text import choice_sentences
 
     cell = found.robot.cell
     return {
@@ -134,8 +135,8 @@ def design_texts(found: Design) -> dict[str, str]:
 
 
 def _question(args: argparse.Namespace) -> Question:
-    from scara_kinetostatic.experiments.design_solution import Question
-    from scara_kinetostatic.experiments.design_workspace import Region
+    from scara_kinetostatic.studies.design.solution import Question
+    from scara_kinetostatic.studies.design.workspace import Region
 
     for option, values in (('--region', args.region), ('--disc-radius', args.disc_radius)):
         for low, high in zip((values or [])[::2], (values or [])[1::2], strict=True):
@@ -158,11 +159,11 @@ def _question(args: argparse.Namespace) -> Question:
 
 def _robot(args: argparse.Namespace) -> Robot:
     from scara_kinetostatic.cli.simulate import truth_of
-    from scara_kinetostatic.experiments.design_prediction import Robot
+    from scara_kinetostatic.files.cell_file import load_cell
     from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
     from scara_kinetostatic.model.parameters import PAPER_NOMINAL
-    from scara_kinetostatic.recording.cell_file import load_cell
     from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE
+    from scara_kinetostatic.studies.design.prediction import Robot
 
     cell = load_cell(args.cell) if args.cell else Cell(PAPER_NOMINAL, PAPER_DISCS, noise=TYPICAL_NOISE)
     usual = cell.noise or TYPICAL_NOISE

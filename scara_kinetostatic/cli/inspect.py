@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from scara_kinetostatic.model.cell import Cell
-    from scara_kinetostatic.recording.detection import Detection
-    from scara_kinetostatic.recording.streams import Streams
+    from scara_kinetostatic.touches.detection import Detection
+    from scara_kinetostatic.touches.streams import Streams
 
 DESCRIPTION = """\
 Shows what a recording holds: its topics, rates and gaps, and every touch that
@@ -31,7 +31,7 @@ EXAMPLE = """\
 
 def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Adds the verb."""
-    parser = add_verb(subparsers, 'inspect', 'show the touches that a recording holds', DESCRIPTION, EXAMPLE)
+    parser = add_verb(subparsers, 'inspect', 'show the touches that a recording holds', DESCRIPTION, EXAMPLE, run)
     parser.add_argument('bag', type=Path, metavar='BAG', help='the recording')
     parser.add_argument(
         '--cell', type=Path, metavar='FILE', help='cell description; default: the one that the recording carries'
@@ -46,8 +46,8 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         InputError: the recording or the cell cannot be read, or makes no sense.
     """
-    from scara_kinetostatic.recording.detection import find_touches
-    from scara_kinetostatic.recording.reader import read_streams
+    from scara_kinetostatic.bags.reader import read_streams
+    from scara_kinetostatic.touches.detection import find_touches
 
     cell = find_cell(args.cell, [args.bag])
     streams = read_streams(args.bag, cell)
@@ -71,8 +71,8 @@ def inspection(bag: Path, streams: Streams, detection: Detection, cell: Cell) ->
 
 
 def _topics(bag: Path) -> list[tuple[str, str]]:
-    from scara_kinetostatic.recording.raw import reading
-    from scara_kinetostatic.recording.sources import open_recording
+    from scara_kinetostatic.bags.messages import reading
+    from scara_kinetostatic.bags.sources import open_recording
 
     with reading(bag):
         source = open_recording(bag)

@@ -22,7 +22,8 @@ from scara_kinetostatic.cli.arguments import EXIT_STATUSES, Parser
 from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
 
 PROGRAM = 'scara-kinetostatic'
-VERBS = ('calibrate', 'inspect', 'simulate', 'physics', 'demo', 'gauge', 'loops', 'design', 'paper')
+VERBS = ('calibrate', 'inspect', 'simulate', 'mujoco', 'demo', 'dial_gauge', 'hysteresis', 'design', 'paper')
+"""Modules of this package, one per verb, in the order of the help."""
 DONE, INTERNAL, WRONG_INPUT, UNSUPPORTED, INTERRUPTED, BROKEN_PIPE, TERMINATED = 0, 1, 2, 3, 130, 141, 143
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 DEBUG = 'SCARA_KINETOSTATIC_DEBUG'
@@ -81,7 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         with _Termination(), _rare_collections():
             args = build_parser().parse_args(argv)
             debug = debug or args.debug
-            status = int(import_module(f'scara_kinetostatic.cli.{args.verb}').run(args))
+            status = int(args.run(args))
             sys.stdout.flush()
             return status
     except SystemExit as end:  # from argparse: --help, --version, a wrong option

@@ -26,7 +26,7 @@ EXAMPLE = """\
 
 def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Adds the verb."""
-    parser = add_verb(subparsers, 'paper', 'redo the studies of the paper', DESCRIPTION, EXAMPLE)
+    parser = add_verb(subparsers, 'paper', 'redo the studies of the paper', DESCRIPTION, EXAMPLE, run)
     parser.add_argument('--out', type=Path, default=Path('paper'), metavar='DIR', help='for the page (default: paper)')
     parser.add_argument('--runs', type=_count, default=1000, metavar='N', help='noisy data sets (default: 1000)')
     parser.add_argument('--without-design', action='store_true', help='leave the design question out')
@@ -40,11 +40,12 @@ def run(args: argparse.Namespace) -> int:
         OutputError: DIR cannot be written.
     """
     from scara_kinetostatic.cli.design import design_texts
-    from scara_kinetostatic.experiments.reproduction import reproduce
-    from scara_kinetostatic.report import paper_document, paper_html
-    from scara_kinetostatic.report.design_text import headline
-    from scara_kinetostatic.report.json_file import json_text
-    from scara_kinetostatic.report.write import write_texts
+    from scara_kinetostatic.files.atomic import write_texts
+    from scara_kinetostatic.render.json_file import json_text
+    from scara_kinetostatic.studies.design.text import headline
+    from scara_kinetostatic.studies.paper import document as paper_document
+    from scara_kinetostatic.studies.paper import page as paper_html
+    from scara_kinetostatic.studies.paper.reproduction import reproduce
 
     with progress() as tell:
         found = reproduce(args.runs, tell, with_design=not args.without_design)

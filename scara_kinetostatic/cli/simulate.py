@@ -15,9 +15,9 @@ from scara_kinetostatic.errors import InputError
 if TYPE_CHECKING:
     from scara_kinetostatic.model.cell import Cell
     from scara_kinetostatic.model.parameters import Parameters
-    from scara_kinetostatic.recording.truth_file import Truth
     from scara_kinetostatic.simulation.plan import Plan
     from scara_kinetostatic.simulation.sensors import SensorModel
+    from scara_kinetostatic.simulation.truth_file import Truth
 
 DESCRIPTION = """\
 Simulates a robot that touches the discs of a cell, and records joint angles and
@@ -34,7 +34,7 @@ EXAMPLE = """\
 
 def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Adds the verb."""
-    parser = add_verb(subparsers, 'simulate', 'write a recording of a simulated cell', DESCRIPTION, EXAMPLE)
+    parser = add_verb(subparsers, 'simulate', 'write a recording of a simulated cell', DESCRIPTION, EXAMPLE, run)
     parser.add_argument(
         '--out',
         type=Path,
@@ -120,10 +120,10 @@ def run(args: argparse.Namespace) -> int:
     if args.plan and (args.per_disc or args.levels or args.overpress is not None):
         advice = 'leave --per-disc, --levels and --overpress out'
         raise InputError('--plan', 'a plan says all about the touches', advice)
-    from scara_kinetostatic.recording.truth_file import Truth, truth_text
-    from scara_kinetostatic.recording.writer import write_streams
+    from scara_kinetostatic.bags.writer import write_streams
     from scara_kinetostatic.simulation.chosen_effects import parse_effect, with_effects
     from scara_kinetostatic.simulation.streams import simulate_streams
+    from scara_kinetostatic.simulation.truth_file import Truth, truth_text
 
     cell = _cell(args)
     known = _truth(args.truth, cell)
@@ -146,7 +146,7 @@ def run(args: argparse.Namespace) -> int:
 @contextmanager
 def _beside(path: Path | None, text: str) -> Iterator[None]:
     """Writes a file if what is done meanwhile succeeds; none for None."""
-    from scara_kinetostatic.recording.folders import all_or_nothing
+    from scara_kinetostatic.files.atomic import all_or_nothing
 
     if path is None:
         yield
@@ -157,9 +157,9 @@ def _beside(path: Path | None, text: str) -> Iterator[None]:
 
 
 def _cell(args: argparse.Namespace) -> Cell:
+    from scara_kinetostatic.files.cell_file import load_cell
     from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, SensorFrame, SensorSign
     from scara_kinetostatic.model.parameters import PAPER_NOMINAL
-    from scara_kinetostatic.recording.cell_file import load_cell
 
     if args.cell:
         cell = load_cell(args.cell)
@@ -178,7 +178,7 @@ def truth_of(what: str, cell: Cell) -> Parameters:
 def _truth(what: str, cell: Cell) -> Truth:
     """The same with the effects that the file may hold."""
     from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
-    from scara_kinetostatic.recording.truth_file import Truth, load_truth
+    from scara_kinetostatic.simulation.truth_file import Truth, load_truth
 
     known = {'paper': PAPER_ACTUAL, 'measured': PAPER_MEASURED}
     if what not in known:
@@ -190,8 +190,8 @@ def _truth(what: str, cell: Cell) -> Truth:
 
 
 def _plan(args: argparse.Namespace, cell: Cell) -> Plan:
-    from scara_kinetostatic.recording.plan_file import load_plan
     from scara_kinetostatic.simulation.plan import default_plan
+    from scara_kinetostatic.simulation.plan_file import load_plan
 
     if args.plan:
         return load_plan(args.plan, cell)

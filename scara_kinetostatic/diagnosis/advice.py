@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from scara_kinetostatic.calibration.solution import Calibration
-from scara_kinetostatic.diagnosis.deciding import Deciding
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.discrimination import Deciding
+from scara_kinetostatic.diagnosis.lack_of_fit import Trace
 from scara_kinetostatic.diagnosis.refit import effect_values
 from scara_kinetostatic.diagnosis.result import Found, Ranked
-from scara_kinetostatic.diagnosis.structure import Trace
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.model.parameters import NAMES

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
-from scara_kinetostatic.diagnosis.problem import Problem
+from scara_kinetostatic.diagnosis.linear_problem import Problem
 from scara_kinetostatic.effects.base import Effect, LinearEffect, Trial
 
 Floats = NDArray[np.float64]

@@ -11,21 +11,21 @@ from scipy import special
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import Near
-from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis import advice, noise_advice
+from scara_kinetostatic.diagnosis.alternatives import fit_other_forms, widened, widened_for_each, with_free_zeros
 from scara_kinetostatic.diagnosis.candidates import Field
-from scara_kinetostatic.diagnosis.contest import CREDIBLE, rank_singles
-from scara_kinetostatic.diagnosis.deciding import Deciding, decide
-from scara_kinetostatic.diagnosis.forms import fit_other_forms, widened, widened_for_each, with_free_zeros
-from scara_kinetostatic.diagnosis.leaning import growing_p_value, lean_p_value, without_direction
+from scara_kinetostatic.diagnosis.contact_angle import growing_p_value, lean_p_value, without_direction
+from scara_kinetostatic.diagnosis.discrimination import Deciding, decide
+from scara_kinetostatic.diagnosis.hypotheses import tell
+from scara_kinetostatic.diagnosis.lack_of_fit import Trace, find_traces
+from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
+from scara_kinetostatic.diagnosis.model_selection import CREDIBLE, rank_singles
 from scara_kinetostatic.diagnosis.peaks import fit_other_peaks
-from scara_kinetostatic.diagnosis.problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.refit import effect_values
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.diagnosis.scores import hidden_bend, score_singles, significance
 from scara_kinetostatic.diagnosis.search import Search, all_candidates
-from scara_kinetostatic.diagnosis.stories import tell
-from scara_kinetostatic.diagnosis.structure import Trace, find_traces
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.unnamed import Unnamed

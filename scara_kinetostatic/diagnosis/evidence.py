@@ -16,7 +16,7 @@ import numpy as np
 from scara_kinetostatic.calibration.outliers import FALSE_REJECTIONS
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
-from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.result import Calibration
 
 
 def story(calibration: Calibration, price: float, scale: float) -> float:

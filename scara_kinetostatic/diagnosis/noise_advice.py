@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import special
 
-from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.result import Calibration
 
 LARGEST_JOINT_NOISE = 2e-4
 """Estimated repeatability of a joint beyond which it is an error of the model, rad."""

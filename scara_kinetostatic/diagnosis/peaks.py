@@ -12,11 +12,11 @@ from collections.abc import Container
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.alternatives import fit_variants
 from scara_kinetostatic.diagnosis.candidates import Candidate, as_fitted, explained, gains, refined, scan_trials
-from scara_kinetostatic.diagnosis.contest import CREDIBLE
-from scara_kinetostatic.diagnosis.forms import fit_variants
-from scara_kinetostatic.diagnosis.problem import Problem, orthonormal, pose_problem
+from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
+from scara_kinetostatic.diagnosis.model_selection import CREDIBLE
 from scara_kinetostatic.diagnosis.refit import effect_values, start_from
 from scara_kinetostatic.effects.base import Effect
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import Near
-from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.candidates import LEAST_NEW, Candidate
-from scara_kinetostatic.diagnosis.problem import Problem
+from scara_kinetostatic.diagnosis.linear_problem import Problem
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extension import split
 from scara_kinetostatic.model.parameters import NAMES, Parameters

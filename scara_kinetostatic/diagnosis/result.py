@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.solution import Calibration
-from scara_kinetostatic.diagnosis.structure import Trace
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.lack_of_fit import Trace
 from scara_kinetostatic.effects.base import Effect
 
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy import special
 
 from scara_kinetostatic.diagnosis.candidates import LEAST_NEW, Candidate, new_part
-from scara_kinetostatic.diagnosis.contest import Contest
-from scara_kinetostatic.diagnosis.problem import Problem, orthonormal
+from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal
+from scara_kinetostatic.diagnosis.model_selection import Contest
 
 Floats = NDArray[np.float64]
 

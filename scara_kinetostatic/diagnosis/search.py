@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.candidates import Candidate, Field, gather
-from scara_kinetostatic.diagnosis.contest import Contest, compete
 from scara_kinetostatic.diagnosis.evidence import story
-from scara_kinetostatic.diagnosis.problem import Problem, pose_problem
+from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
+from scara_kinetostatic.diagnosis.model_selection import Contest, compete
 from scara_kinetostatic.diagnosis.refit import effect_values, fit_with
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import unnamed_effects
@@ -187,9 +187,7 @@ def _smaller(
     return best
 
 
-def all_candidates(
-    latest: Calibration, problem: Problem, effects: Sequence[Effect], together: bool = True
-) -> Field:
+def all_candidates(latest: Calibration, problem: Problem, effects: Sequence[Effect], together: bool = True) -> Field:
     """The catalogue and unnamed structure as candidates; `together` as in `gather`."""
     pairs = zip(latest.cell.effects, effect_values(latest), strict=True)
     fitted = {effect.label: values for effect, (values, _) in pairs if isinstance(effect, Effect) and len(values)}

@@ -23,7 +23,9 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.errors import ParameterError, ScaraKinetostaticError
+from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN, Condition, DiagnosticsPublisher
@@ -32,8 +34,6 @@ from scara_kinetostatic.nodes.results import ResultParameters
 from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.summary import details, one_line
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.recording.cell_file import load_cell
-from scara_kinetostatic.recording.reader import embedded_cell
 from scara_kinetostatic.report.effect_parameters import effect_parameters
 
 THREADS = 3

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from rclpy.node import Node
 
+from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
 from scara_kinetostatic.nodes import declare
-from scara_kinetostatic.recording.cell_file import load_cell
 
 EXAMPLE_CELL = Cell(nominal=PAPER_NOMINAL, discs=PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 """The cell of figure 3, the same as `config/cell.yaml`."""

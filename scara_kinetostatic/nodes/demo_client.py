@@ -23,13 +23,13 @@ from std_msgs.msg import Bool, String, UInt32
 from std_srvs.srv import Trigger
 
 from scara_kinetostatic.errors import InputError, UnsupportedDataError
+from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
 from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain
 from scara_kinetostatic.nodes.qos import LATCHED
 from scara_kinetostatic.nodes.results import DEVIATION, VALUE
-from scara_kinetostatic.recording.cell_file import dump_cell
 
 START_UP = 30.0
 """Longest wait for the nodes to find each other, s."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.nodes.conversion import Sample
-from scara_kinetostatic.recording.streams import Streams
+from scara_kinetostatic.touches.streams import Streams
 
 
 class Due(NamedTuple):

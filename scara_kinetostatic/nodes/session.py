@@ -9,12 +9,12 @@ from time import monotonic
 
 import numpy as np
 
+from scara_kinetostatic.bags.writer import BagWriter, fresh_folder
 from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.nodes.conversion import Sample
-from scara_kinetostatic.recording.detection import Detection
-from scara_kinetostatic.recording.live import LiveDetector
-from scara_kinetostatic.recording.writer import BagWriter, fresh_folder
+from scara_kinetostatic.touches.detection import Detection
+from scara_kinetostatic.touches.online import LiveDetector
 
 QUIET = 1.0
 """After this long without a message, s, what the bag does not hold durably yet is secured."""

@@ -15,9 +15,9 @@ from scara_kinetostatic.model.parameters import DESCRIPTIONS, PAPER_ACTUAL, PAPE
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.cell_parameter import cell_or_example
 from scara_kinetostatic.nodes.declare import Range
-from scara_kinetostatic.recording.plan_file import load_plan
 from scara_kinetostatic.simulation.chosen_effects import parse_effect, with_effects
 from scara_kinetostatic.simulation.plan import LARGEST_OVERPRESS, Plan, default_plan
+from scara_kinetostatic.simulation.plan_file import load_plan
 from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, SensorModel
 
 TRUTH_RANGES = {

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from scara_kinetostatic.pipeline import Outcome
-from scara_kinetostatic.report.comparison import compare
-from scara_kinetostatic.report.quantities import rank_of_twelve
+from scara_kinetostatic.diagnosis.comparison import compare
+from scara_kinetostatic.diagnosis.outcome import Outcome
+from scara_kinetostatic.render.quantities import rank_of_twelve
 
 
 def one_line(outcome: Outcome) -> str:

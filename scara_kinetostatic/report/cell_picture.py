@@ -9,9 +9,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.report.drawing import FAINT, INK, LINE, PAPER, WARN, Margins, as_svg, mark, new_figure
+from scara_kinetostatic.render.figure import FAINT, INK, LINE, PAPER, WARN, Margins, as_svg, mark, new_figure
 
 Floats = NDArray[np.float64]
 

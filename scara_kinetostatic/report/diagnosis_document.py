@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
+from scara_kinetostatic.diagnosis.lack_of_fit import Trace
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
-from scara_kinetostatic.diagnosis.structure import Trace
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import Unnamed
-
-Document = dict[str, Any]
+from scara_kinetostatic.render.json_file import Document
 
 
 def number(value: float) -> float | None:

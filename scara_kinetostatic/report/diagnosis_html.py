@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+from scara_kinetostatic.diagnosis.comparison import Bend, Comparison, Side, bends, compare
+from scara_kinetostatic.diagnosis.effect_residual import signature
+from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.unnamed import Unnamed
-from scara_kinetostatic.pipeline import Outcome
+from scara_kinetostatic.render.quantities import SCALES, chance, decimals, p_equals, shown
 from scara_kinetostatic.report import words
-from scara_kinetostatic.report.comparison import Bend, Comparison, Side, bends, compare
 from scara_kinetostatic.report.diagnosis_document import role
 from scara_kinetostatic.report.effect_pictures import bend_picture, signature_picture
-from scara_kinetostatic.report.quantities import SCALES, chance, decimals, p_equals, shown
-from scara_kinetostatic.report.signature import signature
 
 MOST_PICTURES = 3
 MOST_CURVES = 3

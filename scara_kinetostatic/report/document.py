@@ -6,18 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.comparison import Comparison, bends, compare
+from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES, UNITS
-from scara_kinetostatic.pipeline import Outcome
-from scara_kinetostatic.report.comparison import Comparison, bends, compare
-from scara_kinetostatic.report.diagnosis_document import Document as Document
+from scara_kinetostatic.render.json_file import Document
+from scara_kinetostatic.render.quantities import rank_of_twelve
 from scara_kinetostatic.report.diagnosis_document import diagnosis_document
 from scara_kinetostatic.report.diagnosis_document import number as _number
-from scara_kinetostatic.report.quantities import rank_of_twelve
 
 Floats = NDArray[np.float64]
 
+NAME = 'calibration.json'
 SCHEMA = 'scara_kinetostatic/calibration/1'
 """Keys may be added under the same number; what is there keeps its name and meaning."""
 

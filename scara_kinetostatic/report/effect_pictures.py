@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from scara_kinetostatic.report.comparison import Bend
-from scara_kinetostatic.report.drawing import FAINT, INK, LINE, PAPER, SERIES, WARN, as_svg, mark, new_figure
-from scara_kinetostatic.report.signature import Signature
+from scara_kinetostatic.diagnosis.comparison import Bend
+from scara_kinetostatic.diagnosis.effect_residual import Signature
+from scara_kinetostatic.render.figure import FAINT, INK, LINE, PAPER, SERIES, WARN, as_svg, mark, new_figure
 
 Floats = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 from scipy.special import betaincinv
 
-from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.report.drawing import FAINT, INK, LINE, PAPER, SERIES, WARN, Margins, as_svg, mark, new_figure
+from scara_kinetostatic.render.figure import FAINT, INK, LINE, PAPER, SERIES, WARN, Margins, as_svg, mark, new_figure
 
 Floats = NDArray[np.float64]
 

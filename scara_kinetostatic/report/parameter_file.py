@@ -11,9 +11,9 @@ import math
 from collections.abc import Callable, Sequence
 from itertools import groupby
 
-from scara_kinetostatic.calibration.solution import Calibration
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, UNITS
-from scara_kinetostatic.pipeline import Outcome
 from scara_kinetostatic.report.effect_parameters import DEVIATION, VALUE, EffectParameter, effect_parameters
 
 NAME = 'calibration.yaml'

@@ -5,11 +5,11 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Sequence
 
+from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.unnamed import Unnamed
-from scara_kinetostatic.pipeline import Outcome
+from scara_kinetostatic.render.quantities import STATUS, Row, parameter_rows, shown
 from scara_kinetostatic.report import words
-from scara_kinetostatic.report.quantities import STATUS, Row, parameter_rows, shown
 
 WIDTH = 100
 MOST_REJECTED = 12

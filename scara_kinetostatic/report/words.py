@@ -9,13 +9,13 @@ import numpy as np
 
 from scara_kinetostatic.calibration.identifiability import Combination
 from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.diagnosis.comparison import bends, compare
+from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import Unnamed
-from scara_kinetostatic.pipeline import Outcome
-from scara_kinetostatic.report.comparison import bends, compare
+from scara_kinetostatic.render.quantities import SCALES, count, decimals, p_equals, rank_of_twelve
 from scara_kinetostatic.report.diagnosis_document import known_effects
-from scara_kinetostatic.report.quantities import SCALES, count, decimals, p_equals, rank_of_twelve
 
 
 class Verdict(NamedTuple):

@@ -7,11 +7,11 @@ import numpy as np
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.recording.streams import JointStream, Streams, WrenchStream
 from scara_kinetostatic.simulation.phases import Timing
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.sensors import SensorModel, reported_force
 from scara_kinetostatic.simulation.trajectory import Motion
+from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 START = 1_700_000_000_000_000_000
 """Stamp of the start of a simulated recording, ns."""

@@ -29,7 +29,6 @@ from scara_kinetostatic.model.kinematics import forward, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.law import Tags
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.recording.approach import last_movement
 from scara_kinetostatic.simulation.loading import LIGHT, Loading
 from scara_kinetostatic.simulation.phases import (
     APPROACH,
@@ -45,6 +44,7 @@ from scara_kinetostatic.simulation.phases import (
     minimum_jerk,
 )
 from scara_kinetostatic.simulation.plan import Plan
+from scara_kinetostatic.touches.approach import last_movement
 
 __all__ = [
     'APPROACH',

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from cli.command import Result, Run
 
-from scara_kinetostatic.recording.cell_file import load_cell
-from scara_kinetostatic.recording.reader import read_streams
-from scara_kinetostatic.recording.streams import Streams
-from scara_kinetostatic.recording.writer import write_streams
+from scara_kinetostatic.bags.reader import read_streams
+from scara_kinetostatic.bags.writer import write_streams
+from scara_kinetostatic.files.cell_file import load_cell
+from scara_kinetostatic.touches.streams import Streams
 
 
 def check(result: Result, status: int, *words: str) -> None:

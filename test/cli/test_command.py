@@ -21,7 +21,10 @@ COMMAND = [sys.executable, '-m', 'scara_kinetostatic.cli.main']
 ENVIRONMENT = {**os.environ, 'PYTHONPATH': str(ROOT)}
 
 
-@pytest.mark.parametrize('verb', VERBS)
+VERB_NAMES = tuple(verb.replace('_', '-') for verb in VERBS)
+
+
+@pytest.mark.parametrize('verb', VERB_NAMES)
 def test_help_teaches(run: Run, verb: str) -> None:
     result = run(verb, '--help')
     assert (result.status, result.err) == (0, '')
@@ -33,7 +36,7 @@ def test_help_teaches(run: Run, verb: str) -> None:
 def test_help_of_the_command(run: Run) -> None:
     result = run('--help')
     assert result.status == 0
-    for word in (*VERBS, 'exit status', '2  the command or an input is wrong', '3  the data cannot'):
+    for word in (*VERB_NAMES, 'exit status', '2  the command or an input is wrong', '3  the data cannot'):
         assert word in result.out
     assert run('--version').out == f'scara-kinetostatic {__version__}\n'
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from cli.command import Run
 
-from scara_kinetostatic.recording.detection import find_touches
-from scara_kinetostatic.recording.reader import embedded_cell, read_streams
+from scara_kinetostatic.bags.reader import embedded_cell, read_streams
+from scara_kinetostatic.touches.detection import find_touches
 
 RADIUS = 'object_radius[disc_2]:radius=6e-5'
 BIAS = 'sensor_bias:x=1.5,y=-0.5'

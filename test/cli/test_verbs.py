@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from cli.command import Run
 
+from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED
-from scara_kinetostatic.recording.detection import find_touches
-from scara_kinetostatic.recording.reader import embedded_cell, read_streams
+from scara_kinetostatic.touches.detection import find_touches
 
 TRUTH = PAPER_ACTUAL.as_dict()
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis.played import CELL, NOISE, deviations, effect, play
+from diagnosis.simulated import CELL, NOISE, deviations, effect, play
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis import advice

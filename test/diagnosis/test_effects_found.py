@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from diagnosis.played import CELL, UNKNOWN_NOISE, deviations, effect, examined, play
+from diagnosis.simulated import CELL, UNKNOWN_NOISE, deviations, effect, examined, play
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.held_out import held_out_force_error

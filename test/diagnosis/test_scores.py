@@ -5,13 +5,13 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from diagnosis.played import CELL, effect, examined, play
+from diagnosis.simulated import CELL, effect, examined, play
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.candidates import gather
-from scara_kinetostatic.diagnosis.contest import compete
-from scara_kinetostatic.diagnosis.deciding import decide
-from scara_kinetostatic.diagnosis.problem import pose_problem
+from scara_kinetostatic.diagnosis.discrimination import decide
+from scara_kinetostatic.diagnosis.linear_problem import pose_problem
+from scara_kinetostatic.diagnosis.model_selection import compete
 from scara_kinetostatic.diagnosis.refit import fit_with
 from scara_kinetostatic.diagnosis.scores import FOUND, held_out_deviance, hidden_bend
 from scara_kinetostatic.effects.registry import catalogue

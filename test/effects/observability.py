@@ -12,7 +12,7 @@ import numpy as np
 from calibration.studies import CELL, NOISE
 from effects.scenes import exact_touches
 
-from scara_kinetostatic.calibration.adjustment import linearise
+from scara_kinetostatic.calibration.gauss_helmert import linearise
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.whitening import whiten_by

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from benchmark.faults import CELL
+from scara_kinetostatic.bags.encoding import joint_state_messages, wrench_messages
+from scara_kinetostatic.bags.reader import read_streams
+from scara_kinetostatic.bags.writer import BagWriter
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.recording.detection import find_touches
-from scara_kinetostatic.recording.encoding import joint_state_messages, wrench_messages
-from scara_kinetostatic.recording.live import LiveDetector
-from scara_kinetostatic.recording.reader import read_streams
-from scara_kinetostatic.recording.streams import JointStream, Streams, WrenchStream
-from scara_kinetostatic.recording.writer import BagWriter
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import simulate_streams
+from scara_kinetostatic.touches.detection import find_touches
+from scara_kinetostatic.touches.online import LiveDetector
+from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 SECOND = 1_000_000_000
 RATE = 40

@@ -12,7 +12,7 @@ from benchmark.damaged_files import CANARY, FAILURES, Form, Verdict, judged, jud
 from benchmark.faults import CELL, CELL_FILE, short_streams
 from benchmark.forms import forms
 from scara_kinetostatic.errors import CellError
-from scara_kinetostatic.recording.cell_file import dump_cell
+from scara_kinetostatic.files.cell_file import dump_cell
 
 STREAMS = short_streams()
 FORMS = forms(STREAMS, CELL)

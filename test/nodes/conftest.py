@@ -14,11 +14,11 @@ from rclpy.executors import Executor, SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
 
+from scara_kinetostatic.files.cell_file import dump_cell  # noqa: E402
 from scara_kinetostatic.nodes.calibrator import PatientExecutor  # noqa: E402
 from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL  # noqa: E402
 from scara_kinetostatic.nodes.demo_client import DemoClient  # noqa: E402
 from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain  # noqa: E402
-from scara_kinetostatic.recording.cell_file import dump_cell  # noqa: E402
 
 
 @pytest.fixture

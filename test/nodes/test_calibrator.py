@@ -15,6 +15,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 from scara_kinetostatic.nodes import calibrator as module
@@ -25,7 +26,6 @@ from scara_kinetostatic.nodes.diagnostics import ERROR, OK
 from scara_kinetostatic.nodes.processes import NodeProcesses
 from scara_kinetostatic.nodes.qos import LATCHED
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.recording.writer import write_streams
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
 

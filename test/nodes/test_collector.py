@@ -17,6 +17,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.nodes import conversion, session
 from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
 from scara_kinetostatic.nodes.collector import Collector
@@ -26,8 +27,7 @@ from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN
 from scara_kinetostatic.nodes.processes import NodeProcesses
 from scara_kinetostatic.nodes.qos import RELIABLE_STREAM
 from scara_kinetostatic.nodes.stream_monitor import StreamMonitor
-from scara_kinetostatic.recording.detection import find_touches
-from scara_kinetostatic.recording.reader import embedded_cell, read_streams
+from scara_kinetostatic.touches.detection import find_touches
 
 WAIT = 15.0
 

@@ -16,6 +16,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.nodes import conversion, stream_subscription
 from scara_kinetostatic.nodes.calibrator import Calibrator
@@ -27,7 +28,6 @@ from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.qos import RELIABLE_STREAM
 from scara_kinetostatic.nodes.sequence import SequenceMonitor
 from scara_kinetostatic.nodes.session import Stream
-from scara_kinetostatic.recording.reader import read_streams
 
 WAIT = 15.0
 NOBODY = '~nobody_of_that_name/recordings'

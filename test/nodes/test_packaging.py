@@ -8,8 +8,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import scara_kinetostatic
+from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
-from scara_kinetostatic.recording.cell_file import load_cell
 
 ROOT = Path(__file__).parents[2]
 NAME = 'scara_kinetostatic'

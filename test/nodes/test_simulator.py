@@ -15,7 +15,7 @@ from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.playback import Playback
 from scara_kinetostatic.nodes.simulator_settings import deviating
-from scara_kinetostatic.recording.streams import JointStream, Streams, WrenchStream
+from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 STREAMS = Streams(
     source='test',

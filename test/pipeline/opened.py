@@ -11,11 +11,12 @@ from typing import NamedTuple
 
 from pipeline.undeclared import ALL, BAGS, true_robot
 
+from scara_kinetostatic.bags.reader import embedded_cell
+from scara_kinetostatic.diagnosis.outcome import Outcome
+from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.pipeline import Outcome, calibrate_recordings
-from scara_kinetostatic.recording.cell_file import load_cell
-from scara_kinetostatic.recording.reader import embedded_cell
-from scara_kinetostatic.report.quantities import SCALES, decimals
+from scara_kinetostatic.pipeline import calibrate_recordings
+from scara_kinetostatic.render.quantities import SCALES, decimals
 
 
 class Row(NamedTuple):

@@ -1,7 +1,7 @@
 """Recordings of a robot in MuJoCo with an effect that nothing declares: it is named, and the twelve with it are right.
 
 They are simulated by others' code. Reading them needs no MuJoCo; the truth is in `truth/`, which nothing but tests
-reads. Made by `physics.engine_recordings`, in the tests' folder `physics`.
+reads. Made by `mujoco_cell.engine_recordings`, in the tests' folder `physics`.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ import numpy as np
 import pytest
 import yaml
 
+from scara_kinetostatic.bags.reader import embedded_cell
+from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Found
+from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.pipeline import Outcome, calibrate_recordings
-from scara_kinetostatic.recording.cell_file import load_cell
-from scara_kinetostatic.recording.reader import embedded_cell
+from scara_kinetostatic.pipeline import calibrate_recordings
 
 BAGS = Path(__file__).parents[2] / 'bags'
 TRUTH = Path(__file__).parent / 'truth'

@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 from pipeline.undeclared import ALL, BAGS, make, true_robot
 
+from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.effects.unnamed import Unnamed
+from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.pipeline import Outcome, calibrate_recordings
-from scara_kinetostatic.recording.cell_file import load_cell
-from scara_kinetostatic.recording.reader import embedded_cell, read_streams
+from scara_kinetostatic.pipeline import calibrate_recordings
 
 LARGEST = 1_000_000
 RECORDINGS = pytest.mark.parametrize('name', [one.name for one in ALL])

@@ -17,7 +17,7 @@ from simulation.oval import OvalDisc
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.effects.registry import register, unregister
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.recording.truth_file import Truth, load_truth
+from scara_kinetostatic.simulation.truth_file import Truth, load_truth
 
 BAGS = Path(__file__).parents[2] / 'bags'
 TRUTH = Path(__file__).parent / 'truth'

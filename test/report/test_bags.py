@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from scara_kinetostatic.bags.reader import embedded_cell
+from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, Parameters
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.recording.cell_file import load_cell
-from scara_kinetostatic.recording.reader import embedded_cell
 
 BAGS = Path(__file__).parents[2] / 'bags'
 LARGEST = 300_000

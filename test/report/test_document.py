@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from report.conftest import GROWN, NASTY
+from conftest import GROWN, NASTY
 
+from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, UNITS
-from scara_kinetostatic.pipeline import Outcome
+from scara_kinetostatic.render.json_file import json_text
 from scara_kinetostatic.report.document import as_document
-from scara_kinetostatic.report.json_file import json_text
 
 REAL = (int, float)
 CONTRACT = {

@@ -8,9 +8,9 @@ from xml.etree import ElementTree
 
 import pytest
 
-from scara_kinetostatic.pipeline import Outcome
-from scara_kinetostatic.report.comparison import bends, compare
-from scara_kinetostatic.report.html import html_text
+from scara_kinetostatic.diagnosis.comparison import bends, compare
+from scara_kinetostatic.diagnosis.outcome import Outcome
+from scara_kinetostatic.report.page import html_text
 
 VOID = {'meta', 'br', 'img', 'hr', 'input', 'link'}
 

@@ -8,14 +8,14 @@ from dataclasses import replace
 import pytest
 
 from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.diagnosis.comparison import compare
+from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.effects.object_radius import ObjectRadius
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.touch import Rejection
-from scara_kinetostatic.pipeline import Outcome
+from scara_kinetostatic.render.quantities import decimals, parameter_rows, shown
 from scara_kinetostatic.report import words
-from scara_kinetostatic.report.comparison import compare
-from scara_kinetostatic.report.quantities import decimals, parameter_rows, shown
 from scara_kinetostatic.report.text import MOST_REJECTED, text_report
 
 

@@ -9,8 +9,8 @@ from effects.scenes import EFFECTS, LABELS, plausible
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
-from scara_kinetostatic.recording.truth_file import Truth, load_truth, truth_text
 from scara_kinetostatic.simulation.chosen_effects import Chosen, parse_effect, wanted, with_effects
+from scara_kinetostatic.simulation.truth_file import Truth, load_truth, truth_text
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS)
 CHOSEN = [Chosen(effect, tuple(float(value) for value in plausible(effect))) for effect in EFFECTS]

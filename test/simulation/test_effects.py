@@ -17,12 +17,12 @@ from scara_kinetostatic.model.extension import Extension
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.law import Tags
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
-from scara_kinetostatic.recording.detection import find_touches
 from scara_kinetostatic.simulation.phases import HOLD, PAUSE, TRAVEL
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
 from scara_kinetostatic.simulation.trajectory import Motion
+from scara_kinetostatic.touches.detection import find_touches
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3))
 TOOL = replace(CELL, sensor=CELL.sensor._replace(frame=SensorFrame.TOOL, sign=SensorSign.ON_ROBOT))

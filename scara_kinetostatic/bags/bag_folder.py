@@ -1,0 +1,186 @@
+"""A rosbag2 folder: `metadata.yaml` and the files it lists.
+
+The files are the truth and the metadata only their order: a folder whose
+metadata is lost or broken is read all the same, with a warning. Pieces that a
+killed collector left unlisted are read, too, see `recording.bag_writer`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator
+from contextlib import suppress
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import yaml
+
+from scara_kinetostatic.bags.messages import Batch, Batches, Source, Topic, reading, ros_topic
+from scara_kinetostatic.errors import RecordingError
+
+METADATA = 'metadata.yaml'
+MAX_METADATA = 1 << 24
+MAX_DEPTH = 32
+"""Levels of nesting in the metadata; rosbag2 writes eight at most."""
+_STORED = re.compile(r'.+\.(mcap|db3)(\.zstd)?\Z')
+_PIECE = re.compile(r'\.?(?P<stem>.+_piece)_(?P<number>[0-9]+)\.mcap(\.part)?\Z')
+
+
+class BagFolder:
+    """Reads the files of a folder in turn; a `Source`.
+
+    Args:
+        path: the folder.
+        open_file: gives the source of one file.
+
+    Raises:
+        RecordingError: the folder holds no recording.
+    """
+
+    def __init__(self, path: Path, open_file: Callable[[Path], Source]) -> None:
+        self.path = path
+        self.warnings: list[str] = []
+        self._open_file = open_file
+        self._topics: list[Topic] = []
+        self._counts: dict[str, int] = {}
+        self._read_counts: Counter[str] = Counter()
+        listed = self._listed_files()
+        self._files = self._all_files() if listed is None else listed
+        self._left_over = [] if listed is None else self._left_over_files()
+        if not self._files and listed is None:
+            raise self._no_recording()
+
+    def topics(self) -> list[Topic]:
+        """Every topic of the folder."""
+        return list(dict.fromkeys(self._topics))
+
+    def batches(self, wanted: Collection[str]) -> Batches:
+        """The messages of all files in turn, then what left-over files add."""
+        for path in self._files:
+            yield from self._read(path, wanted)
+        self._compare_counts(wanted)
+        for path in self._left_over:
+            yield from self._read_left_over(path, wanted)
+
+    def _read(self, path: Path, wanted: Collection[str]) -> Iterator[Batch]:
+        try:
+            with reading(path):
+                source = self._open_file(path)
+                for batch in source.batches(wanted):
+                    self._read_counts[batch.topic.name] += len(batch.start)
+                    yield batch
+        except RecordingError as error:
+            if len(self._files) == 1:
+                raise
+            self.warnings.append(f'{path.name} was left out: {error.problem}')
+            return
+        self._topics += source.topics()
+        self.warnings += source.warnings
+
+    def _read_left_over(self, path: Path, wanted: Collection[str]) -> Iterator[Batch]:
+        """What a file that a kill left behind holds; that it breaks off is no news."""
+        count = 0
+        with suppress(RecordingError), reading(path):
+            for batch in self._open_file(path).batches(wanted):
+                count += len(batch.start)
+                yield batch
+        if count:
+            self.warnings.append(f'{count} messages after the last checkpoint were recovered from {path.name}')
+
+    def _compare_counts(self, wanted: Collection[str]) -> None:
+        """Whether as much was read as the metadata counts; a damaged database loses messages without a word."""
+        for topic in wanted:
+            lost = self._counts.get(topic, self._read_counts[topic]) - self._read_counts[topic]
+            if lost and not self.warnings:
+                more = 'more' if lost > 0 else 'fewer'
+                self.warnings.append(f'{topic}: {METADATA} counts {abs(lost)} {more} messages than the files hold')
+
+    def _listed_files(self) -> list[Path] | None:
+        """The files that the metadata lists; None where they have to be looked for."""
+        metadata = self.path / METADATA
+        if not metadata.exists():
+            return None
+        try:
+            names, self._counts = _contents(metadata)
+        except (yaml.YAMLError, AttributeError, LookupError, OSError, RecursionError, TypeError, ValueError) as error:
+            reason = ' '.join(str(error).split())[:80] or type(error).__name__
+            self.warnings.append(f'{METADATA} cannot be read ({reason}): the files of the folder were read in order')
+            return None
+        files = [self.path / name for name in names]
+        missing = [file.name for file in files if not file.exists()]
+        if missing and len(missing) == len(files):
+            self.warnings.append(f'{METADATA} lists {missing[0]}, which is missing: the files found were read in order')
+            return None
+        if missing:
+            self.warnings.append(f'{METADATA} lists {", ".join(missing)}, which is missing: read without')
+        return [file for file in files if file.exists()]
+
+    def _all_files(self) -> list[Path]:
+        """The recordings in the folder in their order, `…_2` before `…_10`."""
+        files = [file for file in self._entries() if _STORED.match(file.name) and not file.name.startswith('.')]
+        if files and not (self.path / METADATA).exists():
+            self.warnings.append(f'{METADATA} is missing: the files of the folder were read in order')
+        return sorted(files, key=_natural)
+
+    def _left_over_files(self) -> list[Path]:
+        """The pieces that follow the last listed one, closed or not."""
+        last = _PIECE.match(self._files[-1].name) if self._files else None
+        if last is None:
+            return []
+        matches = [(file, _PIECE.match(file.name)) for file in self._entries()]
+        following = [
+            file
+            for file, match in matches
+            if match and match['stem'] == last['stem'] and int(match['number']) > int(last['number'])
+        ]
+        return sorted(following, key=_natural)
+
+    def _entries(self) -> list[Path]:
+        return [entry for entry in self.path.iterdir() if entry.is_file()]
+
+    def _no_recording(self) -> RecordingError:
+        inside = [
+            entry for entry in sorted(self.path.iterdir()) if (entry / METADATA).exists() or entry.suffix == '.bag'
+        ]
+        remedy = f'did you mean {inside[0]}?' if inside else f'expected {METADATA} and .mcap or .db3 files'
+        return RecordingError(self.path, 'no recording in this folder', remedy)
+
+
+def finished_files(path: str | Path) -> frozenset[str]:
+    """Names of the files of a folder, drafts apart; a writer adds to them, and takes them away only once others hold
+    what was in them. Empty if it is no folder.
+    """
+    try:
+        return frozenset(item.name for item in Path(path).iterdir() if not item.name.startswith('.'))
+    except (OSError, ValueError):
+        return frozenset()
+
+
+def _contents(metadata: Path) -> tuple[list[str], dict[str, int]]:
+    """File names in the metadata (old versions prefix the folder) and the number of messages by topic."""
+    if metadata.stat().st_size > MAX_METADATA:
+        raise ValueError('too large')
+    data = _words(metadata.read_text('utf-8'))['rosbag2_bagfile_information']
+    names = list(dict.fromkeys(PurePosixPath(name).name for name in data['relative_file_paths']))
+    topics = data['topics_with_message_count']
+    return names, {ros_topic(item['topic_metadata']['name']): int(item['message_count']) for item in topics}
+
+
+def _words(text: str) -> Any:
+    """YAML with every scalar left as it is written: no merge key is followed, no number worked out. The composer
+    calls itself for every level, so that the levels are counted beforehand.
+    """
+    loader = getattr(yaml, 'CBaseLoader', yaml.BaseLoader)
+    depth = 0
+    for event in yaml.parse(text, Loader=loader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > MAX_DEPTH:
+            raise ValueError(f'nested deeper than {MAX_DEPTH}')
+        if isinstance(event, yaml.AliasEvent):
+            raise ValueError('aliases are not allowed')
+    return yaml.load(text, Loader=loader)
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    return [(int(part), '') if part.isdigit() else (0, part) for part in re.split(r'([0-9]+)', path.name.lstrip('.'))]

@@ -1,0 +1,103 @@
+"""Decompression that never gives back more than it was told to expect, and what there is of a cut-off input."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import IO
+
+import lz4.frame  # type: ignore[import-untyped]
+import zstandard
+
+from scara_kinetostatic.bags.messages import Batch
+
+ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
+LARGEST_CHUNK = 1 << 28
+LARGEST_MESSAGE = 1 << 20
+"""No joint state, wrench or cell description has more bytes; what has is none."""
+PORTION = 1 << 25
+"""So many bytes of decompressed messages are held at a time."""
+LEAST_ALLOWED, LARGEST_RATIO = 1 << 28, 200
+"""A file that is decompressed as a whole may grow to so many bytes, or by this factor."""
+
+
+def inflate(data: bytes, compression: str, size: int) -> bytes:
+    """Decompress one portion.
+
+    Args:
+        data: compressed bytes, possibly cut off.
+        compression: `zstd`, `lz4`, or empty for none.
+        size: how many bytes to give back at most.
+
+    Returns:
+        The first `size` bytes, fewer where the input ends early.
+
+    Raises:
+        ValueError: the compression is unknown, or the size beyond belief.
+    """
+    if size > LARGEST_CHUNK:
+        raise ValueError(f'a chunk claims to hold {size} bytes')
+    if compression in ('', 'none'):
+        return data[:size]
+    if compression == 'zstd':
+        with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as reader:
+            return _drain(reader, size)
+    if compression == 'lz4':
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size))
+    raise ValueError(f'unknown compression {compression!r}')
+
+
+def _drain(reader: zstandard.ZstdDecompressionReader, size: int) -> bytes:
+    parts: list[bytes] = []
+    try:
+        while size > 0 and (part := reader.read(min(size, 1 << 20))):
+            parts.append(part)
+            size -= len(part)
+    except zstandard.ZstdError:
+        if not parts:
+            raise
+    return b''.join(parts)
+
+
+def inflate_messages(batch: Batch) -> Iterator[Batch]:
+    """The same messages in portions, decompressed where each was compressed on its own (rosbag2's compression mode
+    `message`).
+
+    No message starts like a zstd frame, so none is taken for one by mistake.
+    """
+    if len(batch.start) == 0 or batch.payload(0)[:4] != ZSTD_MAGIC:
+        yield batch
+        return
+    times, payloads, size = batch.log_time.tolist(), [], 0
+    for index in range(len(times)):
+        payloads.append(_message(batch.payload(index)))
+        size += len(payloads[-1])
+        if size > PORTION or index == len(times) - 1:
+            yield Batch.from_payloads(batch.topic, times[index + 1 - len(payloads) : index + 1], payloads)
+            payloads, size = [], 0
+
+
+def _message(data: bytes) -> bytes:
+    try:
+        message = inflate(data, 'zstd', LARGEST_MESSAGE + 1)
+    except zstandard.ZstdError:
+        return b''
+    return message if len(message) <= LARGEST_MESSAGE else b''
+
+
+def unpack(packed: IO[bytes], plain: IO[bytes], compressed: int) -> None:
+    """Decompress a whole file.
+
+    Args:
+        packed: gives the decompressed bytes.
+        plain: where they go.
+        compressed: size of the compressed file.
+
+    Raises:
+        ValueError: it holds more than any recording would; nothing beyond that is written.
+    """
+    left = max(LEAST_ALLOWED, LARGEST_RATIO * compressed)
+    while part := packed.read(1 << 20):
+        left -= len(part)
+        if left < 0:
+            raise ValueError('it unpacks to more than a recording would')
+        plain.write(part)

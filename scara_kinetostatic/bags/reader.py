@@ -1,0 +1,142 @@
+"""Any supported recording to `Streams`.
+
+A recording is a rosbag2 folder (MCAP or SQLite, split, compressed or not), a
+bare `.mcap` or `.db3` file, or a ROS 1 `.bag`. From the cell's two topics come
+arrays; what cannot be used is dropped and counted in the warnings, what cannot
+be mended is a `RecordingError` that says what to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+from typing import TypeVar
+
+from scara_kinetostatic.bags.bag_folder import finished_files
+from scara_kinetostatic.bags.clock import counted, on_one_clock
+from scara_kinetostatic.bags.decoding import Decoder, Samples, decode_string
+from scara_kinetostatic.bags.decompression import inflate_messages
+from scara_kinetostatic.bags.messages import JOINT_STATE, STRING, WRENCH_STAMPED, Source, Topic, printable, reading
+from scara_kinetostatic.bags.sources import open_recording
+from scara_kinetostatic.errors import RecordingError, one_line
+from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
+
+_ENCODINGS = ('cdr', 'ros1')
+_ATTEMPTS = 5
+_T = TypeVar('_T')
+
+
+def read_streams(path: str | Path, cell: Cell) -> Streams:
+    """Read the joint angles and forces of a recording.
+
+    Args:
+        path: the recording.
+        cell: names its topics and joints.
+
+    Returns:
+        Both streams in the order of their header stamps; each stamp once.
+
+    Raises:
+        RecordingError: there is no such recording, it cannot be read, or it lacks what is needed.
+    """
+    return _steadily(path, lambda: _streams(path, cell))
+
+
+def _streams(path: str | Path, cell: Cell) -> Streams:
+    types = {cell.sensor.joint_states: JOINT_STATE, cell.sensor.wrench: WRENCH_STAMPED}
+    decoders = {cell.sensor.joint_states: Decoder(cell.joint_names), cell.sensor.wrench: Decoder()}
+    with reading(path):
+        source = open_recording(path)
+        for batch in source.batches(types):
+            if batch.topic.msgtype == types[batch.topic.name] and batch.topic.encoding in _ENCODINGS:
+                for portion in inflate_messages(batch):
+                    decoders[batch.topic.name].add(portion)
+        warnings = list(source.warnings)
+        streams = {topic: decoder.samples() for topic, decoder in decoders.items()}
+        for topic, samples in streams.items():
+            if len(samples.stamp) == 0:
+                raise _nothing_usable(path, source, topic, types[topic], samples, cell)
+            warnings += [f'{topic}: {counted(number)} {why} dropped' for why, number in samples.dropped.items()]
+        joints, wrench = on_one_clock(str(path), streams, warnings)
+        return Streams(str(path), JointStream(*joints), WrenchStream(*wrench), tuple(map(one_line, warnings)))
+
+
+def embedded_cell(path: str | Path) -> Cell | None:
+    """The cell description that travels in a recording, None where it carries none.
+
+    Raises:
+        RecordingError: there is no such recording, or it cannot be read.
+        CellError: what the recording carries is no cell description.
+    """
+    return _steadily(path, lambda: _cell(path))
+
+
+def _cell(path: str | Path) -> Cell | None:
+    with reading(path), closing(open_recording(path).batches({CELL_TOPIC})) as batches:
+        for batch in batches:
+            if batch.topic.msgtype == STRING and batch.topic.encoding in _ENCODINGS:
+                text = decode_string(next(inflate_messages(batch)).payload(0), batch.topic.encoding)
+                return parse_cell(text, f'{path}: {CELL_TOPIC}')
+    return None
+
+
+def _steadily(path: str | Path, read: Callable[[], _T]) -> _T:
+    """What `read` gives; again where a collector took files away meanwhile. That it added some does not matter."""
+    for _ in range(_ATTEMPTS):
+        before = finished_files(path)
+        try:
+            result = read()
+        except RecordingError:
+            if before <= finished_files(path):
+                raise
+        else:
+            if before <= finished_files(path):
+                return result
+    return read()
+
+
+def _nothing_usable(
+    path: str | Path, source: Source, topic: str, msgtype: str, samples: Samples, cell: Cell
+) -> RecordingError:
+    """Why a topic gave no samples."""
+    topics = source.topics()
+    here = [item for item in topics if item.name == topic]
+    if source.warnings and not samples.dropped:
+        problem = f'nothing is left of topic {topic}: {"; ".join(source.warnings[:2])}'
+        return RecordingError(path, problem, 'copy the file again, or record again')
+    if not here:
+        return _missing(path, topic, msgtype, topics)
+    if all(item.msgtype != msgtype for item in here):
+        problem = f'topic {topic} carries {here[0].msgtype}, expected {msgtype}'
+        return RecordingError(path, problem, _suggestion(topics, msgtype, topic))
+    if all(item.encoding not in _ENCODINGS for item in here):
+        return RecordingError(path, f'topic {topic} is serialized as {here[0].encoding!r}, expected cdr', 'convert it')
+    if samples.names and not any(name in samples.names for name in cell.joint_names):
+        problem = f'topic {topic} has no joints {" and ".join(cell.joint_names)}, only {_some(sorted(samples.names))}'
+        return RecordingError(path, problem, 'put the right names into robot.joint_names of the cell description')
+    if samples.dropped:
+        reasons = ', '.join(f'{number} {why}' for why, number in samples.dropped.most_common())
+        return RecordingError(path, f'no message of {topic} can be used: {reasons}', 'check what publishes the topic')
+    return RecordingError(path, f'topic {topic} has no messages', 'record while the driver publishes')
+
+
+def _missing(path: str | Path, topic: str, msgtype: str, topics: list[Topic]) -> RecordingError:
+    if not topics:
+        return RecordingError(path, 'the recording has no topics', f'record {topic} ({msgtype})')
+    return RecordingError(path, f'the recording has no topic {topic}', _suggestion(topics, msgtype, topic))
+
+
+def _suggestion(topics: list[Topic], msgtype: str, topic: str) -> str:
+    right = [item.name for item in topics if item.msgtype == msgtype and item.encoding in _ENCODINGS]
+    key = 'sensor.joint_states' if msgtype == JOINT_STATE else 'sensor.wrench'
+    if right:
+        return f'{msgtype} is on {_some(right)}: put that into {key} of the cell description'
+    return f'it has {_some([f"{item.name} ({item.msgtype})" for item in topics])}: record {topic} ({msgtype})'
+
+
+def _some(names: list[str], most: int = 8) -> str:
+    more = f' and {len(names) - most} more' if len(names) > most else ''
+    return printable(', '.join(names[:most])) + more

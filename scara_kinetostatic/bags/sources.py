@@ -1,0 +1,119 @@
+"""Which form a recording has, told by its first bytes, and its source."""
+
+from __future__ import annotations
+
+import stat
+import tempfile
+from collections.abc import Collection
+from pathlib import Path
+from typing import IO, cast
+
+import zstandard
+
+from scara_kinetostatic.bags.bag_folder import BagFolder
+from scara_kinetostatic.bags.decompression import ZSTD_MAGIC, unpack
+from scara_kinetostatic.bags.mcap_checksum import MAGIC as MCAP_MAGIC
+from scara_kinetostatic.bags.mcap_file import McapFile
+from scara_kinetostatic.bags.messages import Batches, Source, Topic, reading
+from scara_kinetostatic.errors import RecordingError
+
+SQLITE_MAGIC = b'SQLite format 3\0'
+ROS1_MAGIC = b'#ROSBAG V'
+_FORMS = 'a rosbag2 folder, an .mcap or .db3 file, or a ROS 1 .bag'
+
+
+def open_recording(path: str | Path) -> Source:
+    """The source of a recording.
+
+    Args:
+        path: a rosbag2 folder, an `.mcap` or `.db3` file, plain or `.zstd`, or a ROS 1 `.bag`.
+
+    Raises:
+        RecordingError: there is none, or it is of no known form.
+    """
+    path = Path(path)
+    with reading(path):
+        if not path.exists():
+            raise RecordingError(path, 'there is no such recording', 'check the path')
+        if path.is_dir():
+            return BagFolder(path, open_file)
+        return open_file(path)
+
+
+def open_file(path: Path) -> Source:
+    """The source of a single file.
+
+    Raises:
+        RecordingError: it is empty or of no known form.
+    """
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise RecordingError(path, 'neither a file nor a folder', f'give {_FORMS}')
+    with path.open('rb') as stream:
+        start = stream.read(16)
+    if not start:
+        raise RecordingError(path, 'the file is empty', 'the recorder may not have been closed; record again')
+    if start.startswith(ZSTD_MAGIC):
+        return _open_compressed(path)
+    source = _plain(path, start)
+    if source is None:
+        remedy = f'give the folder {path.parent}' if path.name == 'metadata.yaml' else f'give {_FORMS}'
+        raise RecordingError(path, 'not a recording', remedy)
+    return source
+
+
+def _plain(path: Path, start: bytes) -> Source | None:
+    if start.startswith(MCAP_MAGIC):
+        return McapFile(path)
+    if start.startswith(SQLITE_MAGIC):
+        from scara_kinetostatic.bags.sqlite_file import SqliteFile
+
+        return SqliteFile(path)
+    if start.startswith(ROS1_MAGIC):  # `rosbags` takes its time to import
+        from scara_kinetostatic.bags.ros1_file import Ros1File
+
+        return Ros1File(path)
+    return None
+
+
+def _open_compressed(path: Path) -> Source:
+    """A file compressed as a whole (rosbag2's compression mode `file`)."""
+    with zstandard.open(path, 'rb') as stream:
+        start = stream.read(16)
+    if start.startswith(MCAP_MAGIC):
+        return McapFile(path, cast('IO[bytes]', zstandard.open(path, 'rb')))
+    if start.startswith((SQLITE_MAGIC, ROS1_MAGIC)):
+        return _Unpacked(path)
+    raise RecordingError(path, 'holds no recording once decompressed', f'give {_FORMS}')
+
+
+class _Unpacked:
+    """A compressed file whose reader must seek: unpacked into a temporary folder while it is read; a `Source`."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.warnings: list[str] = []
+        self._topics: list[Topic] = []
+
+    def topics(self) -> list[Topic]:
+        """Every topic of the file."""
+        return self._topics
+
+    def batches(self, wanted: Collection[str]) -> Batches:
+        """The messages of the wanted topics."""
+        with tempfile.TemporaryDirectory(prefix='scara_kinetostatic_') as folder:
+            plain = Path(folder) / self.path.stem
+            with zstandard.open(self.path, 'rb') as packed, plain.open('wb') as unpacked:
+                try:
+                    unpack(packed, unpacked, self.path.stat().st_size)
+                except zstandard.ZstdError as error:
+                    self.warnings.append(f'{self.path.name} breaks off ({error}): read as far as it goes')
+            yield from self._read(plain, wanted)
+
+    def _read(self, plain: Path, wanted: Collection[str]) -> Batches:
+        try:
+            source = open_file(plain)
+            yield from source.batches(wanted)
+        except RecordingError as error:
+            raise RecordingError(self.path, error.problem, error.remedy) from error
+        self._topics = source.topics()
+        self.warnings += source.warnings

@@ -1,0 +1,119 @@
+"""A `.db3` file: rosbag2's SQLite storage."""
+
+from __future__ import annotations
+
+import re
+import sqlite3
+from collections.abc import Collection, Iterator
+from contextlib import closing
+from pathlib import Path
+
+from scara_kinetostatic.bags.decompression import LARGEST_MESSAGE
+from scara_kinetostatic.bags.messages import BATCH, Batch, Batches, Topic, ros2_type, ros_topic
+from scara_kinetostatic.errors import RecordingError
+
+_SMALL = 1 << 30
+"""So large a file is checked as a whole, bytes; a larger one holds other things than these messages."""
+
+_CAREFUL = ('PRAGMA trusted_schema = OFF', 'PRAGMA ignore_check_constraints = ON')
+"""Expressions that stand in the schema of a file may neither call what has effects nor be checked at length."""
+_TABLES = "SELECT name, sql FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')"
+
+
+class SqliteFile:
+    """Reads the two tables that every version of the storage has; a `Source`.
+
+    A database that is damaged in the middle gives what comes before the
+    damage, with a warning.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.warnings: list[str] = []
+        self._topics: dict[int, Topic] = {}
+
+    def topics(self) -> list[Topic]:
+        """Every topic of the file."""
+        return list(self._topics.values())
+
+    def batches(self, wanted: Collection[str]) -> Batches:
+        """The messages of the wanted topics, in the order of their arrival."""
+        self._check_size()
+        with closing(self._connect()) as database:
+            self._read_topics(database)
+            for key, topic in self._topics.items():
+                if topic.name in wanted:
+                    yield from self._read_messages(database, key, topic)
+            if not self.warnings:
+                self._check_rows(database)
+
+    def _check_size(self) -> None:
+        """SQLite itself says nothing about lost pages that it does not come across."""
+        with self.path.open('rb') as stream:
+            head = stream.read(100)
+        page_size, pages = int.from_bytes(head[16:18], 'big'), int.from_bytes(head[28:32], 'big')
+        expected = (65536 if page_size == 1 else page_size) * pages
+        if head[24:28] == head[92:96] and self.path.stat().st_size < expected:
+            self.warnings.append(f'{self.path.name} is cut off: expected {expected} bytes, read as far as it goes')
+
+    def _check_rows(self, database: sqlite3.Connection) -> None:
+        """Whether the structure is sound and every message has a topic; there are no checksums that would tell more."""
+        stray = 'SELECT count(*) FROM messages WHERE topic_id NOT IN (SELECT id FROM topics)'
+        try:
+            small = self.path.stat().st_size < _SMALL
+            (problem,) = database.execute('PRAGMA quick_check(1)').fetchone() if small else ('ok',)
+            (lost,) = database.execute(stray).fetchone()
+        except sqlite3.DatabaseError as error:
+            self.warnings.append(f'{self.path.name} is damaged ({error})')
+            return
+        if problem != 'ok':
+            self.warnings.append(f'{self.path.name} is damaged ({problem}): messages may be missing')
+        elif lost:
+            self.warnings.append(f'{self.path.name} is damaged: {lost} messages belong to no topic')
+
+    def _connect(self) -> sqlite3.Connection:
+        """Open for reading alone; what a killed writer left in the write-ahead log is taken in where possible."""
+        uri = self.path.resolve().as_uri()
+        logs = [self.path.with_name(self.path.name + suffix) for suffix in ('-wal', '-journal')]
+        modes = ['mode=ro'] if any(log.exists() and log.stat().st_size for log in logs) else []
+        for mode in [*modes, 'mode=ro&immutable=1']:
+            database = sqlite3.connect(f'{uri}?{mode}', uri=True)
+            database.text_factory = lambda text: text.decode('utf-8', 'replace')
+            try:
+                for setting in _CAREFUL:
+                    database.execute(setting)
+                database.execute('SELECT count(*) FROM sqlite_master').fetchone()
+            except sqlite3.Error as error:
+                database.close()
+                last = error
+            else:
+                return database
+        raise RecordingError(self.path, f'the database cannot be opened: {last}', 'record it again') from last
+
+    def _read_topics(self, database: sqlite3.Connection) -> None:
+        tables = database.execute(_TABLES).fetchall()
+        if len(tables) != 2 or not all(_stored(database, name, str(sql)) for name, sql in tables):
+            raise RecordingError(self.path, 'this database is no recording', 'expected the tables of rosbag2')
+        rows = database.execute('SELECT id, name, type, serialization_format FROM topics ORDER BY id')
+        for key, name, msgtype, encoding in rows:
+            self._topics[key] = Topic(ros_topic(str(name)), ros2_type(str(msgtype)), str(encoding))
+
+    def _read_messages(self, database: sqlite3.Connection, key: int, topic: Topic) -> Iterator[Batch]:
+        data = f'CASE WHEN length(data) <= {LARGEST_MESSAGE} THEN data END'
+        cursor = database.execute(f'SELECT timestamp, {data} FROM messages WHERE topic_id = ? ORDER BY id', (key,))
+        while True:
+            try:
+                rows = cursor.fetchmany(BATCH)
+            except sqlite3.DatabaseError as error:
+                self.warnings.append(f'{self.path.name} is damaged ({error}): messages of {topic.name} may be missing')
+                return
+            if not rows:
+                return
+            times = [time if isinstance(time, int) else 0 for time, _ in rows]
+            yield Batch.from_payloads(topic, times, [data if isinstance(data, bytes) else b'' for _, data in rows])
+
+
+def _stored(database: sqlite3.Connection, table: str, sql: str) -> bool:
+    """Whether all of a table stands in the file: a virtual table or a generated column is worked out on reading."""
+    hidden = [column[6] for column in database.execute(f'PRAGMA table_xinfo({table})')]
+    return not any(hidden) and not re.match(r'create\s+virtual', sql, re.IGNORECASE)

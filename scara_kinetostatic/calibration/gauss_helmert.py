@@ -1,0 +1,295 @@
+"""One linearised adjustment of all touches: the Gauss–Helmert model.
+
+Q and F are both measured, both with noise, and every touch ties them by two
+conditions h(Q, F, L̄) = 0, in metres (`model.equations`). Nothing has to be solved inside, and
+the conditions are nearly linear in L̄, so they lead from 20 mm and 3° off as well
+as from nearby. Weighting and the treatment of the noise follow the Gauss–Helmert
+model of adjustment theory: linearised at the *adjusted* observations (Q̂, F̂),
+
+    h(Q̂, F̂, L̄) + B [Q - Q̂; F - F̂] + h_L̄ ΔL̄ + B v = 0,   B = [h_Q h_F],   v ~ (0, Σ),
+
+the misclosure w = h + B [Q - Q̂; F - F̂] has the covariance V = σ_q² h_Q h_Qᵀ + σ_f² h_F h_Fᵀ,
+different for every touch. To first order h = -h_F (F - A(Q, L̄)), so this is the weighted fit of the force
+(9) (10) with residual covariance Σ_F + A_Q Σ_Q A_Qᵀ. Beyond first order it is better: derivatives
+taken at adjusted, not at noisy, observations do not correlate with the noise,
+which would draw the compliances to one side as touches get many.
+
+**Two stages.** The direction of a small force is poorly measured: σ_f/f = 0.03 rad at 10 N. Taken as
+measured, it puts the tip r (σ_f/f)²/2 ≈ 0.1 mm off along the normal, far more than
+the joints' noise does. So the coarse stage, whose parameters may be far off, takes the
+observations as measured and adds this to V; the fine stage adjusts them.
+
+Sources: Mikhail and Ackermann, Observations and Least Squares (1976); Neitzel,
+J. Geodesy 84 (2010) 751, on where to linearise.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.calibration.sensor_errors import misread, unreading
+from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, by_touch
+from scara_kinetostatic.model.cell import Noise, SensorFrame
+from scara_kinetostatic.model.extended import all_derivatives, extended_equations, lean_derivative, settled
+from scara_kinetostatic.model.extension import Extension, Setting
+from scara_kinetostatic.model.gripper import Gripper
+from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2, Parameters
+from scara_kinetostatic.model.settling import Settled, settle_links
+from scara_kinetostatic.model.state import State, free_state
+from scara_kinetostatic.model.statics import Arm
+
+Floats = NDArray[np.float64]
+
+GROSS = 200.0
+"""A touch whose squared distance is beyond this keeps its observations as measured."""
+
+
+class Observations(NamedTuple):
+    """What n touches measured and where: the data of the adjustment.
+
+    Attributes:
+        joints: Q, (n, 2), rad.
+        force: F on the object in the sensor's frame, (n, 2), N.
+        centers: centre of each touch's disc, (n, 2), m.
+        radii: its radius, (n,), m.
+        frame: the sensor's frame.
+        gripper: the form of (7).
+        extension: effects beyond the twelve parameters; None without.
+    """
+
+    joints: Floats
+    force: Floats
+    centers: Floats
+    radii: Floats
+    frame: SensorFrame
+    gripper: Gripper
+    extension: Extension | None = None
+
+    def select(self, which: Any) -> Observations:
+        """The touches that a mask, a slice or an array of positions picks."""
+        extension = None if self.extension is None else self.extension.select(which)
+        return self._replace(
+            joints=self.joints[which],
+            force=self.force[which],
+            centers=self.centers[which],
+            radii=self.radii[which],
+            extension=extension,
+        )
+
+    def setting(self, joints: Floats, lean: Floats | None = None) -> Setting:
+        """The touches at joint angles (n, 2), rad, and leans (n,), rad, as the equations take them."""
+        return Setting(joints, self.centers, self.radii, self.gripper, self.extension, lean)
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the lean of the force, rad."""
+        return 0.0 if self.extension is None else self.extension.spread
+
+    def true_force(self, parameters: Parameters, reported: Floats) -> Floats:
+        """The forces behind what the sensor reports, (n, 2), N, in its frame."""
+        return reported if self.extension is None else self.extension.unread(parameters, reported)
+
+
+class Adjusted(NamedTuple):
+    """Where the equations are linearised.
+
+    Attributes:
+        joints: Q̂, (n, 2), rad.
+        force: F̂ in the sensor's frame, (n, 2), N.
+        state: link angles and modes that go with them.
+        lean: α̂ of each touch's force, (n,), rad; None where no effect lets it differ.
+    """
+
+    joints: Floats
+    force: Floats
+    state: State
+    lean: Floats | None = None
+
+
+def first_guess(observations: Observations, parameters: Parameters) -> Adjusted:
+    """Start: the observations as measured."""
+    o = observations
+    return as_measured(o, parameters, free_state(parameters, o.joints, o.centers))[0]
+
+
+def place_force(
+    observations: Observations, parameters: Parameters, joints: Floats, force: Floats, state: State
+) -> State:
+    """The state with magnitude and base-frame direction of a force as the sensor reports it."""
+    force = observations.true_force(parameters, force)
+    direction = np.arctan2(force[:, 1], force[:, 0])
+    if observations.frame is SensorFrame.TOOL:
+        direction = direction + joints[:, 0] + joints[:, 1] + parameters.theta1 + parameters.theta2
+    return state._replace(magnitude=np.hypot(force[:, 0], force[:, 1]), direction=direction)
+
+
+def linearise(
+    observations: Observations, parameters: Parameters, adjusted: Adjusted, arm: Arm | None = None
+) -> Linearisation:
+    """The equations and their derivatives at the adjusted observations; `arm` saves work where that of their state
+    is known.
+    """
+    o, state = observations, adjusted.state
+    if arm is None:
+        state = place_force(o, parameters, adjusted.joints, adjusted.force, state)
+    setting = o.setting(adjusted.joints, adjusted.lean)
+    e = extended_equations(parameters, setting, state, arm)
+    derivative = all_derivatives(parameters, setting, state, e)
+    by_joints = derivative[:, :, THETA1 : THETA2 + 1 : THETA2 - THETA1]
+    if o.frame is SensorFrame.TOOL:  # the sensor turns with link 2, so the force does
+        turned = np.stack([e.normal_d, e.tangent_d], axis=-1)
+        derivative[:, :, THETA1] += turned
+        derivative[:, :, THETA2] += turned
+    by_force = by_touch(2, 2, len(o.joints))
+    per_force = 1.0 / state.magnitude
+    by_force[:, 0, 0], by_force[:, 1, 0] = e.normal_f, e.tangent_f
+    by_force[:, 0, 1], by_force[:, 1, 1] = e.normal_d * per_force, e.tangent_d * per_force
+    if o.extension is not None and o.extension.reads:
+        by_force = by_force @ unreading(o.extension, parameters, adjusted.force)
+        derivative[:, :, len(NAMES) :] += misread(o.extension, parameters, adjusted.force, by_force)
+    misclosure = by_touch(2, len(o.joints))
+    off = _off_measured(o, adjusted)
+    misclosure[:, 0] = e.normal + _row_times(by_joints[:, 0], by_force[:, 0], off)
+    misclosure[:, 1] = e.tangent + _row_times(by_joints[:, 1], by_force[:, 1], off)
+    if not o.spread:
+        return Linearisation(misclosure, derivative, by_joints, by_force)
+    by_lean = lean_derivative(parameters, setting, state, e)
+    if adjusted.lean is not None:
+        misclosure -= by_lean * adjusted.lean[:, None]
+    return Linearisation(misclosure, derivative, by_joints, by_force, o.spread * by_lean)
+
+
+def _off_measured(observations: Observations, adjusted: Adjusted) -> tuple[Floats, Floats, Floats, Floats]:
+    """Measured less adjusted: both joints, rad, and the force along and across the adjusted one, N; (n,) each."""
+    o, a = observations, adjusted
+    along, across = a.force[:, 0], a.force[:, 1]
+    x, y = o.force[:, 0] - along, o.force[:, 1] - across
+    size = np.hypot(along, across)
+    return (
+        o.joints[:, 0] - a.joints[:, 0],
+        o.joints[:, 1] - a.joints[:, 1],
+        (x * along + y * across) / size,
+        (y * along - x * across) / size,
+    )
+
+
+def _row_times(by_joints: Floats, by_force: Floats, off: tuple[Floats, Floats, Floats, Floats]) -> Floats:
+    q1, q2, along, across = off
+    return by_joints[:, 0] * q1 + by_joints[:, 1] * q2 + by_force[:, 0] * along + by_force[:, 1] * across
+
+
+def adjust(
+    observations: Observations,
+    parameters: Parameters,
+    adjusted: Adjusted,
+    linear: Linearisation,
+    whitened: Whitened,
+    step: Floats,
+    noise: Noise,
+    frozen: bool = False,
+) -> tuple[Adjusted, Arm | None]:
+    """Adjusted observations after a step ΔL̄: [Q̂; F̂] = [Q; F] - Σ Bᵀ V⁻¹ (w + h_L̄ ΔL̄).
+
+    Touches that are grossly off keep what they measured, but for the direction of the
+    force, which is taken to be radial.
+
+    Args:
+        observations: the data.
+        parameters: L̄ after the step.
+        adjusted: the point of linearisation.
+        linear: the equations there.
+        whitened: the same, whitened.
+        step: ΔL̄, (12,).
+        noise: σ_q and σ_f.
+        frozen: whether every joint stays on its flank.
+
+    Returns:
+        The adjusted observations, and the arm at their state if it was worked out on the way.
+    """
+    o, b_q, b_f = observations, linear.by_joints, linear.by_force
+    multiplier, close = _multiplier(whitened, step)
+    first, second = multiplier[:, 0], multiplier[:, 1]
+    along, across = (noise.force**2 * (b_f[:, 0, k] * first + b_f[:, 1, k] * second) for k in range(2))
+    size = np.hypot(adjusted.force[:, 0], adjusted.force[:, 1])
+    x, y = adjusted.force[:, 0] / size, adjusted.force[:, 1] / size
+    joints, force = by_touch(2, len(size)), by_touch(2, len(size))
+    for k in range(2):
+        joints[:, k] = o.joints[:, k] - noise.joint**2 * (b_q[:, 0, k] * first + b_q[:, 1, k] * second)
+    force[:, 0], force[:, 1] = o.force[:, 0] - (along * x - across * y), o.force[:, 1] - (along * y + across * x)
+    if not close.all():
+        joints = np.where(close[:, None], joints, o.joints)
+        force = np.where(close[:, None], force, _turned_radial(o, parameters, adjusted.state))
+    state = place_force(o, parameters, joints, force, adjusted.state)
+    lean = None
+    if linear.by_lean is not None:
+        lean = -o.spread * np.where(close, (linear.by_lean * multiplier).sum(axis=-1), 0.0)
+    state, arm = settle(o, parameters, joints, state, frozen, lean, again=True)
+    return Adjusted(joints, force, state, lean), arm
+
+
+def _multiplier(whitened: Whitened, step: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """V⁻¹ (w + h_L̄ ΔL̄), (n, 2), and which touches are not grossly off, (n,)."""
+    l11, l21, l22 = whitened.root
+    n, _, k = whitened.derivative.shape
+    left = whitened.residual.T + (step @ whitened.derivative.transpose(2, 1, 0).reshape(k, 2 * n)).reshape(2, n)
+    close = left[0] * left[0] + left[1] * left[1] < GROSS
+    multiplier = by_touch(2, n)
+    multiplier[:, 1] = left[1] / l22
+    multiplier[:, 0] = (left[0] - l21 * multiplier[:, 1]) / l11
+    return multiplier, close
+
+
+def settle(
+    observations: Observations,
+    parameters: Parameters,
+    joints: Floats,
+    state: State,
+    frozen: bool = False,
+    lean: Floats | None = None,
+    again: bool = False,
+) -> Settled:
+    """Link angles and modes that go with joints and force; the second step, `again`, is for changed modes."""
+    if observations.extension is None:
+        return settle_links(parameters, joints, state, observations.gripper, frozen, again)
+    setting = observations.setting(joints, lean)
+    state = settled(parameters, setting, state, frozen)
+    return Settled(settled(parameters, setting, state, frozen) if again else state, None)
+
+
+def _turned_radial(observations: Observations, parameters: Parameters, state: State) -> Floats:
+    """The measured forces turned so that they point from the tip to the disc's centre, as the sensor reports them."""
+    o = observations
+    tip = forward(parameters, np.stack([state.link1, state.link2], axis=-1))
+    to_disc = o.setting(o.joints).shifted(parameters, state).centers - tip
+    direction = np.arctan2(to_disc[:, 1], to_disc[:, 0])
+    if o.frame is SensorFrame.TOOL:
+        direction = direction - (o.joints[:, 0] + o.joints[:, 1] + parameters.theta1 + parameters.theta2)
+    magnitude = np.hypot(*o.true_force(parameters, o.force).T)
+    turned = np.stack([magnitude * np.cos(direction), magnitude * np.sin(direction)], axis=-1)
+    return turned if o.extension is None else o.extension.read(parameters, turned)
+
+
+def as_radial(observations: Observations, parameters: Parameters, state: State) -> Adjusted:
+    """The observations as measured but for the direction of the force, which points from the tip to the disc's centre.
+
+    Args:
+        observations: the data.
+        parameters: L̄.
+        state: where the tips are.
+    """
+    o, force = observations, _turned_radial(observations, parameters, state)
+    lean = np.zeros(len(force)) if o.spread else None
+    state = place_force(o, parameters, o.joints, force, state)
+    return Adjusted(o.joints, force, settle(o, parameters, o.joints, state, lean=lean, again=True).state, lean)
+
+
+def as_measured(observations: Observations, parameters: Parameters, state: State) -> tuple[Adjusted, Arm | None]:
+    """The observations as measured, with the link angles that go with a new L̄: the coarse stage. As `adjust`."""
+    o = observations
+    state = place_force(o, parameters, o.joints, o.force, state)
+    state, arm = settle(o, parameters, o.joints, state, again=True)
+    return Adjusted(o.joints, o.force, state), arm

@@ -1,0 +1,130 @@
+"""Three ways to explain the same touches; the likeliest is told.
+
+Residuals that are too large may come from an effect that acts alike in all touches (`search`), from friction that
+lets each force lean by an angle of its own (`leaning`), or from bad touches, some of which an effect
+may have made look bad. Each way is followed to its end and judged by one sum, see `evidence.story`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import chdtrc
+
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.estimate import USUAL_NOISE
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.diagnosis.contact_angle import fit_with_lean, growing_p_value, lean_p_value
+from scara_kinetostatic.diagnosis.evidence import story
+from scara_kinetostatic.diagnosis.model_selection import CREDIBLE
+from scara_kinetostatic.diagnosis.noise_advice import incredible
+from scara_kinetostatic.diagnosis.search import Search, search
+from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.contact_lean import ContactLean
+from scara_kinetostatic.effects.unnamed import Unnamed
+from scara_kinetostatic.errors import UnsupportedDataError
+
+SURE = 2e-3
+"""P-value of the lean beside noise that grows with the force, below which friction is named."""
+STRAIGHT = 2e-3
+"""P-value of the lean above which an extended model has no need of it; beside growing noise it would be larger yet."""
+SUSPICIOUS = 1
+"""Rejected touches from which on they are asked whether an effect explains them."""
+
+
+class Told(NamedTuple):
+    """The likeliest story.
+
+    Attributes:
+        found: what was found; None if nothing is missing.
+        lead: by how much its sum is below that of the twelve parameters alone.
+    """
+
+    found: Search | None
+    lead: float
+
+
+def tell(calibration: Calibration, known: Sequence[Effect], alarm: bool, leans: bool) -> Told:
+    """Find what the twelve parameters lack, if they lack anything.
+
+    Args:
+        calibration: of the twelve parameters.
+        known: the catalogue.
+        alarm: whether something is wrong for sure.
+        leans: whether forces lean by more than their noise.
+    """
+    c = calibration
+    ways: list[Search] = []
+    if alarm:
+        ways.append(search(c, known))
+    taken_back = any(way.extended and way.extended.used.all() for way in ways)
+    if (~c.used).sum() >= SUSPICIOUS and not taken_back:
+        ways.append(search(c, known, replace(c, used=np.ones(len(c.touches), dtype=bool))))
+    if alarm and c.noise_source == 'estimated' and not any(way.extended for way in ways):
+        ways += _with_usual_noise(c, known)
+    if leans and not any(way.extended and _stands_straight(way.extended) for way in ways):
+        ways += _leaning(c, known)
+    settled = [way for way in ways if way.extended is not None]
+    if not settled:
+        return Told(ways[0] if alarm else None, 0.0)
+    fits = [c, *(way.extended for way in settled if way.extended)]
+    scale = max(1.0, min(fit.reduced_chi_square for fit in fits))
+    sums = [story(way.extended, way.price, scale) for way in settled if way.extended]
+    lead = story(c, 0.0, scale) - min(sums)
+    if lead < CREDIBLE:
+        return Told(ways[0]._replace(extended=None, proved=(), rivals=()) if alarm else None, 0.0)
+    return Told(settled[int(np.argmin(sums))], lead)
+
+
+def _with_usual_noise(calibration: Calibration, known: Sequence[Effect]) -> list[Search]:
+    """The way of an error so large that it passed for noise: it is looked for as if the noise were the usual one."""
+    c = calibration
+    try:
+        begin = calibrate(c.touches, replace(c.cell, noise=USUAL_NOISE), fixed=c.fixed)
+    except UnsupportedDataError:
+        return []
+    return [search(c, known, begin)]
+
+
+def _leaning(calibration: Calibration, known: Sequence[Effect]) -> list[Search]:
+    """The way of friction: each force leans by an angle of its own, and other effects beside."""
+    others = [effect for effect in known if effect.name != ContactLean.name]
+    try:
+        leaning = fit_with_lean(calibration)
+        found = search(leaning, others)
+        extended = found.extended
+        if extended is not None and len(extended.cell.effects) > 1:
+            extended = fit_with_lean(extended)
+    except UnsupportedDataError:
+        return []
+    if extended is None or extended.termination is not Termination.CONVERGED:
+        return []
+    if not _surely_leans(extended):
+        return []
+    price = float(np.log(len(calibration.touches)) + 2 * np.log(len(known)))
+    return [found._replace(extended=extended, price=found.price + price, proved=(ContactLean.name, *found.proved))]
+
+
+def _stands_straight(extended: Calibration) -> bool:
+    """Whether an extended model fits without a curve that has no name, and no force leans in it."""
+    c = extended
+    if any(isinstance(effect, Unnamed) for effect in c.cell.effects):
+        return False
+    fits = not incredible(c) if c.noise_source == 'estimated' else chdtrc(c.degrees_of_freedom, c.chi_square) > SURE
+    return fits and lean_p_value(c) > STRAIGHT
+
+
+def _surely_leans(extended: Calibration) -> bool:
+    """Whether, beside the other effects of an extended model, the lean is no noise that grows with the force.
+
+    The test is made at the extended model: a fit without the lean may be far off, as all touches then pull at it.
+    Where noise that grows shows beside the lean, too, the lean has to be the clearer by far.
+    """
+    others = tuple(effect for effect in extended.cell.effects if not isinstance(effect, ContactLean))
+    without = replace(extended, cell=replace(extended.cell, effects=others))
+    lean, growing = lean_p_value(without, beside_growing=True), growing_p_value(extended)
+    return lean < SURE * (growing if growing < SURE else 1.0)

@@ -1,0 +1,208 @@
+"""Is anything left in the residual? Tests of the residual against all it could depend on.
+
+If the twelve-parameter model is enough, the whitened misclosures of the used touches
+are white noise less what the fit took out. A physical effect that the model lacks
+leaves a smooth trace in them: over a joint angle, the torque, the force, the
+disc, the place on it, the time. Each such family of functions is added to the linearised fit;
+what it explains beyond chance is an F-test, valid whether the noise was
+given or estimated.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
+from scara_kinetostatic.calibration.prediction import observe
+from scara_kinetostatic.calibration.projection import project
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.solver import Point
+from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
+from scara_kinetostatic.diagnosis.linear_problem import LEVELS
+from scara_kinetostatic.model.statics import view_arm
+from scara_kinetostatic.model.touch import TouchSet
+
+Floats = NDArray[np.float64]
+
+
+LEAST_NEW = 0.03
+"""Part of a unit column that must be new beside the fitted parameters; less is the noise of the measured force."""
+ROUNDING = 1e-8
+"""Mean square of a whitened residual below which it is rounding error."""
+
+
+class Family(NamedTuple):
+    """Functions of one thing the residual could depend on.
+
+    Attributes:
+        name: that thing, in words.
+        columns: the functions at each touch, (n, 2, m), whitened.
+        noise: their change by one standard deviation of the noise in the forces, (n, 2, m); None for nothing.
+    """
+
+    name: str
+    columns: Floats
+    noise: Floats | None = None
+
+
+class Trace(NamedTuple):
+    """What one family explains.
+
+    Attributes:
+        name: on what the residual would depend.
+        p_value: of "it does not".
+        share: part of the residual's sum of squares explained.
+    """
+
+    name: str
+    p_value: float
+    share: float
+
+
+def families(calibration: Calibration, point: Point) -> tuple[Family, ...]:
+    """What the residual could depend on, at the used touches: smooth functions, along and across the force; places
+    of the discs; joints whose zero changes.
+    """
+    touches = calibration.touches.select(calibration.used)
+    state = point.adjusted.state
+    arm = view_arm(point.parameters, *state[:4], calibration.cell.gripper)
+    f, phi = state.magnitude, state.direction
+    q1, q2 = point.adjusted.joints.T
+    link2 = q1 + q2 + point.parameters.theta1 + point.parameters.theta2
+    more = f + noise_left(point.linear, point.whitened.root, calibration.noise, 0)
+    noisy = {
+        'the torque of joint 1': _powers(f * arm.lever1, more * arm.lever1),
+        'the torque of joint 2': _powers(f * arm.lever2, more * arm.lever2),
+        'the size of the force': _powers(f, more),
+    }
+    smooth = {
+        'the angle of joint 1': _waves(q1, 2),
+        'the angle of joint 2': _waves(q2, 2),
+        'the torque of joint 1': _powers(f * arm.lever1),
+        'the torque of joint 2': _powers(f * arm.lever2),
+        'the size of the force': _powers(f),
+        'the direction of the force': _waves(phi, 2),
+        'the direction of the force seen from link 2': _waves(phi - link2, 2),
+        'the touched disc': _indicators(touches.disc),
+        'the elbow posture': touches.posture[:, None].astype(float),
+        'the sense of approach': np.sign(touches.approach),
+        'time': _powers(touches.time)[:, :2],
+    }
+    if np.std(f) < LEVELS * calibration.noise.force:
+        del smooth['the size of the force']  # what is left of it is its noise
+    one_side = [
+        Family(
+            f'{name} ({side} the force)',
+            _on_side(columns, k),
+            _on_side(noisy[name] - columns, k) if name in noisy else None,
+        )
+        for name, columns in smooth.items()
+        for k, side in enumerate(('along', 'across'))
+    ]
+    return (*one_side, *_displaced_discs(touches, phi, point), *_changed_joints(touches, point))
+
+
+def _on_side(columns: Floats, side: int) -> Floats:
+    out = np.zeros((len(columns), 2, columns.shape[1]))
+    out[:, side] = columns
+    return out
+
+
+def _displaced_discs(touches: TouchSet, direction: Floats, point: Point) -> list[Family]:
+    """A disc elsewhere, or of another radius: h changes by -n, -t components of the move, and by the radius along n."""
+    c, s, one, none = np.cos(direction), np.sin(direction), np.ones_like(direction), np.zeros_like(direction)
+    moves = np.stack([np.stack([c, s, one], axis=-1), np.stack([-s, c, none], axis=-1)], axis=1)
+    return [
+        Family(
+            f'place and size of disc number {disc}',
+            whiten_by(moves * (touches.disc == disc)[:, None, None], point.whitened.root),
+        )
+        for disc in np.unique(touches.disc)
+    ]
+
+
+def _changed_joints(touches: TouchSet, point: Point) -> list[Family]:
+    """The zero of a joint that drifts with time, jumps at some time, or depends on the sense of approach."""
+    order = np.argsort(np.argsort(touches.time, kind='stable'))
+    parts = [np.where(order >= len(order) * part, 0.5, -0.5) for part in (0.25, 0.5, 0.75)]
+    turns = whiten_by(point.linear.by_joints, point.whitened.root)
+    drift = np.stack([_powers(touches.time)[:, 0], *parts], axis=-1)
+    return [
+        family
+        for joint in (0, 1)
+        for family in (
+            Family(f'time, through the zero of joint {joint + 1}', turns[:, :, joint, None] * drift[:, None, :]),
+            Family(
+                f'the sense of approach, through joint {joint + 1}',
+                turns[:, :, joint, None] * np.sign(touches.approach[:, joint])[:, None, None],
+            ),
+        )
+    ]
+
+
+def _waves(angle: Floats, most: int) -> Floats:
+    return np.stack([wave(k * angle) for k in range(1, most + 1) for wave in (np.cos, np.sin)], axis=1)
+
+
+def _powers(values: Floats, at: Floats | None = None) -> Floats:
+    """Powers of values (n,) over their range; or those of others, scaled alike."""
+    spread = float(np.ptp(values)) or 1.0
+    z = ((values if at is None else at) - values.mean()) / spread
+    return np.stack([z, z**2, z**3], axis=1)
+
+
+def _indicators(labels: NDArray[np.intp]) -> Floats:
+    return (labels[:, None] == np.unique(labels)).astype(float)
+
+
+def find_traces(calibration: Calibration) -> tuple[Trace, ...]:
+    """Test every family.
+
+    Returns:
+        One trace per family that is new beside the fitted parameters, the most significant first.
+    """
+    c = calibration
+    observations = observe(c.touches.select(c.used), c.cell)
+    point = project(observations, c.parameters, c.noise)
+    n = len(point.distance)
+    unsaid = n if observations.spread else 0
+    jacobian = (point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1)
+    base = np.linalg.qr(jacobian)[0]
+    residual = point.whitened.residual.ravel() - base @ (base.T @ point.whitened.residual.ravel())
+    traces = []
+    for family in families(c, point):
+        noise = None if family.noise is None else family.noise.reshape(2 * n, -1)
+        trace = _test(residual, base, family.columns.reshape(2 * n, -1), noise, unsaid)
+        if trace is not None:
+            traces.append(Trace(family.name, *trace))
+    return tuple(sorted(traces, key=lambda trace: trace.p_value))
+
+
+def _test(
+    residual: Floats, base: Floats, columns: Floats, noise: Floats | None, unsaid: int
+) -> tuple[float, float] | None:
+    """p-value and share of the residual that further columns explain; None if they add nothing testable.
+
+    Of the rows of the residual, `unsaid` say nothing. What the noise of the forces, `noise`, makes of the columns does
+    not count as new.
+    """
+    scale = np.linalg.norm(columns, axis=0)
+    visible = scale > 0
+    columns = columns[:, visible] / scale[visible]
+    left = columns - base @ (base.T @ columns)
+    u, values, vt = np.linalg.svd(left, full_matrices=False)
+    new = values > LEAST_NEW
+    if noise is not None:
+        new &= np.linalg.norm(noise[:, visible] / scale[visible] @ vt.T, axis=0) ** 2 <= NOISE_SHARE * values**2
+    u = u[:, new]
+    q, freedoms = u.shape[1], len(residual) - unsaid - base.shape[1] - u.shape[1]
+    total = float(residual @ residual)
+    if q == 0 or freedoms < 1 or total < ROUNDING * len(residual):
+        return None
+    explained = float(((u.T @ residual) ** 2).sum())
+    ratio = (explained / q) / (max(total - explained, 1e-300) / freedoms)
+    return float(special.fdtrc(q, freedoms, ratio)), explained / total

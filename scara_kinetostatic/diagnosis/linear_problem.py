@@ -1,0 +1,181 @@
+"""What a fit left over, as a linear problem in which every effect can be tried without fitting anew.
+
+At a fit, the whitened misclosures of the used touches are linear in what is added to the model,
+
+    y + J Δ + X θ = ε,   ε ~ (0, s² I),
+
+with J the derivatives by the twelve and X those by the parameters of effects. Where the fit already has effects, y is
+what would be left without them, to first order. So all effects, those found included, compete on equal terms;
+fitting them only improves the point of linearisation and the noise.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.calibration.estimate import restrict
+from scara_kinetostatic.calibration.gauss_helmert import Observations
+from scara_kinetostatic.calibration.identifiability import scales_of, unseen_directions
+from scara_kinetostatic.calibration.prediction import observe
+from scara_kinetostatic.calibration.projection import project
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.sensor_errors import along_and_across
+from scara_kinetostatic.calibration.solver import Point, Subspace
+from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
+from scara_kinetostatic.effects.base import Effect, Trial
+from scara_kinetostatic.model.equations import Equations
+from scara_kinetostatic.model.extended import extended_equations, shift_column
+from scara_kinetostatic.model.extension import Extension
+from scara_kinetostatic.model.law import Shift, Situation, Tags
+from scara_kinetostatic.model.parameters import NAMES
+
+Floats = NDArray[np.float64]
+
+MOST = 2000
+"""Touches that a diagnosis looks at; the fit itself takes all."""
+LEVELS = 3.0
+"""Standard deviations of the noise by which forces must scatter to be of several levels."""
+NEGLIGIBLE = 1e-9
+"""A unit column with less than this left beside the others adds no rank."""
+
+
+class Problem(NamedTuple):
+    """The linear problem of n touches.
+
+    Attributes:
+        point: where all is linearised.
+        equations: of the touches there.
+        situation: the touches as effects see them.
+        force: true forces in the sensor's frame, (n, 2), N.
+        noisy: the same touches, each force larger by one standard deviation of the noise that is left in it.
+        base: orthonormal basis of J, (2n, r).
+        left: y less what the twelve can take up, (2n,).
+        noise_given: whether s is known to be 1.
+        one_level: whether all forces are the same but for their noise: what is read off their differences is noise.
+        response: what the twelve become when y does: L̄ follows y by it, (12, 2n).
+        without: by how much the twelve move, to first order, when the fit's effects are left out, (12,).
+    """
+
+    point: Point
+    equations: Equations
+    situation: Situation
+    force: Floats
+    noisy: Situation
+    base: Floats
+    left: Floats
+    noise_given: bool
+    one_level: bool
+    response: Floats
+    without: Floats
+
+    @property
+    def freedoms(self) -> int:
+        """Rows less what the twelve take."""
+        return len(self.left) - self.base.shape[1]
+
+    def columns(self, trial: Trial) -> Floats:
+        """X of a trial, whitened, (2n, m)."""
+        readings = trial.readings or (None,) * len(trial.columns)
+        columns = [self.column(shift, reading) for shift, reading in zip(trial.columns, readings, strict=True)]
+        return np.stack(columns, axis=-1)
+
+    def noise_columns(self, effect: Effect, trial: Trial) -> Floats:
+        """How the columns of an effect's only trial change by one standard deviation of the noise in F̂, (2n, m)."""
+        grown = self.force * (self.noisy.magnitude / self.situation.magnitude)[:, None]
+        (changed,) = effect.trials(self.noisy, grown)
+        return self.columns(changed) - self.columns(trial)
+
+    def column(self, shift: Shift, reading: Floats | None = None) -> Floats:
+        """What a shift, and an error of the sensor, do to the whitened misclosures, (2n,)."""
+        h = shift_column(shift, self.point.adjusted.state, self.equations)
+        if reading is not None:
+            off = along_and_across(reading, self.point.adjusted.force)
+            h = h - np.einsum('nij,nj->ni', self.point.linear.by_force, off)
+        return whiten_by(h, self.point.whitened.root).ravel()
+
+
+def pose_problem(calibration: Calibration) -> Problem:
+    """The linear problem that a calibration leaves; its cell may have effects or not.
+
+    Args:
+        calibration: the fit.
+    """
+    c = calibration
+    touches = c.touches.select(_some(c.used))
+    observations = observe(touches, c.cell)
+    point = project(observations, c.parameters, c.noise)
+    seen = _seen(c, observations, point) if c.cell.effects else c.subspace.basis
+    extension = observations.extension or Extension((), Tags.of(touches))
+    setting = observations._replace(extension=extension).setting(point.adjusted.joints, point.adjusted.lean)
+    state = point.adjusted.state
+    equations, situation = extended_equations(point.parameters, setting, state), setting.situation(c.parameters, state)
+    by_twelve = point.whitened.derivative[:, :, : len(NAMES)].copy()
+    for name, shift in extension.by_robot(situation).items():  # the effects are to be taken out, and this with them
+        by_twelve[:, :, NAMES.index(name)] -= whiten_by(shift_column(shift, state, equations), point.whitened.root)
+    jacobian = (by_twelve @ seen).reshape(2 * len(touches), -1)
+    base = orthonormal(jacobian)
+    problem = Problem(
+        point=point,
+        equations=equations,
+        situation=situation,
+        force=extension.unread(point.parameters, point.adjusted.force),
+        noisy=_noisy(situation, noise_left(point.linear, point.whitened.root, c.noise, 0)),
+        base=base,
+        left=np.empty(0),
+        noise_given=c.noise_source == 'given',
+        one_level=bool(np.std(point.adjusted.state.magnitude) < LEVELS * c.noise.force),
+        response=-seen @ np.linalg.pinv(jacobian),
+        without=np.zeros(len(NAMES)),
+    )
+    strengths = [law.strength(part) for law, part in zip(extension.laws, extension.values(c.parameters), strict=True)]
+    effects = point.whitened.derivative[:, :, len(NAMES) :].reshape(len(base), -1)
+    y = point.whitened.residual.ravel() - effects @ np.concatenate([np.empty(0), *strengths])
+    return problem._replace(left=y - base @ (base.T @ y), without=problem.response @ y)
+
+
+def _seen(calibration: Calibration, observations: Observations, point: Point) -> Floats:
+    """The directions of the twelve that the touches show at a fit with effects, (12, r).
+
+    Judged without the effects, with which an unseen direction may mix; and judged here, as without the effects the
+    noise may have been so large that little was seen.
+    """
+    c = calibration
+    free = np.array([k for k, name in enumerate(NAMES) if name not in c.fixed], dtype=np.intp)
+    scales = scales_of(observations)
+    everything = np.zeros((len(scales), len(free)))
+    everything[free, np.arange(len(free))] = scales[free]
+    unseen = unseen_directions(observations, point, free, c.noise)
+    return restrict(Subspace(c.parameters.as_array(), everything), unseen).basis[: len(NAMES)]
+
+
+def _noisy(situation: Situation, more: Floats) -> Situation:
+    """The touches with forces (n,) larger, the rest as it is."""
+    larger = 1 + more / situation.magnitude
+    return situation._replace(
+        magnitude=situation.magnitude * larger,
+        force=situation.force * larger[:, None],
+        torques=situation.torques * larger[:, None],
+    )
+
+
+def _some(which: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """As many of the touches as are needed: `MOST`, drawn at random, if there are more."""
+    places = np.flatnonzero(which)
+    if len(places) <= MOST:
+        return which
+    drawn = np.zeros_like(which)
+    drawn[np.random.default_rng(0).choice(places, MOST, replace=False)] = True
+    return drawn
+
+
+def orthonormal(columns: Floats, beside: Floats | None = None) -> Floats:
+    """Orthonormal basis of what columns (m, k) add to a space given by an orthonormal basis (m, r), (m, ≤ k)."""
+    scale = np.linalg.norm(columns, axis=0)
+    columns = columns[:, scale > 0] / scale[scale > 0]
+    if beside is not None:
+        columns = columns - beside @ (beside.T @ columns)
+    u, values, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(u[:, values > NEGLIGIBLE])

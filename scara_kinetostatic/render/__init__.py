@@ -1,0 +1,1 @@
+"""What every report shares: figures, tables, pages, quantities with units."""

@@ -1,0 +1,145 @@
+"""Numbers as people read them: a prefix that fits the quantity, digits that fit the uncertainty."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
+
+
+class Scale(NamedTuple):
+    """A unit with a prefix, and how many of it one SI unit is."""
+
+    unit: str
+    per_si: float
+
+
+_MILLI_METRE, _MILLI_RADIAN = Scale('mm', 1e3), Scale('mrad', 1e3)
+_MICRO_METRE, _MICRO_RADIAN = Scale('µm', 1e6), Scale('µrad', 1e6)
+SCALES = {
+    'x0': _MILLI_METRE,
+    'y0': _MILLI_METRE,
+    'theta1': _MILLI_RADIAN,
+    'l1': _MILLI_METRE,
+    'theta2': _MILLI_RADIAN,
+    'l2': _MILLI_METRE,
+    'p_ee': Scale('µm/N', 1e6),
+    'p1': Scale('µrad/Nm', 1e6),
+    'p2': Scale('µrad/Nm', 1e6),
+    'g_ee': _MICRO_METRE,
+    'g1': _MICRO_RADIAN,
+    'g2': _MICRO_RADIAN,
+}
+"""How each parameter is shown."""
+STATUS = {'estimated': '', 'fixed': 'fixed', 'confounded': 'not determined by these data'}
+"""The status of a parameter in words."""
+
+
+class Shown(NamedTuple):
+    """A value with its standard deviation, ready to print; std empty where there is none."""
+
+    value: str
+    std: str
+    unit: str
+
+    @property
+    def text(self) -> str:
+        """All in one."""
+        return ' '.join(part for part in (self.value, f'± {self.std}' if self.std else '', self.unit) if part)
+
+
+_PREFIXED = ('m', 'rad', 'N', 'Nm', 's')
+_PREFIXES = (('', 1.0), ('m', 1e3), ('µ', 1e6), ('n', 1e9), ('p', 1e12))
+_PER_MILLION = 1e-3
+"""Pure numbers below this are shown in millionths."""
+
+
+def shown(value: float, std: float, unit: str) -> Shown:
+    """A value in any SI unit with a prefix that fits, and the digits its uncertainty allows."""
+    size = max(abs(value), std if math.isfinite(std) else 0.0)
+    scale = Scale('' if unit == '1' else unit, 1.0)
+    if unit.partition('/')[0] in _PREFIXED and size > 0:
+        prefix, factor = next(((p, f) for p, f in _PREFIXES if size * f >= 1.0), _PREFIXES[-1])
+        scale = Scale(prefix + unit, factor)
+    elif unit.partition('/')[0] == '1' and 0 < size < _PER_MILLION:
+        scale = Scale(f'ppm{unit[1:]}', 1e6)
+    digits = decimals(std * scale.per_si)
+    if digits is None:
+        return Shown(f'{value * scale.per_si:.3g}', '', scale.unit)
+    return Shown(f'{value * scale.per_si:.{digits}f}', f'{std * scale.per_si:.{digits}f}', scale.unit)
+
+
+class Row(NamedTuple):
+    """One parameter, ready to print.
+
+    Attributes:
+        name: as everywhere.
+        nominal: where the calibration started.
+        value: the estimate, with the digits its uncertainty allows; in brackets where the data do not determine it.
+        std: one standard deviation, two digits; empty where there is none.
+        unit: of all three.
+        status: ``estimated``, ``fixed`` or ``confounded``.
+        description: what it is.
+    """
+
+    name: str
+    nominal: str
+    value: str
+    std: str
+    unit: str
+    status: str
+    description: str
+
+
+def parameter_rows(c: Calibration) -> list[Row]:
+    """The twelve parameters in their order."""
+    nominal, values = c.cell.nominal.as_dict(), c.parameters.as_dict()
+    return [_row(name, nominal[name], values[name], c.std_of(name), c.status[name]) for name in NAMES]
+
+
+def _row(name: str, nominal: float, value: float, std: float, status: str) -> Row:
+    unit, per_si = SCALES[name]
+    digits = decimals(std * per_si)
+    undetermined = f'({value * per_si:.2g})' if status == 'confounded' else f'{value * per_si:.6g}'
+    return Row(
+        name=name,
+        nominal=f'{nominal * per_si:.6g}',
+        value=f'{value * per_si:.{digits}f}' if digits is not None else undetermined,
+        std=f'{std * per_si:.{digits}f}' if digits is not None else '',
+        unit=unit,
+        status=status,
+        description=DESCRIPTIONS[name],
+    )
+
+
+def rank_of_twelve(c: Calibration) -> int:
+    """How many of the twelve parameters, or of their combinations, the data determine.
+
+    Every unseen direction is one confounded group; those of effects alone do not count.
+    """
+    free = sum(status != 'fixed' for status in c.status.values())
+    return free - sum(bool(set(group) & set(NAMES)) for group in c.identifiability.confounded)
+
+
+def decimals(std: float) -> int | None:
+    """How many decimals show two digits of a standard deviation; None where there is none."""
+    if not math.isfinite(std) or std <= 0:
+        return None
+    return min(12, max(0, 1 - math.floor(math.log10(std))))
+
+
+def chance(p_value: float) -> str:
+    """A p-value in short."""
+    return f'{p_value:.2g}' if p_value >= 1e-12 else 'below 1e-12'
+
+
+def p_equals(p_value: float) -> str:
+    """A p-value with its sign, such as ``p = 0.02`` and ``p < 1e-12``."""
+    return f'p = {chance(p_value)}' if p_value >= 1e-12 else 'p < 1e-12'
+
+
+def count(number: int, thing: str, things: str = '') -> str:
+    """`1 touch`, `2 touches`."""
+    return f'{number} {thing if number == 1 else things or thing + "s"}'

@@ -1,0 +1,124 @@
+"""The engine: a scene that moves, its encoders and what its discs feel."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.simulation.mujoco.mjcf import LIFT, PAD_FULL, TIMESTEP, build
+from scara_kinetostatic.simulation.mujoco.scene import Scene
+
+if TYPE_CHECKING:
+    import mujoco
+
+Floats = NDArray[np.float64]
+
+STEPS = 4
+"""Steps of the integration between two commands."""
+TICK = STEPS * TIMESTEP
+"""Time between two commands, s."""
+
+
+def load_engine() -> Any:
+    """The module `mujoco`.
+
+    Raises:
+        InputError: it is not installed, or too old.
+    """
+    remedy = "pip install 'scara_kinetostatic[physics]'"
+    try:
+        import mujoco
+    except ImportError as error:
+        missing = isinstance(error, ModuleNotFoundError)
+        problem = 'the physics engine is not installed' if missing else f'the physics engine cannot be loaded: {error}'
+        raise InputError('mujoco', problem, remedy) from error
+    if not hasattr(mujoco.mjtIntegrator, 'mjINT_DISCRETE'):
+        raise InputError('mujoco', f'expected version 3.13 or later, got {mujoco.__version__}', remedy)
+    return mujoco
+
+
+class Engine:
+    """A scene in MuJoCo.
+
+    Args:
+        scene: the robot.
+        cell: the discs.
+        joints: motor angles at the start, (2,), rad.
+
+    Raises:
+        InputError: MuJoCo is not installed.
+    """
+
+    def __init__(self, scene: Scene, cell: Cell, joints: Floats) -> None:
+        self._mujoco = load_engine()
+        self.model: mujoco.MjModel = self._mujoco.MjModel.from_xml_string(build(scene, cell))
+        self.data: mujoco.MjData = self._mujoco.MjData(self.model)
+        for number in scene.padded_discs(cell):
+            self._soften(number, scene.pad[0])
+        self._motors = np.array([self.model.joint(name).qposadr[0] for name in ('motor1', 'motor2')])
+        names = [self.model.joint(number).name for number in range(self.model.njnt)]
+        self._turning = [
+            [self.model.joint(name).qposadr[0] for name in names if name in (f'motor{n}', f'spring{n}', f'play{n}')]
+            for n in (1, 2)
+        ]
+        self._frame = self.model.body('quill').id
+        self._ball = self.model.geom('ball').id
+        self.data.qpos[self._motors] = joints
+        self.data.qpos[self.model.joint('lift').qposadr[0]] = LIFT
+        self.command(joints, LIFT)
+        self._mujoco.mj_forward(self.model, self.data)
+
+    def _soften(self, disc: int, stiffness: float) -> None:
+        """Scales the contact with a disc such that from the depth of the coat on it has a stiffness, N/m.
+
+        MuJoCo's contact at rest holds f R = k r, with R = A (1 - d)/d, k = -solref d/d_max², d the impedance at
+        the depth r and A the inverse mass that the engine ascribes to the contact.
+        """
+        ball, geom = self.model.geom('ball'), self.model.geom(f'disc{disc}').id
+        inverse_mass = self.model.body_invweight0[ball.bodyid[0], 0]
+        damping = 2.0 * np.sqrt(stiffness * inverse_mass) * PAD_FULL
+        self.model.geom_solref[geom] = (-stiffness * inverse_mass * (1.0 - PAD_FULL), -damping)
+
+    def command(self, joints: Floats, lift: float) -> None:
+        """New targets of the motors, (2,), rad, and of the third axis, m."""
+        self.data.ctrl[:2] = joints
+        self.data.ctrl[2] = lift
+
+    def advance(self) -> None:
+        """One tick of time."""
+        self._mujoco.mj_step(self.model, self.data, STEPS)
+
+    @property
+    def joints(self) -> Floats:
+        """What the encoders read: the angles of the motors, (2,), rad."""
+        return self.data.qpos[self._motors]
+
+    @property
+    def links(self) -> Floats:
+        """What no encoder reads: the angles of the links behind their transmissions, without offsets, (2,), rad."""
+        return np.array([self.data.qpos[places].sum() for places in self._turning])
+
+    @property
+    def link2_angle(self) -> float:
+        """Direction of link 2 in the base frame, rad."""
+        matrix = self.data.xmat[self._frame]
+        return float(np.arctan2(matrix[3], matrix[0]))
+
+    @property
+    def speed(self) -> float:
+        """Largest speed of any joint, m/s or rad/s."""
+        return float(np.abs(self.data.qvel).max())
+
+    def force(self) -> Floats:
+        """Force of the tip on the discs, base frame, (2,), N."""
+        total, wrench = np.zeros(3), np.zeros(6)
+        for number in range(self.data.ncon):
+            contact = self.data.contact[number]
+            self._mujoco.mj_contactForce(self.model, self.data, number, wrench)
+            on_second = contact.frame.reshape(3, 3).T @ wrench[:3]
+            total += on_second if contact.geom[0] == self._ball else -on_second
+        return total[:2]

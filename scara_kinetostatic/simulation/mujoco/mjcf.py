@@ -1,0 +1,221 @@
+"""A scene as MJCF, MuJoCo's description of bodies, joints and actuators.
+
+From the ground up: base (on springs or fixed) -> rotor of motor 1 -> transmission 1 (a
+hinge with a spring, then one with play) -> link 1 (in pieces with springs between, if it
+bends) -> rotor of motor 2 -> transmission 2 -> link 2 -> third axis -> gripper (two
+springs) -> tip, a ball with play on the gripper's pin. What the engine needs beside
+that, inertia and damping, is chosen so that motions die out within some 10 ms;
+at rest it has no part in the balance of forces. The integrator `discrete` is implicit in springs,
+dampers, contacts and stops together; with this time step the others let stiff stops and springs rattle.
+"""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.simulation.mujoco.scene import Scene
+
+TIMESTEP = 5e-4
+"""Of the integration, s."""
+LARGEST_TIP = 5e-3
+"""Radius of the ball at the tip, m, unless a disc is small."""
+LIFT = 0.02
+"""How far the third axis lifts the tip above its place between the discs, m."""
+DISC_HEIGHT = 8e-3
+"""Half the height of a disc, m."""
+PIECES = 8
+"""Hinges of a link that bends."""
+HARD = {'solref': f'{2 * TIMESTEP} 1', 'solimp': '0.9999 0.9999 0.001 0.5 2'}
+"""Contacts and stops as hard as the engine makes them."""
+HARD_STOP = {'solreflimit': HARD['solref'], 'solimplimit': HARD['solimp']}
+HARD_FRICTION = {'solreffriction': HARD['solref'], 'solimpfriction': HARD['solimp']}
+PAD_ONSET, PAD_FULL = 0.3, 0.7
+"""Impedance of a coat on a disc where it is hardly pressed, and from the depth on that its stiffness is given for."""
+SWING = (0.9, 0.2)
+"""Inertia that the damping of each transmission is laid out for, kg m²."""
+PLAY_INERTIA, PLAY_DAMPING = 0.5, 1.0
+"""Of the hinge with play, kg m² and Nm s/rad."""
+ROTOR = 4.0
+"""Inertia of a rotor seen behind its gear, kg m²."""
+MOTOR_GAIN = 4e6
+"""Stiffness of a motor's position servo, Nm/rad."""
+LIFT_SERVO = (1e5, 1.0)
+"""Stiffness of the third axis' servo, N/m, and the mass that its damping is laid out for, kg."""
+PART = 0.3
+"""Mass of the third axis, of the gripper, of the tip, and of the base's upper part by 100, kg."""
+TIP_DAMPING = 50.0
+"""Of the ball on its pin, N s/m."""
+
+
+def tip_radius(cell: Cell) -> float:
+    """Radius of the ball at the tip, m: the discs are smaller by it than the radii in the cell."""
+    return min(LARGEST_TIP, 0.5 * float(cell.radii.min()))
+
+
+def build(scene: Scene, cell: Cell) -> str:
+    """The scene as MJCF.
+
+    Args:
+        scene: the robot.
+        cell: the discs.
+    """
+    root = Xml.Element('mujoco', model=scene.name)
+    _put(root, 'compiler', angle='radian', autolimits='true', inertiafromgeom='false')
+    _put(root, 'option', timestep=TIMESTEP, integrator='discrete', cone='elliptic', impratio=1000.0,
+         tolerance=1e-14, gravity=_gravity(scene))  # fmt: skip
+    world = _put(root, 'worldbody')
+    for number in range(len(cell.discs)):
+        _disc(world, scene, cell, number)
+    base = _base(world, scene)
+    elbow = _link1(_transmission(base, scene, 1), scene)
+    _tip(_transmission(elbow, scene, 2), scene, cell)
+    _connections(root, scene)
+    _servos(root)
+    return Xml.tostring(root, encoding='unicode')
+
+
+def _put(parent: Xml.Element, tag: str, **attributes: object) -> Xml.Element:
+    return Xml.SubElement(parent, tag, {name.rstrip('_'): _text(value) for name, value in attributes.items()})
+
+
+def _text(value: object) -> str:
+    if isinstance(value, tuple):
+        return ' '.join(_text(item) for item in value)
+    return repr(float(value)) if isinstance(value, float) else str(value)
+
+
+def _body(parent: Xml.Element, name: str, mass: float, *, inertia: float = 0.01, x: float = 0.0) -> Xml.Element:
+    """A body whose frame is at `x` along its parent's, with its mass there."""
+    body = _put(parent, 'body', name=name, pos=(x, 0.0, 0.0))
+    _put(body, 'inertial', pos=(0.0, 0.0, 0.0), mass=mass, diaginertia=(inertia, inertia, inertia))
+    return body
+
+
+def _gravity(scene: Scene) -> tuple[float, float, float]:
+    """9.81 m/s² downwards, seen from a base turned by `tilt` about its x and then its y axis."""
+    a, b = scene.tilt
+    return (9.81 * np.cos(a) * np.sin(b), -9.81 * np.sin(a), -9.81 * np.cos(a) * np.cos(b))
+
+
+def _disc(world: Xml.Element, scene: Scene, cell: Cell, number: int) -> None:
+    disc = cell.discs[number]
+    dx, dy = scene.displacement if number == scene.displaced_disc(cell) else (0.0, 0.0)
+    body = _put(world, 'body', name=f'disc{number}', pos=(disc.x + dx, disc.y + dy, 0.0))
+    surface: dict[str, object] = dict(HARD)
+    if number in scene.padded_discs(cell):
+        surface = {
+            'solref': (-1.0, -1.0),
+            'solimp': (PAD_ONSET, PAD_FULL, scene.pad[1], 0.5, 2.0),
+        }  # scaled in `engine`
+    friction = (scene.contact_friction, 0.0, 0.0)
+    size = (disc.radius - tip_radius(cell), DISC_HEIGHT)
+    condim = 3 if scene.contact_friction else 1
+    _put(body, 'geom', name=f'disc{number}', type='cylinder', size=size, friction=friction, condim=condim, priority=1,
+         **surface)  # fmt: skip
+
+
+def _base(world: Xml.Element, scene: Scene) -> Xml.Element:
+    base = _put(world, 'body', name='base', pos=(scene.parameters.x0, scene.parameters.y0, 0.0))
+    mass = 100.0 * PART
+    _put(base, 'inertial', pos=(0.0, 0.0, 0.0), mass=mass, diaginertia=(1.0, 1.0, 1.0))
+    for axis, compliance, direction in zip('xy', scene.base_compliance, ((1, 0, 0), (0, 1, 0)), strict=True):
+        if compliance:
+            _spring(base, f'base_{axis}', 'slide', direction, 1.0 / compliance, mass)
+    return base
+
+
+def _spring(
+    body: Xml.Element,
+    name: str,
+    kind: str,
+    axis: tuple[int, int, int],
+    stiffness: float,
+    inertia: float,
+    **more: object,
+) -> None:
+    """A joint with a spring, critically damped for an inertia."""
+    damping = 2.0 * np.sqrt(stiffness * inertia)
+    _put(body, 'joint', name=name, type=kind, axis=axis, stiffness=float(stiffness), damping=float(damping), **more)
+
+
+def _transmission(parent: Xml.Element, scene: Scene, number: int) -> Xml.Element:
+    """Rotor, spring and play of a joint, and the frame of the link behind, at the joint's axis."""
+    values, name, z = scene.parameters.as_dict(), str(number), (0, 0, 1)
+    rotor = _body(parent, f'rotor{name}', 1.0)
+    _put(rotor, 'joint', name=f'motor{name}', type='hinge', axis=z, armature=ROTOR)
+    link = _body(rotor, f'link{name}', 1.0)
+    friction = scene.winding_friction[number - 1]
+    rubbing: dict[str, object] = {'frictionloss': friction, **HARD_FRICTION} if friction else {}
+    _spring(link, f'spring{name}', 'hinge', z, 1.0 / values[f'p{name}'], SWING[number - 1], armature=PLAY_INERTIA,
+            **rubbing)  # fmt: skip
+    play = values[f'g{name}']
+    if play:
+        _put(link, 'joint', name=f'play{name}', type='hinge', axis=z, range=(-play, play), armature=PLAY_INERTIA,
+             damping=PLAY_DAMPING, **HARD_STOP)  # fmt: skip
+    frame = _body(link, f'beam{name}', scene.masses[number - 1])
+    frame.set('euler', _text((0.0, 0.0, values[f'theta{name}'])))
+    length, inertial = values[f'l{name}'], frame.find('inertial')
+    assert inertial is not None
+    inertial.set('pos', _text((0.5 * length, 0.0, 0.0)))
+    return frame
+
+
+def _link1(beam: Xml.Element, scene: Scene) -> Xml.Element:
+    """Link 1 up to the elbow: in one piece, or bending in hinges at the middles of its pieces."""
+    length = scene.parameters.l1
+    if not scene.link_compliance:
+        return _body(beam, 'elbow', 0.1, x=length)
+    step, stiffness = length / PIECES, PIECES / scene.link_compliance
+    for number in range(PIECES):
+        beam = _body(beam, f'piece{number}', 0.1, x=step if number else 0.5 * step)
+        _spring(beam, f'bend{number}', 'hinge', (0, 0, 1), stiffness, 0.05, armature=0.05)
+    return _body(beam, 'elbow', 0.1, x=0.5 * step)
+
+
+def _tip(beam: Xml.Element, scene: Scene, cell: Cell) -> None:
+    """Third axis, gripper on two springs, and the ball, with play if there is any."""
+    x, y, z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
+    body = _body(beam, 'quill', PART, x=scene.parameters.l2)
+    _put(body, 'joint', name='lift', type='slide', axis=z)
+    body = _body(body, 'gripper', PART)
+    for name, axis in (('grip_x', x), ('grip_y', y)):
+        _spring(body, name, 'slide', axis, 1.0 / scene.parameters.p_ee, 2.0 * PART)
+    _put(body, 'site', name='pin')
+    if scene.parameters.g_ee:
+        body = _body(body, 'tip', PART)
+        for name, axis in (('loose_x', x), ('loose_y', y)):
+            _put(body, 'joint', name=name, type='slide', axis=axis, damping=TIP_DAMPING)
+    _put(body, 'site', name='ball')
+    _put(body, 'geom', name='ball', type='sphere', size=tip_radius(cell), condim=1)
+
+
+def _connections(root: Xml.Element, scene: Scene) -> None:
+    """What couples several joints: the pin in the ball's hole, friction of a bearing, a cable."""
+    tendons = _put(root, 'tendon')
+    if scene.parameters.g_ee:
+        pin = _put(tendons, 'spatial', name='pin', range=(0.0, scene.parameters.g_ee), **HARD_STOP)
+        _put(pin, 'site', site='pin')
+        _put(pin, 'site', site='ball')
+    for number, friction in enumerate(scene.bearing_friction, start=1):
+        if friction:
+            _turning(_put(tendons, 'fixed', name=f'bearing{number}', frictionloss=friction, **HARD_FRICTION), scene,
+                     number)  # fmt: skip
+    if scene.cable:
+        _turning(_put(tendons, 'fixed', name='cable', stiffness=scene.cable, springlength=0.0), scene, 2)
+
+
+def _turning(tendon: Xml.Element, scene: Scene, number: int) -> None:
+    """Makes a tendon follow the turning of a link against what carries its motor."""
+    names = ['motor', 'spring'] + ['play'] * bool(getattr(scene.parameters, f'g{number}'))
+    for name in names:
+        _put(tendon, 'joint', joint=f'{name}{number}', coef=1.0)
+
+
+def _servos(root: Xml.Element) -> None:
+    servos = _put(root, 'actuator')
+    for name, gain, inertia in (('motor1', MOTOR_GAIN, ROTOR), ('motor2', MOTOR_GAIN, ROTOR), ('lift', *LIFT_SERVO)):
+        damping = 2.0 * np.sqrt(gain * inertia)
+        _put(servos, 'position', name=name, joint=name, kp=gain, kv=float(damping))

@@ -1,0 +1,92 @@
+"""What was built, as data: the truth that only tests and studies may read."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.parameters import UNITS, Parameters
+from scara_kinetostatic.simulation.mujoco.engine import load_engine
+from scara_kinetostatic.simulation.mujoco.scene import Scene
+
+SCHEMA = 'scara_kinetostatic/physics_truth/1'
+
+
+def truth_of_scene(scene: Scene, cell: Cell, seed: int = 0) -> dict[str, Any]:
+    """Engine, scene, parameters as built and as touches can show them, effects.
+
+    Args:
+        scene: the robot, as built.
+        cell: names the discs.
+        seed: of the noise.
+
+    Raises:
+        InputError: MuJoCo is not installed.
+    """
+    return {
+        'schema': SCHEMA,
+        'engine': f'MuJoCo {load_engine().__version__}',
+        'scene': scene.name,
+        'seed': seed,
+        'built': twelve(scene.parameters),
+        'expected': twelve(expected_parameters(scene)),
+        'effects': built_effects(scene, cell),
+    }
+
+
+def truth_text(truth: dict[str, Any]) -> str:
+    """The truth as YAML."""
+    return yaml.safe_dump(truth, sort_keys=False, default_flow_style=None, width=120)
+
+
+def twelve(parameters: Parameters) -> dict[str, float]:
+    """The twelve by name."""
+    values = parameters.as_dict()
+    return {name: values[name] for name in UNITS}
+
+
+def expected_parameters(scene: Scene) -> Parameters:
+    """The twelve as touches show them: the mean of a base's yield in x and y cannot be told from p_ee."""
+    mean = 0.5 * sum(scene.base_compliance)
+    return scene.parameters.replace(p_ee=scene.parameters.p_ee + mean)
+
+
+def built_effects(scene: Scene, cell: Cell) -> list[dict[str, Any]]:
+    """What the scene has beyond the twelve parameters: name, target and values, SI units."""
+    effects = []
+
+    def add(name: str, target: str | None, **values: float) -> None:
+        effects.append({'name': name, 'target': target, 'parameters': {key: float(v) for key, v in values.items()}})
+
+    if scene.contact_friction:
+        add('contact_friction', None, coefficient=scene.contact_friction)
+    for number, compliance in enumerate((scene.parameters.p1, scene.parameters.p2)):
+        if scene.bearing_friction[number]:
+            torque = scene.bearing_friction[number]
+            add('joint_hysteresis', f'joint{number + 1}', width=compliance * torque, bearing_torque=torque)
+        if scene.winding_friction[number]:
+            add('joint_hysteresis', f'joint{number + 1}', winding_torque=scene.winding_friction[number])
+    displaced = scene.displaced_disc(cell)
+    if displaced is not None:
+        add('object_position', cell.discs[displaced].name, x=scene.displacement[0], y=scene.displacement[1])
+    if any(scene.base_compliance):
+        along_x, along_y = scene.base_compliance
+        add('base_compliance', None, excess=0.5 * (along_x - along_y), coupling=0.0)
+    if scene.link_compliance:
+        add('link_bending', 'link1', compliance=scene.link_compliance)
+    padded = scene.padded_discs(cell)
+    if padded:
+        everywhere = len(padded) == len(cell.discs)
+        add(
+            'contact_compliance',
+            None if everywhere else cell.discs[padded[0]].name,
+            stiffness=scene.pad[0],
+            depth=scene.pad[1],
+        )
+    if any(scene.tilt):
+        add('base_tilt', None, tilt_x=scene.tilt[0], tilt_y=scene.tilt[1])
+    if scene.cable:
+        add('cable', 'joint2', stiffness=scene.cable)
+    return effects

@@ -1,0 +1,96 @@
+"""A plan of touches as a file: a YAML list, one touch per entry, in the order of time.
+
+```yaml
+- {disc: disc_1, angle_deg: 30, posture: left, force: 25}
+- {disc: disc_2, angle_deg: -90, posture: right, force: 40, overpress: 0.3}
+```
+`angle_deg` is the direction from the disc's centre to the contact in the base frame, degrees from x;
+`posture` is `left` (sin(q2 + theta2) > 0, the elbow on the right of the line from the base
+to the tip, the fore-arm bent to the left), `right`, +1 or -1; `force` in N; `overpress`,
+which may be left out, is the part of the force by which the press first goes beyond it.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.files.yaml_text import parse_yaml, read_text
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.simulation.plan import LARGEST_OVERPRESS, REACH_MARGIN, Plan, within_reach
+
+KEYS = ('disc', 'angle_deg', 'posture', 'force')
+OVERPRESS = 'overpress'
+POSTURES = {'left': 1, 'right': -1, 1: 1, -1: -1}
+EXAMPLE = 'write {disc: NAME, angle_deg: 30, posture: left, force: 25}'
+LARGEST_FORCE = 10_000.0
+
+
+class PlanError(InputError):
+    """A plan that cannot be read or makes no sense."""
+
+
+def load_plan(path: str | Path, cell: Cell) -> Plan:
+    """Read a plan.
+
+    Args:
+        path: the file.
+        cell: its discs and nominal arm.
+
+    Raises:
+        PlanError: the file cannot be read, or an entry makes no sense or is out of reach.
+    """
+    return parse_plan(read_text(path, PlanError), cell, path)
+
+
+def parse_plan(text: str, cell: Cell, where: str | Path = 'plan') -> Plan:
+    """The plan that a YAML text holds; see `load_plan`."""
+    entries = parse_yaml(text, where, PlanError)
+    if not isinstance(entries, list) or not entries:
+        raise PlanError(where, 'expected a list of touches', EXAMPLE)
+    rows = [_entry(entry, cell, f'{where}: touch {number}') for number, entry in enumerate(entries)]
+    plan = Plan(*(np.array(column) for column in zip(*rows, strict=True)))
+    lost = np.flatnonzero(~within_reach(cell, plan))
+    if len(lost):
+        raise PlanError(
+            f'{where}: touch {lost[0]}',
+            f'the arm does not reach it with a margin of {1e3 * REACH_MARGIN:.0f} mm, or another disc stands before it',
+            'choose another angle_deg',
+        )
+    return plan
+
+
+def _entry(entry: Any, cell: Cell, where: str) -> tuple[int, float, int, float, float]:
+    """Disc, angle in rad, posture, force and overpress of one entry."""
+    if not isinstance(entry, dict):
+        raise PlanError(where, f'expected a mapping with {", ".join(KEYS)}, got {entry!r}', EXAMPLE)
+    for key in entry:
+        if key not in (*KEYS, OVERPRESS):
+            raise PlanError(where, f'unknown key {key!r}', f'the keys are {", ".join((*KEYS, OVERPRESS))}')
+    for key in KEYS:
+        if entry.get(key) is None:
+            raise PlanError(where, f'the key {key!r} is missing', EXAMPLE)
+    names = [disc.name for disc in cell.discs]
+    if entry['disc'] not in names:
+        raise PlanError(where, f'unknown disc {entry["disc"]!r}', f'the discs of the cell are {", ".join(names)}')
+    posture = entry['posture']
+    if type(posture) not in (int, str) or posture not in POSTURES:
+        raise PlanError(where, f'posture: expected left, right, 1 or -1, got {posture!r}')
+    angle, force = (_number(entry, key, where) for key in ('angle_deg', 'force'))
+    if not 0 < force <= LARGEST_FORCE:
+        raise PlanError(where, f'force: expected N above 0 and up to {LARGEST_FORCE:.0f}, got {force:g}')
+    overpress = _number(entry, OVERPRESS, where) if OVERPRESS in entry else 0.0
+    if not 0 <= overpress <= LARGEST_OVERPRESS:
+        raise PlanError(where, f'overpress: expected 0 to {LARGEST_OVERPRESS:g} of the force, got {overpress:g}')
+    return names.index(entry['disc']), math.radians(angle), POSTURES[posture], force, overpress
+
+
+def _number(entry: dict[str, Any], key: str, where: str) -> float:
+    value = entry[key]
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise PlanError(where, f'{key}: expected a number, got {value!r}')
+    return float(value)

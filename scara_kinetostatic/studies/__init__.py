@@ -1,0 +1,1 @@
+"""Studies beside the calibration, each with its mathematics, text, page and template."""

@@ -1,0 +1,1 @@
+"""The design question: how many touches, on which discs, where, how hard."""

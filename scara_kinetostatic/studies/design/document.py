@@ -1,0 +1,127 @@
+"""The design study as data: `design.json`. SI units; null where something is not determined."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from scara_kinetostatic.model.cell import Cell, Disc
+from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.simulation.plan import Plan
+from scara_kinetostatic.simulation.plan_writer import POSTURES
+from scara_kinetostatic.studies.design.solution import Choice, Design, Placed
+from scara_kinetostatic.studies.design.study import BAND, Row
+from scara_kinetostatic.studies.design.workspace import TipStd
+
+NAME = 'design.json'
+SCHEMA = 'scara_kinetostatic/design/1'
+
+
+def design_document(design: Design) -> dict[str, Any]:
+    """Plain JSON values."""
+    q, robot, curve, one_more = design.question, design.robot, design.curve, design.map
+    place = best_place(design)
+    return {
+        'schema': SCHEMA,
+        'question': {
+            'accuracy': q.accuracy,
+            'of': 'loaded tip' if q.under_load else 'free tip',
+            'levels': list(q.levels),
+            'postures': [POSTURES[posture] for posture in q.postures],
+            'load': q.load,
+            'region': [_number(value) for value in q.region],
+            'touches_compared': q.number,
+            'seed': q.seed,
+        },
+        'robot': {'parameters': robot.parameters.as_dict(), 'noise': robot.noise._asdict()},
+        'smallest': _choice(design.smallest, robot.cell),
+        'with_one_to_spare': _choice(design.spare, robot.cell),
+        'by_number': {
+            'touches': curve.number.tolist(),
+            'chosen': _numbers(curve.chosen),
+            'spread': _numbers(curve.spread),
+            'random': {f'{100 * share:g} %': _numbers(curve.random[:, k]) for k, share in enumerate(BAND)},
+            'bound': _numbers(curve.bound),
+        },
+        'tables': {name: [_row(row) for row in rows] for name, rows in design.tables.items()},
+        'placed': [_placed(placed) for placed in design.placed],
+        'one_more_disc': {
+            'radius': one_more.radius,
+            'touches': list(one_more.touches),
+            'without': _number(one_more.without),
+            'best': None if place is None else {'center': list(place[:2]), 'tip': place[2]},
+        },
+    }
+
+
+def best_place(design: Design) -> tuple[float, float, float] | None:
+    """Where one more disc helps most, x and y in m, and what the tip's largest standard deviation is then, m."""
+    one_more = design.map
+    if np.isnan(one_more.largest).all():
+        return None
+    row, column = np.unravel_index(int(np.nanargmin(one_more.largest)), one_more.largest.shape)
+    return float(one_more.x[column]), float(one_more.y[row]), float(one_more.largest[row, column])
+
+
+def _choice(choice: Choice, cell: Cell) -> dict[str, Any]:
+    check = choice.check
+    return {
+        **_row(choice.row),
+        'value': choice.value,
+        'fewest_possible': choice.least,
+        'smaller_sets_reach': {str(number): _number(value) for number, value in sorted(choice.tried.items())},
+        'largest_leverage': float(choice.row.prediction.leverage.max()),
+        'without_each_touch': _numbers(check.without_each),
+        'random_sets': {'number': len(check.random), 'best': _number(check.random[0]),
+                        'median': _number(float(np.median(check.random)))},
+        'compliances_half_as_large_again': _number(check.softer),
+        'plan': _plan(choice.plan, cell),
+    }  # fmt: skip
+
+
+def _plan(plan: Plan, cell: Cell) -> list[dict[str, Any]]:
+    rows = zip(plan.disc, np.degrees(plan.angle), plan.posture, plan.force, strict=True)
+    return [
+        {'disc': cell.discs[d].name, 'angle_deg': round(float(a), 9), 'posture': POSTURES[int(s)], 'force': float(f)}
+        for d, a, s, f in rows
+    ]
+
+
+def _row(row: Row) -> dict[str, Any]:
+    p = row.prediction
+    return {
+        'label': row.label,
+        'touches': p.touches,
+        'rank': p.rank,
+        'confounded': [list(group) for group in p.confounded],
+        'condition': _number(p.condition),
+        'observability': {name.upper(): _number(value) for name, value in p.indices._asdict().items()},
+        'tip_free': _tip(row.free),
+        'tip_loaded': _tip(row.loaded),
+        'std': {name: _number(value) for name, value in zip(NAMES, p.std, strict=True)},
+    }
+
+
+def _tip(tip: TipStd) -> dict[str, float | None]:
+    return {'largest': _number(tip.largest), 'rms': _number(tip.rms)}
+
+
+def _placed(placed: Placed) -> dict[str, Any]:
+    return {
+        'discs': [_disc(disc) for disc in placed.layout.discs],
+        'prediction': None if placed.row is None else _row(placed.row),
+        'touches_needed': placed.needed,
+    }
+
+
+def _disc(disc: Disc) -> dict[str, Any]:
+    return {'name': disc.name, 'center': [disc.x, disc.y], 'radius': disc.radius}
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _numbers(values: Any) -> list[float | None]:
+    return [_number(value) for value in values]

@@ -1,0 +1,191 @@
+"""What a plan of touches will tell: the covariance of L̄ before a single touch is made.
+
+The conditions of the touches are linearised where they hold exactly, at Q = Ḡ(S, F) of the expected robot,
+and whitened by the noise of a touch: the very Jacobian, and by the same functions, of which the
+calibration makes its covariance (`calibration.adjustment`). What the calibration would call unseen is
+left out here as well, so that a prediction has the rank and the confounded groups of the fit it predicts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.calibration import steps
+from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Observations
+from scara_kinetostatic.calibration.identifiability import SCALES, condition_number, group_names, unseen_directions
+from scara_kinetostatic.calibration.solver import Point, evaluate
+from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.model.cell import Cell, Noise
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection
+from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.state import State
+from scara_kinetostatic.simulation.plan import Plan
+from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, in_sensor_frame
+from scara_kinetostatic.studies.design.indices import Indices, observability
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Robot:
+    """The robot that a design is for.
+
+    Attributes:
+        cell: discs, sensor, nominal parameters.
+        parameters: L̄ as expected; geometry, compliances and backlashes all enter the prediction.
+        noise: repeatability of one touch.
+
+    Raises:
+        ParameterError: a noise level that is not above 0.
+    """
+
+    cell: Cell
+    parameters: Parameters
+    noise: Noise
+
+    def __post_init__(self) -> None:
+        for name, value in self.noise._asdict().items():
+            if not (np.isfinite(value) and value > 0):
+                raise ParameterError(f'noise: {name}', f'expected a value above 0, got {value}', 'give what is known')
+
+    @classmethod
+    def of(cls, cell: Cell, parameters: Parameters | None = None, noise: Noise | None = None) -> Robot:
+        """The nominal robot of a cell with its noise, or what is given instead."""
+        return cls(cell, parameters or cell.nominal, noise or cell.noise or TYPICAL_NOISE)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a plan will tell about L̄.
+
+    Attributes:
+        touches: number of touches it is for.
+        covariance: of the twelve, (12, 12), in their units; no statement about what is confounded.
+        std: standard deviations, (12,); NaN where confounded.
+        unseen: directions of L̄ that the touches do not show, (12, d), in `SCALES`.
+        confounded: groups of parameters that only together are determined, by name.
+        condition: condition number of the whitened Jacobian with unit columns, over what is seen.
+        indices: the usual observability indices, over what is seen.
+        leverage: the largest part of a touch's condition that the fit spends on itself, (m,), 0 to 1; at 1
+            nothing checks the touch.
+    """
+
+    touches: int
+    covariance: Floats
+    std: Floats
+    unseen: Floats
+    confounded: tuple[tuple[str, ...], ...]
+    condition: float
+    indices: Indices
+    leverage: Floats
+
+    @property
+    def rank(self) -> int:
+        """Number of independent combinations of the twelve that are seen."""
+        return len(NAMES) - self.unseen.shape[1]
+
+
+class Exact(NamedTuple):
+    """The adjustment at exact touches.
+
+    Attributes:
+        observations: what would be measured without noise.
+        point: the equations there.
+        arms: distance of each line of force from both axes, (m, 2), m.
+    """
+
+    observations: Observations
+    point: Point
+    arms: Floats
+
+
+def exact_plan(robot: Robot, plan: Plan) -> Exact:
+    """The adjustment at the exact touches of a plan.
+
+    Raises:
+        UnsupportedDataError: the robot cannot reach a touch.
+    """
+    cell = robot.cell
+    return exact_touches(robot, cell.centers[plan.disc], cell.radii[plan.disc], plan.angle, plan.posture, plan.force)
+
+
+def exact_touches(
+    robot: Robot, centers: Floats, radii: Floats, angle: Floats, posture: NDArray[np.intp], force: Floats
+) -> Exact:
+    """The same for touches on discs that need not stand in the cell.
+
+    Args:
+        robot: the robot.
+        centers: centre of each touch's disc, (m, 2), m.
+        radii: its radius, (m,), m.
+        angle: direction from the centre to the contact, (m,), rad.
+        posture: +1 or -1, (m,).
+        force: its magnitude, (m,), N.
+
+    Raises:
+        UnsupportedDataError: the robot cannot reach a touch.
+    """
+    p, cell = robot.parameters, robot.cell
+    outward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    pressed = -force[:, None] * outward
+    joints, torques = inverse_kinetostatics(p, centers + radii[:, None] * outward, pressed, posture, cell.gripper)
+    if not np.isfinite(joints).all():
+        lost = int(np.flatnonzero(~np.isfinite(joints).all(axis=1))[0])
+        raise UnsupportedDataError(f'the robot cannot reach touch {lost} of the plan', 'leave it out, or move its disc')
+    links, modes = joints - joint_deflection(p, torques), np.sign(torques)
+    measured = in_sensor_frame(cell, p, joints, pressed)
+    direction = np.arctan2(pressed[:, 1], pressed[:, 0])
+    state = State(links[:, 0], links[:, 1], force, direction, modes[:, 0], modes[:, 1])
+    observations = Observations(joints, measured, centers, radii, cell.sensor.frame, cell.gripper)
+    point = evaluate(observations, p, Adjusted(joints, measured, state), robot.noise)
+    return Exact(observations, point, np.abs(torques) / force[:, None])
+
+
+def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
+    """The covariance that a calibration with the touches of a plan will have.
+
+    Args:
+        robot: the robot.
+        plan: the touches.
+        number: predict for so many touches spread evenly over those of the plan; None: for the plan as it is.
+
+    Raises:
+        UnsupportedDataError: the robot cannot reach a touch.
+    """
+    observations, point, _ = exact_plan(robot, plan)
+    everything = np.arange(len(NAMES))
+    unseen = unseen_directions(observations, point, everything, robot.noise)
+    basis = SCALES[:, None] * complement(unseen)
+    weight = 1.0 if number is None else number / len(plan)
+    seen = np.sqrt(weight) * (point.whitened.derivative @ basis)
+    system = steps.compress(seen, point.whitened.residual)
+    covariance = basis @ steps.covariance(system) @ basis.T
+    groups = group_names(unseen, everything)
+    std = np.sqrt(np.diag(covariance))
+    std[[name in {member for group in groups for member in group} for name in NAMES]] = np.nan
+    touches = number or len(plan)
+    return Prediction(
+        touches=touches,
+        covariance=covariance,
+        std=std,
+        unseen=unseen,
+        confounded=groups,
+        condition=condition_number(seen),
+        indices=observability(system.values, touches),
+        leverage=leverage(point.whitened.derivative, covariance),
+    )
+
+
+def complement(unseen: Floats) -> Floats:
+    """Orthonormal columns that span all but the given orthonormal columns, (k, k - d)."""
+    k, d = unseen.shape
+    return np.asarray(np.linalg.qr(np.concatenate([unseen, np.eye(k)], axis=1))[0][:, d:k])
+
+
+def leverage(derivative: Floats, covariance: Floats) -> Floats:
+    """The larger eigenvalue of J C Jᵀ of each touch, (m,); J whitened, (m, 2, 12)."""
+    return np.asarray(np.linalg.eigvalsh(np.einsum('nik,kl,njl->nij', derivative, covariance, derivative))[:, -1])

@@ -1,0 +1,149 @@
+"""The tip over the workspace: how far off it will be, free and under load.
+
+With the covariance C of L̄, the tip's is T C Tᵀ, T its derivative by L̄ at the joint angles that are read:
+∂H/∂L̄ for the free tip; for the loaded one, at given Q and F, that of S in (4) with (6) and (7).
+The number that stands for a place is √trace(T C Tᵀ), the standard deviation of the distance. The grid is polar about
+the robot's base, its rims included: there the uncertainty is largest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.calibration.identifiability import SCALES
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model import kinematics
+from scara_kinetostatic.model.derivatives import forward_by_parameters, inverse_kinetostatics_derivatives
+from scara_kinetostatic.simulation.plan import BASE_MARGIN, REACH_MARGIN
+from scara_kinetostatic.studies.design.prediction import Prediction, Robot
+
+Floats = NDArray[np.float64]
+
+RADII, ANGLES = 8, 36
+DIRECTIONS = 8
+"""Of the load, all around."""
+FELT = 1e-6
+"""If an unseen direction of L̄, over its plausible range, moves the tip by more, m, the tip is not determined."""
+POSTURES = (1, -1)
+
+
+class Region(NamedTuple):
+    """The part of the base frame that matters, m."""
+
+    x_min: float = -np.inf
+    x_max: float = np.inf
+    y_min: float = -np.inf
+    y_max: float = np.inf
+
+    def holds(self, places: Floats) -> NDArray[np.bool_]:
+        """Which places, (…, 2), are inside, (…)."""
+        low, high = (self.x_min, self.y_min), (self.x_max, self.y_max)
+        return np.asarray(((places >= low) & (places <= high)).all(axis=-1))
+
+
+class Tip(NamedTuple):
+    """The tip at every place of the workspace.
+
+    Attributes:
+        derivative: T, (2 g, d, 2, 12), posture left first, d directions of the load (1 without one).
+        weight: area that a place stands for, as a part of all, (2 g,).
+    """
+
+    derivative: Floats
+    weight: Floats
+
+
+class TipStd(NamedTuple):
+    """The standard deviation of the tip over the workspace; infinite where it is not determined.
+
+    Attributes:
+        largest: m.
+        rms: root of the mean square, weighted by area, m.
+        places: at each place, the worst direction of the load, (2, g), posture left first.
+    """
+
+    largest: float
+    rms: float
+    places: Floats
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """Where the tip is asked for.
+
+    Attributes:
+        places: (g, 2), m, base frame.
+        area: that each stands for, as a part of all, (g,).
+        mask: which places of the polar grid are in the region, (radii, angles).
+        radii: of the grid, m.
+        angles: of the grid, rad.
+    """
+
+    places: Floats
+    area: Floats
+    mask: NDArray[np.bool_]
+    radii: Floats
+    angles: Floats
+
+
+def reach(robot: Robot) -> tuple[float, float]:
+    """Least and largest distance of the tip from the base, with the margins of a plan of touches, m."""
+    p = robot.cell.nominal
+    return max(abs(p.l1 - p.l2) + REACH_MARGIN, BASE_MARGIN), p.l1 + p.l2 - REACH_MARGIN
+
+
+def make_workspace(robot: Robot, region: Region | None = None, radii: int = RADII, angles: int = ANGLES) -> Workspace:
+    """The polar grid of what is within reach and in the region.
+
+    Raises:
+        ParameterError: nothing is.
+    """
+    region = region or Region()
+    nominal = robot.cell.nominal
+    distance = np.linspace(*reach(robot), radii)
+    angle = 2 * np.pi * np.arange(angles) / angles
+    directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    grid = (nominal.x0, nominal.y0) + distance[:, None, None] * directions
+    mask = region.holds(grid)
+    if not mask.any():
+        raise ParameterError('region', f'no place of {tuple(region)} is within reach', 'give x and y limits in m')
+    area = np.broadcast_to(distance[:, None], mask.shape)[mask]
+    return Workspace(grid[mask], area / area.sum(), mask, distance, angle)
+
+
+def free_tip(robot: Robot, workspace: Workspace) -> Tip:
+    """The free tip: T = ∂H/∂L̄ at the link angles."""
+    blocks = [
+        forward_by_parameters(robot.parameters, kinematics.inverse(robot.parameters, workspace.places, posture))
+        for posture in POSTURES
+    ]
+    return Tip(np.concatenate(blocks)[:, None], np.tile(workspace.area, 2) / 2)
+
+
+def loaded_tip(robot: Robot, workspace: Workspace, load: float, directions: int = DIRECTIONS) -> Tip:
+    """The tip that presses with a load, in N, in every direction: dS/dL̄ at given Q and F, from those of Ḡ."""
+    angle = 2 * np.pi * np.arange(directions) / directions
+    force = load * np.tile(np.stack([np.cos(angle), np.sin(angle)], axis=-1), (len(workspace.places), 1))
+    places = np.repeat(workspace.places, directions, axis=0)
+    sign = robot.cell.gripper_sign
+    blocks = []
+    for posture in POSTURES:
+        joints, _ = inverse_kinetostatics_derivatives(robot.parameters, places, force, posture, sign)
+        derivative = -np.linalg.solve(joints.first, joints.parameters)
+        blocks.append(derivative.reshape(-1, directions, *derivative.shape[1:]))
+    return Tip(np.concatenate(blocks), np.tile(workspace.area, 2) / 2)
+
+
+def tip_std(tip: Tip, prediction: Prediction) -> TipStd:
+    """The tip's standard deviation from a predicted covariance of L̄."""
+    variance = np.einsum('gdik,kl,gdil->gd', tip.derivative, prediction.covariance, tip.derivative, optimize=True)
+    if prediction.unseen.size:
+        felt = np.abs(tip.derivative @ (SCALES[:, None] * prediction.unseen)).max(axis=(2, 3))
+        variance = np.where(felt > FELT, np.inf, variance)
+    places = variance.max(axis=1)
+    mean = variance.mean(axis=1) @ tip.weight
+    return TipStd(float(np.sqrt(places.max())), float(np.sqrt(mean)), np.sqrt(places).reshape(2, -1))

@@ -1,0 +1,170 @@
+"""The columns of a table of gauge readings: names with their units, and the values each may hold."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2, LINK, TIP
+
+_LENGTH = {'m': 1.0, 'mm': 1e-3, 'um': 1e-6, 'µm': 1e-6, 'μm': 1e-6}
+
+
+class Quantity(NamedTuple):
+    """A column that holds numbers.
+
+    Attributes:
+        words: its names, the first one being ours.
+        units: factor to SI by unit.
+        largest: beyond this, in SI, a value makes no sense.
+        hint: what is probably wrong then.
+    """
+
+    words: tuple[str, ...]
+    units: dict[str, float]
+    largest: float
+    hint: str
+
+
+QUANTITIES = {
+    'force': Quantity(('force', 'load', 'f'), {'N': 1.0, 'kN': 1e3, 'mN': 1e-3}, 1e6, 'check the unit of the column'),
+    'displacement': Quantity(
+        ('displacement', 'deflection', 'gauge', 'ds', 'δs'), _LENGTH, 0.5, 'check the unit of the column: m, mm or um'
+    ),
+    'direction': Quantity(
+        ('direction', 'angle'), {'deg': math.pi / 180, 'rad': 1.0}, 4 * math.pi + 1e-9, 'give an angle within two turns'
+    ),
+    'lever': Quantity(('lever', 'arm'), _LENGTH, 10.0, 'check the unit of the column: m or mm'),
+    'time': Quantity(('time', 't'), {'s': 1.0, 'ms': 1e-3}, 1e12, 'check the unit of the column: s or ms'),
+}
+NEEDED = ('force', 'displacement')
+CHOICES = {
+    'part': {GRIPPER: GRIPPER, 'joint1': JOINT1, 'joint2': JOINT2, '1': JOINT1, '2': JOINT2},
+    'seat': {TIP: TIP, LINK: LINK},
+}
+_SYNONYMS = {'joint': 'part', 'gauge_at': 'seat'}
+_WORDS = {word: name for name, quantity in QUANTITIES.items() for word in quantity.words}
+_HEADING = re.compile(r'(?P<word>.*?)[\s_]*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|[_\s](?P<plain>[^_\s]+))?\Z')
+_NUMBER = re.compile(r'[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\Z')
+
+
+class Column(NamedTuple):
+    """What a column holds.
+
+    Attributes:
+        name: 'force', 'cycle', 'part', …
+        heading: as it stands in the file.
+        place: number of the column, from 0.
+        factor: to SI.
+    """
+
+    name: str
+    heading: str
+    place: int
+    factor: float = 1.0
+
+
+def read_heading(cells: Sequence[str], where: str) -> tuple[dict[str, Column], list[str]]:
+    """The columns by name, and the headings that are not known.
+
+    Raises:
+        RecordingError: a unit is missing or unknown, a column is missing or comes twice, or there is no heading.
+    """
+    columns: dict[str, Column] = {}
+    unknown = []
+    if any(_NUMBER.match(plain(cell)) for cell in cells):
+        raise RecordingError(where, 'expected a heading in the first line, got numbers', _example())
+    for place, cell in enumerate(cells):
+        column = _column(cell.strip(), place, where)
+        if column is None:
+            unknown += [cell.strip()] if cell.strip() else []
+            continue
+        if column.name in columns:
+            both = f'{columns[column.name].heading!r} and {column.heading!r}'
+            raise RecordingError(where, f'two columns of {column.name}, {both}', 'leave one out')
+        columns[column.name] = column
+    for name in NEEDED:
+        if name not in columns:
+            got = ', '.join(cell.strip() for cell in cells if cell.strip()) or 'nothing'
+            raise RecordingError(where, f'there is no column of {name}, got {got[:200]}', _example())
+    return columns, unknown
+
+
+def _example() -> str:
+    return 'begin with a line such as force_N,displacement_mm'
+
+
+def _column(heading: str, place: int, where: str) -> Column | None:
+    plain_name = re.sub(r'\s+', '_', heading.lower())
+    plain_name = _SYNONYMS.get(plain_name, plain_name)
+    if plain_name in CHOICES or plain_name == 'cycle':
+        return Column(plain_name, heading, place)
+    match = _HEADING.match(heading)
+    if match is None:  # pragma: no cover - the pattern matches every text
+        return None
+    unit = match['square'] or match['round'] or match['plain']
+    name = _WORDS.get(match['word'].strip().lower()) or _WORDS.get(plain_name)
+    if name is None:
+        return None
+    units = QUANTITIES[name].units
+    choices = ', '.join(f'{QUANTITIES[name].words[0]}_{one}' for one in units if one.isascii())
+    if unit is None:
+        raise RecordingError(where, f'the column {heading!r} has no unit', f'call it one of {choices}')
+    if unit.strip() not in units:
+        raise RecordingError(where, f'the column {heading!r} has an unknown unit', f'call it one of {choices}')
+    return Column(name, heading, place, units[unit.strip()])
+
+
+def plain(cell: str) -> str:
+    """A cell without what spreadsheets put around a number."""
+    return cell.strip().replace('\N{MINUS SIGN}', '-').replace('\N{NO-BREAK SPACE}', '').strip()
+
+
+def read_number(cell: str, column: Column, decimal_comma: bool) -> float:
+    """A number in SI.
+
+    Raises:
+        ValueError: it is none, or it makes no sense; the message says what was expected.
+    """
+    text = plain(cell)
+    if decimal_comma and text.count(',') == 1 and '.' not in text:
+        text = text.replace(',', '.')
+    if not text:
+        raise ValueError('expected a number, got nothing')
+    if not _NUMBER.match(text):
+        raise ValueError(f'expected a number, got {cell.strip()[:40]!r}')
+    value = float(text) * column.factor
+    quantity = QUANTITIES[column.name]
+    if not abs(value) <= quantity.largest:
+        raise ValueError(f'{cell.strip()[:40]} is out of all reason; {quantity.hint}')
+    if column.name == 'lever' and value <= 0:
+        raise ValueError(f'expected a lever above 0, got {cell.strip()[:40]}')
+    return value
+
+
+def read_cycle(cell: str) -> int:
+    """The number of a cycle.
+
+    Raises:
+        ValueError: it is no whole number of 0 or more.
+    """
+    text = plain(cell)
+    if not re.fullmatch(r'\d{1,6}([.,]0*)?', text):
+        raise ValueError(f'expected the number of a cycle, got {cell.strip()[:40]!r}')
+    return int(re.split('[.,]', text)[0])
+
+
+def read_choice(cell: str, column: Column) -> str:
+    """One of the known words.
+
+    Raises:
+        ValueError: it is none of them.
+    """
+    words = CHOICES[column.name]
+    text = re.sub(r'[\s_-]', '', cell.lower())
+    if text not in words:
+        raise ValueError(f'expected one of {", ".join(dict.fromkeys(words.values()))}, got {cell.strip()[:40]!r}')
+    return words[text]

@@ -1,0 +1,173 @@
+"""One reversal of a force–displacement loop: two elastic branches as straight lines, and the gap between them.
+
+After a reversal the force unloads along an elastic branch, crosses the backlash, in which it hardly changes,
+rises along the other elastic branch, and slips at a plateau. With distance d since the reversal and force f, both
+counted positive along the new motion:
+
+- the level is the force inside the backlash, where f changes least over `FLAT` of the way up: friction and
+  the sensor's zero make it differ from 0; it is the zero to which the lines are drawn. One level per loop and sense.
+- each branch is the straight line d = a + p f through the samples between two parts (the window) of the way
+  from the level to the plateau; p of the branch after the gap is the compliance;
+- the gap is the distance between both lines at the level.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import find_peaks
+
+from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate
+
+Floats = NDArray[np.float64]
+
+FLAT = 1 / 6
+RISEN = 0.75
+"""The way up ends at this part of the plateau."""
+PROMINENCE = 0.03
+"""A reversal stands out by this part of the whole range of displacement."""
+FEWEST_SAMPLES = 2
+"""The scatter about a line is that of all reversals of its sense: two samples make a line with an uncertainty."""
+_COVERED = 0.6
+"""This part of a window must be covered by samples."""
+SLIPPED = 0.6
+"""The force before a reversal must have reached this part of the plateau, or it was no full loop."""
+
+
+class Reversal(NamedTuple):
+    """One reversal.
+
+    Attributes:
+        time: s.
+        displacement: where, m.
+        sense: +1 if the displacement rises afterwards.
+        speed: in the middle of the gap, m/s.
+        force: at the reversal, counted along the old motion, N.
+        gap: m.
+        compliance: after the gap, m/N.
+        unloading: compliance before the gap, m/N.
+        samples: in the windows before and after the gap.
+        crossings: where both lines meet the level, distance from the reversal, m.
+    """
+
+    time: float
+    displacement: float
+    sense: int
+    speed: float
+    force: float
+    gap: Estimate
+    compliance: Estimate
+    unloading: Estimate
+    samples: tuple[int, int]
+    crossings: tuple[float, float]
+
+
+class Sweep(NamedTuple):
+    """The samples from one reversal to the next: distance and force along the new motion, time."""
+
+    time: Floats
+    distance: Floats
+    force: Floats
+    place: float
+    sense: int
+
+
+class Line(NamedTuple):
+    """d = a + p (f - level): a, p, their unscaled covariance, residual sum of squares, samples."""
+
+    a: float
+    p: float
+    unscaled: Floats
+    rss: float
+    samples: int
+
+
+def find_sweeps(time: Floats, displacement: Floats, force: Floats) -> list[Sweep]:
+    """The record, cut at the reversals; what comes before the first is left out."""
+    least = PROMINENCE * float(np.ptp(displacement))
+    peaks = [find_peaks(sign * displacement, prominence=least)[0] for sign in (1, -1)] if least > 0 else [[], []]
+    turns = np.sort(np.concatenate(peaks)).astype(int)
+    sweeps = []
+    for first, last in zip(turns, [*turns[1:], len(time) - 1][: len(turns)], strict=True):
+        rows = slice(first, last + 1)
+        sense = 1 if displacement[last] > displacement[first] else -1
+        distance, along = sense * (displacement[rows] - displacement[first]), sense * force[rows]
+        sweeps.append(Sweep(time[rows], distance, along, float(displacement[first]), sense))
+    return sweeps
+
+
+def find_plateau(sweeps: list[Sweep]) -> float:
+    """The force at which it slips: the median over the sweeps of the median over the second half of each."""
+    medians = [float(np.median(s.force[s.distance > s.distance[-1] / 2])) for s in sweeps if s.distance[-1] > 0]
+    return float(np.median(medians)) if medians else np.nan
+
+
+def find_level(sweep: Sweep, plateau: float) -> float:
+    """The force where it changes least, on the way up to the plateau."""
+    risen = np.flatnonzero(sweep.force >= RISEN * plateau)
+    if not len(risen) or risen[0] < 2:
+        return np.nan
+    grid = np.linspace(0.0, sweep.distance[risen[0]], 601)
+    force = np.interp(grid, np.maximum.accumulate(sweep.distance[: risen[0] + 1]), sweep.force[: risen[0] + 1])
+    width = int(FLAT * len(grid))
+    start = int(np.argmin(force[width:] - force[:-width]))
+    return float(force[start : start + width + 1].mean())
+
+
+def fit_pair(
+    sweep: Sweep, level: float, bottom: float, top: float, window: tuple[float, float]
+) -> tuple[Line, Line] | str:
+    """The lines before and after the gap, or why there are none."""
+    if not bottom < level < top:
+        return 'no gap between two branches'
+    if sweep.force[0] > SLIPPED * bottom:
+        return 'the motion before it had not slipped: no full loop'
+    first = np.flatnonzero(sweep.force > level + window[1] * (top - level))
+    rise = slice(0, int(first[0])) if len(first) else slice(0, len(sweep.force))
+    pair = []
+    for end, name in ((bottom, 'before'), (top, 'after')):
+        part = (sweep.force[rise] - level) / (end - level)
+        rows = np.flatnonzero((part >= window[0]) & (part <= window[1]))
+        if len(rows) < FEWEST_SAMPLES:
+            return f'{len(rows)} samples on the elastic branch {name} the gap'
+        if np.ptp(part[rows]) < _COVERED * (window[1] - window[0]) * (1 - 1 / len(rows)):
+            return f'the branch {name} the gap is not complete'
+        pair.append(_line(sweep.force[rise][rows] - level, sweep.distance[rise][rows]))
+    return pair[0], pair[1]
+
+
+def _line(force: Floats, distance: Floats) -> Line:
+    design = np.stack([np.ones_like(force), force], axis=1)
+    basis, triangle = np.linalg.qr(design)
+    inverse = np.linalg.inv(triangle)
+    a, p = inverse @ (basis.T @ distance)
+    residual = distance - basis @ (basis.T @ distance)
+    return Line(float(a), float(p), inverse @ inverse.T, float(residual @ residual), len(force))
+
+
+def pooled(lines: list[Line]) -> float:
+    """Standard deviation of the residuals of several lines, m; NaN without degrees of freedom."""
+    dof = sum(line.samples - 2 for line in lines)
+    return float(np.sqrt(sum(line.rss for line in lines) / dof)) if dof > 0 else np.nan
+
+
+def as_reversal(sweep: Sweep, before: Line, after: Line, sigma: tuple[float, float]) -> Reversal:
+    """Gap and slopes of a sweep from its lines; `sigma` is that of the branches before and after the gap, m."""
+    scale = np.array(sigma)
+    std = np.sqrt(np.array([np.diag(before.unscaled), np.diag(after.unscaled)])) * scale[:, None]
+    middle = (before.a + after.a) / 2
+    speed = np.interp(middle, np.maximum.accumulate(sweep.distance), np.gradient(sweep.distance, sweep.time))
+    return Reversal(
+        time=float(sweep.time[0]),
+        displacement=sweep.place,
+        sense=sweep.sense,
+        speed=float(speed),
+        force=-float(sweep.force[0]),
+        gap=Estimate(after.a - before.a, float(np.hypot(*std[:, 0]))),
+        compliance=Estimate(after.p, float(std[1, 1])),
+        unloading=Estimate(before.p, float(std[0, 1])),
+        samples=(before.samples, after.samples),
+        crossings=(before.a, after.a),
+    )

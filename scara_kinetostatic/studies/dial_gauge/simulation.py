@@ -1,0 +1,224 @@
+"""The gauge experiments of section 5.2, simulated: what a dial gauge reads while loads come and go.
+
+The robot stands with both links along y. Three set-ups:
+
+- gripper: both joints locked, gauge at the end-effector, loads along `LoadPlan.directions`:
+  ΔS = p_ee F + ½ gap(φ) sense (7);
+- joint 2: joint 1 locked, load along x at the end, gauge at the end of link 2: torque F l2, ΔS = l2 Δq2 (6);
+- joint 1: joint 2 locked, likewise with the lever l1 + l2.
+
+At the end of link 2 the gauge sees the joint alone; at the end-effector (`seat='tip'`) it sees joint and gripper in
+series.
+
+**The backlash's direction.** Figure 4(c) is not isotropic; (7) is. Here the free play of the gripper
+is an ellipse: pressed along u, frictionless, the tip goes to the point of the ellipse that is farthest
+along u, so that the gap from one sense to the other is the width of the ellipse,
+
+    gap(φ) = √(gap_major² cos²(φ - axis) + gap_minor² sin²(φ - axis)),
+
+an even, smooth function of the direction. The gap along x is the largest and along y the smallest by default, so that
+directions 30° apart meet both ends of the measured range; the paper's text does not say where they lie.
+
+**Gap and half gap.** Values of backlash are gaps here, the jump of ΔS at F = 0, as section 5.2 says of those
+of figure 4(d) ("the ΔS gap itself"); g of (6) and (7) is half of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.kinetostatics import joint_deflection, joint_torques
+from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2, LINK, TIP, GaugeReadings, join
+
+Floats = NDArray[np.float64]
+
+STRETCHED = np.array([np.pi / 2, 0.0])
+"""Link angles with both links along y."""
+GAUGE_NOISE = 2e-6
+"""One standard deviation of a reading of the dial gauge, m."""
+
+
+@dataclass(frozen=True)
+class GaugeTruth:
+    """What the simulated robot is made of; by default figure 4(d) and table 1.
+
+    Attributes:
+        p_ee: compliance of the gripper, m/N.
+        gap_major: its largest gap over the directions, m.
+        gap_minor: its smallest.
+        axis: direction of the largest, rad.
+        p1: compliance of joint 1, rad/Nm.
+        gap1: gap of joint 1, rad.
+        p2: compliance of joint 2, rad/Nm.
+        gap2: gap of joint 2, rad.
+        l1: length of link 1, m.
+        l2: length of link 2, m.
+    """
+
+    p_ee: float = 3.76e-5
+    gap_major: float = 2.05e-4
+    gap_minor: float = 5.49e-5
+    axis: float = 0.0
+    p1: float = 3.23e-5
+    gap1: float = 2.64e-4
+    p2: float = 1.08e-4
+    gap2: float = 2.68e-4
+    l1: float = 0.33
+    l2: float = 0.33
+
+    def gripper_gap(self, direction: ArrayLike) -> Floats:
+        """Gap of the gripper along directions (rad), m."""
+        turned = np.asarray(direction, dtype=float) - self.axis
+        return np.hypot(self.gap_major * np.cos(turned), self.gap_minor * np.sin(turned))
+
+    def with_one_joint(self, joint: int) -> Parameters:
+        """The model's parameters with the other joint and the gripper rigid."""
+        p, g = np.array([self.p1, self.p2]), np.array([self.gap1, self.gap2]) / 2
+        locked = np.arange(2) != joint - 1
+        p[locked], g[locked] = 0.0, 0.0
+        return Parameters(l1=self.l1, l2=self.l2, p_ee=0.0, p1=p[0], p2=p[1], g1=g[0], g2=g[1])
+
+
+@dataclass(frozen=True)
+class LoadPlan:
+    """The loads of one run, the same for every direction.
+
+    Attributes:
+        levels: progressive loads, rising, N; they are removed in the reverse order.
+        cycles: how often, each in both senses.
+        directions: of the positive load in the gripper's experiment, rad.
+
+    Raises:
+        ParameterError: the levels are not rising from above 0, or there are no cycles.
+    """
+
+    levels: tuple[float, ...] = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0)
+    cycles: int = 3
+    directions: tuple[float, ...] = field(default_factory=lambda: tuple(np.radians(np.arange(0, 360, 30)).tolist()))
+
+    def __post_init__(self) -> None:
+        if not self.levels or np.any(np.diff((0.0, *self.levels)) <= 0):
+            raise ParameterError('levels', f'expected rising loads above 0, got {self.levels}')
+        if self.cycles < 1:
+            raise ParameterError('cycles', f'expected 1 or more, got {self.cycles}')
+
+    def run(self) -> tuple[Floats, Floats, NDArray[np.int64]]:
+        """Force (n,), the sense in which the backlash was last taken up (n,), and the cycle (n,) of each row."""
+        rise = np.array(self.levels)
+        one = np.concatenate([rise, rise[-2::-1], [0.0]])
+        force = np.concatenate([[0.0], np.tile(np.concatenate([one, -one]), self.cycles)])
+        sense = np.concatenate([[0.0], np.tile(np.repeat([1.0, -1.0], len(one)), self.cycles)])
+        cycle = np.concatenate([[1], np.repeat(np.arange(1, self.cycles + 1), 2 * len(one))])
+        return force, sense, cycle
+
+
+@dataclass(frozen=True)
+class GaugeSensors:
+    """Errors of the readings.
+
+    Attributes:
+        noise: of the dial gauge, one standard deviation, m.
+        resolution: step of the dial gauge, m; 0 for none.
+        force_noise: of the force, one standard deviation, N.
+    """
+
+    noise: float = GAUGE_NOISE
+    resolution: float = 0.0
+    force_noise: float = 0.0
+
+    def read(self, force: Floats, displacement: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+        """Force and displacement as they are written down."""
+        force = force + self.force_noise * rng.standard_normal(force.shape)
+        displacement = displacement + self.noise * rng.standard_normal(displacement.shape)
+        if self.resolution:
+            displacement = self.resolution * np.round(displacement / self.resolution)
+        return force, displacement
+
+
+def simulate_gripper(
+    truth: GaugeTruth, plan: LoadPlan, sensors: GaugeSensors, rng: np.random.Generator
+) -> GaugeReadings:
+    """The gripper's experiment, joints locked, direction after direction."""
+    force, sense, cycle = plan.run()
+    runs = []
+    for direction in plan.directions:
+        moved = truth.p_ee * force + truth.gripper_gap(direction) / 2 * sense
+        read = sensors.read(force, moved, rng)
+        runs.append(GaugeReadings.of(*read, part=GRIPPER, direction=direction, cycle=cycle, source='gripper'))
+    return join(runs)
+
+
+def simulate_joint(
+    joint: int,
+    truth: GaugeTruth,
+    plan: LoadPlan,
+    sensors: GaugeSensors,
+    rng: np.random.Generator,
+    seat: str = LINK,
+) -> GaugeReadings:
+    """The experiment at one joint, the other locked: loads along x at the end of the arm stretched along y.
+
+    Args:
+        joint: 1 or 2.
+        truth: of the robot.
+        plan: the loads; its directions are not used.
+        sensors: errors of the readings.
+        rng: where they come from.
+        seat: where the gauge touches; at the 'tip' it sees the gripper, too.
+
+    Raises:
+        ParameterError: there is no such joint.
+    """
+    if joint not in (1, 2):
+        raise ParameterError('joint', f'expected 1 or 2, got {joint}')
+    force, sense, cycle = plan.run()
+    moved = joint_displacement(truth.with_one_joint(joint), force, sense)
+    if seat == TIP:
+        moved = moved + truth.p_ee * force + truth.gripper_gap(0.0) / 2 * sense
+    lever = truth.l2 if joint == 2 else truth.l1 + truth.l2
+    part = JOINT1 if joint == 1 else JOINT2
+    read = sensors.read(force, moved, rng)
+    return GaugeReadings.of(*read, part=part, seat=seat, direction=0.0, lever=lever, cycle=cycle, source=part)
+
+
+def joint_displacement(parameters: Parameters, force: Floats, sense: Floats) -> Floats:
+    """How far the end of link 2 goes along x under loads along x, joints held, from (6) and (8).
+
+    Args:
+        parameters: L̄, gripper rigid.
+        force: load on the robot along x, (n,), N.
+        sense: side of the dead band where there is no load, (n,).
+    """
+    on_object = np.stack([-force, np.zeros_like(force)], axis=-1)
+    links = np.broadcast_to(STRETCHED, on_object.shape)
+    for _ in range(4):  # C = JᵀF with J at Q*
+        torques = joint_torques(parameters, links, on_object)
+        links = STRETCHED - joint_deflection(parameters, torques, slack=sense[:, None])
+    return forward(parameters, links)[:, 0] - forward(parameters, STRETCHED[None])[0, 0]
+
+
+def simulate_experiments(
+    truth: GaugeTruth | None = None,
+    plan: LoadPlan | None = None,
+    sensors: GaugeSensors | None = None,
+    seed: int = 0,
+) -> GaugeReadings:
+    """All of section 5.2: the gripper in every direction, joint 2, joint 1.
+
+    Args:
+        truth: by default figure 4(d).
+        plan: by default up to 40 N in steps of 5 N, three times, 12 directions 30° apart.
+        sensors: by default 2 µm.
+        seed: of the noise.
+    """
+    truth, plan, sensors = truth or GaugeTruth(), plan or LoadPlan(), sensors or GaugeSensors()
+    rng = np.random.default_rng(seed)
+    parts = [simulate_gripper(truth, plan, sensors, rng)]
+    parts += [simulate_joint(joint, truth, plan, sensors, rng) for joint in (2, 1)]
+    return join(parts)

@@ -1,0 +1,102 @@
+"""Pictures of measured loops: laws over the loop, the residual over what betrays it, loops predicted from others."""
+
+from __future__ import annotations
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from scara_kinetostatic.render.figure import FAINT, INK, SERIES, as_svg
+from scara_kinetostatic.studies.hysteresis.choice import Score
+from scara_kinetostatic.studies.hysteresis.motion import Floats, Motion, Rows
+from scara_kinetostatic.studies.hysteresis.study import LoopsStudy, Record
+from scara_kinetostatic.studies.hysteresis.transfer import SHOWN
+
+WIDTH = 920.0
+MILLI, KILO = 1e3, 1e-3
+RISING, FALLING = SERIES[0], SERIES[1]
+BEFORE, AFTER, REFINED = SERIES[1], SERIES[0], SERIES[2]
+
+
+def loop_picture(record: Record, name: str) -> Markup:
+    """The later half of the sweeps, measured, and each law as fitted to the earlier half.
+
+    Args:
+        record: what to show.
+        name: tells the picture from others on the page.
+    """
+    figure, panels = _panels(380)
+    motion, choice = record.motion, record.choice
+    rows = ~motion.earlier
+    shown = [(choice.before, BEFORE, 'law (6)')]
+    after = [(choice.winner, AFTER, 'effect added')] if choice.winner is not None else []
+    if choice.winner is not None and choice.after.law.name != choice.winner.law.name:
+        after.append((choice.after, REFINED, 'refined'))
+    for axes, laws in zip(panels, (shown, after), strict=True):
+        axes.plot(MILLI * motion.displacement[rows], KILO * motion.force[rows], color=INK, lw=0.8, label='measured')
+        for score, colour, label in laws:
+            predicted = motion.force - score.halves[0].residual
+            axes.plot(MILLI * motion.displacement[rows], KILO * predicted[rows], color=colour, lw=1.4, label=label)
+        axes.set(xlabel='displacement  [mm]')
+        _legend(axes)
+    panels[0].set(ylabel='force  [kN]')
+    return as_svg(figure, name, 'force over displacement of the sweeps held out, measured and predicted')
+
+
+def residual_picture(record: Record, name: str) -> Markup:
+    """Held-out residual over the distance since the reversal: law (6), and the last law."""
+    figure, panels = _panels(330)
+    choice = record.choice
+    names = ('before', 'refined' if '+' in choice.after.law.name else 'after')
+    for axes, score, words in zip(panels, (choice.before, choice.after), names, strict=True):
+        _residual(axes, record.motion, score)
+        axes.axhline(0, color=FAINT, lw=0.9)
+        axes.set(xlabel='distance since the reversal  [mm]')
+        axes.set_title(f'{words}: rms {score.held_out_rms:.0f} N')
+    panels[0].set(ylabel='held-out residual  [kN]')
+    return as_svg(figure, name, 'residual on sweeps held out over the distance since the reversal, before and after')
+
+
+def _residual(axes: Axes, motion: Motion, score: Score) -> None:
+    for sense, colour, label in ((1, RISING, 'rising'), (-1, FALLING, 'falling')):
+        first = True
+        for k in np.flatnonzero(motion.sense[motion.edges[:-1]] == sense):
+            if k == 0:
+                continue
+            rows = slice(motion.edges[k], motion.edges[k + 1])
+            distance = MILLI * motion.distance[rows]
+            axes.plot(distance, KILO * score.held_out[rows], color=colour, lw=0.8, label=label if first else None)
+            first = False
+    _legend(axes)
+
+
+def transfer_picture(study: LoopsStudy, name: str) -> Markup:
+    """Each record as predicted from the others."""
+    columns = len(study.transfers)
+    figure = Figure(figsize=(WIDTH / 72, 330 / 72), dpi=72, layout='constrained')
+    panels = figure.subplots(1, columns, squeeze=False)[0]
+    for axes, each in zip(panels, study.transfers, strict=True):
+        motion = study.records[each.record].motion
+        rows = motion.sweep >= SHOWN
+        _both(axes, motion, each.residual, rows)
+        axes.set(xlabel='displacement  [mm]')
+        axes.set_title(f'{each.tension:g} from the others: rms {each.after:.0f} N')
+    panels[0].set(ylabel='force  [kN]')
+    return as_svg(figure, name, 'force over displacement of each record, measured and predicted from the others')
+
+
+def _both(axes: Axes, motion: Motion, residual: Floats, rows: Rows) -> None:
+    moved, force = MILLI * motion.displacement[rows], KILO * motion.force[rows]
+    axes.plot(moved, force, color=INK, lw=0.8, label='measured')
+    axes.plot(moved, force - KILO * residual[rows], color=AFTER, lw=1.4, label='predicted')
+    _legend(axes)
+
+
+def _panels(height: float) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(WIDTH / 72, height / 72), dpi=72, layout='constrained')
+    return figure, list(figure.subplots(1, 2, sharey=True))
+
+
+def _legend(axes: Axes) -> None:
+    axes.legend(frameon=False, loc='upper center', bbox_to_anchor=(0.5, -0.15), ncols=3, handlelength=1.4)

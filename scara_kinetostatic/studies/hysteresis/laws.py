@@ -1,0 +1,248 @@
+"""Laws that give the force along a motion: law (6) of the paper and what might have to be added to it.
+
+Law (6) turned round, q - q* = p c + g sign(c), is a spring with a dead zone: with the stretch u,
+
+    F = F0 + dz(u; g) / p,        dz(u; g) = sign(u) max(|u| - g, 0),
+
+F0 being the zero of the force sensor. With u = x - x0 the force depends on the displacement alone. Candidates:
+
+- softening: the spring gives way: dz / p becomes Fs tanh(dz / (p Fs)). Still no hysteresis.
+- viscous: a damper in parallel, c dx/dt.
+- friction: Coulomb friction in parallel, Fc sign(dx/dt).
+- slip: Coulomb friction in series. u follows the motion until the spring force reaches +F+ or -F-; from
+  there on the joint slips and u stays. With X the displacement since any instant, in a rising sweep
+
+      u_k = X_k + min(u_0, min over j <= k of (h_j - X_j)),        h: stretch at which it slips,
+
+  the mirror image in a falling one: exact along the samples, with no integration, and the bound may depend on
+  place, speed and distance.
+- reset: law (6) told the measured force at every reversal, u set anew there. No candidate, since it has to be told;
+  it shows that law (6) fails not for want of the right zero.
+- slip_no_gap: the same with g = 0; F0 is then no more than a shift of u and of both bounds, and left out.
+
+Refinements of slip, each with parameters of its own: see `REFINEMENTS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from scara_kinetostatic.studies.hysteresis.motion import Floats, Motion
+
+Values = Mapping[str, float]
+
+SLOW = 0.1
+"""Part of the top speed over which the extra force of slow motion dies away."""
+BREAKAWAY = 0.1
+"""Distance from a reversal, part of the travel, from where on the extra force of breakaway dies away."""
+_INSIDE = 0.02
+"""Part of the force range below which the first reading may lie anywhere in the gap."""
+
+
+class Parameter(NamedTuple):
+    """Name, unit, lower bound, and where fits begin: several tries, some of them as part of the data's range."""
+
+    name: str
+    unit: str
+    least: float
+    tries: tuple[float, ...]
+
+
+class Law(NamedTuple):
+    """A law of the force.
+
+    Attributes:
+        name: key.
+        title: in words.
+        parameters: what is fitted.
+        force: along the motion, (n,), N.
+        history: whether the force depends on more than the displacement of the moment.
+    """
+
+    name: str
+    title: str
+    parameters: tuple[Parameter, ...]
+    force: Callable[[Values, Motion], Floats]
+    history: bool
+
+    def starts(self, motion: Motion) -> list[dict[str, float]]:
+        """Every combination of tries, SI."""
+        names = [each.name for each in self.parameters]
+        tries = [[_size(each, motion) * part for part in each.tries] for each in self.parameters]
+        return [dict(zip(names, values, strict=True)) for values in product(*tries)]
+
+    def scales(self, motion: Motion) -> Floats:
+        """Size of one unit of each parameter."""
+        return np.array([_size(each, motion) * max(0.01, min(map(abs, each.tries))) for each in self.parameters])
+
+
+def _size(parameter: Parameter, motion: Motion) -> float:
+    """By the unit, the range of the data."""
+    length, force = motion.travel, motion.force_range / 2
+    speed = float(np.abs(motion.speed).max())
+    sizes = {'m': length, 'N': force, 'm/N': length / force, 'N/m': force / length, 'Ns/m': force / speed, '': 1.0}
+    return sizes[parameter.unit]
+
+
+_ZERO = Parameter('zero', 'm', -np.inf, (-0.2, 0.0, 0.2))
+_START = Parameter('start', 'm', -np.inf, (0.0,))
+_COMPLIANCE = Parameter('compliance', 'm/N', 1e-15, (0.03, 0.08, 0.2, 0.5))
+_HALF_GAP = Parameter('half_gap', 'm', 0.0, (0.01, 0.03, 0.08, 0.2))
+_SENSOR = Parameter('force_zero', 'N', -np.inf, (0.0,))
+_SLIPS = tuple(Parameter(name, 'N', 0.0, (0.7, 1.1)) for name in ('slip_positive', 'slip_negative'))
+
+
+def dead_zone(stretch: Floats, half_gap: float) -> Floats:
+    """dz(u; g), m."""
+    return np.asarray(np.sign(stretch) * np.maximum(np.abs(stretch) - half_gap, 0.0))
+
+
+def _backlash(values: Values, motion: Motion) -> Floats:
+    stretch = motion.displacement - motion.displacement.mean() - values['zero']
+    return values['force_zero'] + dead_zone(stretch, values['half_gap']) / values['compliance']
+
+
+def _softening(values: Values, motion: Motion) -> Floats:
+    force = _backlash(values, motion) - values['force_zero']
+    top = np.where(force > 0, values['slip_positive'], values['slip_negative']) + 1e-9 * motion.force_range
+    return np.asarray(values['force_zero'] + top * np.tanh(force / top))
+
+
+def _viscous(values: Values, motion: Motion) -> Floats:
+    return _backlash(values, motion) + values['damping'] * motion.speed
+
+
+def _friction(values: Values, motion: Motion) -> Floats:
+    return _backlash(values, motion) + values['friction'] * motion.sense
+
+
+class _Spring(NamedTuple):
+    """The elastic part of slip: compliance of either sense of force, half gap, rounding of its edges, m.
+
+    Rounded, |u| - g becomes s(|u|) - s(0) with s = (w + √(w² + 4 r²)) / 2, w = |u| - g.
+    """
+
+    positive: float
+    negative: float
+    half_gap: float
+    rounding: float
+
+    @property
+    def _offset(self) -> float:
+        g, r = self.half_gap, self.rounding
+        return float(np.hypot(g, 2 * r) - g) / 2
+
+    def force(self, stretch: Floats) -> Floats:
+        """N, (n,)."""
+        way = np.abs(stretch) - self.half_gap
+        way = (way + np.hypot(way, 2 * self.rounding)) / 2 - self._offset
+        return np.asarray(np.sign(stretch) * way / np.where(stretch > 0, self.positive, self.negative))
+
+    def stretch(self, force: Floats, positive: bool) -> Floats:
+        """The other way round, for a force and a stretch counted positive in the sense given."""
+        way = (self.positive if positive else self.negative) * force + self._offset
+        lift = np.divide(self.rounding**2, way, out=np.zeros_like(way), where=way > 0)
+        return np.asarray(np.maximum(self.half_gap + way - lift, 0.0))
+
+
+def _slip(values: Values, motion: Motion) -> Floats:
+    spring, zero = _spring(values), values.get('force_zero', 0.0)
+    bounds = {sign: sign * spring.stretch(_plateau(values, motion, sign), sign > 0) for sign in (1, -1)}
+    stretch = np.empty(len(motion))
+    here = _state(motion.force[0] - zero, spring, motion) + values['start']
+    before = motion.displacement[0]
+    for k, first in enumerate(motion.edges[:-1]):
+        rows = slice(first, motion.edges[k + 1])
+        sense = motion.sense[first]
+        moved = sense * (motion.displacement[rows] - before)
+        room = np.minimum.accumulate(sense * bounds[int(sense)][rows] - moved)
+        stretch[rows] = sense * (moved + np.minimum(sense * here, room))
+        here, before = stretch[rows.stop - 1], motion.displacement[rows.stop - 1]
+    return zero + spring.force(stretch)
+
+
+def _reset(values: Values, motion: Motion) -> Floats:
+    spring = _spring(values)
+    moved = motion.displacement - motion.displacement[motion.begins][motion.sweep]
+    here = [_state(motion.force[k] - values['force_zero'], spring, motion) for k in motion.begins]
+    return values['force_zero'] + spring.force(np.array(here)[motion.sweep] + moved)
+
+
+def _spring(values: Values) -> _Spring:
+    compliance = values['compliance']
+    other = compliance * values.get('compliance_ratio', 1.0)
+    return _Spring(compliance, other, values.get('half_gap', 0.0), values.get('rounding', 0.0))
+
+
+def _state(force: float, spring: _Spring, motion: Motion) -> float:
+    """The stretch that goes with a spring force; towards the middle of the gap where the force is small."""
+    place = min(max(force / (_INSIDE * motion.force_range), -1.0), 1.0)
+    return force * (spring.positive if force > 0 else spring.negative) + place * spring.half_gap
+
+
+def _plateau(values: Values, motion: Motion, sign: int) -> Floats:
+    """The force at which it slips in one sense, counted positive, (n,), N."""
+    name = 'positive' if sign > 0 else 'negative'
+    force = np.full(len(motion), values[f'slip_{name}'])
+    if f'place_{name}' in values:
+        force += sign * values[f'place_{name}'] * (motion.displacement - motion.displacement.mean())
+    if f'slow_{name}' in values:
+        force += values[f'slow_{name}'] * np.exp(-np.abs(motion.speed) / (SLOW * np.abs(motion.speed).max()))
+    if f'breakaway_{name}' in values:
+        beyond = np.maximum(motion.distance - BREAKAWAY * motion.travel, 0.0)
+        force += values[f'breakaway_{name}'] * np.exp(-beyond / values['breakaway_length'])
+    return np.maximum(force, 0.0)
+
+
+_LAW6 = (_ZERO, _COMPLIANCE, _HALF_GAP, _SENSOR)
+BACKLASH = Law('backlash', 'law (6): slope and gap', _LAW6, _backlash, False)
+SOFTENING = Law('softening', 'softening spring', (*_LAW6, *_SLIPS), _softening, False)
+VISCOUS = Law('viscous', 'damper in parallel', (*_LAW6, Parameter('damping', 'Ns/m', -np.inf, (0.5,))), _viscous, True)
+FRICTION = Law('friction', 'friction in parallel', (*_LAW6, Parameter('friction', 'N', 0.0, (0.5,))), _friction, True)
+SLIP_NO_GAP = Law('slip_no_gap', 'slip in series, no gap', (_START, _COMPLIANCE, *_SLIPS), _slip, True)
+SLIP = Law('slip', 'slip in series', (_START, _COMPLIANCE, _HALF_GAP, _SENSOR, *_SLIPS), _slip, True)
+RESET = Law('reset', 'law (6), told the force at every reversal', _LAW6[1:], _reset, True)
+CANDIDATES = (SOFTENING, VISCOUS, FRICTION, SLIP_NO_GAP, SLIP)
+"""What may be added to law (6)."""
+
+
+class Refinement(NamedTuple):
+    """What may be added to slip: key, words, parameters."""
+
+    name: str
+    title: str
+    parameters: tuple[Parameter, ...]
+
+
+def _both(name: str, unit: str) -> tuple[Parameter, ...]:
+    return tuple(Parameter(f'{name}_{sense}', unit, -np.inf, (0.0,)) for sense in ('positive', 'negative'))
+
+
+_RATIO = Parameter('compliance_ratio', '', 1e-3, (1.0,))
+_ROUNDING = Parameter('rounding', 'm', 0.0, (0.01,))
+_LENGTH = Parameter('breakaway_length', 'm', 1e-9, (0.03, 0.1, 0.3))
+REFINEMENTS = (
+    Refinement('compliance_ratio', 'two slopes', (_RATIO,)),
+    Refinement('rounding', 'rounded gap', (_ROUNDING,)),
+    Refinement('place', 'slip force by place', _both('place', 'N/m')),
+    Refinement('slow', 'slip force by speed', _both('slow', 'N')),
+    Refinement('breakaway', 'breakaway after the reversal', (*_both('breakaway', 'N'), _LENGTH)),
+)
+"""What may be added to slip in series:
+
+- compliance_ratio: another slope where the force is negative;
+- rounding: the edges of the gap are round;
+- place: the force at which it slips changes with the displacement;
+- slow: it is larger (or smaller) where the motion is slow, by exp(-|v| / (`SLOW` × top speed));
+- breakaway: it is larger (or smaller) up to `BREAKAWAY` × travel from a reversal, then that dies away exponentially.
+"""
+
+
+def refined(law: Law, refinement: Refinement) -> Law:
+    """Slip with one thing more."""
+    name, title = f'{law.name}+{refinement.name}', f'{law.title}, {refinement.title}'
+    return law._replace(name=name, title=title, parameters=(*law.parameters, *refinement.parameters))

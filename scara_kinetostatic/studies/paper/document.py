@@ -1,0 +1,86 @@
+"""`paper.json`: the numbers of the reproduction."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
+from scara_kinetostatic.studies.dial_gauge.document import gauge_document
+from scara_kinetostatic.studies.paper.printed_values import ESTIMATED, ESTIMATED_FROM_NOISE
+from scara_kinetostatic.studies.paper.reproduction import Reproduction
+from scara_kinetostatic.studies.paper.scatter import Scatter
+from scara_kinetostatic.studies.paper.section_5_1 import Run
+
+NAME = 'paper.json'
+
+
+def paper_document(r: Reproduction) -> dict[str, Any]:
+    """Everything that `paper.html` shows, as plain values in SI units."""
+    return {
+        'schema': 'scara_kinetostatic/paper/1',
+        'actual': PAPER_ACTUAL.as_dict(),
+        'paper': {'estimated': ESTIMATED.as_dict(), 'estimated_from_noise': ESTIMATED_FROM_NOISE.as_dict()},
+        'one_level': _run(r.exact),
+        'three_levels': _run(r.exact_levels),
+        'noise_behind_table_2': [
+            {
+                'joint': study.noise.joint,
+                'force': study.noise.force,
+                'force_error': study.force_error,
+                'force_error_std': study.force_error_std,
+                'z': _named(study.z),
+                'chi_square': study.joint,
+                'degrees_of_freedom': study.rank,
+            }
+            for study in r.noises
+        ],
+        'noisy': {'noise': r.stated._asdict(), **_run(r.noisy)},
+        'scatter': {'paper': _scatter(r.scatter.paper), 'weighted': _scatter(r.scatter.ours)},
+        'gripper': [
+            {
+                'part': part.name,
+                'hidden': part.hidden,
+                'std': part.std if np.isfinite(part.std) else None,
+                'absorbed': part.absorbed,
+            }
+            for part in r.gripper
+        ],
+        'gauge': gauge_document(r.gauge),
+    }
+
+
+def _run(run: Run) -> dict[str, Any]:
+    paper, ours = run.paper, run.ours
+    return {
+        'paper_algorithm': {
+            'parameters': paper.parameters.as_dict(),
+            'force_error': paper.force_error,
+            'iterations': paper.iterations,
+            'history': list(paper.history),
+            'rank': paper.rank,
+        },
+        'weighted': {
+            'parameters': ours.parameters.as_dict(),
+            'force_error': ours.force_error,
+            'iterations': ours.iterations,
+            'rank': ours.identifiability.rank,
+            'confounded': [list(group) for group in ours.identifiability.confounded],
+        },
+    }
+
+
+def _scatter(scatter: Scatter) -> dict[str, Any]:
+    return {
+        'runs': scatter.runs,
+        'predicted': _named(scatter.predicted),
+        'found': _named(scatter.found),
+        'bias': _named(scatter.bias),
+        'force_error': scatter.force_error,
+        'force_error_range': list(scatter.force_error_range),
+    }
+
+
+def _named(values: Any) -> dict[str, float]:
+    return dict(zip(NAMES, np.asarray(values).tolist(), strict=True))

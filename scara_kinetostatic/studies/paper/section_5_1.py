@@ -1,0 +1,204 @@
+"""Section 5.1: the cell of figure 3, table 2 without and with noise, what one force level shows.
+
+All in the paper's own terms: three discs, npc = 12 points on each, f = 40 N, one elbow posture,
+`gripper_sign: paper` (table 2 was computed with the sign as printed: 40 p_ee - g_ee is the same for its
+first two columns, 40 p_ee + g_ee is not).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.identifiability import SCALES
+from scara_kinetostatic.calibration.prediction import observe
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, GripperSign, Noise
+from scara_kinetostatic.model.contact import contact, contact_derivatives
+from scara_kinetostatic.model.parameters import G_EE, NAMES, P_EE, PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
+from scara_kinetostatic.studies.paper.algorithm import PaperFit, paper_calibrate
+from scara_kinetostatic.studies.paper.printed_values import (
+    ESTIMATED_FROM_NOISE,
+    FORCE,
+    FORCE_ERROR_FROM_NOISE,
+    POINTS_PER_DISC,
+)
+
+Floats = NDArray[np.float64]
+
+CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3), gripper_sign=GripperSign.PAPER)
+ONE_LEVEL = (FORCE,)
+THREE_LEVELS = (FORCE / 4, FORCE / 2, FORCE)
+EXACT = Noise(joint=0.0, force=0.0)
+DRAWS = 2000
+
+
+def paper_touches(
+    levels: tuple[float, ...] = ONE_LEVEL, noise: Noise = EXACT, seed: int = 0, turn: float = 0.0, posture: int = 1
+) -> TouchSet:
+    """The touches of figure 3, played by the "actual" robot of table 2.
+
+    Args:
+        levels: of the force, N.
+        noise: of one touch.
+        seed: of the noise.
+        turn: of all contact points around their discs, in parts of their spacing.
+        posture: of the elbow.
+    """
+    plan = default_plan(CELL, per_disc=POINTS_PER_DISC, levels=levels, postures=(posture,))
+    turned = replace(plan, angle=plan.angle + turn * 2 * np.pi / POINTS_PER_DISC)
+    return simulate_touches(CELL, PAPER_ACTUAL, turned, noise, seed)
+
+
+class Run(NamedTuple):
+    """One data set through both estimators.
+
+    Attributes:
+        touches: the data.
+        paper: the paper's algorithm.
+        ours: `calibrate`.
+    """
+
+    touches: TouchSet
+    paper: PaperFit
+    ours: Calibration
+
+
+def run(levels: tuple[float, ...] = ONE_LEVEL, noise: Noise | None = None, seed: int = 0) -> Run:
+    """Simulate and estimate, from L̄n; without noise where none is given."""
+    touches = paper_touches(levels, noise or EXACT, seed)
+    cell = Cell(CELL.nominal, CELL.discs, noise=noise or CELL.noise, gripper_sign=CELL.gripper_sign)
+    return Run(touches, paper_calibrate(touches, cell), calibrate(touches, cell))
+
+
+class Linear(NamedTuple):
+    """The problem linearised at the truth: what covariance any estimator that solves it has.
+
+    Attributes:
+        jacobian: J_L̄ (12) in units of `SCALES`, (2n, 12).
+        by_joints: A_Q A_Qᵀ as a block-diagonal matrix, (2n, 2n), (N/rad)².
+        rank: of J_L̄.
+        unseen: unit null vectors of J_L̄, (12, 12 - rank), in units of `SCALES`.
+        seen: orthonormal complement, (12, rank).
+    """
+
+    jacobian: Floats
+    by_joints: Floats
+    rank: int
+    unseen: Floats
+    seen: Floats
+
+    def force_covariance(self, noise: Noise) -> Floats:
+        """Covariance of F - A(Q, L̄): Σ_F + A_Q Σ_Q A_Qᵀ, (2n, 2n), N²."""
+        return noise.force**2 * np.eye(len(self.jacobian)) + noise.joint**2 * self.by_joints
+
+    def unweighted_gain(self) -> Floats:
+        """J⁺ of (13) in units of `SCALES`, (12, 2n)."""
+        u, values, vt = np.linalg.svd(self.jacobian, full_matrices=False)
+        return (vt[: self.rank].T / values[: self.rank]) @ u[:, : self.rank].T
+
+    def unweighted_covariance(self, noise: Noise) -> Floats:
+        """Covariance of the paper's estimate, (12, 12), SI units."""
+        gain = SCALES[:, None] * self.unweighted_gain()
+        return gain @ self.force_covariance(noise) @ gain.T
+
+    def weighted_covariance(self, noise: Noise) -> Floats:
+        """Covariance of the weighted estimate, the Cramér–Rao bound, (12, 12), SI units."""
+        root = np.linalg.cholesky(self.force_covariance(noise))
+        triangle = np.linalg.qr(np.linalg.solve(root, self.jacobian @ self.seen), mode='r')
+        half = SCALES[:, None] * (self.seen @ np.linalg.inv(triangle))
+        return half @ half.T
+
+
+def linearise_at_truth(levels: tuple[float, ...] = ONE_LEVEL, turn: float = 0.0, posture: int = 1) -> Linear:
+    """J_L̄ and A_Q of the exact touches."""
+    o = observe(paper_touches(levels, turn=turn, posture=posture), CELL)
+    found = contact(PAPER_ACTUAL, o.joints, o.centers, o.radii, o.gripper, near=o.force)
+    derivatives = contact_derivatives(PAPER_ACTUAL, o.joints, o.centers, o.radii, found, o.gripper)
+    jacobian = (derivatives.parameters * SCALES).reshape(-1, len(NAMES))
+    n = len(o.joints)
+    blocks = np.zeros((n, 2, n, 2))
+    blocks[np.arange(n), :, np.arange(n), :] = derivatives.joints @ derivatives.joints.swapaxes(1, 2)
+    _, values, vt = np.linalg.svd(jacobian, full_matrices=False)
+    rank = int((values > 1e-9 * values[0]).sum())
+    return Linear(jacobian, blocks.reshape(2 * n, 2 * n), rank, vt[rank:].T, vt[:rank].T)
+
+
+def expected_force_error(linear: Linear, noise: Noise, seed: int = 0) -> tuple[float, float]:
+    """Mean and standard deviation over data sets of e_f after the paper's fit, N, to first order."""
+    covariance = linear.force_covariance(noise)
+    left = np.eye(len(covariance)) - linear.jacobian @ linear.unweighted_gain()
+    values, vectors = np.linalg.eigh(left @ covariance @ left.T)
+    draws = np.random.default_rng(seed).normal(size=(len(covariance), DRAWS))
+    residual = ((vectors * np.sqrt(np.clip(values, 0, None))) @ draws).reshape(-1, 2, DRAWS)
+    force_errors = np.hypot(residual[:, 0], residual[:, 1]).mean(axis=0)
+    return float(force_errors.mean()), float(force_errors.std())
+
+
+def noise_for_force_error(linear: Linear, ratio: float, force_error: float = FORCE_ERROR_FROM_NOISE) -> Noise:
+    """The noise that leads to an e_f, on the line σ_q = ratio σ_f (rad per N)."""
+    unit, _ = expected_force_error(linear, Noise(joint=ratio, force=1.0))
+    return Noise(joint=ratio * force_error / unit, force=force_error / unit)
+
+
+class NoiseStudy(NamedTuple):
+    """The noise behind the paper's third column, if σ_q and σ_f stood in one ratio.
+
+    Attributes:
+        noise: the levels that lead to the paper's e_f.
+        force_error: expected e_f, N.
+        force_error_std: its scatter from data set to data set, N.
+        std: predicted standard deviations of the paper's estimate, (12,); along
+            unseen directions they say nothing.
+        z: deviation of the paper's noisy column, less its unseen part, in those units, (12,).
+        joint: chi-square of that column with `rank` degrees of freedom.
+        rank: 11 with one force level.
+    """
+
+    noise: Noise
+    force_error: float
+    force_error_std: float
+    std: Floats
+    z: Floats
+    joint: float
+    rank: int
+
+
+def study_noise(linear: Linear, ratio: float) -> NoiseStudy:
+    """Where the paper's noisy estimates lie in the predicted covariance, for one ratio of σ_q to σ_f."""
+    noise = noise_for_force_error(linear, ratio)
+    covariance = linear.unweighted_covariance(noise)
+    off = (ESTIMATED_FROM_NOISE.as_array() - PAPER_ACTUAL.as_array()) / SCALES
+    seen = linear.seen.T @ off
+    scaled = linear.seen.T @ (covariance / np.outer(SCALES, SCALES)) @ linear.seen
+    std = np.sqrt(np.diag(covariance))
+    return NoiseStudy(
+        noise,
+        *expected_force_error(linear, noise),
+        std=std,
+        z=SCALES * (linear.seen @ seen) / std,
+        joint=float(seen @ np.linalg.solve(scaled, seen)),
+        rank=linear.rank,
+    )
+
+
+def least_joint_chi_square(ratios: tuple[float, ...]) -> float:
+    """The smallest chi-square of the noisy column over turned contact points, both postures and noise ratios."""
+    return min(
+        study_noise(linearise_at_truth(ONE_LEVEL, turn, posture), ratio).joint
+        for turn in (0.0, 0.25, 0.5, 0.75)
+        for posture in (1, -1)
+        for ratio in ratios
+    )
+
+
+def fixed_sum(values: Floats) -> float:
+    """40 p_ee - g_ee, the combination that one force level of 40 N determines, m."""
+    return float(FORCE * values[P_EE] - values[G_EE])

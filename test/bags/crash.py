@@ -1,0 +1,88 @@
+"""A recording whose process dies; run by `test_bag_writer` as a program of its own.
+
+`crash.py steps FOLDER`: records the same run again and again, each time in a
+child process that dies just before its k-th dealing with the file system, for
+k = 0, 1, …; prints for each how many messages had been secured, and in the
+end `done`. `crash.py run FOLDER` records 20 000 messages and prints after every
+checkpoint how many messages are secured.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from bags.forms import CELL, make_streams, messages
+
+from scara_kinetostatic.bags.writer import BagWriter
+
+DEATH = 9
+
+
+def record(folder: Path, number: int, report: Callable[[int], None]) -> None:
+    """A run of that many messages with a checkpoint every 32."""
+    items = messages(make_streams(number // 2, number // 2))
+    with BagWriter(folder, CELL, log_time=items[0].log_time) as bag:
+        for count, item in enumerate(items, start=1):
+            write = bag.write_joint_state if item.topic == '/joint_states' else bag.write_wrench
+            write(item.payload, item.log_time)
+            if count % 32 == 0:
+                bag.checkpoint()
+                report(bag.recorded)
+
+
+def die_at(step: int, last_words: Callable[[], None]) -> None:
+    """Let the process die at once, without any cleaning up, before its `step`-th dealing with the file system."""
+    left = [step]
+
+    def deadly(function: Callable[..., Any]) -> Callable[..., Any]:
+        def wrapper(*args: Any, **options: Any) -> Any:
+            if left[0] == 0:
+                last_words()
+                os._exit(DEATH)
+            left[0] -= 1
+            return function(*args, **options)
+
+        return wrapper
+
+    for name in ('mkdir', 'open', 'rename', 'replace', 'unlink'):
+        setattr(Path, name, deadly(getattr(Path, name)))
+    for name in ('fsync', 'open', 'link'):
+        setattr(os, name, deadly(getattr(os, name)))
+
+
+def child(folder: Path, step: int, pipe: int) -> None:
+    """One run; how many messages were secured goes into the pipe."""
+    secured = [0]
+
+    def last_words() -> None:
+        os.write(pipe, str(secured[-1]).encode())
+
+    die_at(step, last_words)
+    record(folder, 80, secured.append)
+    last_words()
+    os._exit(0)
+
+
+def steps(parent: Path) -> None:
+    for step in range(1000):
+        reading, writing = os.pipe()
+        process = os.fork()
+        if process == 0:
+            child(parent / f'run{step}', step, writing)
+        os.close(writing)
+        print(step, int(os.read(reading, 100)), flush=True)
+        os.close(reading)
+        if os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 0:
+            break
+    print('done')
+
+
+if __name__ == '__main__':
+    if sys.argv[1] == 'steps':
+        steps(Path(sys.argv[2]))
+    else:
+        record(Path(sys.argv[2]), 20_000, lambda secured: print(secured, flush=True))

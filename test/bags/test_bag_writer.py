@@ -1,0 +1,282 @@
+"""The live writer: what a checkpoint has secured survives anything, and the folder opens at every moment."""
+
+from __future__ import annotations
+
+import errno
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+from bags.forms import CELL, Message, assert_same, make_streams, messages
+from mcap.reader import make_reader
+from rosbags.rosbag2 import Reader
+
+from scara_kinetostatic.bags.reader import embedded_cell, read_streams
+from scara_kinetostatic.bags.writer import BagWriter
+from scara_kinetostatic.errors import OutputError
+from scara_kinetostatic.touches.streams import Streams
+
+ROOT = Path(__file__).parents[2]
+
+
+def write(bag: BagWriter, items: list[Message]) -> None:
+    for item in items:
+        (bag.write_joint_state if item.topic == '/joint_states' else bag.write_wrench)(item.payload, item.log_time)
+
+
+def strict_count(folder: Path) -> int:
+    """Messages of the robot by a reader that forgives nothing: metadata, index, checksums, footer."""
+    with Reader(folder) as reader:
+        found = [item.topic for item, _, _ in reader.messages()]
+        assert len(found) == reader.message_count
+        assert found.count('/cell_description') == 1
+    metadata = yaml.load((folder / 'metadata.yaml').read_text(), yaml.CSafeLoader)['rosbag2_bagfile_information']
+    total = 0
+    for item in metadata['files']:
+        with (folder / item['path']).open('rb') as stream:
+            count = sum(1 for _ in make_reader(stream, validate_crcs=True).iter_messages())
+        assert count == item['message_count']
+        total += count
+    assert total == metadata['message_count'] == len(found)
+    return total - 1
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(item.name for item in folder.iterdir())
+
+
+def test_a_run(tmp_path: Path, streams: Streams) -> None:
+    folder, items = tmp_path / 'run', messages(streams)
+    with BagWriter(folder, CELL, log_time=items[0].log_time) as bag:
+        assert names(folder) == ['metadata.yaml', 'run_piece_0.mcap']
+        assert strict_count(folder) == bag.recorded == 0
+        assert embedded_cell(folder) == CELL
+        write(bag, items[:100])
+        assert strict_count(folder) == bag.recorded == 0
+        bag.checkpoint()
+        assert strict_count(folder) == bag.recorded == 100
+        bag.checkpoint()
+        assert names(folder) == ['metadata.yaml', 'run_piece_0.mcap', 'run_piece_1.mcap']
+        write(bag, items[100:400])
+        bag.checkpoint()
+        assert strict_count(folder) == bag.recorded == 400
+        write(bag, items[400:])
+    assert names(folder) == ['metadata.yaml', 'run_0.mcap']
+    assert strict_count(folder) == bag.recorded == 640
+    read = read_streams(folder, CELL)
+    assert_same(read, streams)
+    assert read.warnings == ()
+    assert embedded_cell(folder) == CELL
+    assert_same(read_streams(folder / 'run_0.mcap', CELL), streams)
+
+
+def test_metadata_as_jazzy_writes_it(tmp_path: Path) -> None:
+    items = messages(make_streams(20, 20))
+    with BagWriter(tmp_path / 'run', CELL, log_time=items[0].log_time) as bag:
+        write(bag, items)
+    data = yaml.safe_load((tmp_path / 'run/metadata.yaml').read_text())['rosbag2_bagfile_information']
+    assert (data['version'], data['storage_identifier'], data['ros_distro']) == (9, 'mcap', 'jazzy')
+    assert data['starting_time'] == {'nanoseconds_since_epoch': items[0].log_time}
+    assert data['duration'] == {'nanoseconds': items[-1].log_time - items[0].log_time}
+    assert data['relative_file_paths'] == ['run_0.mcap']
+    topics = {item['topic_metadata']['name']: item for item in data['topics_with_message_count']}
+    assert {name: item['message_count'] for name, item in topics.items()} == {
+        '/cell_description': 1,
+        '/joint_states': 20,
+        '/wrench': 20,
+    }
+    qos = topics['/cell_description']['topic_metadata']['offered_qos_profiles'][0]
+    assert (qos['durability'], qos['reliability'], qos['depth']) == ('transient_local', 'reliable', 1)
+    assert topics['/wrench']['topic_metadata']['type_description_hash'].startswith('RIHS01_8dc3deaf06b2')
+
+
+def test_a_run_without_messages(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'run', CELL) as bag:
+        bag.checkpoint()
+    assert names(tmp_path / 'run') == ['metadata.yaml', 'run_0.mcap']
+    assert strict_count(tmp_path / 'run') == 0
+
+
+def test_two_writers_cannot_share_a_folder(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'run', CELL):
+        before = names(tmp_path / 'run')
+        with pytest.raises(OutputError, match='exists already and is never overwritten'):
+            BagWriter(tmp_path / 'run', CELL)
+        assert names(tmp_path / 'run') == before
+    assert names(tmp_path) == ['run']
+
+
+def test_after_the_end(tmp_path: Path) -> None:
+    bag = BagWriter(tmp_path / 'run', CELL)
+    bag.close()
+    bag.close()
+    with pytest.raises(OutputError, match='the recording is closed; start a new one'):
+        bag.write_wrench(b'', 0)
+    with pytest.raises(OutputError, match='closed'):
+        bag.checkpoint()
+
+
+def test_several_threads(tmp_path: Path, streams: Streams) -> None:
+    items = messages(streams)
+    with BagWriter(tmp_path / 'run', CELL, log_time=0) as bag:
+
+        def work(topic: str) -> None:
+            for number, item in enumerate(item for item in items if item.topic == topic):
+                write(bag, [item])
+                if number % 50 == 0:
+                    bag.checkpoint()
+
+        threads = [threading.Thread(target=work, args=(topic,)) for topic in ('/joint_states', '/wrench')]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    assert strict_count(tmp_path / 'run') == 640
+    assert_same(read_streams(tmp_path / 'run', CELL), streams)
+
+
+def test_reading_while_writing(tmp_path: Path, streams: Streams) -> None:
+    """Checkpoints and the joining at the end happen under the reader's hands; it never misses what was secured."""
+    folder, items = tmp_path / 'run', messages(streams)
+    bag = BagWriter(folder, CELL, log_time=0)
+    write(bag, items[:20])
+    bag.checkpoint()
+
+    def work() -> None:
+        for start in range(20, 640, 20):
+            write(bag, items[start : start + 20])
+            bag.checkpoint()
+            time.sleep(0.01)
+        bag.close()
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    reads = 0
+    while thread.is_alive() or reads < 3:
+        secured = bag.recorded
+        read = read_streams(folder, CELL)
+        assert len(read.joints.stamp) + len(read.wrench.stamp) >= secured
+        assert embedded_cell(folder) == CELL
+        reads += 1
+    thread.join()
+    assert_same(read_streams(folder, CELL), streams)
+
+
+@pytest.mark.parametrize('calls', range(4))
+def test_the_disk_is_full(tmp_path: Path, streams: Streams, calls: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At whatever point of a checkpoint: the one before stays, one line says why, nothing more is taken."""
+    folder, items = tmp_path / 'run', messages(streams)
+    bag = BagWriter(folder, CELL, log_time=items[0].log_time)
+    write(bag, items[:100])
+    bag.checkpoint()
+    write(bag, items[100:200])
+    fsync, left = os.fsync, [calls]
+
+    def full(handle: int) -> None:
+        if left[0] == 0:
+            raise OSError(errno.ENOSPC, 'No space left on device')
+        left[0] -= 1
+        fsync(handle)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, 'fsync', full)
+        with pytest.raises(OutputError, match='run: cannot be written: No space left on device'):
+            bag.checkpoint()
+    assert bag.recorded == 100
+    assert strict_count(folder) >= 100
+    with pytest.raises(OutputError, match='the recording is broken off'):
+        bag.write_wrench(b'', 0)
+    bag.close()
+    assert strict_count(folder) >= 100
+    read = read_streams(folder, CELL)
+    assert len(read.joints.stamp) + len(read.wrench.stamp) in (100, 200)
+
+
+def test_the_folder_is_taken_away(tmp_path: Path, streams: Streams) -> None:
+    bag = BagWriter(tmp_path / 'run', CELL)
+    (tmp_path / 'run').rename(tmp_path / 'moved')
+    with pytest.raises(OutputError, match='cannot be written: No such file or directory'):
+        write(bag, messages(streams))
+    assert strict_count(tmp_path / 'moved') == 0
+
+
+def test_no_room_to_join_is_no_loss(tmp_path: Path, streams: Streams, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*args: object) -> None:
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    monkeypatch.setattr('scara_kinetostatic.bags.bag_writer.join', full)
+    with BagWriter(tmp_path / 'run', CELL, log_time=0) as bag:
+        write(bag, messages(streams))
+    assert names(tmp_path / 'run') == ['metadata.yaml', 'run_piece_0.mcap', 'run_piece_1.mcap']
+    assert strict_count(tmp_path / 'run') == 640
+
+
+def crash(*arguments: str) -> subprocess.Popen[str]:
+    environment = {**os.environ, 'PYTHONPATH': f'{ROOT}{os.pathsep}{ROOT / "test"}'}
+    program = str(Path(__file__).with_name('crash.py'))
+    return subprocess.Popen([sys.executable, program, *arguments], env=environment, stdout=subprocess.PIPE, text=True)
+
+
+def test_death_between_any_two_steps(tmp_path: Path) -> None:
+    """The process vanishes before each of its dealings with the file system in turn."""
+    with crash('steps', str(tmp_path)) as process:
+        output = process.communicate(timeout=60)[0].split('\n')
+    assert output[-2] == 'done'
+    runs = [tuple(map(int, line.split())) for line in output[:-2]]
+    assert len(runs) > 40
+    opened = 0
+    for step, secured in runs:
+        folder = tmp_path / f'run{step}'
+        if not folder.exists():
+            assert secured == 0
+            continue
+        opened += 1
+        assert strict_count(folder) >= secured
+        if secured:
+            read = read_streams(folder, CELL)
+            assert len(read.joints.stamp) + len(read.wrench.stamp) >= secured
+            assert not [warning for warning in read.warnings if 'stamp' in warning]
+        assert embedded_cell(folder) == CELL
+    assert opened > 30
+    assert strict_count(tmp_path / f'run{runs[-1][0]}') == 80
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_kill_at_a_random_moment(tmp_path: Path, seed: int) -> None:
+    """What was printed as secured is there; and what the open piece held is found, once."""
+    folder = tmp_path / 'run'
+    with crash('run', str(folder)) as process:
+        assert process.stdout is not None
+        reported = int(process.stdout.readline())
+        time.sleep(random.Random(seed).uniform(0, 0.3))
+        process.send_signal(signal.SIGKILL)
+        reported = max([reported, *map(int, process.stdout.read().split('\n')[:-1])])
+    count = strict_count(folder)
+    assert 20_000 > count >= reported >= 32
+    read = read_streams(folder, CELL)
+    assert len(read.joints.stamp) + len(read.wrench.stamp) >= count
+    assert embedded_cell(folder) == CELL
+
+
+def test_the_open_piece_is_recovered(tmp_path: Path) -> None:
+    streams = make_streams(3000, 3000)
+    items = messages(streams)
+    bag = BagWriter(tmp_path / 'run', CELL, log_time=items[0].log_time)
+    write(bag, items[:100])
+    bag.checkpoint()
+    write(bag, items[100:])
+    read = read_streams(tmp_path / 'run', CELL)
+    found = len(read.joints.stamp) + len(read.wrench.stamp)
+    assert 3000 < found < 6000
+    assert read.warnings == (
+        f'{found - 100} messages after the last checkpoint were recovered from .run_piece_2.mcap.part',
+    )
+    bag.close()
+    assert_same(read_streams(tmp_path / 'run', CELL), streams)

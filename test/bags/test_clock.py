@@ -1,0 +1,229 @@
+"""Stamps in disorder: mended where that is safe, refused where it is not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bags.forms import CELL, T0, assert_same, force_messages, joint_messages, make_streams, write_mcap
+
+from scara_kinetostatic.bags.reader import read_streams
+from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
+
+SECOND = 1_000_000_000
+
+
+def record(
+    path: Path, joints: np.ndarray, wrench: np.ndarray, log_joints: np.ndarray, log_wrench: np.ndarray
+) -> Streams:
+    """A recording with the given header stamps and times of recording, read again."""
+    made = make_streams(len(joints), len(wrench))
+    made = Streams('x', JointStream(joints, made.joints.position), WrenchStream(wrench, made.wrench.force))
+    items = [item._replace(log_time=int(t)) for item, t in zip(joint_messages(made), log_joints, strict=True)]
+    items += [item._replace(log_time=int(t)) for item, t in zip(force_messages(made), log_wrench, strict=True)]
+    write_mcap(path / 'a.mcap', sorted(items, key=lambda item: item.log_time))
+    return read_streams(path / 'a.mcap', CELL)
+
+
+@pytest.fixture
+def stamps() -> tuple[np.ndarray, np.ndarray]:
+    made = make_streams()
+    return made.joints.stamp, made.wrench.stamp
+
+
+def test_header_stamps_count_not_log_times(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
+    joints, wrench = stamps
+    rng = np.random.default_rng(0)
+    late = [np.sort(stamp + rng.integers(5_000_000, 20_000_000, len(stamp))) for stamp in stamps]
+    read = record(tmp_path, joints, wrench, *late)
+    np.testing.assert_array_equal(read.joints.stamp, joints)
+    assert read.warnings == ()
+
+
+@pytest.mark.parametrize('constant', [0, T0])
+def test_missing_stamps_fall_back_to_log_times(
+    tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray], constant: int
+) -> None:
+    """On both topics, since the two must share one clock."""
+    joints, wrench = stamps
+    read = record(tmp_path, np.full_like(joints, constant), wrench, joints + 5, wrench + 9)
+    np.testing.assert_array_equal(read.joints.stamp, joints + 5)
+    np.testing.assert_array_equal(read.wrench.stamp, wrench + 9)
+    assert len(read.warnings) == 1
+    assert 'the times of recording were used instead' in read.warnings[0]
+
+
+def test_no_time_at_all(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
+    joints, wrench = stamps
+    with pytest.raises(RecordingError, match=r'stamps of /joint_states are all zero, and the times .* no better'):
+        record(tmp_path, joints * 0, wrench * 0, joints * 0, wrench * 0)
+
+
+def test_a_few_messages_without_stamp(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
+    joints, wrench = stamps
+    some = joints.copy()
+    some[[3, 77]] = 0
+    read = record(tmp_path, some, wrench, joints, wrench)
+    np.testing.assert_array_equal(read.joints.stamp, np.delete(joints, [3, 77]))
+    assert read.warnings == ('/joint_states: 2 messages with a stamp far off dropped',)
+
+
+def test_one_stamp_far_off(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
+    joints, wrench = stamps
+    wild = wrench.copy()
+    wild[50] += 3600 * SECOND
+    read = record(tmp_path, joints, wild, joints, wrench)
+    np.testing.assert_array_equal(read.wrench.stamp, np.delete(wrench, 50))
+    assert read.warnings == ('/wrench: 1 message with a stamp far off dropped',)
+
+
+def test_strays_at_the_ends_and_a_long_pause(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
+    joints, wrench = (np.where(stamp > stamp[150], stamp + 3600 * SECOND, stamp) for stamp in stamps)
+    wild = joints.copy()
+    wild[[0, -1]] = [0, 5]
+    read = record(tmp_path, wild, wrench, joints, wrench)
+    np.testing.assert_array_equal(read.joints.stamp, joints[1:-1])
+    np.testing.assert_array_equal(read.wrench.stamp, wrench)
+    assert read.warnings == ('/joint_states: 2 messages with a stamp far off dropped',)
+
+
+def test_disorder_is_sorted(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
+    joints, wrench = stamps
+    swapped = joints.copy()
+    swapped[[10, 11]] = swapped[[11, 10]]
+    read = record(tmp_path, swapped, wrench, joints, wrench)
+    np.testing.assert_array_equal(read.joints.stamp, joints)
+    expected = make_streams().joints.position
+    expected[[10, 11]] = expected[[11, 10]]
+    np.testing.assert_array_equal(read.joints.position, expected)
+    assert read.warnings == ('/joint_states: stamps run backwards (1 times), sorted',)
+
+
+def test_repeated_stamps_are_dropped(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
+    joints, wrench = stamps
+    repeated = wrench.copy()
+    repeated[[20, 21]] = repeated[19]
+    read = record(tmp_path, joints, repeated, joints, wrench)
+    np.testing.assert_array_equal(read.wrench.stamp, np.delete(wrench, [20, 21]))
+    np.testing.assert_array_equal(read.wrench.force, np.delete(make_streams().wrench.force, [20, 21], axis=0))
+    assert read.warnings == ('/wrench: 2 messages with the stamp of another dropped',)
+
+
+def test_a_clock_that_was_reset(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
+    """As when a simulation restarts: times of recording run on."""
+    joints, wrench = stamps
+    reset = joints.copy()
+    reset[150:] -= 2 * SECOND
+    read = record(tmp_path, reset, wrench, joints, wrench)
+    np.testing.assert_array_equal(read.joints.stamp, joints)
+    assert read.warnings == (
+        'the stamps of /joint_states jump back by 1.99 s: the times of recording were used instead',
+    )
+
+
+def test_both_clocks_reset(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
+    order = stamps[0].copy()
+    order[150:] -= 2 * SECOND
+    made = make_streams()
+    made = Streams('x', JointStream(order, made.joints.position), made.wrench)
+    write_mcap(tmp_path / 'a.mcap', [*joint_messages(made), *force_messages(made)])
+    with pytest.raises(RecordingError, match=r'jump back by 1\.99 s, and the times of recording are no better'):
+        read_streams(tmp_path / 'a.mcap', CELL)
+
+
+def test_topics_on_different_clocks(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
+    joints, wrench = stamps
+    read = record(tmp_path, joints, wrench - T0 + 5 * SECOND, joints + 3, wrench + 4)
+    np.testing.assert_array_equal(read.joints.stamp, joints + 3)
+    np.testing.assert_array_equal(read.wrench.stamp, wrench + 4)
+    assert len(read.warnings) == 1
+    assert 'come from clocks that are 1.7e+09 s apart' in read.warnings[0]
+
+
+def test_a_simulated_clock_is_fine(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
+    """Both topics on simulated time, recorded in real time, faster or slower."""
+    joints, wrench = (SECOND + (stamp - T0) * 45 for stamp in stamps)  # 160 s
+    read = record(tmp_path, joints, wrench, T0 + joints // 5, T0 + wrench // 5)
+    np.testing.assert_array_equal(read.joints.stamp, joints)
+    np.testing.assert_array_equal(read.wrench.stamp, wrench)
+    assert read.warnings == ()
+
+
+def test_order_in_the_file_does_not_matter(tmp_path: Path) -> None:
+    streams = make_streams()
+    write_mcap(tmp_path / 'a.mcap', [*force_messages(streams), *joint_messages(streams)])
+    read = read_streams(tmp_path / 'a.mcap', CELL)
+    assert_same(read, streams)
+    assert not read.joints.position.flags.writeable
+    assert not read.wrench.stamp.flags.writeable
+
+
+def slow(stamps: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """The same over some 160 s."""
+    joints, wrench = (T0 + (stamp - T0) * 45 for stamp in stamps)
+    return joints, wrench
+
+
+def test_one_clock_that_steps_back_a_little(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
+    """By less than would be a restart, so that sorting would mix two times."""
+    joints, wrench = slow(stamps)
+    stepped = joints.copy()
+    stepped[150:] -= 9 * SECOND // 10
+    read = record(tmp_path, stepped, wrench, joints, wrench)
+    np.testing.assert_array_equal(read.joints.stamp, joints)
+    assert read.warnings == (
+        'the stamps of /joint_states and /wrench run apart, by up to 0.9 s: the times of recording were used instead',
+    )
+
+
+def test_clocks_that_drift_apart(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
+    joints, wrench = slow(stamps)
+    read = record(tmp_path, joints + (joints - T0) // 100, wrench, joints, wrench)
+    np.testing.assert_array_equal(read.joints.stamp, joints)
+    assert 'run apart, by up to 1.5' in read.warnings[0]
+
+
+@pytest.mark.parametrize('every', [1, 4])
+def test_a_recorder_that_writes_in_bursts_is_not_believed(
+    tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray], every: int
+) -> None:
+    joints, wrench = slow(stamps)
+    burst = wrench + every * SECOND - (wrench - T0) % (every * SECOND)
+    read = record(tmp_path, joints, wrench, joints, burst)
+    np.testing.assert_array_equal(read.wrench.stamp, wrench)
+    assert read.warnings == ()
+
+
+def test_a_clock_that_was_reset_while_played_fast(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
+    """The times of recording run on, but five times too fast: touches would be too short."""
+    joints, wrench = slow(stamps)
+    back = [np.where(stamp > joints[150], stamp - 3600 * SECOND, stamp) for stamp in (joints, wrench)]
+    read = record(tmp_path, *back, T0 + (joints - T0) // 5, T0 + (wrench - T0) // 5)
+    np.testing.assert_array_equal(np.diff(read.joints.stamp)[:140], np.diff(joints)[:140])
+    np.testing.assert_array_equal(np.diff(read.joints.stamp)[-140:], np.diff(joints)[-140:])
+    assert read.warnings[0].endswith(
+        'the times of recording go at another pace: the parts were put one after the other'
+    )
+
+
+def test_a_recorder_that_stood_still_and_catches_up_is_not_believed(tmp_path: Path) -> None:
+    """One topic waits longer in its queue than the other, for a twentieth of the time."""
+    joints = T0 + np.arange(600) * SECOND // 5
+    wrench = T0 + np.arange(800) * 3 * SECOND // 20
+    at = T0 + 40 * SECOND
+    late = np.where((wrench > at) & (wrench < at + 12 * SECOND), at + 6 * SECOND + (wrench - at) // 2, wrench)
+    read = record(tmp_path, joints, wrench, joints, late)
+    np.testing.assert_array_equal(read.joints.stamp, joints)
+    np.testing.assert_array_equal(read.wrench.stamp, wrench)
+    assert read.warnings == ()
+
+
+def test_clocks_apart_are_seen_though_messages_are_taken_several_at_a_time(
+    tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]
+) -> None:
+    joints, wrench = stamps[0][:280], stamps[1][:280]
+    taken = [np.repeat(stamp[3::4], 4) + np.tile(np.arange(4), 70) * 1000 for stamp in (joints, wrench)]
+    read = record(tmp_path, joints, wrench + 3 * SECOND, *taken)
+    assert 'come from clocks that are 3 s apart' in read.warnings[0]

@@ -1,0 +1,383 @@
+"""Recordings that lack something: one line that names the file or topic and says what to do."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import tracemalloc
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+import zstandard
+from bags.forms import (
+    CELL,
+    STORE,
+    Message,
+    assert_same,
+    force_messages,
+    joint_messages,
+    make_streams,
+    messages,
+    write_mcap,
+    write_rosbag2,
+    write_split,
+)
+from mcap.writer import CompressionType
+
+from scara_kinetostatic.bags import decompression as inflate
+from scara_kinetostatic.bags.encoding import joint_state_messages, string_message
+from scara_kinetostatic.bags.messages import JOINT_STATE, WRENCH_STAMPED
+from scara_kinetostatic.bags.reader import embedded_cell, read_streams
+from scara_kinetostatic.bags.writer import write_streams
+from scara_kinetostatic.errors import CellError, RecordingError
+from scara_kinetostatic.model.cell import Cell, Sensor
+from scara_kinetostatic.touches.streams import Streams
+
+
+def refused(path: Path, cell: Cell = CELL) -> str:
+    with pytest.raises(RecordingError) as caught:
+        read_streams(path, cell)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert '\n' not in message
+    assert caught.value.remedy
+    return message
+
+
+def test_nothing_there(tmp_path: Path) -> None:
+    assert 'there is no such recording' in refused(tmp_path / 'nowhere')
+    with pytest.raises(RecordingError, match='no such recording'):
+        embedded_cell(tmp_path / 'nowhere')
+
+
+def test_paths_that_cannot_be_one() -> None:
+    with pytest.raises(RecordingError):
+        read_streams('a\0b', CELL)
+
+
+def test_neither_file_nor_folder(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'pipe')
+    assert 'neither a file nor a folder' in refused(tmp_path / 'pipe')
+    (tmp_path / 'zero').symlink_to('/dev/zero')
+    assert 'neither a file nor a folder' in refused(tmp_path / 'zero')
+
+
+def test_empty_folder(tmp_path: Path) -> None:
+    assert 'no recording in this folder; expected metadata.yaml' in refused(tmp_path)
+
+
+def test_folder_of_recordings(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    write_streams(tmp_path / 'monday', streams, cell)
+    assert f'did you mean {tmp_path / "monday"}?' in refused(tmp_path)
+
+
+def test_no_recording_at_all(tmp_path: Path) -> None:
+    (tmp_path / 'cell.yaml').write_text('robot: {}')
+    assert 'not a recording; give a rosbag2 folder' in refused(tmp_path / 'cell.yaml')
+    (tmp_path / 'metadata.yaml').write_text('a: 1')
+    assert f'give the folder {tmp_path}' in refused(tmp_path / 'metadata.yaml')
+
+
+@pytest.mark.parametrize(
+    ('name', 'expected'),
+    [
+        ('multi_file_mcap', 'has no topic /joint_states; it has /AAA (std_msgs/msg/String)'),
+        ('empty_sqlite3', 'has no topic /joint_states; it has /rosout'),
+        ('only_services.mcap', 'it has /add_two_ints/_service_event (example_interfaces/srv/AddTwoInts_Event)'),
+        ('wrong_serialization_mcap', 'it has /test_topic (test_msgs/msg/BasicTypes)'),
+        ('wrong_serialization_sqlite3', 'it has /array_topic (test_msgs/msg/Arrays)'),
+        ('empty-file.bag', 'the file is empty'),
+        ('no-messages.bag', 'the recording has no topics'),
+        ('example-unsorted-chunks.bag', 'it has /foo (std_msgs/msg/String)'),
+    ],
+)
+def test_recordings_of_others(data: Path, name: str, expected: str) -> None:
+    assert expected in refused(data / name)
+
+
+def test_another_topic_of_the_right_type(tmp_path: Path, streams: Streams) -> None:
+    items = [item._replace(topic='/ft_sensor/wrench') for item in force_messages(streams)]
+    write_mcap(tmp_path / 'a.mcap', [*joint_messages(streams), *items])
+    message = refused(tmp_path / 'a.mcap')
+    assert 'has no topic /wrench' in message
+    assert f'{WRENCH_STAMPED} is on /ft_sensor/wrench: put that into sensor.wrench' in message
+
+
+def test_wrong_type_on_a_topic(tmp_path: Path, streams: Streams) -> None:
+    write_mcap(tmp_path / 'a.mcap', messages(streams))
+    cell = Cell(CELL.nominal, CELL.discs, sensor=Sensor('/wrench', '/joint_states'))
+    message = refused(tmp_path / 'a.mcap', cell)
+    assert f'topic /wrench carries {WRENCH_STAMPED}, expected {JOINT_STATE}' in message
+    assert 'put that into sensor.joint_states' in message
+
+
+def test_two_types_on_one_topic(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    """As `ros2 topic pub` with a slip; the right one is read."""
+    odd = Message('/wrench', 'geometry_msgs/msg/Wrench', int(streams.wrench.stamp[0]), b'\0\1\0\0' + bytes(48))
+    write_rosbag2(tmp_path / 'bag', [odd])
+    write_split(tmp_path / 'both', [[odd], messages(streams)])
+    assert_same(read_streams(tmp_path / 'both', cell), streams)
+    assert 'no topic /joint_states' in refused(tmp_path / 'bag')
+
+
+def test_topic_without_messages(tmp_path: Path, streams: Streams) -> None:
+    write_rosbag2(tmp_path / 'bag', messages(streams)[:1])
+    first = messages(streams)[0].topic
+    other = '/wrench' if first == '/joint_states' else '/joint_states'
+    assert f'has no topic {other}' in refused(tmp_path / 'bag')
+
+
+def test_unknown_serialization(tmp_path: Path, streams: Streams) -> None:
+    write_mcap(tmp_path / 'a.mcap', messages(streams), encoding='wrong_format')
+    assert "topic /joint_states is serialized as 'wrong_format', expected cdr" in refused(tmp_path / 'a.mcap')
+
+
+def test_other_joints(tmp_path: Path, streams: Streams) -> None:
+    items = joint_messages(streams, names=('shoulder', 'elbow'))
+    write_mcap(tmp_path / 'a.mcap', [*items, *force_messages(streams)])
+    message = refused(tmp_path / 'a.mcap')
+    assert 'has no joints joint1 and joint2, only elbow, shoulder' in message
+    assert 'robot.joint_names' in message
+
+
+def test_names_that_would_disturb_a_terminal(tmp_path: Path, streams: Streams) -> None:
+    first = messages(streams)[0]
+    write_mcap(tmp_path / 'a.mcap', [first._replace(topic='/x\x1b[31m\n', msgtype='a/msg/\0B')])
+    assert refused(tmp_path / 'a.mcap').isprintable()
+    items = joint_messages(streams, names=('\x1b[2J', '\x07'))
+    write_mcap(tmp_path / 'b.mcap', [*items, *force_messages(streams)])
+    assert refused(tmp_path / 'b.mcap').isprintable()
+
+
+def test_joints_in_separate_messages(tmp_path: Path, streams: Streams) -> None:
+    items = joint_messages(streams, names=('joint1', 'other'))
+    write_mcap(tmp_path / 'a.mcap', [*items, *force_messages(streams)])
+    assert 'no message of /joint_states can be used: 300 without joint1 and joint2' in refused(tmp_path / 'a.mcap')
+
+
+def joint_state(stamp: int, names: list[str], position: list[float]) -> Message:
+    header = STORE.types['std_msgs/msg/Header'](
+        stamp=STORE.types['builtin_interfaces/msg/Time'](sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id='x'
+    )
+    none = np.zeros(0)
+    message = STORE.types[JOINT_STATE](
+        header=header, name=names, position=np.array(position, dtype=float), velocity=none, effort=none
+    )
+    return Message('/joint_states', JOINT_STATE, stamp, bytes(STORE.serialize_cdr(message, JOINT_STATE)))
+
+
+def test_what_cannot_be_used_is_dropped_and_counted(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    start, nan = int(streams.joints.stamp[0]), float('nan')
+    odd = [
+        joint_state(start + 1, ['gripper'], [0.3]),
+        joint_state(start + 2, ['joint2', 'lift', 'joint1'], [2.0, 9.0, 1.0]),
+        joint_state(start + 3, ['joint1', 'joint2'], []),
+        joint_state(start + 4, ['joint1', 'joint2'], [nan, 1.0]),
+        joint_state(start + 5, ['joint1', 'joint2'], [1.0, -np.inf]),
+    ]
+    write_mcap(tmp_path / 'a.mcap', sorted([*messages(streams), *odd], key=lambda item: item.log_time))
+    read = read_streams(tmp_path / 'a.mcap', cell)
+    assert len(read.joints.stamp) == 301
+    np.testing.assert_array_equal(read.joints.position[1], [1.0, 2.0])
+    assert set(read.warnings) == {
+        '/joint_states: 1 message without joint1 and joint2 dropped',
+        '/joint_states: 1 message without positions dropped',
+        '/joint_states: 2 messages with values that are not finite dropped',
+    }
+
+
+def test_nothing_but_nan(tmp_path: Path, streams: Streams) -> None:
+    payloads = joint_state_messages(streams.joints.stamp, streams.joints.position * np.nan, CELL.joint_names)
+    items = [item._replace(payload=data) for item, data in zip(joint_messages(streams), payloads, strict=True)]
+    write_mcap(tmp_path / 'a.mcap', [*items, *force_messages(streams)])
+    assert 'no message of /joint_states can be used: 300 with values that are not finite' in refused(
+        tmp_path / 'a.mcap'
+    )
+
+
+def lost(path: Path) -> None:
+    (path / 'metadata.yaml').unlink()
+
+
+def rewritten(text: str) -> Callable[[Path], None]:
+    return lambda path: (path / 'metadata.yaml').write_text(text) and None
+
+
+@pytest.mark.parametrize(
+    ('spoil', 'expected'),
+    [
+        (lost, 'metadata.yaml is missing'),
+        (rewritten('rosbag2_bagfile_information: ['), 'metadata.yaml cannot be read'),
+        (rewritten('42'), 'metadata.yaml cannot be read'),
+        (rewritten(''), 'metadata.yaml cannot be read'),
+        (rewritten('rosbag2_bagfile_information: {relative_file_paths: 3}'), 'metadata.yaml cannot be read'),
+        (
+            rewritten('rosbag2_bagfile_information: {relative_file_paths: [a.mcap], topics_with_message_count: []}'),
+            'metadata.yaml lists a.mcap, which is missing',
+        ),
+        (lambda path: (path / 'metadata.yaml').write_bytes(b'\xff\xfe\0'), 'metadata.yaml cannot be read'),
+    ],
+)
+def test_spoilt_metadata(
+    tmp_path: Path, cell: Cell, streams: Streams, spoil: Callable[[Path], None], expected: str
+) -> None:
+    write_streams(tmp_path / 'bag', streams, cell)
+    spoil(tmp_path / 'bag')
+    read = read_streams(tmp_path / 'bag', cell)
+    assert_same(read, streams)
+    assert len(read.warnings) == 1
+    assert read.warnings[0].startswith(expected)
+
+
+def test_split_files_in_the_order_of_their_numbers(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    items = messages(streams)
+    write_split(tmp_path / 'bag', [items[at : at + 50] for at in range(0, len(items), 50)])
+    (tmp_path / 'bag/metadata.yaml').unlink()
+    read = read_streams(tmp_path / 'bag', cell)
+    assert_same(read, streams)
+    assert read.warnings == ('metadata.yaml is missing: the files of the folder were read in order',)
+
+
+def test_one_file_of_several_is_lost(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    items = messages(streams)
+    write_split(tmp_path / 'bag', [items[:200], items[200:400], items[400:]])
+    (tmp_path / 'bag/part_1.mcap').unlink()
+    read = read_streams(tmp_path / 'bag', cell)
+    assert len(read.joints.stamp) + len(read.wrench.stamp) == 440
+    assert 'lists part_1.mcap, which is missing' in read.warnings[0]
+    (tmp_path / 'bag/part_1.mcap').touch()
+    read = read_streams(tmp_path / 'bag', cell)
+    assert len(read.joints.stamp) + len(read.wrench.stamp) == 440
+    assert read.warnings == ('part_1.mcap was left out: the file is empty',)
+
+
+def test_paths_in_metadata_do_not_lead_out_of_the_folder(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    write_streams(tmp_path / 'elsewhere.mcap', streams, cell)
+    (tmp_path / 'bag').mkdir()
+    (tmp_path / 'bag/metadata.yaml').write_text(
+        'rosbag2_bagfile_information: {relative_file_paths: [../elsewhere.mcap], topics_with_message_count: []}'
+    )
+    assert 'no recording in this folder' in refused(tmp_path / 'bag')
+
+
+def test_foreign_cell_descriptions(tmp_path: Path, streams: Streams) -> None:
+    first = messages(streams)[0]
+    senseless = first._replace(
+        topic='/cell_description', msgtype='std_msgs/msg/String', payload=string_message('robot: {}')
+    )
+    write_mcap(tmp_path / 'a.mcap', [senseless])
+    with pytest.raises(CellError, match='/cell_description: the key') as caught:
+        embedded_cell(tmp_path / 'a.mcap')
+    assert str(tmp_path / 'a.mcap') in str(caught.value)
+    write_mcap(tmp_path / 'b.mcap', [senseless._replace(payload=b'\0\1\0\0\xff\xff\0\0ab')])
+    with pytest.raises(RecordingError):
+        embedded_cell(tmp_path / 'b.mcap')
+    write_mcap(tmp_path / 'c.mcap', [first._replace(topic='/cell_description')])
+    assert embedded_cell(tmp_path / 'c.mcap') is None
+
+
+def test_compression_bombs_are_refused(tmp_path: Path, streams: Streams) -> None:
+    """A chunk that claims to hold terabytes, or holds far more than it claims."""
+    write_mcap(tmp_path / 'a.mcap', messages(streams), compression=CompressionType.ZSTD)
+    content = bytearray((tmp_path / 'a.mcap').read_bytes())
+    at = content.index(b'\4\0\0\0zstd') - 12
+    content[at : at + 8] = (1 << 42).to_bytes(8, 'little')
+    (tmp_path / 'a.mcap').write_bytes(content)
+    read = read_streams(tmp_path / 'a.mcap', CELL)
+    assert 'a chunk claims to hold 4398046511104 bytes' in read.warnings[0]
+
+
+def test_a_record_of_giant_length(tmp_path: Path) -> None:
+    write_mcap(tmp_path / 'a.mcap', messages(make_streams(50, 50)), use_chunking=False)
+    content = bytearray((tmp_path / 'a.mcap').read_bytes())
+    content[9:17] = b'\xff' * 8
+    (tmp_path / 'a.mcap').write_bytes(content)
+    assert 'breaks off after 8 bytes' in refused(tmp_path / 'a.mcap')
+
+
+DEEP = 'rosbag2_bagfile_information: ' + 50_000 * '[' + 50_000 * ']'
+MERGED = ''.join(f'a{n + 1}: &a{n + 1} {{<<: [*a{n}, *a{n}]}}\n' for n in range(40))
+DIGITS = 'big: ' + ':'.join(200_000 * ['59']) + '\n'
+
+
+@pytest.mark.parametrize(
+    ('head', 'warning'),
+    [
+        (DEEP, ('metadata.yaml cannot be read (nested deeper than 32): the files of the folder were read in order',)),
+        (
+            'a0: &a0 {x: 1}\n' + MERGED,
+            ('metadata.yaml cannot be read (aliases are not allowed): the files of the folder were read in order',),
+        ),
+        (DIGITS, ()),
+    ],
+)
+def test_metadata_that_would_take_the_stack_or_all_time(
+    tmp_path: Path, cell: Cell, streams: Streams, head: str, warning: tuple[str, ...]
+) -> None:
+    write_streams(tmp_path / 'bag', streams, cell)
+    metadata = tmp_path / 'bag/metadata.yaml'
+    metadata.write_text(head + ('' if head is DEEP else metadata.read_text()))
+    read = read_streams(tmp_path / 'bag', cell)
+    assert_same(read, streams)
+    assert read.warnings == warning
+
+
+class _WithoutAliases(yaml.SafeDumper):
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+
+def test_a_file_that_is_listed_twice_is_read_once(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    write_streams(tmp_path / 'bag', streams, cell)
+    metadata = tmp_path / 'bag/metadata.yaml'
+    document = yaml.safe_load(metadata.read_text())
+    document['rosbag2_bagfile_information']['relative_file_paths'] *= 2
+    metadata.write_text(yaml.dump(document, Dumper=_WithoutAliases))
+    read = read_streams(tmp_path / 'bag', cell)
+    assert_same(read, streams)
+    assert read.warnings == ()
+
+
+@pytest.mark.parametrize(
+    'schema',
+    [
+        'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, data AS (zeroblob(500000000)) VIRTUAL)',
+        'CREATE VIRTUAL TABLE messages USING fts5(id, topic_id, timestamp, data)',
+        'CREATE VIEW messages AS SELECT 1 AS id, 1 AS topic_id, 0 AS timestamp, zeroblob(500000000) AS data',
+    ],
+)
+def test_a_database_whose_messages_would_be_worked_out_on_reading(tmp_path: Path, schema: str) -> None:
+    with closing(sqlite3.connect(tmp_path / 'a.db3')) as database:
+        database.execute('CREATE TABLE topics(id INTEGER PRIMARY KEY, name, type, serialization_format)')
+        database.execute(f"INSERT INTO topics VALUES (1, '/joint_states', '{JOINT_STATE}', 'cdr')")
+        database.execute(schema)
+        if 'VIRTUAL)' in schema:
+            database.executemany('INSERT INTO messages VALUES (?, 1, 0)', [(number,) for number in range(50)])
+        database.commit()
+    assert 'this database is no recording' in refused(tmp_path / 'a.db3')
+
+
+def test_messages_that_decompress_to_far_more_than_a_message_are_dropped(tmp_path: Path, streams: Streams) -> None:
+    items = messages(streams)
+    bomb = zstandard.compress(bytes(1 << 24))
+    spoilt = [zstandard.compress(item.payload) if number % 2 else bomb for number, item in enumerate(items)]
+    packed = [item._replace(payload=payload) for item, payload in zip(items, spoilt, strict=True)]
+    write_mcap(tmp_path / 'a.mcap', packed, compression=CompressionType.ZSTD)
+    tracemalloc.start()
+    read = read_streams(tmp_path / 'a.mcap', CELL)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    kept = len(read.joints.stamp) + len(read.wrench.stamp)
+    assert kept == len(items) // 2
+    assert any(f'{CELL.sensor.wrench}: ' in warning and 'dropped' in warning for warning in read.warnings)
+    assert peak < 1 << 28
+
+
+def test_a_file_that_unpacks_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(inflate, 'LEAST_ALLOWED', 1 << 20)
+    (tmp_path / 'a.db3.zstd').write_bytes(zstandard.compress(b'SQLite format 3\0' + bytes(1 << 24)))
+    assert 'unpacks to more than a recording would' in refused(tmp_path / 'a.db3.zstd')

@@ -1,0 +1,203 @@
+"""Every form of one recording gives back the same samples, to the last bit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import accumulate
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+from bags.forms import (
+    CELL,
+    NO_INDEX,
+    assert_same,
+    force_messages,
+    joint_messages,
+    make_streams,
+    messages,
+    write_mcap,
+    write_rosbag2,
+    write_split,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import CompressionType
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
+
+from scara_kinetostatic.bags.reader import embedded_cell, read_streams
+from scara_kinetostatic.bags.writer import write_streams
+from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame
+from scara_kinetostatic.model.parameters import PAPER_MEASURED
+from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
+
+OWN = {
+    'folder': {},
+    'folder zstd': {'compression': 'zstd'},
+    'sqlite': {'storage': 'sqlite3'},
+    'sqlite zstd': {'storage': 'sqlite3', 'compression': 'zstd'},
+    'bare.mcap': {},
+    'bare zstd.mcap': {'compression': 'zstd'},
+    'ros1.bag': {},
+}
+
+
+@pytest.mark.parametrize('name', OWN)
+def test_own_forms(name: str, tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    write_streams(tmp_path / name, streams, cell, **OWN[name])
+    read = read_streams(tmp_path / name, cell)
+    assert_same(read, streams)
+    assert read.warnings == ()
+    assert read.source == str(tmp_path / name)
+    assert embedded_cell(tmp_path / name) == cell
+
+
+@pytest.mark.parametrize('name', OWN)
+def test_a_plain_recording_carries_no_cell(name: str, tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    write_streams(tmp_path / name, streams, cell, with_cell=False, **OWN[name])
+    assert embedded_cell(tmp_path / name) is None
+    assert_same(read_streams(tmp_path / name, cell), streams)
+
+
+@pytest.mark.parametrize('name', ['folder', 'sqlite', 'bare.mcap', 'ros1.bag'])
+def test_bare_files_inside_a_folder_and_odd_names(name: str, tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    folder = tmp_path / 'a folder #1?x=%41&ü'
+    write_streams(folder / name, streams, cell, **OWN[name])
+    assert_same(read_streams(folder / name, cell), streams)
+    for file in [*folder.glob('*/*.mcap'), *folder.glob('*/*.db3')]:
+        assert_same(read_streams(file, cell), streams)
+
+
+def test_a_file_is_known_by_its_content(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    write_streams(tmp_path / 'a.mcap', streams, cell)
+    (tmp_path / 'a.mcap').rename(tmp_path / 'recording')
+    assert_same(read_streams(tmp_path / 'recording', cell), streams)
+
+
+Form = Callable[[Path, Streams], None]
+OTHERS: dict[str, Form] = {
+    'zstd by message, mcap': lambda p, s: write_rosbag2(p, messages(s), mode=CompressionMode.MESSAGE),
+    'zstd by message, sqlite': lambda p, s: write_rosbag2(
+        p, messages(s), mode=CompressionMode.MESSAGE, storage=StoragePlugin.SQLITE3
+    ),
+    'zstd by file, mcap': lambda p, s: write_rosbag2(p, messages(s), mode=CompressionMode.FILE),
+    'zstd by chunk': lambda p, s: write_rosbag2(p, messages(s), mode=CompressionMode.STORAGE),
+    'lz4 chunks': lambda p, s: write_mcap(p, messages(s), compression=CompressionType.LZ4),
+    'no chunks': lambda p, s: write_mcap(p, messages(s), use_chunking=False),
+    'no index': lambda p, s: write_mcap(p, messages(s), **NO_INDEX),
+    'one message a chunk': lambda p, s: write_mcap(p, messages(s), chunk_size=1),
+    'topics one after the other': lambda p, s: write_mcap(p, [*force_messages(s), *joint_messages(s)]),
+    'split': lambda p, s: write_split(p, [messages(s)[:100], messages(s)[100:101], [], messages(s)[101:]]),
+}
+
+
+@pytest.mark.parametrize('name', OTHERS)
+def test_forms_of_other_recorders(name: str, tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    OTHERS[name](tmp_path / 'bag', streams)
+    read = read_streams(tmp_path / 'bag', cell)
+    assert_same(read, streams)
+    assert read.warnings == ()
+    assert embedded_cell(tmp_path / 'bag') is None
+
+
+def test_a_compressed_file_on_its_own(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    for name in ('a.mcap', 'b.bag'):
+        write_streams(tmp_path / name, streams, cell)
+        packed = tmp_path / f'{name}.zstd'
+        packed.write_bytes(zstandard.compress((tmp_path / name).read_bytes()))
+        assert_same(read_streams(packed, cell), streams)
+        assert embedded_cell(packed) == cell
+
+
+def test_chunks_without_our_topics_are_not_even_read(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    """As with camera images beside the two topics: damage there does not matter."""
+    image = [messages(streams)[0]._replace(topic='/image', msgtype='sensor_msgs/msg/Image', payload=b'pixels' * 4000)]
+    write_mcap(tmp_path / 'a.mcap', [*image * 3, *messages(streams)])
+    content = bytearray((tmp_path / 'a.mcap').read_bytes())
+    content[content.index(b'pixels' * 4000)] ^= 1
+    (tmp_path / 'a.mcap').write_bytes(content)
+    read = read_streams(tmp_path / 'a.mcap', cell)
+    assert_same(read, streams)
+    assert read.warnings == ()
+
+
+def test_other_readers_open_what_is_written(tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    for name in ('folder', 'folder zstd', 'sqlite', 'sqlite zstd'):
+        write_streams(tmp_path / name, streams, cell, **OWN[name])
+        with AnyReader([tmp_path / name]) as reader:  # compares the definitions with the type hashes, too
+            counts = {topic: (info.msgtype, info.msgcount) for topic, info in reader.topics.items()}
+            assert counts == {
+                '/cell_description': ('std_msgs/msg/String', 1),
+                '/joint_states': ('sensor_msgs/msg/JointState', 300),
+                '/wrench': ('geometry_msgs/msg/WrenchStamped', 340),
+            }
+            decoded = [(item.topic, reader.deserialize(raw, item.msgtype)) for item, _, raw in reader.messages()]
+            assert decoded[0][0] == '/cell_description'
+            assert reader.start_time == streams.joints.stamp[0]
+            assert reader.end_time == streams.joints.stamp[-1] + 1
+        positions = [message.position for topic, message in decoded if topic == '/joint_states']
+        np.testing.assert_array_equal(positions, streams.joints.position)
+
+
+@pytest.mark.parametrize('name', ['bare.mcap', 'bare zstd.mcap'])
+def test_strict_mcap_reader(name: str, tmp_path: Path, cell: Cell, streams: Streams) -> None:
+    write_streams(tmp_path / name, streams, cell, **OWN[name])
+    with (tmp_path / name).open('rb') as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        found = list(reader.iter_messages())
+    assert summary is not None and summary.statistics is not None
+    assert summary.statistics.message_count == len(found) == 641
+    assert [channel.metadata['offered_qos_profiles'][:20] for channel in summary.channels.values()] == [
+        '- history: keep_last'
+    ] * 3
+    assert 'transient_local' in summary.channels[1].metadata['offered_qos_profiles']
+    assert all(
+        schema.encoding == 'ros2msg' and b'std_msgs' in schema.data for schema in list(summary.schemas.values())[1:]
+    )
+
+
+def test_the_frame_and_the_names_travel(tmp_path: Path, streams: Streams) -> None:
+    sensor = CELL.sensor._replace(frame=SensorFrame.TOOL, joint_states='/arm/joints', wrench='/ft')
+    cell = Cell(PAPER_MEASURED, CELL.discs, ('arm_a', 'arm_b'), sensor, Noise(1e-5, 0.3))
+    write_streams(tmp_path / 'bag', streams, cell)
+    assert embedded_cell(tmp_path / 'bag') == cell
+    assert_same(read_streams(tmp_path / 'bag', cell), streams)
+    with AnyReader([tmp_path / 'bag']) as reader:
+        raw = next(raw for item, _, raw in reader.messages() if item.topic == '/ft')
+        assert reader.deserialize(raw, 'geometry_msgs/msg/WrenchStamped').header.frame_id == 'tool'
+
+
+values = st.floats(-1e8, 1e8)
+times = st.tuples(st.integers(1, 2 * 10**18), st.lists(st.integers(1, 50 * 10**9), max_size=8)).map(
+    lambda drawn: [drawn[0] + step for step in accumulate(drawn[1], initial=0)]
+)
+
+
+@given(data=st.data(), name=st.sampled_from(sorted(OWN)))
+@settings(max_examples=25, deadline=None)
+def test_any_samples_survive(data: st.DataObject, name: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+    def samples() -> tuple[np.ndarray, np.ndarray]:
+        stamp = data.draw(times)
+        value = data.draw(st.lists(st.tuples(values, values), min_size=len(stamp), max_size=len(stamp)))
+        return np.array(stamp), np.array(value)
+
+    streams = Streams('drawn', JointStream(*samples()), WrenchStream(*samples()))
+    path = tmp_path_factory.mktemp('drawn') / name
+    write_streams(path, streams, CELL, **OWN[name])
+    assert_same(read_streams(path, CELL), streams)
+
+
+def test_reading_is_fast(tmp_path: Path, cell: Cell) -> None:
+    """Bulk decoding: some 50 000 messages take well under a second; a deserialiser takes several."""
+    import time
+
+    streams = make_streams(25_000, 25_000)
+    write_streams(tmp_path / 'a.mcap', streams, cell)
+    start = time.perf_counter()
+    read = read_streams(tmp_path / 'a.mcap', cell)
+    assert time.perf_counter() - start < 1.0
+    assert_same(read, streams)

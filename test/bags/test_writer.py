@@ -1,0 +1,111 @@
+"""Recordings appear whole or not at all, and never over another."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bags.forms import CELL, assert_same, make_streams
+
+from scara_kinetostatic.bags import writer
+from scara_kinetostatic.bags.reader import read_streams
+from scara_kinetostatic.bags.writer import fresh_folder, write_streams
+from scara_kinetostatic.errors import OutputError
+from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
+
+NAMES = ('bag', 'bare.mcap', 'ros1.bag')
+
+
+@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize('there', ['file', 'folder', 'dangling link'])
+def test_nothing_is_overwritten(tmp_path: Path, streams: Streams, name: str, there: str) -> None:
+    path = tmp_path / name
+    if there == 'file':
+        path.write_text('precious')
+    elif there == 'folder':
+        path.mkdir()
+    else:
+        path.symlink_to('nowhere')
+    with pytest.raises(OutputError, match='exists already and is never overwritten'):
+        write_streams(path, streams, CELL)
+    assert [item.name for item in tmp_path.iterdir()] == [name]
+    assert there != 'file' or path.read_text() == 'precious'
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_somebody_else_is_faster(tmp_path: Path, streams: Streams, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another recording takes the name while this one is being written."""
+    messages = writer._messages
+
+    def slow(*args: object, **options: object):  # type: ignore[no-untyped-def]
+        (tmp_path / name).mkdir() if name == 'bag' else (tmp_path / name).write_text('theirs')
+        yield from messages(*args, **options)
+
+    monkeypatch.setattr(writer, '_messages', slow)
+    with pytest.raises(OutputError, match='exists already'):
+        write_streams(tmp_path / name, streams, CELL)
+    assert [item.name for item in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.parametrize('name', [*NAMES, 'sqlite'])
+@pytest.mark.parametrize('fault', [OSError(errno.ENOSPC, 'No space left on device'), KeyboardInterrupt()])
+def test_all_or_nothing(
+    tmp_path: Path, streams: Streams, name: str, fault: BaseException, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    messages = writer._messages
+
+    def failing(*args: object, **options: object):  # type: ignore[no-untyped-def]
+        for number, message in enumerate(messages(*args, **options)):
+            if number == 400:
+                raise fault
+            yield message
+
+    monkeypatch.setattr(writer, '_messages', failing)
+    storage = 'sqlite3' if name == 'sqlite' else 'mcap'
+    expected = OutputError if isinstance(fault, OSError) else KeyboardInterrupt
+    with pytest.raises(expected) as caught:
+        write_streams(tmp_path / 'deep' / name, streams, CELL, storage=storage)
+    assert list((tmp_path / 'deep').iterdir()) == []
+    if expected is OutputError:
+        assert 'cannot be written: No space left on device' in str(caught.value)
+
+
+def test_places_that_cannot_be_written(tmp_path: Path, streams: Streams) -> None:
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(OutputError, match='file is not a folder; choose another place'):
+        write_streams(tmp_path / 'file' / 'bag', streams, CELL)
+    with pytest.raises(OutputError):
+        write_streams('/proc/nowhere/bag', streams, CELL)
+    with pytest.raises(OutputError):
+        write_streams(tmp_path / 'a\0b', streams, CELL)
+    with pytest.raises(OutputError):
+        write_streams(tmp_path / ('x' * 300), streams, CELL)
+
+
+def test_nothing_to_record(tmp_path: Path) -> None:
+    empty = Streams(
+        'x', JointStream(np.zeros(0, int), np.zeros((0, 2))), WrenchStream(np.zeros(0, int), np.zeros((0, 2)))
+    )
+    with pytest.raises(OutputError, match='nothing to record'):
+        write_streams(tmp_path / 'bag', empty, CELL)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_fresh_folder(tmp_path: Path) -> None:
+    first = fresh_folder(tmp_path, 'touches')
+    assert first.parent == tmp_path
+    assert first.name.startswith('touches_20')
+    assert not first.exists()
+    first.mkdir()
+    second = fresh_folder(tmp_path, 'touches')
+    assert not second.exists()
+    assert second != first
+
+
+def test_folders_on_the_way_are_made(tmp_path: Path) -> None:
+    streams = make_streams(5, 5)
+    write_streams(tmp_path / 'a/b/c', streams, CELL)
+    assert_same(read_streams(tmp_path / 'a/b/c', CELL), streams)
+    assert sorted(item.name for item in (tmp_path / 'a/b/c').iterdir()) == ['c_0.mcap', 'metadata.yaml']

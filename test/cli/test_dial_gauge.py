@@ -1,0 +1,130 @@
+"""The verb `gauge`: tables in, tables and a page out, one line where something is wrong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli.command import Run
+
+from scara_kinetostatic.studies.dial_gauge.simulation import LoadPlan, simulate_experiments
+from scara_kinetostatic.studies.dial_gauge.table_file import dump_readings
+
+SMALL = LoadPlan(levels=(10.0, 20.0, 30.0), directions=tuple(np.radians(np.arange(0, 360, 60)).tolist()))
+TABLE = dump_readings(simulate_experiments(plan=SMALL, seed=2))
+ONE = 'force_N;displacement_um\n' + ''.join(
+    f'{force};{37 * force + (60 if force > 0 else -60) + wobble}\n'
+    for force, wobble in zip([10, 20, 30, 20, 10, -10, -20, -30, -20, -10] * 2, [1, 0, -2, 0, 2] * 4, strict=True)
+)
+
+
+def loops() -> str:
+    """Loops of the measured ones' form, coarse."""
+    time = np.arange(0, 12, 1 / 200)
+    moved = 0.02 * np.sin(np.pi * time)
+    rows = ['time_s,displacement_m,force_N']
+    turn, sense, last = 0.0, 1.0, 0.0
+    for at, x in zip(time.tolist(), moved.tolist(), strict=True):
+        if (x - last) * sense < 0:
+            turn, sense = last, -sense
+        force = sense * np.interp(sense * (x - turn), [0, 0.002, 0.0045, 0.0085], [-1e4, 0, 0, 1e4])
+        rows.append(f'{at:.4f},{x:.9f},{force:.3f}')
+        last = x
+    return '\n'.join(rows) + '\n'
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    path = tmp_path / 'table.csv'
+    path.write_text(TABLE)
+    return path
+
+
+def test_all_parts_as_tables(run: Run, table: Path) -> None:
+    result = run('gauge', table)
+    assert result.status == 0
+    for word in ('Gripper', 'Joint 1', 'Joint 2', 'half gap g', 'µrad/Nm', 'The gap depends on the direction'):
+        assert word in result.out
+    assert result.err == ''
+
+
+def test_json_and_page_in_a_folder(run: Run, table: Path, tmp_path: Path) -> None:
+    (tmp_path / 'loops.csv').write_text(loops())
+    result = run('gauge', table, 'loops.csv', '--out', 'result')
+    assert result.status == 0
+    assert {path.name for path in (tmp_path / 'result').iterdir()} == {'gauge.json', 'gauge.html'}
+    document = json.loads((tmp_path / 'result' / 'gauge.json').read_text(encoding='utf-8'))
+    assert document['schema'] == 'scara_kinetostatic/gauge/1'
+    joint = document['parts']['joint1']
+    assert joint['compliance']['value'] == pytest.approx(3.23e-5, abs=5 * joint['compliance']['std'])
+    assert joint['half_gap']['value'] == joint['gap']['value'] / 2
+    assert joint['gap']['unit'] == 'rad'
+    gap = document['loops'][0]['senses']['rising']['gap']
+    assert gap['value'] == pytest.approx(0.0025, rel=0.01)
+    page = (tmp_path / 'result' / 'gauge.html').read_text(encoding='utf-8')
+    assert page.count('<svg') == 2 + 2 + 1 + 2 * 2 + 2
+    assert '#01020' not in page  # no stand-in colour left
+    assert 'http' not in page.replace('http://www.w3.org', '')
+
+
+def test_json_on_stdout_is_that_of_the_file(run: Run, tmp_path: Path) -> None:
+    (tmp_path / 'one.csv').write_text(ONE)
+    printed = json.loads(run('gauge', 'one.csv', '--json', '--out', 'result').out)
+    assert printed == json.loads((tmp_path / 'result' / 'gauge.json').read_text(encoding='utf-8'))
+
+
+def test_options_say_what_the_table_does_not(run: Run, tmp_path: Path) -> None:
+    (tmp_path / 'one.csv').write_text(ONE)
+    gripper = json.loads(run('gauge', 'one.csv', '--direction', '30', '--json').out)['parts']['gripper']
+    assert gripper['runs'][0]['direction'] == pytest.approx(np.pi / 6)
+    joint = json.loads(run('gauge', 'one.csv', '--part', 'joint2', '--lever', '0.5', '--json').out)['parts']['joint2']
+    assert joint['compliance']['value'] == pytest.approx(gripper['compliance']['value'] / 0.25)
+    assert joint['gap']['value'] == pytest.approx(gripper['gap']['value'] / 0.5)
+
+
+@pytest.mark.parametrize(
+    ('text', 'options', 'status', 'message'),
+    [
+        (None, [], 2, 'one.csv: there is no such file'),
+        ('force_N,displacement_mm\n1,x\n', [], 2, 'one.csv: line 2: displacement_mm: expected a number'),
+        (ONE, ['--part', 'joint1'], 2, 'one.csv: line 2: a joint needs its lever'),
+        (ONE, ['--zero-band', '1'], 2, '--zero-band: expected a part below 1'),
+        (ONE, ['one.csv'], 2, 'one.csv: is given twice'),
+        (ONE, ['--lever', '0'], 2, 'expected above 0'),
+        (ONE, ['--out', 'one.csv'], 2, 'one.csv'),
+        (ONE.replace('-', ''), [], 3, 'one.csv: gripper: there is no reversal'),
+        (ONE, ['--kind', 'loops'], 3, 'one.csv: loops need the time'),
+        ('force_N,displacement_m\n1,0\n-1,0\n', [], 3, 'too few'),
+    ],
+)
+def test_what_is_wrong_is_one_line(
+    run: Run, tmp_path: Path, text: str | None, options: list[str], status: int, message: str
+) -> None:
+    if text is not None:
+        (tmp_path / 'one.csv').write_text(text)
+    try:
+        result = run('gauge', 'one.csv', *options)
+    except SystemExit as end:  # pragma: no cover - the command turns it into a status
+        pytest.fail(f'SystemExit {end.code}')
+    assert result.status == status
+    assert message in result.err
+    assert result.err.count('\n') == 1
+    assert 'Traceback' not in result.err
+    assert result.out == ''
+
+
+def test_nothing_is_written_if_a_table_is_wrong(run: Run, table: Path, tmp_path: Path) -> None:
+    table.write_text(TABLE + 'oops\n')
+    assert run('gauge', table, '--out', 'result').status == 2
+    assert not (tmp_path / 'result').exists()
+
+
+def test_names_of_files_come_out_as_they_are(run: Run, tmp_path: Path) -> None:
+    name = '<b>&$\\frac$.csv'
+    (tmp_path / name).write_text(ONE.replace('displacement_um', 'displacement_um;what'))
+    assert run('gauge', name, '--out', 'result').status == 0
+    page = (tmp_path / 'result' / 'gauge.html').read_text(encoding='utf-8')
+    assert '<b>' not in page
+    assert '&lt;b&gt;&amp;$\\frac$.csv' in page

@@ -1,0 +1,50 @@
+"""Touches of a simulated robot that has effects its calibration does not know of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.diagnose import diagnose
+from scara_kinetostatic.diagnosis.result import Diagnosis
+from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.registry import find
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
+
+NOISE = Noise(1e-5, 0.3)
+CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=NOISE)
+UNKNOWN_NOISE = replace(CELL, noise=None)
+PLAN = default_plan(CELL, per_disc=18, overpress=0.3)
+"""108 touches, every other one pressed beyond its force and let down to it."""
+
+
+def effect(label: str) -> Effect:
+    return find(CELL, label)
+
+
+def play(*effects: tuple[Effect, tuple[float, ...]], truth: Parameters = PAPER_ACTUAL, seed: int = 1) -> TouchSet:
+    """108 touches of a robot with effects, each with its values."""
+    laws = tuple(law for law, _ in effects)
+    values = tuple(value for _, part in effects for value in part)
+    return simulate_touches(replace(CELL, effects=laws), truth.replace(extra=values), PLAN, NOISE, seed)
+
+
+@cache
+def examined(label: str, values: tuple[float, ...], given: bool = True, seed: int = 1) -> tuple[Calibration, Diagnosis]:
+    """The twelve parameters fitted to a robot with one effect, and the diagnosis."""
+    found = calibrate(play((effect(label), values), seed=seed), CELL if given else UNKNOWN_NOISE)
+    return found, diagnose(found)
+
+
+def deviations(calibration: Calibration, truth: Parameters = PAPER_ACTUAL) -> np.ndarray:
+    """The twelve less the truth, in standard deviations."""
+    count = len(NAMES)
+    return (calibration.parameters.as_array()[:count] - truth.as_array()[:count]) / calibration.std

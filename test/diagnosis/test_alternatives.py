@@ -1,0 +1,91 @@
+"""The form of a law is not known: the standard deviations hold for others as well."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis.simulated import CELL, PLAN, calibrate, deviations, effect
+
+from scara_kinetostatic.diagnosis.alternatives import fit_other_forms, widened, with_free_zeros
+from scara_kinetostatic.diagnosis.diagnose import diagnose
+from scara_kinetostatic.diagnosis.linear_problem import pose_problem
+from scara_kinetostatic.effects.contact_compliance import ContactCompliance
+from scara_kinetostatic.effects.joint_hardening import JointHardening
+from scara_kinetostatic.effects.link_bending import LinkBending
+from scara_kinetostatic.effects.unnamed import Unnamed
+from scara_kinetostatic.model.parameters import G_EE, P1, P_EE, PAPER_ACTUAL, THETA2
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.simulation.streams import simulate_touches
+
+
+def played(law: object, *values: float, seed: int = 3) -> TouchSet:
+    cell = replace(CELL, effects=(law,))
+    return simulate_touches(cell, PAPER_ACTUAL.replace(extra=values), PLAN, CELL.noise, seed)
+
+
+@pytest.mark.parametrize(('exponent', 'value'), [(0.4, 2e-4), (0.5, 1.2e-4), (0.8, 5e-5)])
+def test_a_contact_of_another_law_bends_nothing_beyond_its_sigmas(exponent, value):
+    fit = calibrate(played(ContactCompliance(exponent=exponent), value), CELL)
+    found = diagnose(fit)
+    assert 'contact_compliance' in [item.effect.label for item in found.found]
+    assert {label for group in found.rivals for label in group} <= {'contact_compliance', 'sensor_nonlinearity'}
+    assert found.extended is not None
+    as_hertz = calibrate(fit.touches, replace(CELL, effects=(ContactCompliance(),)))
+    assert np.abs(deviations(as_hertz)[[P_EE, G_EE]]).max() > 4
+    assert np.abs(deviations(found.extended)).max() < 4
+
+
+def test_a_joint_that_softens_with_the_square_of_the_torque():
+    fit = calibrate(played(JointHardening(target='joint1', joint=0, power=2), -1.5e-6), CELL)
+    found = diagnose(fit)
+    assert [item.effect.label for item in found.found if item.proved] == ['joint_hardening[joint1]']
+    assert found.extended is not None
+    assert abs(deviations(found.extended)[P1]) < 4
+
+
+def test_every_form_that_fits_lies_within_a_standard_deviation():
+    laws = (effect('contact_compliance'),)
+    extended = calibrate(played(laws[0], 6e-5), replace(CELL, effects=laws))
+    forms = fit_other_forms(extended)
+    assert len(forms) == len(laws[0].other_forms())
+    wide = extended
+    for form in forms:
+        wide = widened(wide, [form])
+    for form in forms:
+        off = form.parameters.as_array()[:12] - extended.parameters.as_array()[:12]
+        assert np.all(np.abs(off) <= wide.std)
+    assert wide.std[P_EE] > 5 * extended.std[P_EE]
+    assert wide.std[P1] < 1.5 * extended.std[P1]
+
+
+def test_a_form_that_fits_worse_is_none():
+    laws = (effect('contact_compliance[disc_2]'),)
+    extended = calibrate(played(laws[0], 4e-5), replace(CELL, effects=laws))
+    assert fit_other_forms(extended) == []
+    assert widened(extended, []) is extended
+
+
+@pytest.mark.parametrize('hinge', [0.25, 0.5, 0.75])
+def test_a_link_that_bends_at_one_place(hinge):
+    fit = calibrate(played(LinkBending(target='link1', hinge=hinge), 2e-4), CELL)
+    found = diagnose(fit)
+    assert [item.effect.label for item in found.found if item.proved] == ['link_bending[link1]']
+    assert found.extended is not None
+    as_beam = calibrate(fit.touches, replace(CELL, effects=(effect('link_bending[link1]'),)))
+    assert np.abs(deviations(as_beam)).max() > 4
+    assert np.abs(deviations(found.extended)).max() < 4
+
+
+def test_a_curve_may_be_raised_by_a_constant():
+    kink = Unnamed(None, 'joint2', 'q2', 0.0, 2.0, powers=3)
+    extended = calibrate(played(effect('encoder_gain[joint2]'), 0.0), replace(CELL, effects=(kink,)))
+    rival = replace(extended, parameters=extended.parameters.replace(extra=(3e-4, 0.0, 0.0)))
+    wide = with_free_zeros(extended, [rival])
+    slope = kink.functions(pose_problem(rival).situation)[0]
+    size = 3e-4 * np.sqrt(np.mean(slope**2))
+    assert wide.std[THETA2] == pytest.approx(np.hypot(extended.std[THETA2], size))
+    others = np.arange(12) != THETA2
+    np.testing.assert_array_equal(wide.std[others], extended.std[others])
+    assert with_free_zeros(extended, []).std[THETA2] == extended.std[THETA2]

@@ -1,0 +1,95 @@
+"""Bad touches, leaning forces and effects are told from one another."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis.simulated import CELL, NOISE, UNKNOWN_NOISE, deviations, effect, play
+
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.diagnosis.contact_angle import growing_p_value, lean_p_value
+from scara_kinetostatic.diagnosis.diagnose import diagnose
+from scara_kinetostatic.model.kinematics import rotate
+
+
+def leaning(spread: float, seed: int = 3):
+    """Touches whose forces lean by angles of either sense and any size, as friction at rest has it.
+
+    The force is turned and the joints stay: to first order the tip of a touch does not feel it.
+    """
+    data = play(seed=seed)
+    turned = rotate(data.force, spread * np.random.default_rng(seed).standard_normal(len(data)))
+    return data.replace(force=turned)
+
+
+@pytest.mark.parametrize('cell', [CELL, UNKNOWN_NOISE], ids=['noise known', 'noise unknown'])
+def test_bad_touches_are_no_effect(cell):
+    data = play(seed=2)
+    random = np.random.default_rng(5)
+    bad = random.permutation(len(data))[:10]
+    force = data.force.copy()
+    force[bad] += random.choice([-1, 1], (10, 2)) * random.uniform(8, 20, (10, 2))
+    fit = calibrate(data.replace(force=force), cell)
+    found = diagnose(fit)
+    assert set(np.flatnonzero(~fit.used)) == set(bad)
+    assert found.verdict == 'none'
+
+
+def test_an_effect_that_made_few_touches_look_bad_is_found():
+    """A disc that was touched eight times only, and stands elsewhere: the fit takes its touches for bad ones."""
+    data = play((effect('object_position[disc_2]'), (3e-4, -2e-4)), seed=4)
+    few = np.flatnonzero(data.disc == 1)[::5]
+    kept = np.sort(np.concatenate([np.flatnonzero(data.disc != 1), few]))
+    fit = calibrate(data.select(kept), CELL)
+    assert (~fit.used).sum() >= 4
+    found = diagnose(fit)
+    assert [item.effect.label for item in found.found if item.proved] == ['object_position[disc_2]']
+    assert found.extended is not None
+    assert found.extended.used.all()
+
+
+@pytest.mark.parametrize('cell', [CELL, UNKNOWN_NOISE], ids=['noise known', 'noise unknown'])
+def test_forces_that_lean_either_way_are_friction(cell):
+    fit = calibrate(leaning(0.08), cell)
+    assert lean_p_value(fit) < 1e-6
+    found = diagnose(fit)
+    assert found.verdict == 'explained'
+    (only,) = found.found
+    assert only.effect.name == 'contact_friction'
+    assert only.values[0].name == 'lean'
+    assert abs(only.values[0].value - 0.08) < 4 * only.values[0].std
+    assert found.extended is not None
+    assert np.abs(deviations(found.extended)).max() < 4
+    assert found.extended.noise.force == pytest.approx(NOISE.force, rel=0.6)
+
+
+def test_the_score_test_of_leaning_is_calibrated():
+    values = []
+    for seed in range(40):
+        fit = calibrate(play(seed=100 + seed), CELL if seed % 2 else UNKNOWN_NOISE)
+        values.append(lean_p_value(fit))
+    assert min(values) > 1e-4
+    assert 0.3 < np.mean(np.array(values) < 0.5) < 0.7
+
+
+def test_noise_stated_too_small_is_no_effect():
+    data = play(seed=6)
+    fit = calibrate(data, replace(CELL, noise=NOISE._replace(joint=4e-6, force=0.1)))
+    found = diagnose(fit)
+    assert found.verdict == 'unexplained'
+    assert not found.found
+    assert 'too small' in found.advice
+
+
+def test_noise_that_grows_with_the_force_is_no_friction():
+    data = play(seed=7)
+    size = np.hypot(*data.force.T)[:, None]
+    noisy = data.replace(force=data.force + 0.04 * size * np.random.default_rng(7).standard_normal((len(data), 2)))
+    for cell in (CELL, UNKNOWN_NOISE):
+        fit = calibrate(noisy, cell)
+        assert growing_p_value(fit) < 1e-3 < lean_p_value(fit, beside_growing=True)
+        found = diagnose(fit)
+        assert not any(item.proved and item.effect.name == 'contact_friction' for item in found.found)
+        assert 'grows with the force' in found.advice

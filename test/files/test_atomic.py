@@ -1,0 +1,86 @@
+"""Results appear whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from scara_kinetostatic.diagnosis.outcome import Outcome
+from scara_kinetostatic.errors import OutputError
+from scara_kinetostatic.report import write
+from scara_kinetostatic.report.write import write_results
+
+FILES = {'calibration.yaml', 'calibration.json', 'report.html'}
+
+
+@pytest.fixture(autouse=True)
+def quick_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(write.page, 'html_text', lambda outcome: '<!DOCTYPE html>\n')
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_three_files_in_a_new_folder(plain: Outcome, tmp_path: Path) -> None:
+    files = write_results(plain, tmp_path / 'a' / 'b')
+    assert files.folder == tmp_path / 'a' / 'b'
+    assert names(files.folder) == FILES
+    assert {files.parameters.name, files.document.name, files.report.name} == FILES
+    (tmp_path / 'usual').touch()
+    assert files.document.stat().st_mode == (tmp_path / 'usual').stat().st_mode
+
+
+def test_a_former_result_is_replaced_and_the_rest_stays(plain: Outcome, confounded: Outcome, tmp_path: Path) -> None:
+    (tmp_path / 'notes.txt').write_text('mine')
+    write_results(plain, tmp_path)
+    before = (tmp_path / 'calibration.json').read_text(encoding='utf-8')
+    write_results(confounded, tmp_path)
+    assert (tmp_path / 'calibration.json').read_text(encoding='utf-8') != before
+    assert (tmp_path / 'notes.txt').read_text() == 'mine'
+    assert names(tmp_path) == FILES | {'notes.txt'}
+
+
+@pytest.mark.parametrize('failure', [OSError(28, 'No space left on device'), KeyboardInterrupt()])
+@pytest.mark.parametrize('survivors', [0, 1, 2])
+def test_a_failure_half_way_leaves_everything_as_it_was(
+    plain: Outcome,
+    confounded: Outcome,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    failure: BaseException,
+    survivors: int,
+) -> None:
+    write_results(plain, tmp_path / 'old')
+    before = {name: (tmp_path / 'old' / name).read_bytes() for name in FILES}
+    replace, calls = Path.replace, iter(range(100))
+
+    def breaks_off(self: Path, target: Path) -> Path:
+        if next(calls) == survivors:
+            raise failure
+        return replace(self, target)
+
+    for folder in (tmp_path / 'old', tmp_path / 'new' / 'deep'):
+        calls = iter(range(100))
+        monkeypatch.setattr(Path, 'replace', breaks_off)
+        with pytest.raises(OutputError if isinstance(failure, OSError) else KeyboardInterrupt):
+            write_results(confounded, folder)
+        monkeypatch.setattr(Path, 'replace', replace)
+    assert {name: (tmp_path / 'old' / name).read_bytes() for name in names(tmp_path / 'old')} == before
+    assert names(tmp_path) == {'old'}
+
+
+def test_a_file_where_the_folder_should_be(plain: Outcome, tmp_path: Path) -> None:
+    (tmp_path / 'taken').write_text('mine')
+    for folder in (tmp_path / 'taken', tmp_path / 'taken' / 'deeper'):
+        with pytest.raises(OutputError, match=r'taken.*cannot be written'):
+            write_results(plain, folder)
+    assert (tmp_path / 'taken').read_text() == 'mine'
+
+
+def test_a_folder_where_a_file_should_be(plain: Outcome, tmp_path: Path) -> None:
+    (tmp_path / 'report.html').mkdir()
+    with pytest.raises(OutputError, match=r'report\.html: is a folder'):
+        write_results(plain, tmp_path)
+    assert names(tmp_path) == {'report.html'}

@@ -1,0 +1,231 @@
+"""The cell description: what it says comes back, what makes no sense is refused by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from scara_kinetostatic.errors import CellError
+from scara_kinetostatic.files.cell_file import dump_cell, load_cell, parse_cell
+from scara_kinetostatic.model.cell import (
+    PAPER_DISCS,
+    Cell,
+    Disc,
+    GripperSign,
+    Noise,
+    Sensor,
+    SensorFrame,
+    SensorSign,
+)
+from scara_kinetostatic.model.parameters import PAPER_MEASURED, PAPER_NOMINAL, Parameters
+
+CONTRACT = """
+robot:
+  joint_names: [joint1, joint2]     # q1, q2 in JointState, matched by name; other joints are ignored
+  nominal: {x0: 0.0, y0: 0.0, theta1: 0.0, l1: 0.33, theta2: 0.0, l2: 0.33,
+            p_ee: 1.0e-5, p1: 1.0e-5, p2: 1.0e-5, g_ee: 0.0, g1: 0.0, g2: 0.0}
+objects:                            # discs of known position
+  - {name: disc_1, center: [-0.25, 0.30], radius: 0.15}
+  - {name: disc_2, center: [0.20, 0.40], radius: 0.05}
+  - {name: disc_3, center: [0.05, 0.25], radius: 0.08}
+sensor:
+  joint_states: /joint_states       # sensor_msgs/msg/JointState
+  wrench: /wrench                   # geometry_msgs/msg/WrenchStamped
+  frame: base                       # base | tool
+  sign: on_object                   # on_object | on_robot: whose force the sensor reports
+noise: {joint: 1.0e-5, force: 0.3}  # optional: estimated if absent
+model: {gripper_sign: physical}     # optional
+"""
+
+
+DISC_3 = '  - {name: disc_3, center: [0.05, 0.25], radius: 0.08}\n'
+
+
+def changed(old: str, new: str) -> str:
+    assert old in CONTRACT
+    return CONTRACT.replace(old, new)
+
+
+def test_reads_the_contract(tmp_path: Path) -> None:
+    path = tmp_path / 'cell.yaml'
+    path.write_text(CONTRACT)
+    assert load_cell(path) == Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3))
+
+
+def test_optional_sections_have_defaults() -> None:
+    text = CONTRACT.partition('sensor:')[0].replace('  joint_names: [joint1, joint2] ', '  ')
+    assert parse_cell(text) == Cell(PAPER_NOMINAL, PAPER_DISCS)
+
+
+def test_numbers_as_people_write_them() -> None:
+    text = changed('p_ee: 1.0e-5', 'p_ee: 1e-5').replace('x0: 0.0', 'x0: 0').replace('0.40]', '+.4]')
+    assert parse_cell(text).nominal == PAPER_NOMINAL
+
+
+def test_relative_topics_become_absolute() -> None:
+    assert parse_cell(changed('/wrench ', 'ft/wrench ')).sensor.wrench == '/ft/wrench'
+
+
+def test_accepts_a_byte_order_mark(tmp_path: Path) -> None:
+    path = tmp_path / 'cell.yaml'
+    path.write_bytes(b'\xef\xbb\xbf' + CONTRACT.encode())
+    assert load_cell(path).nominal == PAPER_NOMINAL
+
+
+def test_dump_is_read_by_any_yaml_reader() -> None:
+    data = yaml.safe_load(dump_cell(Cell(PAPER_MEASURED, PAPER_DISCS)))
+    assert data['robot']['nominal'] == PAPER_MEASURED.as_dict()
+    assert data['objects'][0] == {'name': 'disc_1', 'center': [-0.25, 0.3], 'radius': 0.15}
+
+
+small = st.floats(0, 1e-3)
+names = st.text(st.characters(exclude_categories=['Cc', 'Cs', 'Zs', 'Zl', 'Zp', 'Cn', 'Cf', 'Co']), min_size=1)
+
+
+@given(
+    nominal=st.builds(
+        Parameters, x0=small, y0=small, theta1=st.floats(-3, 3), p_ee=small, p1=small, p2=small, g_ee=small, g1=small
+    ),
+    joint_names=st.lists(names, min_size=2, max_size=2, unique=True).map(tuple),
+    disc_name=names,
+    sensor=st.builds(
+        Sensor,
+        st.just('/joint_states'),
+        st.just('/ft/wrench'),
+        st.sampled_from(SensorFrame),
+        st.sampled_from(SensorSign),
+    ),
+    noise=st.none() | st.builds(Noise, st.floats(1e-9, 1e-3), st.floats(1e-6, 10)),
+    gripper_sign=st.sampled_from(GripperSign),
+)
+def test_round_trip(nominal, joint_names, disc_name, sensor, noise, gripper_sign) -> None:  # type: ignore[no-untyped-def]
+    cell = Cell(nominal, (Disc(disc_name, 0.2, 0.4, 0.05),), joint_names, sensor, noise, gripper_sign)
+    assert parse_cell(dump_cell(cell)) == cell
+
+
+@pytest.mark.parametrize(
+    ('text', 'expected'),
+    [
+        ('', 'expected a mapping with robot, objects'),
+        ('[]', 'expected a mapping'),
+        ('42', 'expected a mapping'),
+        (changed('objects:', 'objetcs:'), "unknown key 'objetcs'; did you mean 'objects'?"),
+        (changed('sign: on_object', 'singn: on_object'), "sensor: unknown key 'singn'; did you mean 'sign'?"),
+        (changed('radius: 0.15', 'radius: 0.15, diameter: 1'), "objects[0]: unknown key 'diameter'"),
+        (changed('l1: 0.33, ', ''), "robot.nominal: the key 'l1' is missing"),
+        (changed('theta1: 0.0', 'theta_1: 0.0'), "'theta_1'; did you mean 'theta1'?"),
+        (changed('radius: 0.15', 'radius: -0.15'), 'objects[0].radius: expected a number above 0'),
+        (changed('radius: 0.15', 'radius: 0'), 'objects[0].radius: expected a number above 0'),
+        (changed('radius: 0.15', 'radius: true'), 'objects[0].radius: expected a number, got True'),
+        (changed('radius: 0.15', 'radius: "0.15"'), 'objects[0].radius: expected a number'),
+        (changed('radius: 0.15', 'radius: .nan'), 'objects[0].radius: expected a finite number'),
+        (changed('radius: 0.15', 'radius: ' + '9' * 5000), 'objects[0].radius: expected a finite number'),
+        (changed('radius: 0.15', 'radius: 150'), 'lengths are in m, not mm'),
+        (changed('theta1: 0.0', 'theta1: 90'), 'angles are in rad, not degrees'),
+        (changed('[-0.25, 0.30]', '[-0.25]'), 'objects[0].center: expected [x, y]'),
+        (changed('[-0.25, 0.30]', '[-.inf, 0.30]'), 'objects[0].center.x: expected a finite number'),
+        (changed('name: disc_2', 'name: disc_1'), "another disc is named 'disc_1'"),
+        (changed('name: disc_2', 'name: 2'), 'objects[1].name: expected a string'),
+        (changed('name: disc_2', 'name: " "'), 'objects[1].name: expected a name'),
+        (changed('l1: 0.33', 'l1: 0'), 'robot.nominal.l1: expected a number above 0'),
+        (changed('l2: 0.33', 'l2: -0.33'), 'robot.nominal.l2: expected a number above 0'),
+        (changed('p1: 1.0e-5', 'p1: -1.0e-5'), 'robot.nominal.p1: expected 0 or more'),
+        (changed('g2: 0.0', 'g2: -1e-9'), 'robot.nominal.g2: expected 0 or more'),
+        (changed('joint: 1.0e-5', 'joint: 0'), 'noise.joint: expected a number above 0'),
+        (changed('force: 0.3', 'force: -1'), 'noise.force: expected a number above 0'),
+        (changed('{joint: 1.0e-5, force: 0.3}', '{joint: 1.0e-5}'), "noise: the key 'force' is missing"),
+        (changed('{joint: 1.0e-5, force: 0.3}', '3'), 'noise: expected a mapping'),
+        (changed('[0.20, 0.40]', '[-0.20, 0.40]'), "discs 'disc_1' and 'disc_2' overlap"),
+        (changed('[0.20, 0.40]', '[0.70, 0.40]'), "disc 'disc_2' is out of reach"),
+        (changed('[0.20, 0.40]', '[0.01, 0.01]'), "disc 'disc_2' lies over the base"),
+        (changed('[joint1, joint2]', '[joint1, joint1]'), "both joints are named 'joint1'"),
+        (changed('[joint1, joint2]', '[joint1]'), 'robot.joint_names: expected the two names'),
+        (changed('[joint1, joint2]', '[1, 2]'), 'robot.joint_names: expected the two names'),
+        (changed('/wrench ', '/joint_states '), 'both topics are named /joint_states'),
+        (changed('/wrench ', '/my wrench '), "'/my wrench' is no name of a topic"),
+        (changed('/wrench ', '""'), 'sensor.wrench: expected a name'),
+        (changed('/wrench ', '/cell_description '), 'carries the cell description'),
+        (changed('frame: base', 'frame: world'), "sensor.frame: expected base or tool, got 'world'"),
+        (changed('sign: on_object', 'sign: 1'), 'sensor.sign: expected a string'),
+        (changed('physical', 'magic'), "model.gripper_sign: expected physical or paper, got 'magic'"),
+        ('robot: {}\nobjects: []', "robot: the key 'nominal' is missing"),
+        (CONTRACT.partition('objects:')[0] + 'objects: []', 'objects: expected a list of discs'),
+        (CONTRACT.partition('objects:')[0] + 'objects: {a: 1}', 'objects: expected a list of discs'),
+        (CONTRACT.partition('objects:')[0] + 'objects: [3]', 'objects[0]: expected a mapping'),
+        (CONTRACT + 'noise: {joint: 1, force: 1}', "line 17: the key 'noise' is given twice"),
+        ('a: [', 'not valid YAML: line 1'),
+        ('a: b: c', 'not valid YAML: line 1'),
+        ('\ta: 1', 'not valid YAML: line 1'),
+        ('a: 1\0', 'not valid YAML'),
+        ('---\n1\n---\n2', 'not valid YAML'),
+        ('a: &x 1', 'anchors and aliases are not allowed'),
+        ('a: *x', 'anchors and aliases are not allowed'),
+        ('!!python/object/apply:os.system [ls]', 'is not allowed'),
+        ('? [a, b]\n: 1', 'a key must be a word'),
+        ('[' * 100_000, 'nested deeper than 16'),
+        (CONTRACT + '#' * 300_000, 'expected at most 256 KiB'),
+    ],
+)
+def test_senseless_descriptions_are_refused(text: str, expected: str) -> None:
+    with pytest.raises(CellError) as caught:
+        parse_cell(text, 'my/cell.yaml')
+    message = str(caught.value)
+    assert message.startswith('my/cell.yaml: ')
+    assert expected in message
+    assert '\n' not in message
+
+
+def test_touching_discs_are_fine() -> None:
+    text = changed('[0.20, 0.40]', '[-0.05, 0.30]').replace(
+        '  - {name: disc_3, center: [0.05, 0.25], radius: 0.08}\n', ''
+    )
+    cell = parse_cell(text)
+    assert np.isclose(np.linalg.norm(cell.centers[1] - cell.centers[0]), cell.radii.sum())
+
+
+def test_reach_has_an_inner_edge() -> None:
+    text = changed('l1: 0.33', 'l1: 0.6').replace('l2: 0.33', 'l2: 0.2').replace('[0.20, 0.40]', '[0.20, 0.14]')
+    with pytest.raises(CellError, match=r"'disc_2' is out of reach, 0\.2441 m from the base .* 0\.4 to 0\.8 m"):
+        parse_cell(text.replace(DISC_3, ''))
+
+
+@pytest.mark.parametrize(
+    ('make', 'expected'),
+    [
+        (lambda path: None, 'there is no such file'),
+        (lambda path: path.mkdir(), 'got a folder'),
+        (lambda path: path.write_bytes(b'name: \xff'), 'not UTF-8 text (byte 6)'),
+        (lambda path: path.write_bytes(b' ' * 300_000), 'expected at most 256 KiB'),
+        (lambda path: path.symlink_to(path), 'there is no such file|cannot be read'),
+        (lambda path: path.symlink_to('/dev/zero'), 'expected a file'),
+    ],
+)
+def test_files_that_cannot_be_read(tmp_path: Path, make, expected: str) -> None:  # type: ignore[no-untyped-def]
+    path = tmp_path / 'cell.yaml'
+    make(path)
+    with pytest.raises(CellError) as caught:
+        load_cell(path)
+    assert str(path) in str(caught.value)
+    assert any(part in str(caught.value) for part in expected.split('|'))
+
+
+def test_a_path_that_cannot_be_one() -> None:
+    with pytest.raises(CellError):
+        load_cell('a\0b')
+
+
+def test_general_gripper_survives_a_round_trip():
+    cell = Cell(PAPER_NOMINAL, PAPER_DISCS, gripper_excess=((1e-6, 2e-6), (2e-6, -1e-6)))
+    assert parse_cell(dump_cell(cell)) == cell
+
+
+@pytest.mark.parametrize('text', ['[[1e-6, 0]]', '[[0, .nan], [0, 0]]', '[[3, 0], [0, 0]]', '5', '[[a, 0], [0, 0]]'])
+def test_senseless_gripper_is_refused_by_name(text):
+    good = dump_cell(Cell(PAPER_NOMINAL, PAPER_DISCS))
+    with pytest.raises(CellError, match=r'model\.gripper_excess'):
+        parse_cell(good.replace('{gripper_sign: physical}', f'{{gripper_excess: {text}}}'))

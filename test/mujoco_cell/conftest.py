@@ -1,0 +1,45 @@
+"""A small plan, and every scene played once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
+from scara_kinetostatic.model.parameters import PAPER_NOMINAL
+from scara_kinetostatic.simulation.mujoco.motion import Played
+from scara_kinetostatic.simulation.mujoco.player import Player
+from scara_kinetostatic.simulation.mujoco.recorded import usual_plan
+from scara_kinetostatic.simulation.mujoco.scene import scene_named
+from scara_kinetostatic.simulation.plan import Plan
+from scara_kinetostatic.simulation.trajectory import Timing
+
+CELL = Cell(nominal=PAPER_NOMINAL, discs=PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
+BRISK = Timing(travel=0.3, pause=0.02, approach=0.2, hold=0.3, release=0.1, retract=0.1, speed=6.0)
+
+
+@pytest.fixture(scope='session')
+def plan() -> Plan:
+    """24 touches, or some less where the arm does not reach."""
+    return usual_plan(CELL, per_disc=4)
+
+
+@pytest.fixture(scope='session')
+def few(plan: Plan) -> Plan:
+    """A third of them: both postures, all discs and forces."""
+    return plan.select(np.arange(0, len(plan), 3))
+
+
+@pytest.fixture(scope='session')
+def played(plan: Plan) -> Callable[[str], Played]:
+    """What the engine makes of the plan in a scene."""
+    return cache(lambda name: Player(scene_named(name), CELL, plan, BRISK).play())
+
+
+@pytest.fixture(scope='session')
+def played_few(few: Plan) -> Callable[[str], Played]:
+    """The same of the few."""
+    return cache(lambda name: Player(scene_named(name), CELL, few, BRISK).play())

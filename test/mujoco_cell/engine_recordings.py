@@ -1,0 +1,76 @@
+"""The recordings bags/engine_*.mcap, made with MuJoCo, and their truth files.
+
+``python -m mujoco_cell.engine_recordings FOLDER TRUTH_FOLDER`` (with ``test`` and the package on the path) makes them
+there.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+from mujoco_cell.conftest import CELL
+
+from scara_kinetostatic.bags.writer import write_streams
+from scara_kinetostatic.cli.simulate import truth_of
+from scara_kinetostatic.files.cell_file import load_cell
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.simulation.mujoco import Scene, play, scene_named
+from scara_kinetostatic.simulation.mujoco.recorded import usual_plan
+from scara_kinetostatic.simulation.mujoco.truth import truth_of_scene, truth_text
+from scara_kinetostatic.simulation.plan import Plan
+from scara_kinetostatic.simulation.sensors import SensorModel
+
+BAGS = Path(__file__).parents[2] / 'bags'
+TRUTH = Path(__file__).parents[1] / 'pipeline' / 'truth'
+PER_DISC = 14
+SENSORS = SensorModel(joint_rate=20.0, wrench_rate=25.0)
+
+
+class EngineRecording(NamedTuple):
+    """A recording, by name, how it was made, and whether it leaves out its cell."""
+
+    name: str
+    scene: str
+    seed: int
+    plain: bool = False
+
+    @property
+    def cell(self) -> Cell:
+        """What is declared of the cell."""
+        return load_cell(BAGS / 'measured.yaml') if self.plain else CELL
+
+    @property
+    def robot(self) -> Scene:
+        """What is built."""
+        return scene_named(self.scene).with_parameters(truth_of('paper', self.cell))
+
+    @property
+    def plan(self) -> Plan:
+        """The touches."""
+        return usual_plan(self.cell, PER_DISC)
+
+
+ALL = (
+    EngineRecording('engine_a', 'plain', 201),
+    EngineRecording('engine_b', 'contact_friction', 202),
+    EngineRecording('engine_c', 'base_on_springs', 203, plain=True),
+    EngineRecording('engine_d', 'link_flex', 204),
+    EngineRecording('engine_e', 'displaced_disc', 205),
+)
+
+
+def make(recording: EngineRecording, folder: Path, truths: Path) -> None:
+    """Make one of the recordings in a folder, and its truth in another."""
+    one, cell = recording, recording.cell
+    streams = play(one.robot, cell, one.plan, sensors=SENSORS, seed=one.seed)
+    write_streams(folder / f'{one.name}.mcap', streams, cell, compression='zstd', with_cell=not one.plain)
+    first = f'# What was built for bags/{one.name}.mcap. Only tests read this.\n'
+    text = first + truth_text(truth_of_scene(one.robot, cell, one.seed))
+    (truths / f'{one.name}.yaml').write_text(text, encoding='utf-8')
+
+
+if __name__ == '__main__':
+    for one in ALL:
+        make(one, Path(sys.argv[1]), Path(sys.argv[2]))

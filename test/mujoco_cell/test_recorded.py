@@ -1,0 +1,141 @@
+"""Recordings of the engine: streams, truth, the command."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from mujoco_cell.conftest import CELL
+from mujoco_cell.engine_recordings import ALL, BAGS, SENSORS, EngineRecording
+from mujoco_cell.engine_recordings import TRUTH as TRUTHS
+
+from scara_kinetostatic.bags.reader import read_streams
+from scara_kinetostatic.cli.main import main
+from scara_kinetostatic.cli.mujoco import SCENE_NAMES, TRUTH
+from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.simulation.mujoco import play, play_touches
+from scara_kinetostatic.simulation.mujoco.scene import SCENES, scene_named
+from scara_kinetostatic.simulation.mujoco.truth import truth_of_scene
+from scara_kinetostatic.simulation.plan import Plan
+from scara_kinetostatic.simulation.sensors import SensorModel
+from scara_kinetostatic.touches.detection import find_touches
+
+EXACT = Noise(0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    'cell',
+    [CELL, replace(CELL, sensor=CELL.sensor._replace(frame=SensorFrame.TOOL, sign=SensorSign.ON_ROBOT))],
+    ids=['base', 'tool'],
+)
+def test_touches_found_in_the_streams_are_those_played(few: Plan, cell: Cell) -> None:
+    streams = play(scene_named('contact_friction'), cell, few, sensors=SensorModel(touch_noise=EXACT), seed=1)
+    expected = play_touches(scene_named('contact_friction'), cell, few, noise=EXACT)
+    detection = find_touches(streams, cell)
+    assert detection.found == len(few)
+    assert not detection.rejected
+    assert np.array_equal(detection.touches.disc, few.disc)
+    assert np.array_equal(detection.touches.posture, few.posture)
+    assert np.abs(detection.touches.joints - expected.joints).max() < 2e-6
+    assert np.abs(detection.touches.force - expected.force).max() < 0.06
+    sure = np.abs(expected.approach) > 1e-4
+    assert np.array_equal(np.sign(detection.touches.approach)[sure], np.sign(expected.approach)[sure])
+    sure = np.abs(expected.press) > 1e-4
+    assert sure.any(axis=1).all()
+    assert np.array_equal(np.sign(detection.touches.press)[sure], np.sign(expected.press)[sure])
+
+
+def test_streams_are_finite_continuous_and_repeat(few: Plan) -> None:
+    first, again = (play(scene_named('plain'), CELL, few.select(np.arange(3)), seed=5) for _ in range(2))
+    assert np.array_equal(first.joints.position, again.joints.position)
+    assert np.array_equal(first.wrench.force, again.wrench.force)
+    assert np.all(np.isfinite(first.joints.position))
+    assert np.all(np.isfinite(first.wrench.force))
+    speed = np.abs(np.diff(first.joints.position, axis=0)) / (1e-9 * np.diff(first.joints.stamp))[:, None]
+    assert speed.max() < 12.0
+
+
+def test_noise_of_a_touch_is_drawn_once(few: Plan) -> None:
+    exact = play_touches(scene_named('plain'), CELL, few, noise=EXACT)
+    noisy = play_touches(scene_named('plain'), CELL, few, noise=Noise(1e-4, 0.2), seed=2)
+    assert 5e-5 < np.std(noisy.joints - exact.joints) < 2e-4
+    assert 0.1 < np.std(noisy.force - exact.force) < 0.4
+
+
+def test_the_press_is_the_part_of_the_last_movement_in_contact(few: Plan) -> None:
+    touches = play_touches(scene_named('plain'), CELL, few, noise=EXACT)
+    assert np.all(np.abs(touches.press) <= np.abs(touches.approach))
+    eased = few.overpress > 0  # both joints turned round in contact
+    assert np.array_equal(touches.press[eased], touches.approach[eased])
+    assert np.all(np.abs(touches.press[~eased]).max(axis=1) < 0.5 * np.abs(touches.approach[~eased]).max(axis=1))
+
+
+@pytest.mark.parametrize('one', ALL, ids=lambda one: one.scene)
+def test_recordings_kept_with_the_project_are_what_the_engine_plays(one: EngineRecording) -> None:
+    kept = find_touches(read_streams(BAGS / f'{one.name}.mcap', one.cell), one.cell).touches
+    count = 3
+    errors = SENSORS.touch_errors(one.cell, len(kept), np.random.default_rng([one.seed, 0]))
+    played = play_touches(one.robot, one.cell, one.plan.select(np.arange(count)), noise=EXACT)
+    assert np.abs(kept.joints[:count] - errors[0][:count] - played.joints).max() < 2e-5
+    force = kept.force[:count] - errors[1][:count]
+    size = np.linalg.norm(played.force, axis=1)
+    assert np.abs(np.linalg.norm(force, axis=1) - size).max() < 0.25
+    # where a tip sticks depends on the last digit of the movement: within the cone of friction, on any machine
+    leeway = 0.25 + one.robot.contact_friction * size
+    assert np.all(np.abs(force - played.force) < leeway[:, None])
+    assert np.array_equal(kept.disc, one.plan.disc)
+    text = (TRUTHS / f'{one.name}.yaml').read_text(encoding='utf-8')
+    made = truth_of_scene(one.robot, one.cell, one.seed)
+    assert {**yaml.safe_load(text), 'engine': ''} == {**made, 'engine': ''}
+
+
+@pytest.mark.parametrize('name', SCENES)
+def test_truth_names_what_was_built(name: str) -> None:
+    truth = truth_of_scene(scene_named(name), CELL)
+    assert truth['built'] == {key: value for key, value in PAPER_ACTUAL.as_dict().items() if key in truth['built']}
+    assert len(truth['built']) == len(truth['expected']) == 12
+    assert bool(truth['effects']) == (name != 'plain')
+    assert all(np.isfinite(value) for effect in truth['effects'] for value in effect['parameters'].values())
+
+
+def test_a_base_on_springs_shows_in_the_gripper() -> None:
+    scene = scene_named('base_on_springs')
+    truth = truth_of_scene(scene, CELL)
+    assert truth['expected']['p_ee'] == pytest.approx(PAPER_ACTUAL.p_ee + np.mean(scene.base_compliance))
+    assert truth['effects'][0]['parameters']['excess'] == pytest.approx(2.5e-6)
+
+
+def test_command_writes_recording_and_truth(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(['physics', 'made', '--scene', 'two', '--seed', '4', '--per-disc', '1']) == 0
+    assert (tmp_path / 'made' / 'made_0.mcap').is_file()
+    truth = yaml.safe_load((tmp_path / f'made{TRUTH}').read_text())
+    assert [effect['name'] for effect in truth['effects']] == ['contact_friction', 'base_compliance']
+    assert truth['seed'] == 4
+    assert find_touches(read_streams(tmp_path / 'made', CELL), CELL).found == 6
+    assert b'contact_friction' not in (tmp_path / 'made' / 'made_0.mcap').read_bytes()
+    assert main(['physics', 'made', '--scene', 'two']) == 2
+    assert 'exists already' in capsys.readouterr().err
+
+
+def test_names_in_the_help_are_those_of_the_scenes() -> None:
+    assert tuple(SCENES) == SCENE_NAMES
+
+
+def test_without_the_engine_the_command_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, 'mujoco', None)
+    assert main(['physics', 'made']) == 2
+    error = capsys.readouterr().err
+    assert error.count('\n') == 1
+    assert "pip install 'scara_kinetostatic[physics]'" in error
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,159 @@
+"""Slopes, gaps, their standard deviations, and the checks of one run."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.studies.dial_gauge.line_fit import find_step
+from scara_kinetostatic.studies.dial_gauge.lines import RunFit, find_passes, fit_run
+from scara_kinetostatic.studies.dial_gauge.readings import GaugeReadings
+from scara_kinetostatic.studies.dial_gauge.simulation import GaugeSensors, LoadPlan
+
+P, GAP = 3.76e-5, 1.3e-4
+PLAN = LoadPlan()
+
+
+def readings(rng: np.random.Generator | None = None, noise: float = 2e-6, extra: object = 0.0) -> GaugeReadings:
+    force, sense, cycle = PLAN.run()
+    moved = P * force + GAP / 2 * sense + np.asarray(extra)
+    if rng is not None:
+        moved = moved + noise * rng.standard_normal(force.shape)
+    return GaugeReadings.of(force, moved, cycle=cycle)
+
+
+def alarmed(fit: RunFit, level: float = 1e-4) -> set[str]:
+    return {check.name for check in fit.checks if check.p_value < level}
+
+
+def many(number: int, **more: object) -> list[RunFit]:
+    rng = np.random.default_rng(1)
+    return [fit_run(readings(rng, **more)) for _ in range(number)]
+
+
+def test_exact_readings_give_back_slope_and_gap():
+    fit = fit_run(readings())
+    assert fit.compliance.value == pytest.approx(P, rel=1e-12)
+    assert fit.gap.value == pytest.approx(GAP, rel=1e-10)
+    assert fit.cycle_gaps == pytest.approx([GAP] * 3)
+    assert not alarmed(fit)
+    assert fit.row_p.min() > 0.01
+
+
+@pytest.fixture(scope='module')
+def fits() -> list[RunFit]:
+    return many(700)
+
+
+def test_errors_agree_with_the_stated_standard_deviations(fits):
+    z = np.array([((f.compliance.value - P) / f.compliance.std, (f.gap.value - GAP) / f.gap.std) for f in fits])
+    assert np.sqrt((z**2).mean(axis=0)) == pytest.approx([1, 1], abs=0.1)
+    assert np.abs(z.mean(axis=0)).max() < 0.15
+    slopes = np.array([[(s.value - P) / s.std for s in f.slopes] for f in fits])
+    assert np.sqrt((slopes**2).mean(axis=0)) == pytest.approx([1, 1], abs=0.1)
+    assert np.mean([f.sigma**2 for f in fits]) == pytest.approx(4e-12, rel=0.03)
+
+
+def test_p_values_of_all_checks_are_uniform(fits):
+    names = [check.name for check in fits[0].checks]
+    assert names == ['senses', 'hysteresis', 'curvature', 'zero_drift', 'gap_repeats', 'slope_repeats']
+    p = np.array([[check.p_value for check in fit.checks] for fit in fits])
+    assert np.all((p < 0.01).mean(axis=0) <= 0.0215)  # 1 % and three standard deviations
+    assert (p < 0.1).mean(axis=0) == pytest.approx(0.1, abs=0.035)
+    z = np.array([[check.value / check.std for check in fit.checks[:4]] for fit in fits])
+    assert np.sqrt((z**2).mean(axis=0)) == pytest.approx(1, abs=0.1)
+
+
+FORCE, SENSE, CYCLE = PLAN.run()
+UNLOADING = np.concatenate([[0], np.tile(np.repeat([0.0, 1.0], 8), 6)])
+
+
+@pytest.mark.parametrize(
+    ('name', 'extra', 'size'),
+    [
+        ('senses', np.where(FORCE > 0, 1.5e-6 * FORCE, 0), 1.5e-6),
+        ('hysteresis', 6e-6 * UNLOADING * SENSE, 6e-6),
+        ('curvature', 3e-8 * SENSE * FORCE**2, 3e-8 * 35**2 / 4),
+        ('zero_drift', 8e-6 * CYCLE, 8e-6),
+    ],
+)
+def test_each_effect_is_found_by_its_check_and_measured(name, extra, size):
+    values, found = [], []
+    for fit in many(20, extra=extra):
+        check = next(check for check in fit.checks if check.name == name)
+        values.append(check.value)
+        found.append(name in alarmed(fit))
+    assert all(found)
+    assert np.mean(values) == pytest.approx(size, rel=0.1)
+
+
+def test_scatter_between_cycles_is_found_and_widens_the_standard_deviation():
+    z = []
+    rng = np.random.default_rng(5)
+    for _ in range(200):
+        jitter = 1.5e-5 * rng.standard_normal(3)
+        fit = fit_run(readings(rng, extra=jitter[CYCLE - 1] / 2 * SENSE))
+        z.append((fit.gap.value - GAP) / fit.gap.std)
+    assert np.median(np.abs(z)) == pytest.approx(0.78, abs=0.15)  # Student's t of two degrees of freedom: 0.816
+
+
+def test_a_gauge_set_anew_in_each_cycle_does_not_touch_slope_or_gap():
+    shifts = np.array([0.0, 1e-3, -5e-4])
+    fit = fit_run(readings(extra=shifts[CYCLE - 1]))
+    assert (fit.compliance.value, fit.gap.value) == pytest.approx((P, GAP), rel=1e-9)
+
+
+def test_rows_without_load_are_not_used():
+    """Inside its backlash the part stays anywhere."""
+    anywhere = np.where(FORCE == 0, np.random.default_rng(2).uniform(-1, 1, len(FORCE)) * GAP, 0)
+    fit = fit_run(readings(extra=anywhere))
+    assert fit.gap.value == pytest.approx(GAP, rel=1e-9)
+    assert np.array_equal(fit.used, FORCE != 0)
+
+
+def test_cycles_are_told_from_the_order_of_the_rows():
+    told = readings()
+    untold = GaugeReadings.of(told.force, told.displacement)
+    assert np.array_equal(find_passes(told)[0], find_passes(untold)[0])
+    assert fit_run(untold).gap == fit_run(told).gap
+
+
+def test_one_slip_of_the_pen_is_named():
+    slip = np.zeros(len(FORCE))
+    slip[30] = 2e-5
+    fit = fit_run(readings(np.random.default_rng(3), extra=slip))
+    assert fit.row_p.argmin() == 30
+    assert fit.row_p[30] < 1e-8
+
+
+@pytest.mark.parametrize(('noise', 'step'), [(0.0, 1e-5), (5e-6, 1e-5), (2e-6, 1e-6)])
+def test_a_gauge_with_steps_is_not_trusted_beyond_them(noise, step):
+    rng, z = np.random.default_rng(0), []
+    for _ in range(100):
+        p, gap = P * rng.uniform(0.8, 1.2), GAP * rng.uniform(0.8, 1.2)
+        read = GaugeSensors(noise, step).read(FORCE, p * FORCE + gap / 2 * SENSE, rng)
+        fit = fit_run(GaugeReadings.of(*read, cycle=CYCLE))
+        assert fit.step > 0.99 * step  # by chance all readings may be even
+        z.append(((fit.compliance.value - p) / fit.compliance.std, (fit.gap.value - gap) / fit.gap.std))
+    assert np.sqrt((np.array(z) ** 2).mean(axis=0)) == pytest.approx([1, 1], abs=0.17)
+
+
+def test_steps():
+    assert find_step(np.array([0.0, 2e-5, -3e-5])) == pytest.approx(1e-5)
+    assert find_step(np.array([0.0, 2e-5, -4e-5])) == pytest.approx(2e-5)
+    assert find_step(np.array([0.0, 1.23456789e-4])) == 0
+
+
+@pytest.mark.parametrize(
+    ('force', 'problem'),
+    [
+        ([0.0, 0.0, 0.0], 'no load'),
+        ([1.0, 2.0, 3.0, 2.0], 'no reversal'),
+        ([1.0, 2.0, -1.0, -2.0], 'too few'),
+        ([1.0, 1.0, 1.0, -1.0, -1.0, -2.0], 'single level'),
+    ],
+)
+def test_readings_that_cannot_tell_are_refused(force, problem):
+    with pytest.raises(UnsupportedDataError, match=problem):
+        fit_run(GaugeReadings.of(force, np.asarray(force) * P))

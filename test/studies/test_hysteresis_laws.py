@@ -1,0 +1,178 @@
+"""Laws of the force along a motion, against an independent simulator and against one another."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from studies.hysteresis import SLIP_NEGATIVE, SLIP_POSITIVE, TRUTH, slipping
+
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.studies.dial_gauge.readings import GaugeReadings
+from scara_kinetostatic.studies.hysteresis.fit import fit, fit_refined, refit, with_std
+from scara_kinetostatic.studies.hysteresis.laws import (
+    BACKLASH,
+    CANDIDATES,
+    REFINEMENTS,
+    RESET,
+    SLIP,
+    SLIP_NO_GAP,
+    _Spring,
+    refined,
+)
+from scara_kinetostatic.studies.hysteresis.motion import cut, motion_of, repeatability
+from scara_kinetostatic.studies.hysteresis.simulation import played, sine
+
+SLIPS = {'slip_positive': SLIP_POSITIVE, 'slip_negative': SLIP_NEGATIVE}
+VALUES = {**TRUTH, **SLIPS, 'start': 0.0}
+
+
+def everything(motion):
+    return np.ones(len(motion), dtype=bool)
+
+
+def test_slip_agrees_with_an_independent_simulation_in_small_steps():
+    motion = slipping()
+    assert motion.force[0] == TRUTH['force_zero']  # inside the gap, where the reading tells no place
+    force = SLIP.force({**VALUES, 'start': motion.displacement[0]}, motion)
+    assert np.abs(force - motion.force).max() < 1e-6 * SLIP_POSITIVE
+    assert force.max() == pytest.approx(SLIP_POSITIVE + TRUTH['force_zero'])
+
+
+def test_without_slip_it_is_law_6():
+    motion = played(BACKLASH, TRUTH, 0.0, 0)
+    start = motion.displacement[0] - motion.displacement.mean() - TRUTH['zero']
+    first = motion.force[0] - TRUTH['force_zero']
+    place = np.clip(first / (0.02 * motion.force_range), -1, 1)
+    state = TRUTH['compliance'] * first + TRUTH['half_gap'] * place
+    high = {'slip_positive': 1e9, 'slip_negative': 1e9, 'start': start - state}
+    assert SLIP.force({**TRUTH, **high}, motion) == pytest.approx(motion.force, abs=1e-6)
+
+
+def test_no_gap_is_slip_with_a_gap_of_zero():
+    motion = slipping()
+    values = {**SLIPS, 'start': 1e-4, 'compliance': 1e-6}
+    with_gap = SLIP.force({**values, 'half_gap': 0.0, 'force_zero': 0.0}, motion)
+    assert SLIP_NO_GAP.force(values, motion) == pytest.approx(with_gap, abs=1e-9)
+
+
+@pytest.mark.parametrize('name', [each.name for each in REFINEMENTS])
+def test_a_refinement_of_size_zero_changes_nothing(name):
+    refinement = next(each for each in REFINEMENTS if each.name == name)
+    motion = slipping()
+    none = {
+        each.name: 1.0 if each.name in ('compliance_ratio', 'breakaway_length') else 0.0
+        for each in refinement.parameters
+    }
+    law = refined(SLIP, refinement)
+    assert law.force({**VALUES, **none}, motion) == pytest.approx(SLIP.force(VALUES, motion), abs=1e-9)
+    some = {
+        key: value + 3e-4 * (1e6 if key.startswith(('slow', 'breakaway_p', 'breakaway_n', 'place')) else 1)
+        for key, value in none.items()
+    }
+    assert not np.allclose(law.force({**VALUES, **some}, motion), SLIP.force(VALUES, motion), atol=0.1)
+
+
+@pytest.mark.parametrize('rounding', [0.0, 3e-4])
+def test_the_spring_turned_round_is_itself(rounding):
+    spring = _Spring(1e-6, 2e-6, 2e-3, rounding)
+    force = np.linspace(10, 1e4, 50)
+    for positive, sign in ((True, 1), (False, -1)):
+        stretch = sign * spring.stretch(force, positive)
+        assert spring.force(stretch) == pytest.approx(sign * force, rel=1e-9)
+
+
+def test_told_the_force_law_6_starts_every_sweep_where_it_was_measured():
+    motion = slipping()
+    force = RESET.force(TRUTH, motion)
+    step = np.abs(np.diff(motion.displacement))[motion.begins[1:]] / TRUTH['compliance']
+    assert np.all(np.abs(force[motion.edges[1:-1]] - motion.force[motion.begins[1:]]) <= step + 1e-6)
+    assert np.abs(force - motion.force).max() > SLIP_POSITIVE  # it never slips
+
+
+@pytest.mark.parametrize('noise', [1.0, 100.0])
+def test_parameters_come_back(noise):
+    motion = slipping(noise)
+    found = with_std(fit(SLIP, motion, everything(motion)), motion)
+    for name, truth in {**TRUTH, **SLIPS}.items():
+        if name != 'zero':
+            scale = {'half_gap': 2e-6, 'compliance': 1e-10}.get(name, 0.5)
+            assert found[name].value == pytest.approx(truth, abs=max(6 * found[name].std, scale)), name
+            assert found[name].std < 0.02 * abs(truth) + 0.2 * noise, name
+
+
+def test_parameters_come_back_from_half_of_the_sweeps():
+    motion = slipping(50.0)
+    for rows in (motion.earlier, ~motion.earlier):
+        fitted = fit(SLIP, motion, rows | ~motion.scored)
+        assert fitted.values['slip_positive'] == pytest.approx(SLIP_POSITIVE, rel=0.01)
+        assert fitted.values['half_gap'] == pytest.approx(TRUTH['half_gap'], rel=0.03)
+
+
+def test_only_some_parameters_are_fitted_on_request():
+    motion = slipping(10.0)
+    fitted = fit(SLIP, motion, everything(motion))
+    wrong = fitted._replace(values={**fitted.values, 'slip_positive': 5e3, 'compliance': 1.02e-6})
+    found = refit(wrong, motion, everything(motion), only=('slip_positive',))
+    assert found.values['compliance'] == 1.02e-6
+    assert found.values['slip_positive'] == pytest.approx(SLIP_POSITIVE, rel=0.1)
+
+
+def test_a_refinement_is_found_from_the_law_without_it():
+    rounding = next(each for each in REFINEMENTS if each.name == 'rounding')
+    motion = played(refined(SLIP, rounding), {**VALUES, 'rounding': 4e-4}, 10.0, 0)
+    base = fit(SLIP, motion, everything(motion))
+    found = fit_refined(base, rounding, motion, everything(motion))
+    assert found.values['rounding'] == pytest.approx(4e-4, rel=0.05)
+    assert found.rms(everything(motion)) < 0.3 * base.rms(everything(motion))
+
+
+def test_the_motion_is_cut_at_its_reversals_and_its_still_ends_are_left_out():
+    time, moved = sine(640)
+    still = np.full(100, moved[-1])
+    force = np.arange(740.0)
+    motion = cut(np.arange(740) * (time[1] - time[0]), np.concatenate([moved, still]), force)
+    assert motion.sweeps == 11
+    assert len(motion) < 645
+    assert set(np.unique(motion.sense)) == {-1.0, 1.0}
+    assert np.all(np.diff(motion.displacement) * motion.sense[1:] >= 0)
+    assert np.abs(np.diff(motion.distance)[motion.edges[1:-1] - 1]).min() > 1e-3  # far from the reversal, then near it
+    assert motion.distance[motion.edges[1:-1]].max() < 1e-3
+    with pytest.raises(ValueError, match='read-only'):
+        motion.force[0] = 1.0
+
+
+def test_repeatability_is_the_scatter_where_the_motion_repeats():
+    assert repeatability(slipping(50.0)) == pytest.approx(50.0, rel=0.15)
+    time = np.linspace(0, 10, 500)
+    growing = cut(time, time * np.sin(np.pi * time), time)
+    assert np.isnan(repeatability(growing))
+
+
+@pytest.mark.parametrize(
+    ('time', 'moved', 'force', 'problem'),
+    [
+        (np.zeros(99), np.arange(99.0), np.arange(99.0), 'does not rise'),
+        (np.arange(99.0), np.zeros(99), np.arange(99.0), 'never changes'),
+        (np.arange(99.0), np.arange(99.0), np.ones(99), 'never changes'),
+        (np.arange(99.0), np.arange(99.0), np.arange(99.0), '1 sweeps'),
+        (np.arange(20.0), np.sin(np.arange(20.0)), np.arange(20.0), 'are needed'),
+        (np.zeros(1), np.zeros(1), np.zeros(1), 'does not rise'),
+    ],
+)
+def test_records_that_are_no_loops_are_refused(time, moved, force, problem):
+    with pytest.raises(UnsupportedDataError, match=problem):
+        cut(time, moved, force)
+
+
+def test_loops_need_times():
+    with pytest.raises(UnsupportedDataError, match='time'):
+        motion_of(GaugeReadings.of([1.0, 2.0], [0.0, 1.0]))
+
+
+def test_every_candidate_has_starts_and_a_finite_force():
+    motion = slipping()
+    for law in (BACKLASH, *CANDIDATES):
+        for start in law.starts(motion)[:5]:
+            force = law.force(start, motion)
+            assert force.shape == motion.force.shape
+            assert np.all(np.isfinite(force))

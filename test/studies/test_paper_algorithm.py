@@ -1,0 +1,108 @@
+"""The paper's algorithm and section 5.1."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from calibration.studies import CELL, EXACT, NOISE, touches
+
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.cell import Sensor, SensorFrame
+from scara_kinetostatic.model.parameters import G_EE, NAMES, P_EE, PAPER_ACTUAL
+from scara_kinetostatic.studies.paper.algorithm import paper_calibrate
+from scara_kinetostatic.studies.paper.general_gripper import see_parts
+from scara_kinetostatic.studies.paper.section_5_1 import (
+    CELL as PAPER_CELL,
+)
+from scara_kinetostatic.studies.paper.section_5_1 import (
+    ONE_LEVEL,
+    THREE_LEVELS,
+    expected_force_error,
+    fixed_sum,
+    linearise_at_truth,
+    noise_for_force_error,
+    paper_touches,
+    run,
+    study_noise,
+)
+
+TRUTH = PAPER_ACTUAL.as_array()
+OTHERS = [j for j in range(12) if j not in (P_EE, G_EE)]
+
+
+def test_one_level_without_noise_as_in_table_2():
+    result = run(ONE_LEVEL)
+    assert result.paper.force_error < 1e-9
+    assert result.paper.iterations <= 30
+    assert result.ours.force_error < 1e-9
+    assert result.ours.iterations <= 10
+    for found in (result.paper.parameters, result.ours.parameters):
+        values = found.as_array()
+        np.testing.assert_allclose(values[OTHERS], TRUTH[OTHERS], rtol=1e-8)
+        np.testing.assert_allclose(fixed_sum(values), fixed_sum(TRUTH), rtol=1e-8)
+    assert result.paper.rank == result.ours.identifiability.rank == 11
+    assert result.ours.identifiability.confounded == (('p_ee', 'g_ee'),)
+
+
+def test_three_levels_without_noise_give_all_twelve():
+    result = run(THREE_LEVELS)
+    np.testing.assert_allclose(result.paper.parameters.as_array(), TRUTH, rtol=1e-6)
+    np.testing.assert_allclose(result.ours.parameters.as_array(), TRUTH, rtol=1e-6)
+    assert result.paper.rank == 12
+
+
+def test_each_step_lowers_the_error():
+    found = run(ONE_LEVEL).paper
+    assert (np.diff(found.merit) < 0).all()
+    assert found.path.shape == (found.iterations + 1, len(NAMES))
+    assert found.history[0] > 1
+
+
+def test_the_null_direction_is_that_of_one_force():
+    linear = linearise_at_truth(ONE_LEVEL)
+    assert linear.rank == 11
+    unseen = linear.unseen[:, 0] / linear.unseen[P_EE, 0]
+    np.testing.assert_allclose(unseen[G_EE] * 1e-3 / 1e-4, 40.0, rtol=1e-6)
+    np.testing.assert_allclose(unseen[OTHERS], 0.0, atol=1e-8)
+    assert linearise_at_truth(THREE_LEVELS).rank == 12
+
+
+def test_weighting_never_loses():
+    linear = linearise_at_truth(THREE_LEVELS)
+    difference = linear.unweighted_covariance(NOISE) - linear.weighted_covariance(NOISE)
+    scale = np.sqrt(np.diag(linear.unweighted_covariance(NOISE)))
+    assert np.linalg.eigvalsh(difference / np.outer(scale, scale)).min() > -1e-9
+
+
+def test_prediction_of_e_f_agrees_with_fits():
+    linear = linearise_at_truth(THREE_LEVELS)
+    noise = noise_for_force_error(linear, 1e-4, 1.3)
+    mean, spread = expected_force_error(linear, noise)
+    assert mean == pytest.approx(1.3, rel=0.01)
+    fitted = [paper_calibrate(paper_touches(THREE_LEVELS, noise, seed), PAPER_CELL).force_error for seed in range(12)]
+    assert abs(np.mean(fitted) - mean) < 4 * spread / np.sqrt(12)
+
+
+def test_the_noisy_column_is_near_in_each_parameter_but_not_in_all_together():
+    study = study_noise(linearise_at_truth(ONE_LEVEL), 1e-4)
+    assert study.force_error == pytest.approx(1.312684, rel=0.01)
+    assert np.abs(study.z).max() < 2
+    assert study.joint > 100
+
+
+def test_tool_frame_is_not_the_papers_business():
+    cell = replace(CELL, sensor=Sensor(frame=SensorFrame.TOOL))
+    with pytest.raises(ParameterError, match='base'):
+        paper_calibrate(touches(PAPER_ACTUAL, noise=EXACT, cell=cell), cell)
+
+
+def test_a_gripper_softer_across_link_2_hides_in_p2_and_turned_axes_do_not():
+    parts = {part.name: part for part in see_parts(touches(PAPER_ACTUAL, noise=EXACT), CELL, PAPER_ACTUAL, NOISE)}
+    alias = parts['p22 - p11']
+    assert alias.hidden == pytest.approx(1.0, abs=1e-12)
+    assert np.isinf(alias.std)
+    assert alias.absorbed['p2'] == pytest.approx(1 / PAPER_ACTUAL.l2**2, rel=1e-6)
+    assert parts['p12 + p21'].hidden < 0.1
+    assert parts['p12 + p21'].std < 1e-7

@@ -1,0 +1,180 @@
+"""The last movement before a hold: from the last turning round, the same from streams and without them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from touches.scenes import CELL, Scene
+
+from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.simulation.phases import Timing
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.sensors import SensorModel
+from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
+from scara_kinetostatic.simulation.trajectory import Motion
+from scara_kinetostatic.touches.approach import LEAST_TURN, last_movement, resolution
+from scara_kinetostatic.touches.detection import find_touches
+from scara_kinetostatic.touches.online import LiveDetector
+from scara_kinetostatic.touches.signals import as_signals
+
+TRUTHS = pytest.mark.parametrize('truth', [PAPER_ACTUAL, PAPER_MEASURED], ids=['actual', 'measured'])
+
+
+@pytest.mark.parametrize(
+    ('path', 'expected'),
+    [
+        ([0.0, 1.0, 2.0], 3.0),
+        ([6.0, 5.0, 4.0], -3.0),
+        ([0.0, 5.0, 4.0], -2.0),
+        ([0.0, 5.0, 1.0, 2.0], 2.0),
+        ([9.0, 1.0, 1.05, 2.0, 1.95], 2.0),
+        ([3.05, 2.95, 3.0], 0.0),
+        ([3.05, 2.95, 4.0, 3.05], -1.0),
+        ([], 0.0),
+    ],
+)
+def test_last_movement_of_a_path_to_3(path, expected):
+    both = np.array([path, np.negative(path)]).T.reshape(-1, 2)
+    np.testing.assert_allclose(last_movement(np.vstack([both, [[3.0, -3.0]]]), [3.0, -3.0], 0.1), [expected, -expected])
+
+
+@TRUTHS
+@pytest.mark.parametrize('overpress', [0.0, 0.1, 0.3, 1.0])
+def test_streams_and_touches_agree(truth, overpress):
+    plan = default_plan(CELL, overpress=overpress)
+    found = find_touches(simulate_streams(CELL, truth, plan, seed=2), CELL).touches
+    made = simulate_touches(CELL, truth, plan, seed=2)
+    clear = np.abs(made.approach) > 1.5 * LEAST_TURN
+    assert clear.sum() > 0.98 * clear.size
+    np.testing.assert_array_equal(np.sign(found.approach[clear]), np.sign(made.approach[clear]))
+    np.testing.assert_allclose(found.approach, made.approach, rtol=0.02, atol=8e-5)
+    turned = plan.overpress > 0
+    np.testing.assert_allclose(found.approach[turned], made.approach[turned], rtol=0.05, atol=3e-6)
+
+
+@TRUTHS
+@pytest.mark.parametrize('overpress', [0.0, 0.1, 0.3, 1.0])
+def test_press_is_the_part_of_the_approach_in_contact(truth, overpress):
+    plan = default_plan(CELL, overpress=overpress)
+    found = find_touches(simulate_streams(CELL, truth, plan, seed=2), CELL).touches
+    made = simulate_touches(CELL, truth, plan, seed=2)
+    clear = np.abs(made.press) > 4 * LEAST_TURN
+    assert clear.mean() > 0.9
+    np.testing.assert_array_equal(np.sign(found.press[clear]), np.sign(made.press[clear]))
+    np.testing.assert_allclose(found.press, made.press, rtol=0.06, atol=1e-5)
+    motion = Motion(CELL, truth, plan)
+    turned = np.abs(motion.peak_joints - motion.hold_joints) > 4 * LEAST_TURN
+    for touches in (found, made):
+        moved = touches.press != 0
+        assert np.all(np.abs(touches.press[moved]) <= np.abs(touches.approach[moved]) + 1e-5)
+        np.testing.assert_allclose(touches.press[turned], touches.approach[turned], rtol=0.02, atol=2e-5)
+
+
+@TRUTHS
+def test_press_without_overpress_is_how_far_the_force_bends_the_joints(truth):
+    plan = default_plan(CELL)
+    motion = Motion(CELL, truth, plan)
+    bent = motion.hold_joints - motion.contact_joints
+    np.testing.assert_allclose(simulate_touches(CELL, truth, plan, Noise(0.0, 0.0)).press, bent, atol=LEAST_TURN)
+    slow = find_touches(simulate_streams(CELL, truth, plan, sensors=SensorModel(joint_rate=20.0)), CELL).touches
+    clear = np.abs(bent) > 2e-5
+    np.testing.assert_array_equal(np.sign(slow.press[clear]), np.sign(bent[clear]))
+
+
+@TRUTHS
+@pytest.mark.parametrize(
+    ('sensors', 'timing', 'clearly'),
+    [
+        (SensorModel(joint_rate=500.0, wrench_rate=1000.0), None, 1e-5),
+        (SensorModel(joint_rate=20.0, wrench_rate=25.0), None, 1e-5),
+        (SensorModel(joint_noise=1e-5, force_noise=0.12), None, 6e-5),
+        (SensorModel(resolution=1e-5), None, 4e-5),
+        (SensorModel(), Timing(pause=0.0), 1e-5),
+        (SensorModel(), Timing(ease=0.08, hold=0.25), 1e-5),
+    ],
+)
+def test_sense_at_other_rates_and_noise(truth, sensors, timing, clearly):
+    plan = default_plan(CELL, overpress=0.3)
+    found = find_touches(simulate_streams(CELL, truth, plan, sensors=sensors, timing=timing, seed=5), CELL).touches
+    made = simulate_touches(CELL, truth, plan, seed=5)
+    clear = np.abs(made.approach) > clearly
+    assert clear.sum() > 0.9 * clear.size
+    np.testing.assert_array_equal(np.sign(found.approach[clear]), np.sign(made.approach[clear]))
+
+
+@TRUTHS
+def test_overpress_turns_the_sense_of_every_joint_that_the_press_moves(truth):
+    plan, plain = default_plan(CELL, overpress=0.3), default_plan(CELL)
+    found = find_touches(simulate_streams(CELL, truth, plan), CELL).touches.approach
+    before = find_touches(simulate_streams(CELL, truth, plain), CELL).touches.approach
+    motion = Motion(CELL, truth, plan)
+    moved = np.abs(motion.peak_joints - motion.hold_joints) > 1.5 * LEAST_TURN
+    assert moved[plan.overpress > 0].mean() > 0.95
+    assert np.all(np.sign(found[moved]) == -np.sign(before[moved]))
+    same = plan.overpress == 0
+    np.testing.assert_allclose(found[same], before[same], rtol=0, atol=1e-4)
+
+
+def test_joint_that_turns_round_at_the_contact_counts_from_there():
+    plan = default_plan(CELL)
+    motion = Motion(CELL, PAPER_MEASURED, plan)
+    travel, press = motion.contact_joints - motion.free_joints, motion.hold_joints - motion.contact_joints
+    turned = (travel * press < 0) & (np.abs(press) > 1e-5)
+    found = find_touches(simulate_streams(CELL, PAPER_MEASURED, plan), CELL).touches.approach
+    assert turned.sum() >= 2
+    np.testing.assert_allclose(found[turned], press[turned], rtol=0.05, atol=5e-6)
+    np.testing.assert_allclose(found[~turned], (travel + press)[~turned], rtol=0.02, atol=8e-5)
+
+
+def test_staircase_up_and_down():
+    scene = Scene().touches(2).approach(0, 30)
+    for level in (10.0, 30.0, 20.0, 40.0):
+        scene.press(0, 30, level, hold=0.4, seconds=0.15)
+    found = find_touches(scene.retract(0, 30).streams(), CELL).touches.approach[2:]
+    bent = np.array([scene.pose(0, 30, level)[0] for level in (10.0, 30.0, 20.0, 40.0)])
+    free = scene.pose(0, 30, clearance=0.018)[0]
+    up = np.sign(bent[1] - bent[0])
+    np.testing.assert_array_equal(np.sign(found), [np.sign(bent[0] - free), up, -up, up])
+    np.testing.assert_allclose(found[2:], [bent[2] - bent[1], bent[3] - bent[2]], atol=3e-6)
+
+
+def test_live_is_offline():
+    plan = default_plan(CELL, per_disc=3, overpress=0.3)
+    streams = simulate_streams(CELL, PAPER_MEASURED, plan, seed=4)
+    detector, parts = LiveDetector(CELL), []
+    samples = [
+        *((int(s), True, q) for s, q in zip(streams.joints.stamp, streams.joints.position, strict=True)),
+        *((int(s), False, f) for s, f in zip(streams.wrench.stamp, streams.wrench.force, strict=True)),
+    ]
+    for number, (stamp, of_joints, value) in enumerate(sorted(samples, key=lambda sample: sample[0])):
+        (detector.add_joint_state if of_joints else detector.add_wrench)(stamp, value)
+        if number % 30 == 0:
+            parts.append(detector.poll().touches)
+    live = TouchSet.concatenate([*parts, detector.finish().touches])
+    offline = find_touches(streams, CELL).touches
+    assert len(live) == len(plan)
+    np.testing.assert_allclose(live.approach, offline.approach, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(live.press, offline.press, rtol=0.05, atol=1e-6)
+
+
+@pytest.mark.parametrize('rates', [(20.0, 25.0), (30.0, 98.0), (80.0, 30.0)])
+def test_the_peak_of_a_press_is_no_touch_of_its_own(rates):
+    plan = default_plan(CELL, overpress=0.3)
+    sensors = SensorModel(joint_rate=rates[0], wrench_rate=rates[1])
+    detection = find_touches(simulate_streams(CELL, PAPER_ACTUAL, plan, sensors=sensors), CELL)
+    assert detection.found == len(detection.touches) == len(plan)
+    np.testing.assert_allclose(np.linalg.norm(detection.touches.force, axis=1), plan.force, atol=2.0)
+
+
+def test_resolution_of_the_encoders():
+    plan = default_plan(CELL, per_disc=2)
+    coarse, fine = (
+        as_signals(simulate_streams(CELL, PAPER_ACTUAL, plan, sensors=SensorModel(resolution=step)), CELL)
+        for step in (1e-4, 0.0)
+    )
+    assert coarse is not None
+    assert fine is not None
+    assert resolution(coarse.joints) == pytest.approx(1e-4)
+    assert resolution(fine.joints) < LEAST_TURN

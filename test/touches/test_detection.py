@@ -1,0 +1,218 @@
+"""Touches found in ordinary and in awkward recordings are those that were made."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from touches.scenes import CELL, START, Scene
+
+from scara_kinetostatic.model.cell import SensorFrame, SensorSign
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
+from scara_kinetostatic.simulation.phases import Timing
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.sensors import SensorModel
+from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
+from scara_kinetostatic.touches.detection import find_touches
+from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
+
+PLAN = default_plan(CELL)
+WRONG = PAPER_MEASURED.replace(x0=0.02, y0=-0.02, theta1=0.052, theta2=-0.052, l1=0.34, l2=0.32)
+TOOL_REACTION = replace(CELL, sensor=CELL.sensor._replace(frame=SensorFrame.TOOL, sign=SensorSign.ON_ROBOT))
+
+
+def check_against_plan(cell, truth, plan, sensors, seed, force=0.06, joint=2e-6, timing=None):
+    """The touches found agree with those made up to white noise and resolution."""
+    detection = find_touches(simulate_streams(cell, truth, plan, sensors=sensors, seed=seed, timing=timing), cell)
+    made = simulate_touches(cell, truth, plan, sensors.touch_noise, seed)
+    assert [rejection.reason for rejection in detection.rejected] == []
+    assert detection.found == len(plan)
+    found = detection.touches
+    np.testing.assert_array_equal(found.disc, plan.disc)
+    np.testing.assert_array_equal(found.posture, plan.posture)
+    np.testing.assert_allclose(found.force, made.force, rtol=0, atol=force)
+    np.testing.assert_allclose(found.joints, made.joints, rtol=0, atol=joint)
+    return found, made
+
+
+@pytest.mark.parametrize('seed', range(6))
+@pytest.mark.parametrize('truth', [PAPER_ACTUAL, PAPER_MEASURED, WRONG], ids=['actual', 'measured', 'wrong'])
+def test_every_touch_of_the_plan_is_found(truth, seed):
+    cell = (CELL, TOOL_REACTION)[seed % 2]
+    bias = tuple(2.0 * np.random.default_rng(seed).standard_normal(2))
+    found, made = check_against_plan(cell, truth, PLAN, SensorModel(bias=bias), seed)
+    clear = np.abs(made.approach) > 1e-4
+    np.testing.assert_array_equal(np.sign(found.approach[clear]), np.sign(made.approach[clear]))
+    assert np.all(found.samples > 20)
+    assert 0.02 < np.median(found.force_scatter) < 0.08
+
+
+def test_means_are_not_biased():
+    errors = []
+    for seed in range(8):
+        found, made = check_against_plan(CELL, PAPER_MEASURED, PLAN, SensorModel(), seed)
+        errors.append(np.hstack([found.force - made.force, found.joints - made.joints]))
+    mean = np.concatenate(errors).mean(axis=0)
+    assert np.abs(mean[:2]).max() < 0.002  # N, of 0.3 N noise of a touch
+    assert np.abs(mean[2:]).max() < 1e-7  # rad, of 1e-5 rad
+
+
+def test_without_noise():
+    check_against_plan(CELL, PAPER_ACTUAL, PLAN, SensorModel.ideal(), 0, force=1e-4, joint=1e-8)
+
+
+@pytest.mark.parametrize(
+    ('sensors', 'force', 'joint'),
+    [
+        (SensorModel(joint_noise=1e-5, force_noise=0.12), 0.12, 8e-6),
+        (SensorModel(joint_rate=500.0, wrench_rate=1000.0), 0.02, 2e-6),
+        (SensorModel(joint_rate=30.0, wrench_rate=50.0), 0.1, 2e-6),
+        (SensorModel(joint_rate=125.0, wrench_rate=40.0, jitter=0.15), 0.1, 2e-6),
+        (SensorModel(force_noise=0.01, bias=(-3.0, 2.5), resolution=1e-5), 0.02, 6e-6),
+    ],
+)
+def test_rates_and_noise(sensors, force, joint):
+    check_against_plan(CELL, PAPER_ACTUAL, PLAN.select(np.arange(24)), sensors, 3, force, joint)
+
+
+@pytest.mark.parametrize('levels', [(3.0, 5.0), (2.5, 300.0), (150.0, 400.0)])
+def test_force_levels(levels):
+    plan = default_plan(CELL, per_disc=4, levels=levels)
+    sensors = SensorModel(force_noise=0.03, bias=(2.0, 1.5))
+    check_against_plan(replace(CELL, noise=CELL.noise._replace(force=0.05)), PAPER_ACTUAL, plan, sensors, 0)
+
+
+def test_shortest_hold_and_slow_press():
+    plan = PLAN.select(np.arange(12))
+    check_against_plan(CELL, PAPER_ACTUAL, plan, SensorModel(), 0, timing=Timing(hold=0.2), force=0.25, joint=1e-5)
+    check_against_plan(CELL, PAPER_ACTUAL, plan, SensorModel(), 0, timing=Timing(press=2.5, hold=4.0, travel=3.0))
+
+
+def test_weight_of_the_tool_in_motion_is_no_touch():
+    plan = PLAN.select(np.arange(24))
+    streams = simulate_streams(CELL, PAPER_ACTUAL, plan)
+    time = 1e-9 * (streams.joints.stamp - START)
+    speed = np.gradient(streams.joints.position, time, axis=0)
+    inertia = 0.05 * np.gradient(speed, time, axis=0)
+    at = 1e-9 * (streams.wrench.stamp - START)
+    streams.wrench.force[:] += np.column_stack([np.interp(at, time, column) for column in inertia.T])
+    assert np.abs(inertia).max() > 1.5
+    detection = find_touches(streams, CELL)
+    assert len(detection.touches) == detection.found == len(plan)
+    assert any('faint forces' in warning for warning in detection.warnings)
+
+
+def test_slow_noise_of_the_sensor():
+    streams = simulate_streams(CELL, PAPER_ACTUAL, PLAN, sensors=SensorModel(force_noise=0.0, wrench_rate=500.0))
+    noise = np.random.default_rng(0).standard_normal((len(streams.wrench.force) + 30, 2))
+    noise = np.column_stack([np.convolve(column, np.ones(31) / 31**0.5, 'valid') for column in noise.T])
+    streams.wrench.force[:] += 0.08 * noise
+    detection = find_touches(streams, CELL)
+    assert len(detection.touches) == detection.found == len(PLAN)
+
+
+def test_long_rests_do_not_pass_for_the_zero():
+    scene = Scene().touch(0, 30, 25.0, hold=40.0).touch(1, 60, 10.0, hold=30.0)
+    detection = find_touches(scene.streams(), CELL)
+    joints, force = scene.truth_of_holds()
+    np.testing.assert_allclose(detection.touches.force, force, atol=0.05)
+    np.testing.assert_allclose(detection.touches.joints, joints, atol=1e-6)
+
+
+def test_single_touch():
+    scene = Scene().touch(1, 60, 10.0)
+    detection = find_touches(scene.streams(), CELL)
+    assert detection.found == len(detection.touches) == 1
+    assert detection.touches.disc.tolist() == [1]
+
+
+@pytest.mark.parametrize('step', [-1, 1])
+def test_staircase_gives_a_touch_per_level(step):
+    levels = (10.0, 20.0, 32.0, 45.0)[::step]
+    scene = Scene().touches(4).approach(0, 30)
+    for level in levels:
+        scene.press(0, 30, level, hold=0.4, seconds=0.15)
+    detection = find_touches(scene.retract(0, 30).streams(), CELL)
+    assert len(detection.touches) == detection.found == 8
+    np.testing.assert_allclose(np.linalg.norm(detection.touches.force[4:], axis=1), levels, atol=0.1)
+    assert np.unique([episode.contact for episode in detection.episodes[4:]], axis=0).shape == (1, 2)
+
+
+def test_disturbed_hold_is_one_touch():
+    scene = Scene().touches(4).approach(0, 30).press(0, 30, 20.0, hold=0.4)
+    scene.press(0, 30, 24.0, hold=0.0, seconds=0.04).press(0, 30, 20.0, hold=0.4, seconds=0.04).retract(0, 30)
+    detection = find_touches(scene.streams(), CELL)
+    assert len(detection.touches) == detection.found == 5
+    assert np.linalg.norm(detection.touches.force[4]) == pytest.approx(20.0, abs=0.05)
+
+
+def test_spikes_and_drift_and_lost_values():
+    scene = Scene().touches(12)
+    streams = scene.streams(drift=0.08)
+    random = np.random.default_rng(1)
+    streams.wrench.force[random.choice(len(streams.wrench.force), 30, replace=False)] += 30.0
+    streams.wrench.force[random.choice(len(streams.wrench.force), 10, replace=False)] = np.nan
+    streams.joints.position[random.choice(len(streams.joints.position), 10, replace=False)] = np.inf
+    detection = find_touches(streams, CELL)
+    assert detection.rejected == ()
+    np.testing.assert_allclose(detection.touches.force, scene.truth_of_holds()[1], atol=0.25)
+    assert any('not finite' in warning for warning in detection.warnings)
+    assert any('zero changes' in warning for warning in detection.warnings)
+
+
+def test_stamps_out_of_order_and_repeated():
+    streams = Scene().touches(4).streams()
+    expected = find_touches(streams, CELL).touches
+    order = np.arange(len(streams.wrench.stamp))
+    order[100:1100:7], order[101:1101:7] = order[101:1101:7].copy(), order[100:1100:7].copy()
+    order = np.append(order, order[-200:])
+    mixed = WrenchStream(streams.wrench.stamp[order], streams.wrench.force[order])
+    found = find_touches(Streams('mixed', streams.joints, mixed), CELL).touches
+    np.testing.assert_array_equal(found.force, expected.force)
+
+
+def test_samples_in_bursts():
+    streams = simulate_streams(CELL, PAPER_ACTUAL, PLAN, sensors=SensorModel(wrench_rate=400.0))
+    late = streams.wrench.stamp // 40_000_000 * 40_000_000 + np.arange(len(streams.wrench.stamp)) % 64 * 1000
+    bursts = WrenchStream(np.maximum.accumulate(late), streams.wrench.force)
+    detection = find_touches(Streams('bursts', streams.joints, bursts), CELL)
+    made = simulate_touches(CELL, PAPER_ACTUAL, PLAN)
+    assert detection.found == len(PLAN)
+    np.testing.assert_allclose(detection.touches.force, made.force, atol=0.05)
+
+
+def test_topics_on_different_clocks():
+    streams = Scene().touches(3).streams()
+    apart = Streams('apart', streams.joints, WrenchStream(streams.wrench.stamp + 10**15, streams.wrench.force))
+    detection = find_touches(apart, CELL)
+    assert len(detection.touches) == 0
+    assert any('0.0 s in common' in warning for warning in detection.warnings)
+
+
+@pytest.mark.parametrize('count', [0, 1])
+def test_hardly_any_sample(count):
+    none = Streams(
+        'none', JointStream(np.arange(count), np.zeros((count, 2))), WrenchStream(np.arange(3), np.ones((3, 2)))
+    )
+    assert find_touches(none, CELL).found == 0
+
+
+@pytest.mark.parametrize('frame', list(SensorFrame))
+def test_wrong_sign_or_frame_in_the_cell_is_named(frame):
+    streams = simulate_streams(TOOL_REACTION, PAPER_ACTUAL, PLAN)
+    wrong = replace(CELL, sensor=CELL.sensor._replace(frame=frame, sign=SensorSign.ON_OBJECT))
+    detection = find_touches(streams, wrong)
+    assert len(detection.rejected) > len(PLAN) / 3
+    assert any("frame 'tool' and sign 'on_robot'" in warning for warning in detection.warnings)
+
+
+def test_episodes_tell_where_the_touches_lie():
+    scene = Scene().touches(6)
+    detection = find_touches(scene.streams(bias=(1.2, -0.8)), CELL)
+    assert abs(detection.start - START) < 1e9
+    for episode, hold in zip(detection.episodes, scene.holds, strict=True):
+        assert episode.contact[0] < episode.hold[0] < episode.hold[1] < episode.contact[1]
+        assert episode.hold[0] == pytest.approx(hold[2], abs=0.05)
+        assert episode.hold[1] == pytest.approx(hold[3], abs=0.05)
+        np.testing.assert_allclose(episode.zero, (1.2, -0.8), atol=0.03)

@@ -1,0 +1,104 @@
+"""Touches found while the samples come in are those found afterwards."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from touches.scenes import CELL, Scene
+
+from scara_kinetostatic.model.cell import SensorFrame, SensorSign
+from scara_kinetostatic.model.parameters import PAPER_MEASURED
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_streams
+from scara_kinetostatic.touches.detection import find_touches
+from scara_kinetostatic.touches.online import LiveDetector
+
+PLAN = default_plan(CELL, per_disc=5)
+TOOL_REACTION = replace(CELL, sensor=CELL.sensor._replace(frame=SensorFrame.TOOL, sign=SensorSign.ON_ROBOT))
+
+
+def play(streams, cell, every=20, end=True):
+    """Every answer of a live detector that found something, with the stamp at which it came."""
+    detector = LiveDetector(cell)
+    stamps = np.concatenate([streams.joints.stamp, streams.wrench.stamp])
+    values = np.concatenate([streams.joints.position, streams.wrench.force])
+    of_joints = np.arange(len(stamps)) < len(streams.joints.stamp)
+    answers = []
+    for number, place in enumerate(np.argsort(stamps, kind='stable')):
+        add = detector.add_joint_state if of_joints[place] else detector.add_wrench
+        add(int(stamps[place]), values[place])
+        if number % every == 0:
+            answers.append((int(stamps[place]), detector.poll()))
+    if end:
+        answers.append((int(stamps.max()), detector.finish()))
+    return detector, [(stamp, answer) for stamp, answer in answers if answer.found]
+
+
+@pytest.mark.parametrize('cell', [CELL, TOOL_REACTION], ids=['base', 'tool'])
+@pytest.mark.parametrize('every', [1, 20, 1000])
+def test_live_is_offline(cell, every):
+    plan = PLAN.select(np.arange(8 if every == 1 else len(PLAN)))
+    streams = simulate_streams(cell, PAPER_MEASURED, plan, seed=4)
+    offline = find_touches(streams, cell)
+    detector, answers = play(streams, cell, every)
+    live = TouchSet.concatenate([answer.touches for _, answer in answers])
+    assert detector.found == offline.found == len(plan)
+    np.testing.assert_array_equal(live.index, offline.touches.index)
+    np.testing.assert_array_equal(live.disc, offline.touches.disc)
+    np.testing.assert_allclose(live.joints, offline.touches.joints, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(live.force, offline.touches.force, rtol=0, atol=0.005)
+
+
+def test_touches_are_reported_soon_after_the_retraction():
+    streams = simulate_streams(CELL, PAPER_MEASURED, PLAN, seed=2)
+    ends = [episode.contact[1] for episode in find_touches(streams, CELL).episodes]
+    start = min(streams.joints.stamp[0], streams.wrench.stamp[0])
+    _, answers = play(streams, CELL, 10, end=False)
+    delays = [1e-9 * (stamp - start) - ends[episode.index] for stamp, answer in answers for episode in answer.episodes]
+    assert len(delays) == len(PLAN)
+    assert max(delays[2:]) < 0.75
+
+
+def test_rejected_touches_are_reported_once():
+    scene = Scene().touches(3).touch(0, 30, 25.0, hold=0.1).touches(3)
+    detector, answers = play(scene.streams(), CELL)
+    rejected = [rejection for _, answer in answers for rejection in answer.rejected]
+    assert detector.found == 7
+    assert [rejection.index for rejection in rejected] == [3]
+    assert rejected[0].reason.startswith('hold too short')
+
+
+def test_long_run_keeps_little():
+    streams = simulate_streams(CELL, PAPER_MEASURED, PLAN)
+    detector, answers = play(streams, CELL, 50)
+    assert sum(answer.found for _, answer in answers) == len(PLAN)
+    kept = 1e-9 * (detector._wrench.stamps[-1] - detector._wrench.stamps[0])
+    assert kept < 45.0
+    assert len(detector._wrench._stamps) < 3 * len(detector._wrench.stamps) + 2048
+
+
+def test_clock_that_starts_again():
+    detector, _ = play(Scene().touches(3).streams(), CELL)
+    streams = Scene().touches(2).streams()
+    joints = [
+        (int(s) - 10**12, q, detector.add_joint_state)
+        for s, q in zip(streams.joints.stamp, streams.joints.position, strict=True)
+    ]
+    forces = [
+        (int(s) - 10**12, f, detector.add_wrench)
+        for s, f in zip(streams.wrench.stamp, streams.wrench.force, strict=True)
+    ]
+    for stamp, value, add in sorted(joints + forces, key=lambda sample: sample[0]):
+        add(stamp, value)
+    detector.finish()
+    assert detector.found == 5
+
+
+def test_nothing_to_report():
+    detector = LiveDetector(CELL)
+    assert detector.poll().found == 0
+    detector.add_wrench(1, (0.0, 0.0))
+    assert detector.poll().found == detector.finish().found == detector.found == 0

@@ -1,0 +1,137 @@
+"""Every reason to reject a touch, provoked."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from touches.scenes import CELL, Scene
+
+from scara_kinetostatic.touches.detection import find_touches
+
+
+def only_rejection(scene, **how):
+    """The reason why the ninth of nine touches is rejected; the eight before it are fine."""
+    detection = find_touches(scene.streams(**how), CELL)
+    assert detection.found == 9
+    assert len(detection.touches) == 8
+    (rejection,) = detection.rejected
+    assert rejection.index == 8
+    assert detection.episodes[8].reason == rejection.reason
+    return rejection.reason
+
+
+def test_short_hold():
+    reason = only_rejection(Scene().touches(8).touch(0, 30, 25.0, hold=0.1))
+    assert reason.startswith('hold too short')
+
+
+def test_tap():
+    scene = Scene().touches(8).approach(0, 30)
+    scene.press(0, 30, 25.0, hold=0.02, seconds=0.05).retract(0, 30)
+    assert only_rejection(scene).startswith('hold too short')
+
+
+def test_oscillation_never_settles():
+    scene = Scene().touches(8).approach(0, 30)
+    for number in range(24):
+        joints, force = scene.pose(0, 30, 20.0 + 4.0 * (-1) ** number)
+        scene.go(joints, 0.06, force)
+    assert 'never settles' in only_rejection(scene.retract(0, 30))
+
+
+@pytest.mark.parametrize('seconds', [1.0, 4.0])
+def test_creeping_force_never_settles(seconds):
+    scene = Scene().touches(8).approach(0, 30)
+    scene.press(0, 30, 10.0, hold=0.0).press(0, 30, 30.0, hold=0.0, seconds=seconds).retract(0, 30)
+    assert 'never settles' in only_rejection(scene)
+
+
+@pytest.mark.parametrize('degrees', [3, 60])
+def test_slide(degrees):
+    scene = Scene().touches(8).approach(0, 30).press(0, 30, 25.0, hold=0.0)
+    for part in range(30):
+        joints, force = scene.pose(0, 30 + degrees * (part + 1) / 30, 25.0)
+        scene.go(joints, 0.05, force)
+    reason = only_rejection(scene.retract(0, 30 + degrees))
+    assert reason.startswith('slides')
+
+
+@pytest.mark.parametrize('topic', ['joints', 'wrench'])
+@pytest.mark.parametrize('begin', [-0.25, 0.15])
+def test_gap_in_press_or_hold(topic, begin):
+    scene = Scene().touches(8).touch(0, 30, 25.0, hold=1.0)
+    start = scene.holds[-1][2] + begin
+    reason = only_rejection(scene, without=[(topic, start, start + 0.2)])
+    name = CELL.sensor.joint_states if topic == 'joints' else CELL.sensor.wrench
+    assert 'straddles a gap of 0.2' in reason
+    assert name in reason
+
+
+def test_gap_elsewhere_does_no_harm():
+    scene = Scene().touches(9)
+    end_of_hold = scene.holds[4][3]
+    lost = [('wrench', end_of_hold + 0.05, end_of_hold + 0.3), ('joints', end_of_hold + 0.5, end_of_hold + 0.9)]
+    detection = find_touches(scene.streams(without=lost), CELL)
+    assert len(detection.touches) == detection.found == 9
+
+
+def test_gap_from_one_contact_to_the_next():
+    scene = Scene().touches(9)
+    lost = [('wrench', scene.holds[4][3] + 0.1, scene.holds[5][2] + 0.1)]
+    detection = find_touches(scene.streams(without=lost), CELL)
+    assert detection.touches.index.tolist() == [0, 1, 2, 3, 4, 6, 7, 8]
+    assert 'gap' in detection.rejected[0].reason
+
+
+def test_joint_states_that_end():
+    scene = Scene().touches(9)
+    detection = find_touches(scene.streams(without=[('joints', scene.holds[8][2] - 0.05, np.inf)]), CELL)
+    assert len(detection.touches) == 8
+    assert CELL.sensor.joint_states in detection.rejected[0].reason
+
+
+def test_begins_in_contact():
+    scene = Scene()
+    joints, force = scene.pose(0, 30, 25.0)
+    scene.rows = [(0.0, *joints, *force)]
+    scene.rest(0.8).retract(0, 30).touches(8)
+    detection = find_touches(scene.streams(), CELL)
+    assert detection.found == 9
+    assert [rejection.index for rejection in detection.rejected] == [0]
+    assert detection.rejected[0].reason.startswith('no free motion before it')
+
+
+@pytest.mark.parametrize('center', [(-0.05, 0.5), (0.25, 0.15)])
+def test_unknown_object(center):
+    scene = Scene().touches(8).touch(0, 200, 25.0, center=center, radius=0.03)
+    assert only_rejection(scene).startswith('touches nothing known')
+
+
+def test_frozen_force():
+    scene = Scene().touches(8).touch(0, 30, 25.0, hold=0.6)
+    streams = scene.streams()
+    time = 1e-9 * (streams.wrench.stamp - streams.joints.stamp[0])
+    frozen = (time > scene.holds[-1][2] + 0.02) & (time < scene.holds[-1][3])
+    streams.wrench.force[frozen] = streams.wrench.force[np.flatnonzero(frozen)[0]]
+    detection = find_touches(streams, CELL)
+    assert [rejection.index for rejection in detection.rejected] == [8]
+    assert 'frozen' in detection.rejected[0].reason
+
+
+@pytest.mark.parametrize('axis', [0, 1])
+def test_saturated_axis(axis):
+    streams = Scene().touches(8).touch(0, 30, 60.0).streams()
+    np.clip(streams.wrench.force, -25.0, 45.0, out=streams.wrench.force)
+    if axis == 1:
+        streams = Scene().touches(8).touch(0, 60, 60.0).streams()
+        np.clip(streams.wrench.force, -45.0, 45.0, out=streams.wrench.force)
+    detection = find_touches(streams, CELL)
+    assert 8 in [rejection.index for rejection in detection.rejected]
+    assert 'saturated: ' in detection.rejected[-1].reason
+    assert f'f{"xy"[axis]} = ' in detection.rejected[-1].reason
+
+
+def test_no_contact_at_all():
+    scene = Scene().go((0.1, 0.8), 1.0).go((1.0, 1.8), 2.0)
+    detection = find_touches(scene.streams(), CELL)
+    assert detection.found == len(detection.touches) == len(detection.rejected) == 0
