@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 NOISE = Noise(joint=1e-5, force=0.3)
 TOUCHES = 108
-OVERPRESS = 0.3
+PRELOAD = 0.3
 FOUR_DISCS = (
     Disc('disc_1', 0.33, 0.22, 0.06),
     Disc('disc_2', -0.02, 0.40, 0.10),
@@ -68,7 +68,7 @@ class Setup(NamedTuple):
 
 def _setup(discs: tuple[Disc, ...], truth: Parameters, per_disc: int) -> Setup:
     cell = Cell(PAPER_NOMINAL, discs, noise=NOISE)
-    return Setup(cell, truth, default_plan(cell, per_disc, overpress=OVERPRESS).select(np.arange(TOUCHES)))
+    return Setup(cell, truth, default_plan(cell, per_disc, preload=PRELOAD).select(np.arange(TOUCHES)))
 
 
 SETUPS = {
@@ -97,7 +97,7 @@ class Played(NamedTuple):
     def scaled(self, factor: float) -> Played:
         """Effects stronger by a factor; what is no strength (a phase, a frequency) stays."""
         pairs = zip(self.effects, self.values, strict=True)
-        return self._replace(values=tuple(v + (factor - 1) * effect.strength(v) for effect, v in pairs))
+        return self._replace(values=tuple(v + (factor - 1) * effect.amplitudes(v) for effect, v in pairs))
 
     def beside(self, other: Played) -> Played:
         """Both together."""
@@ -107,7 +107,7 @@ class Played(NamedTuple):
     def absurd(self) -> bool:
         """Whether an effect is larger than any robot would have it."""
         pairs = zip(self.effects, self.values, strict=True)
-        return any(bool(np.max(np.abs(e.strength(v)) / np.array(e.scales)) > ABSURD) for e, v in pairs)
+        return any(bool(np.max(np.abs(e.amplitudes(v)) / np.array(e.scales)) > ABSURD) for e, v in pairs)
 
 
 def seed_of(*words: object) -> int:

@@ -11,11 +11,11 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scara_kinetostatic.report.html import TEMPLATES
 
 from benchmark.diagnosis_record import NAMINGS, WITHIN, Record
 from benchmark.diagnosis_tables import SHOWN
 from scara_kinetostatic.render.figure import COLOURS, FAINT, INK, LINE, SERIES, WARN, style
+from scara_kinetostatic.render.page import STYLESHEET
 
 Pick = Callable[[Record, int], float]
 
@@ -56,7 +56,7 @@ def _kind(label: str) -> str:
 
 def _light() -> dict[str, str]:
     """The colours of a light page for the stand-ins of `drawing`."""
-    css = (TEMPLATES / 'page.css').read_text(encoding='utf-8')
+    css = STYLESHEET.read_text(encoding='utf-8')
     colours = dict(re.findall(r'(--[\w-]+):\s*(#[0-9a-fA-F]+)', css[: css.index('@media')]))
     return {stand_in: colours[variable[4:-1]] for stand_in, variable in COLOURS.items()}
 

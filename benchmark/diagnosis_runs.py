@@ -14,7 +14,7 @@ from benchmark.diagnosis_cells import NOISE, SETUPS, Played, Setup, Sized, at_si
 from benchmark.diagnosis_record import ALONE, NONE, RIVALS, UNNAMED, WRONG, Record
 from benchmark.diagnosis_unlisted import ALIAS, UNLISTED, unlisted
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.estimate import Near
+from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.diagnose import diagnose
@@ -133,11 +133,11 @@ def _judge(record: Record, found: Diagnosis, before: Calibration) -> None:
     """What was named."""
     record.verdict, record.p_value, record.remaining = found.verdict, found.p_value, found.remaining_p_value
     record.chi_square = before.reduced_chi_square
-    record.named = tuple(item.effect.label for item in found.found if item.proved)
+    record.named = tuple(item.effect.label for item in found.found if item.in_every_model)
     record.rivals = found.rivals
     expected = [ALIAS.get(label, label) for label in record.played]
     naming: dict[str, str] = {}
-    unnamed = all(isinstance(item.effect, Unnamed) for item in found.found if item.proved) and not found.rivals
+    unnamed = all(isinstance(item.effect, Unnamed) for item in found.found if item.in_every_model) and not found.rivals
     for label, wanted in zip(record.played, expected, strict=True):
         if any(wanted in group for group in found.rivals):
             naming[label] = RIVALS
@@ -156,8 +156,8 @@ def _measure(record: Record, setup: Setup, cell: Cell, played: Played, outcome: 
     if record.section == 'clean':
         record.z = _largest_z(before, truth), _largest_z(after, truth), np.nan
         return
-    near = Near(truth.replace(extra=played.extra), NOISE, np.ones(len(before.touches), dtype=bool))
-    true = calibrate(before.touches, replace(cell, effects=played.effects), near=near)
+    warm_start = WarmStart(truth.replace(extra=played.extra), NOISE, np.ones(len(before.touches), dtype=bool))
+    true = calibrate(before.touches, replace(cell, effects=played.effects), warm_start=warm_start)
     three = before, after, true
     first, second, third = (held_out_force_error(replace(fit, used=true.used)).force_error for fit in three)
     record.held = first, second, third

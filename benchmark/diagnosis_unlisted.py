@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from benchmark.diagnosis_cells import Played, Setup, seed_of
 from scara_kinetostatic.effects.base import DiscEffect, Effect, JointEffect, Parameter
-from scara_kinetostatic.model.law import Situation
+from scara_kinetostatic.model.law import TouchState
 
 Floats = NDArray[np.float64]
 
@@ -36,11 +36,11 @@ class OvalDisc(DiscEffect):
         Parameter('a', 'm', 1e-3, 'radius along x beyond the mean; as much less along y'),
         Parameter('b', 'm', 1e-3, 'radius at 45° beyond the mean'),
     )
-    hides_behind: ClassVar[str] = 'nothing, if the disc is touched all round'
-    reveal: ClassVar[str] = 'touches all round the disc'
-    betrays: ClassVar[str] = 'direction'
+    confounded_with: ClassVar[str] = 'nothing, if the disc is touched all round'
+    identified_by: ClassVar[str] = 'touches all round the disc'
+    plot_variable: ClassVar[str] = 'direction'
 
-    def places(self, at: Situation) -> tuple[Floats, ...]:
+    def places(self, at: TouchState) -> tuple[Floats, ...]:
         """(h - r) n + h' t per unit of a and of b."""
         angle = 2 * np.arctan2(at.normal[:, 1], at.normal[:, 0])
         c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
@@ -53,11 +53,11 @@ class Leak(JointEffect):
 
     name: ClassVar[str] = 'joint_leak'
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('k', '1', 1e-2, 'angle of joint 1 per angle of joint 2'),)
-    hides_behind: ClassVar[str] = 'nothing, if the elbow moves far'
-    reveal: ClassVar[str] = 'touches over the whole range of joint 2'
-    betrays: ClassVar[str] = 'angle'
+    confounded_with: ClassVar[str] = 'nothing, if the elbow moves far'
+    identified_by: ClassVar[str] = 'touches over the whole range of joint 2'
+    plot_variable: ClassVar[str] = 'angle'
 
-    def angles(self, at: Situation) -> tuple[Floats, ...]:
+    def angles(self, at: TouchState) -> tuple[Floats, ...]:
         """The angle of joint 2."""
         return (at.joints[:, 1],)
 
@@ -76,11 +76,11 @@ class Cable(JointEffect):
 
     name: ClassVar[str] = 'cable'
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('k', 'Nm/rad^power', 10.0, 'torque on joint 2'),)
-    hides_behind: ClassVar[str] = 'the gain of the encoder, if it is linear'
-    reveal: ClassVar[str] = 'touches over the whole range of joint 2'
-    betrays: ClassVar[str] = 'angle'
+    confounded_with: ClassVar[str] = 'the gain of the encoder, if it is linear'
+    identified_by: ClassVar[str] = 'touches over the whole range of joint 2'
+    plot_variable: ClassVar[str] = 'angle'
 
-    def angles(self, at: Situation) -> tuple[Floats, ...]:
+    def angles(self, at: TouchState) -> tuple[Floats, ...]:
         """What a unit of k makes of joint 2."""
         return (at.parameters.p2 * (at.joints[:, 1] - self.rest) ** self.power,)
 

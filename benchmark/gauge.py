@@ -17,12 +17,12 @@ import numpy as np
 
 from scara_kinetostatic.studies.dial_gauge.analysis import analyse
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2
-from scara_kinetostatic.studies.dial_gauge.simulation import GaugeTruth, simulate_experiments
+from scara_kinetostatic.studies.dial_gauge.simulation import DialGaugeTruth, simulate_experiments
 
 
 def play(number: int) -> dict[str, object]:
     """Pooled figures of so many files."""
-    truth = GaugeTruth()
+    truth = DialGaugeTruth()
     z, warned, isotropy, ellipse = [], 0, [], []
     for seed in range(number):
         found = analyse(simulate_experiments(truth, seed=seed))

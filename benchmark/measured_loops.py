@@ -24,7 +24,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from scara_kinetostatic.studies.dial_gauge.loops import LoopAnalysis, Sense, analyse_loops
-from scara_kinetostatic.studies.dial_gauge.readings import GaugeReadings
+from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.dial_gauge.reversals import find_sweeps
 from scara_kinetostatic.studies.dial_gauge.statistics import agreement
 from scara_kinetostatic.studies.dial_gauge.study import sense_name
@@ -33,7 +33,7 @@ from scara_kinetostatic.studies.dial_gauge.table_file import load_readings
 QUANTITIES = {'gap': (1e6, 'µm'), 'compliance': (1e9, 'nm/N')}
 
 
-def replayed(readings: GaugeReadings, analysis: LoopAnalysis) -> dict[int, tuple[float, float]]:
+def replayed(readings: DialGaugeReadings, analysis: LoopAnalysis) -> dict[int, tuple[float, float]]:
     """Scatter of gap and compliance, by sense, if every reversal followed the curve of the slowest one."""
     force = np.array(readings.force)
     sweeps = find_sweeps(readings.time, readings.displacement, readings.force)

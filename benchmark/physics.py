@@ -68,11 +68,11 @@ def built(scene: Scene, played: Played, plan: Plan) -> dict[str, float]:
     for effect in built_effects(scene, CELL):
         label = effect['name'] + (f'[{effect["target"]}]' if effect['target'] else '')
         values.update({f'{label} {name}': value for name, value in effect['parameters'].items()})
-    values['contact_friction lean'] = lean(scene, played, plan)
+    values['contact_friction lean'] = off_normal(scene, played, plan)
     return values
 
 
-def lean(scene: Scene, played: Played, plan: Plan) -> float:
+def off_normal(scene: Scene, played: Played, plan: Plan) -> float:
     """Root mean square of the angle between the engine's force and the disc's normal, rad."""
     force = played.force[played.holds]
     yields = scene.parameters.p_ee + np.array(scene.base_compliance)
@@ -86,13 +86,13 @@ def words(item: Found, truth: dict[str, float]) -> str:
     """An effect that was found, its values beside those built; one that has rivals with a question mark."""
     label = item.effect.label
     if isinstance(item.effect, Unnamed):
-        return f'`{label}`' + '?' * (not item.proved)
+        return f'`{label}`' + '?' * (not item.in_every_model)
     values = [
         f'{value.name} {value.value:.3g} ± {value.std:.1g}'
         + (f' ({truth[key]:.3g})' if (key := f'{label} {value.name}') in truth else '')
         for value in item.values
     ]
-    return f'`{label}`{"?" * (not item.proved)} {", ".join(values)}'
+    return f'`{label}`{"?" * (not item.in_every_model)} {", ".join(values)}'
 
 
 def deviation(fit: Calibration, scene: Scene) -> float:

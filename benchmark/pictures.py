@@ -15,7 +15,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from markupsafe import Markup
-from scara_kinetostatic.report.html import TEMPLATES
 
 from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.calibrate import calibrate
@@ -24,6 +23,7 @@ from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.render.figure import style
+from scara_kinetostatic.render.page import STYLESHEET
 from scara_kinetostatic.report import cell_picture, effect_pictures
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -60,7 +60,7 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     yield 'cell', cell_picture.cell_picture(found)
     paper = reproduce()
     yield 'figure_3', paper_pictures.trend_picture(paper)
-    yield 'one_force_level', paper_pictures.unseen_picture(paper)
+    yield 'one_force_level', paper_pictures.unidentifiable_picture(paper)
     assert paper.design is not None
     yield 'number_of_touches', design_pictures.number_picture(paper.design)
     yield 'tip', design_maps.tip_picture(paper.design)
@@ -86,7 +86,7 @@ def missing_effect() -> Markup:
 def standalone(picture: Markup) -> str:
     """An SVG file: the page's light colours and its type written in, on white."""
     text = str(picture)
-    css = (TEMPLATES / 'page.css').read_text(encoding='utf-8')
+    css = STYLESHEET.read_text(encoding='utf-8')
     light = css[: css.index('@media')]
     for name, value in re.findall(r'(--[\w-]+):\s*(#[0-9a-fA-F]+)', light):
         text = text.replace(f'var({name})', value)

@@ -11,13 +11,13 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scara_kinetostatic.report.html import TEMPLATES
 
 from benchmark.statistics_outliers import CASES, LEFT_OUT
 from benchmark.statistics_summary import COVERED, EFFICIENT, GROWTH, LEVEL
 from benchmark.statistics_tables import sizes_of
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.render.figure import COLOURS, INK, LINE, SERIES, WARN, style
+from scara_kinetostatic.render.page import STYLESHEET
 
 Part = dict[str, Any]
 Panel = Callable[[Axes, Part, dict[str, str]], None]
@@ -52,7 +52,7 @@ def draw(summary: Part, path: Path) -> None:
 
 def _light() -> dict[str, str]:
     """The colours of a light page for the stand-ins of `drawing`."""
-    css = (TEMPLATES / 'page.css').read_text(encoding='utf-8')
+    css = STYLESHEET.read_text(encoding='utf-8')
     colours = dict(re.findall(r'(--[\w-]+):\s*(#[0-9a-fA-F]+)', css[: css.index('@media')]))
     return {stand_in: colours[variable[4:-1]] for stand_in, variable in COLOURS.items()}
 

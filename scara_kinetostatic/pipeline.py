@@ -98,7 +98,7 @@ def calibrate_recordings(
     _tell(progress, 'looking for what the model lacks', 0.3)
     diagnosis = diagnose(calibration)
     _tell(progress, 'predicting held-out touches', 0.8)
-    final = _settled(diagnosis.extended or calibration, paths)
+    final = _converged(diagnosis.extended or calibration, paths)
     held_out = held_out_force_error(replace(calibration, used=final.used))
     extended_held_out = held_out if final is calibration else held_out_force_error(final)
     _tell(progress, 'done', 1.0)
@@ -148,7 +148,7 @@ def _lost(detection: Detection) -> str:
     return f'; {lost} of {detection.found} found were rejected, the first, touch {first.index}: {first.reason}'
 
 
-def _settled(found: Calibration, paths: Sequence[str | Path]) -> Calibration:
+def _converged(found: Calibration, paths: Sequence[str | Path]) -> Calibration:
     """The calibration of the final model, if it is one."""
     size = float(np.hypot(found.force[:, 0], found.force[:, 1]).mean())
     if found.termination is not Termination.CONVERGED or found.force_error > HOPELESS * size:

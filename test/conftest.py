@@ -27,14 +27,14 @@ GROWN = 1e-4
 """By which the radius of the second disc is larger than the cell says, m."""
 TURN = 0.015
 """By which the forces are turned, rad."""
-LEAN = 0.06
+OFF_NORMAL = 0.06
 """Standard deviation of forces that lean, rad."""
 
 Make = Callable[..., Outcome]
 Play = Callable[[TouchSet], TouchSet]
 
 
-def conclude(touches: TouchSet, cell: Cell, warnings: tuple[str, ...] = (), **fixed: float) -> Outcome:
+def conclude_outcome(touches: TouchSet, cell: Cell, warnings: tuple[str, ...] = (), **fixed: float) -> Outcome:
     """The outcome of touches, one more of which was detected as bad."""
     calibration = calibrate(touches.replace(index=touches.index + 1), cell, fixed=fixed)
     diagnosis = diagnose(calibration)
@@ -74,9 +74,9 @@ def leaking(touches: TouchSet) -> TouchSet:
     return touches.replace(joints=joints)
 
 
-def leaning(touches: TouchSet) -> TouchSet:
+def off_normal_fit(touches: TouchSet) -> TouchSet:
     """Every force turned by an angle of its own."""
-    angle = np.random.default_rng(0).normal(0.0, LEAN, len(touches))
+    angle = np.random.default_rng(0).normal(0.0, OFF_NORMAL, len(touches))
     x, y = touches.force.T
     turned = [np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y]
     return touches.replace(force=np.stack(turned, axis=-1))
@@ -90,7 +90,7 @@ def make() -> Make:
         discs = tuple(disc._replace(name=name) for disc, name in zip(PAPER_DISCS, names or NAMES, strict=True))
         cell = replace(CELL, discs=discs)
         touches = simulate_touches(cell, PAPER_ACTUAL, default_plan(cell, 6, levels), seed=2)
-        return conclude(spoilt(touches), cell, ('the zero of the force sensor changes by 1.5 N',), **fixed)
+        return conclude_outcome(spoilt(touches), cell, ('the zero of the force sensor changes by 1.5 N',), **fixed)
 
     return outcome
 
@@ -123,22 +123,22 @@ def grown() -> Outcome:
             PAPER_DISCS,
         )
     )
-    return conclude(simulate_touches(true, PAPER_ACTUAL, default_plan(CELL, 12), seed=1), discs)
+    return conclude_outcome(simulate_touches(true, PAPER_ACTUAL, default_plan(CELL, 12), seed=1), discs)
 
 
 @pytest.fixture(scope='session')
 def ambiguous() -> Outcome:
     """Friction or a turned sensor: these touches cannot tell."""
-    return conclude(slid_one_way(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL, 12), seed=1)), CELL)
+    return conclude_outcome(slid_one_way(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL, 12), seed=1)), CELL)
 
 
 @pytest.fixture(scope='session')
 def unnamed() -> Outcome:
     """An effect that nobody listed."""
-    return conclude(leaking(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL, 12), seed=1)), CELL)
+    return conclude_outcome(leaking(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL, 12), seed=1)), CELL)
 
 
 @pytest.fixture(scope='session')
 def rough() -> Outcome:
     """Friction that takes either sense and any size."""
-    return conclude(leaning(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL, 18), seed=1)), CELL)
+    return conclude_outcome(off_normal_fit(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL, 18), seed=1)), CELL)

@@ -20,7 +20,7 @@ LEAST_ALLOWED, LARGEST_RATIO = 1 << 28, 200
 """A file that is decompressed as a whole may grow to so many bytes, or by this factor."""
 
 
-def inflate(data: bytes, compression: str, size: int) -> bytes:
+def decompress(data: bytes, compression: str, size: int) -> bytes:
     """Decompress one portion.
 
     Args:
@@ -58,7 +58,7 @@ def _drain(reader: zstandard.ZstdDecompressionReader, size: int) -> bytes:
     return b''.join(parts)
 
 
-def inflate_messages(batch: Batch) -> Iterator[Batch]:
+def decompress_messages(batch: Batch) -> Iterator[Batch]:
     """The same messages in portions, decompressed where each was compressed on its own (rosbag2's compression mode
     `message`).
 
@@ -78,7 +78,7 @@ def inflate_messages(batch: Batch) -> Iterator[Batch]:
 
 def _message(data: bytes) -> bytes:
     try:
-        message = inflate(data, 'zstd', LARGEST_MESSAGE + 1)
+        message = decompress(data, 'zstd', LARGEST_MESSAGE + 1)
     except zstandard.ZstdError:
         return b''
     return message if len(message) <= LARGEST_MESSAGE else b''

@@ -25,7 +25,7 @@ from mcap.records import Channel, Chunk, Message, Schema, Statistics
 from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.summary import Summary
 
-from scara_kinetostatic.bags.decompression import inflate
+from scara_kinetostatic.bags.decompression import decompress
 from scara_kinetostatic.bags.mcap_checksum import MAGIC, data_is_whole, index_is_whole
 from scara_kinetostatic.bags.mcap_records import CHUNK, RECORD, SCHEMA, Loose, batch_of, walk
 from scara_kinetostatic.bags.messages import Batch, Batches, Topic, ros2_type, ros_topic
@@ -167,14 +167,14 @@ class McapFile:
             size, name_length = struct.unpack_from('<16xQ4xI', torn, 9)
             data_at = 9 + 32 + name_length + 8
             compression = torn[9 + 32 : 9 + 32 + name_length].decode()
-            data = inflate(torn[data_at:], compression, size)
+            data = decompress(torn[data_at:], compression, size)
         except _DAMAGE:
             return
         yield from self._messages(data, offset, wanted)
 
     def _chunk(self, chunk: Chunk, offset: int, wanted: Collection[str]) -> Iterator[Batch]:
         try:
-            data = inflate(chunk.data, chunk.compression, chunk.uncompressed_size)
+            data = decompress(chunk.data, chunk.compression, chunk.uncompressed_size)
             if len(data) != chunk.uncompressed_size:
                 raise ValueError(f'expected {chunk.uncompressed_size} bytes, got {len(data)}')
             if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:

@@ -16,7 +16,7 @@ from typing import TypeVar
 from scara_kinetostatic.bags.bag_folder import finished_files
 from scara_kinetostatic.bags.clock import counted, on_one_clock
 from scara_kinetostatic.bags.decoding import Decoder, Samples, decode_string
-from scara_kinetostatic.bags.decompression import inflate_messages
+from scara_kinetostatic.bags.decompression import decompress_messages
 from scara_kinetostatic.bags.messages import JOINT_STATE, STRING, WRENCH_STAMPED, Source, Topic, printable, reading
 from scara_kinetostatic.bags.sources import open_recording
 from scara_kinetostatic.errors import RecordingError, one_line
@@ -52,7 +52,7 @@ def _streams(path: str | Path, cell: Cell) -> Streams:
         source = open_recording(path)
         for batch in source.batches(types):
             if batch.topic.msgtype == types[batch.topic.name] and batch.topic.encoding in _ENCODINGS:
-                for portion in inflate_messages(batch):
+                for portion in decompress_messages(batch):
                     decoders[batch.topic.name].add(portion)
         warnings = list(source.warnings)
         streams = {topic: decoder.samples() for topic, decoder in decoders.items()}
@@ -78,7 +78,7 @@ def _cell(path: str | Path) -> Cell | None:
     with reading(path), closing(open_recording(path).batches({CELL_TOPIC})) as batches:
         for batch in batches:
             if batch.topic.msgtype == STRING and batch.topic.encoding in _ENCODINGS:
-                text = decode_string(next(inflate_messages(batch)).payload(0), batch.topic.encoding)
+                text = decode_string(next(decompress_messages(batch)).payload(0), batch.topic.encoding)
                 return parse_cell(text, f'{path}: {CELL_TOPIC}')
     return None
 

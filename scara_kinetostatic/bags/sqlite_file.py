@@ -80,8 +80,8 @@ class SqliteFile:
             database = sqlite3.connect(f'{uri}?{mode}', uri=True)
             database.text_factory = lambda text: text.decode('utf-8', 'replace')
             try:
-                for setting in _CAREFUL:
-                    database.execute(setting)
+                for contact_problem in _CAREFUL:
+                    database.execute(contact_problem)
                 database.execute('SELECT count(*) FROM sqlite_master').fetchone()
             except sqlite3.Error as error:
                 database.close()

@@ -31,7 +31,7 @@ MISFIT = 1e-3
 """p-value of chi-square below which the stated noise does not cover the residuals and sigmas are enlarged."""
 
 
-def conclude(
+def build_result(
     touches: TouchSet,
     cell: Cell,
     start: Parameters,
@@ -119,13 +119,13 @@ def _identifiability(
     names: tuple[str, ...],
 ) -> Identifiability:
     free = np.array([j for j, name in enumerate(names) if name not in fixed], dtype=np.intp)
-    groups = group_names(found.unseen, free, std, scales_of(observations), names)
+    groups = group_names(found.unidentifiable, free, std, scales_of(observations), names)
     magnitude = float(np.hypot(observations.force[:, 0], observations.force[:, 1]).mean())
     values = found.fit.point.parameters.as_array()
     return Identifiability(
-        rank=len(free) - found.unseen.shape[1],
+        rank=len(free) - found.unidentifiable.shape[1],
         condition=condition_number(found.fit.point.whitened.derivative[found.used] @ found.subspace.basis),
         confounded=groups,
-        combinations=determined_pairs(found.unseen, free, values, covariance),
+        combinations=determined_pairs(found.unidentifiable, free, values, covariance),
         advice=advise(groups, magnitude),
     )

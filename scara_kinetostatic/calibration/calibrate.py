@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.build_result import conclude
-from scara_kinetostatic.calibration.estimate import Near, check_number, estimate
+from scara_kinetostatic.calibration.build_result import build_result
+from scara_kinetostatic.calibration.estimate import WarmStart, check_number, estimate
 from scara_kinetostatic.calibration.plausibility import check_plausible
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.result import Calibration
@@ -26,7 +26,7 @@ NO_FORCE = 1e-6
 
 
 def calibrate(
-    touches: TouchSet, cell: Cell, *, fixed: Mapping[str, float] | None = None, near: Near | None = None
+    touches: TouchSet, cell: Cell, *, fixed: Mapping[str, float] | None = None, warm_start: WarmStart | None = None
 ) -> Calibration:
     """Estimate L̄ from touches.
 
@@ -59,11 +59,11 @@ def calibrate(
     observations = observe(touches, cell)
     check_plausible(observations, cell)
     try:
-        found = estimate(observations, cell, start, free, near)
+        found = estimate(observations, cell, start, free, warm_start)
     except np.linalg.LinAlgError as error:
         problem = 'the fit ran away to where the model is not defined'
         raise UnsupportedDataError(problem, 'check the nominal values, the discs and the sensor in the cell') from error
-    return conclude(touches, cell, start, fixed, observations, found, left_out)
+    return build_result(touches, cell, start, fixed, observations, found, left_out)
 
 
 def _start(cell: Cell, fixed: Mapping[str, float]) -> Parameters:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration import outliers, steps
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Observations, first_guess
-from scara_kinetostatic.calibration.identifiability import scales_of, unseen_directions
+from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.projection import project, select, turn_radial
 from scara_kinetostatic.calibration.solver import (
     COARSE,
@@ -42,7 +42,7 @@ NEARLY = 0.05
 """The same at the last round: two noise levels that are hard to tell apart come to rest slowly."""
 
 
-class Near(NamedTuple):
+class WarmStart(NamedTuple):
     """An earlier fit that is close to the one wanted.
 
     Attributes:
@@ -73,7 +73,7 @@ class Estimate(NamedTuple):
     used: NDArray[np.bool_]
     noise: Noise
     subspace: Subspace
-    unseen: Floats
+    unidentifiable: Floats
     distance: Floats
     iterations: int
 
@@ -109,9 +109,9 @@ def _check_left(good: NDArray[np.bool_], parameters: int, noise: Noise) -> None:
         )
 
 
-def check_rank(unseen: Floats) -> None:
+def check_rank(unidentifiable: Floats) -> None:
     """Whether at least half of the free parameters are determined; `unseen` is (k, d)."""
-    parameters, lost = unseen.shape
+    parameters, lost = unidentifiable.shape
     if 2 * lost > parameters:
         raise UnsupportedDataError(
             f'the touches are too much alike: they determine {parameters - lost} of {parameters} parameters',
@@ -124,7 +124,7 @@ def estimate(
     cell: Cell,
     start: Parameters,
     free: NDArray[np.intp],
-    near: Near | None = None,
+    warm_start: WarmStart | None = None,
 ) -> Estimate:
     """Coarse, robust, then final rounds until noise, bad touches and unseen directions stay as they are.
 
@@ -143,47 +143,60 @@ def estimate(
     basis = np.zeros((len(scales), len(free)))
     basis[free, np.arange(len(free))] = scales[free]
     everything = subspace = Subspace(start.as_array(), basis)
-    unseen = np.empty((len(free), 0))
-    parameters, adjusted, noise, used, iterations = _begin(observations, cell, everything, near)
-    stage = ROBUST if near is None else FINAL
+    unidentifiable = np.empty((len(free), 0))
+    parameters, adjusted, noise, used, iterations = _begin(observations, cell, everything, warm_start)
+    stage = ROBUST if warm_start is None else FINAL
     limits = 0
     for number in range(ROUNDS + 1):
         fit = minimise(observations, parameters, adjusted, subspace, noise, stage, used)
         parameters, adjusted, iterations = fit.point.parameters, fit.point.adjusted, iterations + fit.iterations
         distance = outliers.studentised(fit.point.whitened, covariance_of_fit(fit, subspace), used)
-        renewed = noise if cell.noise else _renew_noise(fit.point, used, subspace, noise)
+        updated = noise if cell.noise else _update_noise(fit.point, used, subspace, noise)
         good = outliers.find_good(distance)
-        stuck = near is not None and fit.termination is Termination.ITERATION_LIMIT
+        stuck = warm_start is not None and fit.termination is Termination.ITERATION_LIMIT
         limits = limits + 1 if stuck else 0
         if limits == STUCK:
             break
         if number == ROUNDS:
-            if not (_same(good & used, used) and _close(noise, renewed, NEARLY)):
+            if not (_same(good & used, used) and _close(noise, updated, NEARLY)):
                 fit = fit._replace(termination=Termination.ITERATION_LIMIT)
             break
         if number >= SETTLING:
             good &= used  # nor is a bad touch taken back, for the same reason
-        now_unseen = unseen_directions(*_only(good, observations, fit.point), free, noise)
-        if number >= SETTLING and now_unseen.shape[1] < unseen.shape[1]:
-            now_unseen = unseen  # what was unseen is not freed again: the judgements could take turns for ever
-        if stage is FINAL and _same(good, used) and not _differ(now_unseen, unseen, number) and _close(noise, renewed):
+        now_unidentifiable = unidentifiable_directions(*_only(good, observations, fit.point), free, noise)
+        if number >= SETTLING and now_unidentifiable.shape[1] < unidentifiable.shape[1]:
+            now_unidentifiable = (
+                unidentifiable  # what was unseen is not freed again: the judgements could take turns for ever
+            )
+        if (
+            stage is FINAL
+            and _same(good, used)
+            and not _differ(now_unidentifiable, unidentifiable, number)
+            and _close(noise, updated)
+        ):
             break
-        if _differ(now_unseen, unseen, number):
-            check_rank(now_unseen)
-            subspace, unseen = restrict(everything, now_unseen), now_unseen
+        if _differ(now_unidentifiable, unidentifiable, number):
+            check_rank(now_unidentifiable)
+            subspace, unidentifiable = restrict(everything, now_unidentifiable), now_unidentifiable
             parameters = subspace.project(parameters)
-        used, noise, stage = good, renewed, FINAL
+        used, noise, stage = good, updated, FINAL
         _check_left(good, subspace.basis.shape[1], noise)
-    return Estimate(fit, used, noise, subspace, unseen, distance, iterations)
+    return Estimate(fit, used, noise, subspace, unidentifiable, distance, iterations)
 
 
 def _begin(
-    observations: Observations, cell: Cell, everything: Subspace, near: Near | None
+    observations: Observations, cell: Cell, everything: Subspace, warm_start: WarmStart | None
 ) -> tuple[Parameters, Adjusted, Noise, NDArray[np.bool_], int]:
     """Where the rounds begin: L̄, adjusted observations, noise, touches that count, steps so far."""
-    if near is not None:
-        noise = cell.noise or near.noise
-        return near.parameters, project(observations, near.parameters, noise).adjusted, noise, near.used, 0
+    if warm_start is not None:
+        noise = cell.noise or warm_start.noise
+        return (
+            warm_start.parameters,
+            project(observations, warm_start.parameters, noise).adjusted,
+            noise,
+            warm_start.used,
+            0,
+        )
     noise, start = cell.noise or USUAL_NOISE, Parameters.from_array(everything.origin)
     fit = minimise(observations, start, first_guess(observations, start), everything, noise, COARSE)
     used = np.ones(len(observations.joints), dtype=bool)
@@ -195,7 +208,7 @@ def _only(good: NDArray[np.bool_], observations: Observations, point: Point) -> 
     return (observations, point) if good.all() else (observations.select(good), select(point, good))
 
 
-def _renew_noise(point: Point, used: NDArray[np.bool_], subspace: Subspace, noise: Noise) -> Noise:
+def _update_noise(point: Point, used: NDArray[np.bool_], subspace: Subspace, noise: Noise) -> Noise:
     """The noise levels that the residuals of good touches call for."""
     good = used & outliers.find_good(point.distance)
     if good.sum() > subspace.basis.shape[1] // 2 + 1:
@@ -210,10 +223,10 @@ def covariance_of_fit(fit: Fit, subspace: Subspace) -> Floats:
     return subspace.basis @ steps.covariance(fit.system) @ subspace.basis.T
 
 
-def restrict(everything: Subspace, unseen: Floats) -> Subspace:
+def restrict(everything: Subspace, unidentifiable: Floats) -> Subspace:
     """The subspace without the unseen directions: along those, L̄ stays at the origin."""
-    k, d = unseen.shape
-    complement = np.linalg.qr(np.concatenate([unseen, np.eye(k)], axis=1))[0][:, d:k]
+    k, d = unidentifiable.shape
+    complement = np.linalg.qr(np.concatenate([unidentifiable, np.eye(k)], axis=1))[0][:, d:k]
     return everything._replace(basis=everything.basis @ complement)
 
 

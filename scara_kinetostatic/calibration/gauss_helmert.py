@@ -30,15 +30,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.sensor_errors import misread, unreading
+from scara_kinetostatic.calibration.sensor_errors import sensor_error_columns, true_force_derivative
 from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, by_touch
 from scara_kinetostatic.model.cell import Noise, SensorFrame
-from scara_kinetostatic.model.extended import all_derivatives, extended_equations, lean_derivative, settled
-from scara_kinetostatic.model.extension import Extension, Setting
+from scara_kinetostatic.model.extended import (
+    all_derivatives,
+    extended_equations,
+    extended_link_angles,
+    off_normal_derivative,
+)
+from scara_kinetostatic.model.extension import ContactProblem, Extension
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.link_angles import LinkAngles, solve_link_angles
 from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2, Parameters
-from scara_kinetostatic.model.settling import Settled, settle_links
 from scara_kinetostatic.model.state import State, free_state
 from scara_kinetostatic.model.statics import Arm
 
@@ -80,18 +85,18 @@ class Observations(NamedTuple):
             extension=extension,
         )
 
-    def setting(self, joints: Floats, lean: Floats | None = None) -> Setting:
+    def contact_problem(self, joints: Floats, off_normal: Floats | None = None) -> ContactProblem:
         """The touches at joint angles (n, 2), rad, and leans (n,), rad, as the equations take them."""
-        return Setting(joints, self.centers, self.radii, self.gripper, self.extension, lean)
+        return ContactProblem(joints, self.centers, self.radii, self.gripper, self.extension, off_normal)
 
     @property
-    def spread(self) -> float:
+    def off_normal_std(self) -> float:
         """Standard deviation of the lean of the force, rad."""
-        return 0.0 if self.extension is None else self.extension.spread
+        return 0.0 if self.extension is None else self.extension.off_normal_std
 
     def true_force(self, parameters: Parameters, reported: Floats) -> Floats:
         """The forces behind what the sensor reports, (n, 2), N, in its frame."""
-        return reported if self.extension is None else self.extension.unread(parameters, reported)
+        return reported if self.extension is None else self.extension.true_force(parameters, reported)
 
 
 class Adjusted(NamedTuple):
@@ -107,7 +112,7 @@ class Adjusted(NamedTuple):
     joints: Floats
     force: Floats
     state: State
-    lean: Floats | None = None
+    off_normal: Floats | None = None
 
 
 def first_guess(observations: Observations, parameters: Parameters) -> Adjusted:
@@ -136,9 +141,9 @@ def linearise(
     o, state = observations, adjusted.state
     if arm is None:
         state = place_force(o, parameters, adjusted.joints, adjusted.force, state)
-    setting = o.setting(adjusted.joints, adjusted.lean)
-    e = extended_equations(parameters, setting, state, arm)
-    derivative = all_derivatives(parameters, setting, state, e)
+    contact_problem = o.contact_problem(adjusted.joints, adjusted.off_normal)
+    e = extended_equations(parameters, contact_problem, state, arm)
+    derivative = all_derivatives(parameters, contact_problem, state, e)
     by_joints = derivative[:, :, THETA1 : THETA2 + 1 : THETA2 - THETA1]
     if o.frame is SensorFrame.TOOL:  # the sensor turns with link 2, so the force does
         turned = np.stack([e.normal_d, e.tangent_d], axis=-1)
@@ -148,19 +153,19 @@ def linearise(
     per_force = 1.0 / state.magnitude
     by_force[:, 0, 0], by_force[:, 1, 0] = e.normal_f, e.tangent_f
     by_force[:, 0, 1], by_force[:, 1, 1] = e.normal_d * per_force, e.tangent_d * per_force
-    if o.extension is not None and o.extension.reads:
-        by_force = by_force @ unreading(o.extension, parameters, adjusted.force)
-        derivative[:, :, len(NAMES) :] += misread(o.extension, parameters, adjusted.force, by_force)
+    if o.extension is not None and o.extension.has_sensor_error:
+        by_force = by_force @ true_force_derivative(o.extension, parameters, adjusted.force)
+        derivative[:, :, len(NAMES) :] += sensor_error_columns(o.extension, parameters, adjusted.force, by_force)
     misclosure = by_touch(2, len(o.joints))
     off = _off_measured(o, adjusted)
     misclosure[:, 0] = e.normal + _row_times(by_joints[:, 0], by_force[:, 0], off)
     misclosure[:, 1] = e.tangent + _row_times(by_joints[:, 1], by_force[:, 1], off)
-    if not o.spread:
+    if not o.off_normal_std:
         return Linearisation(misclosure, derivative, by_joints, by_force)
-    by_lean = lean_derivative(parameters, setting, state, e)
-    if adjusted.lean is not None:
-        misclosure -= by_lean * adjusted.lean[:, None]
-    return Linearisation(misclosure, derivative, by_joints, by_force, o.spread * by_lean)
+    by_off_normal = off_normal_derivative(parameters, contact_problem, state, e)
+    if adjusted.off_normal is not None:
+        misclosure -= by_off_normal * adjusted.off_normal[:, None]
+    return Linearisation(misclosure, derivative, by_joints, by_force, o.off_normal_std * by_off_normal)
 
 
 def _off_measured(observations: Observations, adjusted: Adjusted) -> tuple[Floats, Floats, Floats, Floats]:
@@ -224,11 +229,11 @@ def adjust(
         joints = np.where(close[:, None], joints, o.joints)
         force = np.where(close[:, None], force, _turned_radial(o, parameters, adjusted.state))
     state = place_force(o, parameters, joints, force, adjusted.state)
-    lean = None
-    if linear.by_lean is not None:
-        lean = -o.spread * np.where(close, (linear.by_lean * multiplier).sum(axis=-1), 0.0)
-    state, arm = settle(o, parameters, joints, state, frozen, lean, again=True)
-    return Adjusted(joints, force, state, lean), arm
+    off_normal = None
+    if linear.by_off_normal is not None:
+        off_normal = -o.off_normal_std * np.where(close, (linear.by_off_normal * multiplier).sum(axis=-1), 0.0)
+    state, arm = solve_links(o, parameters, joints, state, frozen, off_normal, again=True)
+    return Adjusted(joints, force, state, off_normal), arm
 
 
 def _multiplier(whitened: Whitened, step: Floats) -> tuple[Floats, NDArray[np.bool_]]:
@@ -243,28 +248,28 @@ def _multiplier(whitened: Whitened, step: Floats) -> tuple[Floats, NDArray[np.bo
     return multiplier, close
 
 
-def settle(
+def solve_links(
     observations: Observations,
     parameters: Parameters,
     joints: Floats,
     state: State,
     frozen: bool = False,
-    lean: Floats | None = None,
+    off_normal: Floats | None = None,
     again: bool = False,
-) -> Settled:
+) -> LinkAngles:
     """Link angles and modes that go with joints and force; the second step, `again`, is for changed modes."""
     if observations.extension is None:
-        return settle_links(parameters, joints, state, observations.gripper, frozen, again)
-    setting = observations.setting(joints, lean)
-    state = settled(parameters, setting, state, frozen)
-    return Settled(settled(parameters, setting, state, frozen) if again else state, None)
+        return solve_link_angles(parameters, joints, state, observations.gripper, frozen, again)
+    contact_problem = observations.contact_problem(joints, off_normal)
+    state = extended_link_angles(parameters, contact_problem, state, frozen)
+    return LinkAngles(extended_link_angles(parameters, contact_problem, state, frozen) if again else state, None)
 
 
 def _turned_radial(observations: Observations, parameters: Parameters, state: State) -> Floats:
     """The measured forces turned so that they point from the tip to the disc's centre, as the sensor reports them."""
     o = observations
     tip = forward(parameters, np.stack([state.link1, state.link2], axis=-1))
-    to_disc = o.setting(o.joints).shifted(parameters, state).centers - tip
+    to_disc = o.contact_problem(o.joints).shifted(parameters, state).centers - tip
     direction = np.arctan2(to_disc[:, 1], to_disc[:, 0])
     if o.frame is SensorFrame.TOOL:
         direction = direction - (o.joints[:, 0] + o.joints[:, 1] + parameters.theta1 + parameters.theta2)
@@ -282,14 +287,19 @@ def as_radial(observations: Observations, parameters: Parameters, state: State) 
         state: where the tips are.
     """
     o, force = observations, _turned_radial(observations, parameters, state)
-    lean = np.zeros(len(force)) if o.spread else None
+    off_normal = np.zeros(len(force)) if o.off_normal_std else None
     state = place_force(o, parameters, o.joints, force, state)
-    return Adjusted(o.joints, force, settle(o, parameters, o.joints, state, lean=lean, again=True).state, lean)
+    return Adjusted(
+        o.joints,
+        force,
+        solve_links(o, parameters, o.joints, state, off_normal=off_normal, again=True).state,
+        off_normal,
+    )
 
 
 def as_measured(observations: Observations, parameters: Parameters, state: State) -> tuple[Adjusted, Arm | None]:
     """The observations as measured, with the link angles that go with a new L̄: the coarse stage. As `adjust`."""
     o = observations
     state = place_force(o, parameters, o.joints, o.force, state)
-    state, arm = settle(o, parameters, o.joints, state, again=True)
+    state, arm = solve_links(o, parameters, o.joints, state, again=True)
     return Adjusted(o.joints, o.force, state), arm

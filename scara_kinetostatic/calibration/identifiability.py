@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.blocks import pick
-from scara_kinetostatic.calibration.gauss_helmert import Observations, linearise, place_force, settle
+from scara_kinetostatic.calibration.gauss_helmert import Observations, linearise, place_force, solve_links
 from scara_kinetostatic.calibration.projection import select
 from scara_kinetostatic.calibration.solver import Point
 from scara_kinetostatic.calibration.steps import compress, upper_triangle
@@ -85,7 +85,7 @@ class Identifiability:
     advice: str = ''
 
 
-def unseen_directions(observations: Observations, point: Point, free: NDArray[np.intp], noise: Noise) -> Floats:
+def unidentifiable_directions(observations: Observations, point: Point, free: NDArray[np.intp], noise: Noise) -> Floats:
     """The directions of L̄ that the data do not show.
 
     Args:
@@ -157,7 +157,7 @@ def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -
     every = np.tile(np.arange(n), VARIANTS)
     o, adjusted, force = observations.select(every), pick(a, every), moved.reshape(2, -1).T
     placed = place_force(o, p, adjusted.joints, force, adjusted.state)
-    state, arm = settle(o, p, adjusted.joints, placed, lean=adjusted.lean)
+    state, arm = solve_links(o, p, adjusted.joints, placed, off_normal=adjusted.off_normal)
     linear = linearise(o, p, adjusted._replace(force=force, state=state), arm)
     root = (np.tile(l11, VARIANTS), np.tile(l21, VARIANTS), np.tile(l22, VARIANTS))
     columns = whiten_by(linear.derivative, root).transpose(2, 1, 0).reshape(-1, 2, VARIANTS, n)

@@ -12,7 +12,7 @@ from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extension import Extension
 from scara_kinetostatic.model.kinematics import forward, rotate
-from scara_kinetostatic.model.law import Tags
+from scara_kinetostatic.model.law import TouchMetadata
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 
@@ -34,7 +34,7 @@ def observe(touches: TouchSet, cell: Cell) -> Observations:
         cell.radii[touches.disc],
         cell.sensor.frame,
         cell.gripper,
-        Extension(cell.effects, Tags.of(touches)) if cell.effects else None,
+        Extension(cell.effects, TouchMetadata.of(touches)) if cell.effects else None,
     )
 
 
@@ -57,21 +57,28 @@ def force_residual(observations: Observations, parameters: Parameters) -> Floats
 def _force_residual(observations: Observations, parameters: Parameters) -> Floats:
     o = observations
     measured = base_force(o, parameters)
-    lean = measured_lean(o, parameters) if o.spread else None
+    off_normal = measured_off_normal(o, parameters) if o.off_normal_std else None
     found = contact(
-        parameters, o.joints, o.centers, o.radii, o.gripper, near=measured, extension=o.extension, lean=lean
+        parameters,
+        o.joints,
+        o.centers,
+        o.radii,
+        o.gripper,
+        warm_start=measured,
+        extension=o.extension,
+        off_normal=off_normal,
     )
     return measured - found.force
 
 
-def measured_lean(observations: Observations, parameters: Parameters) -> Floats:
+def measured_off_normal(observations: Observations, parameters: Parameters) -> Floats:
     """By how much each measured force leans from the normal of the disc, (n,), rad."""
     o = observations
     state = first_guess(o, parameters).state
     link2 = state.link1 + state.link2 + parameters.theta1 + parameters.theta2
     force = base_force(o, parameters)
     tip = forward(parameters, np.stack([state.link1, state.link2], axis=-1))
-    inward = o.setting(o.joints).shifted(parameters, state).centers - tip
+    inward = o.contact_problem(o.joints).shifted(parameters, state).centers - tip
     inward = inward - o.gripper.deflection(parameters, force, link2)
     across = inward[:, 0] * force[:, 1] - inward[:, 1] * force[:, 0]
     return np.asarray(np.arctan2(across, (inward * force).sum(axis=1)))

@@ -61,14 +61,14 @@ def select(point: Point, which: NDArray[np.bool_] | NDArray[np.intp]) -> Point:
             joints=a.joints[which],
             force=a.force[which],
             state=a.state.select(which),
-            lean=None if a.lean is None else a.lean[which],
+            off_normal=None if a.off_normal is None else a.off_normal[which],
         ),
         linear=Linearisation(
             linear.misclosure[which],
             linear.derivative[which],
             linear.by_joints[which],
             linear.by_force[which],
-            None if linear.by_lean is None else linear.by_lean[which],
+            None if linear.by_off_normal is None else linear.by_off_normal[which],
         ),
         whitened=w._replace(
             residual=w.residual[which],

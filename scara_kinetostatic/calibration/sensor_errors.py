@@ -11,7 +11,7 @@ from scara_kinetostatic.model.parameters import Parameters
 Floats = NDArray[np.float64]
 
 
-def misread(extension: Extension, parameters: Parameters, reported: Floats, by_reported: Floats) -> Floats:
+def sensor_error_columns(extension: Extension, parameters: Parameters, reported: Floats, by_reported: Floats) -> Floats:
     """What misread forces do to h by the parameters of the effects, (n, 2, k).
 
     The true force behind a reported one moves by -∂F/∂(reported F) ∂e.
@@ -22,17 +22,17 @@ def misread(extension: Extension, parameters: Parameters, reported: Floats, by_r
         reported: forces, (n, 2), N.
         by_reported: ∂h by the reported force, along and across it, (n, 2, 2).
     """
-    columns, force = [], extension.unread(parameters, reported)
-    for error in extension.reading_derivative(parameters, force):
+    columns, force = [], extension.true_force(parameters, reported)
+    for error in extension.sensor_error_derivative(parameters, force):
         error = np.zeros_like(force) if error is None else error
         columns.append(-np.einsum('nij,nj->ni', by_reported, along_and_across(error, reported)))
     return np.stack(columns, axis=-1)
 
 
-def unreading(extension: Extension, parameters: Parameters, reported: Floats) -> Floats:
+def true_force_derivative(extension: Extension, parameters: Parameters, reported: Floats) -> Floats:
     """∂F/∂(reported F), (n, 2, 2), each in components along and across itself."""
-    force = extension.unread(parameters, reported)
-    matrix = extension.unreading(parameters, force)
+    force = extension.true_force(parameters, reported)
+    matrix = extension.true_force_derivative(parameters, force)
     unit = reported / np.hypot(reported[:, 0], reported[:, 1])[:, None]
     columns = [matrix @ unit[:, :, None], matrix @ np.stack([-unit[:, 1], unit[:, 0]], axis=-1)[:, :, None]]
     return np.stack([along_and_across(column[:, :, 0], force) for column in columns], axis=-1)

@@ -163,8 +163,8 @@ def _evaluate(
 
 def _direction_variance(observations: Observations, noise: Noise) -> Floats:
     """What the measured direction of the force adds to V11 in the coarse stage, (n,), m²."""
-    spread = noise.force**2 / (observations.force**2).sum(axis=-1)
-    return (observations.radii * spread) ** 2
+    off_normal_std = noise.force**2 / (observations.force**2).sum(axis=-1)
+    return (observations.radii * off_normal_std) ** 2
 
 
 def minimise(
@@ -204,18 +204,18 @@ def minimise(
         step = steps.damped_step(system, damping)
         change, shift = subspace.basis @ step, steps.predicted_shift(system, step)
         cost = _cost(point, scale, stage, used)
-        settled = shift < tolerance or float(np.abs(step).max(initial=0.0)) < STEP_TOLERANCE
-        if (settled and not stage.adjusts) or (damping == stage.damping and shift < _negligible(history)):
+        converged = shift < tolerance or float(np.abs(step).max(initial=0.0)) < STEP_TOLERANCE
+        if (converged and not stage.adjusts) or (damping == stage.damping and shift < _negligible(history)):
             point, termination = _last_step(point, change), Termination.CONVERGED
             history.append(_cost(point, scale, stage, used))
             break
         trial = _move(observations, point, change, noise, stage, iterations > FREEZE_AFTER)
         trial_cost = _cost(trial, scale, stage, used)
-        if np.isfinite(trial_cost) and (settled or shift < 1e-3 or trial_cost <= cost * (1 + STALL_TOLERANCE)):
+        if np.isfinite(trial_cost) and (converged or shift < 1e-3 or trial_cost <= cost * (1 + STALL_TOLERANCE)):
             point, damping = trial, max(stage.damping, damping / 10 if damping > 1e-6 else 0.0)
             history.append(trial_cost)
             system, scale = _system(point, subspace, stage, used)
-            if settled:
+            if converged:
                 termination = Termination.CONVERGED
                 break
         else:

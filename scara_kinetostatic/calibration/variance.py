@@ -45,8 +45,8 @@ def estimate_noise(linear: Linearisation, whitened: Whitened, covariance: Floats
         The levels that the residuals call for, each within a factor of 10 of before.
     """
     parts = [whiten_matrix(outer(b), whitened.root) for b in (linear.by_joints, linear.by_force)]
-    if linear.by_lean is not None:  # of known size
-        parts.append(whiten_matrix(outer(linear.by_lean[:, :, None]), whitened.root))
+    if linear.by_off_normal is not None:  # of known size
+        parts.append(whiten_matrix(outer(linear.by_off_normal[:, :, None]), whitened.root))
     r, jacobian = whitened.residual, whitened.derivative
     freedoms = r.size - int(np.linalg.matrix_rank(covariance))
     factor = np.sqrt(float((r**2).sum()) / max(freedoms, 1))

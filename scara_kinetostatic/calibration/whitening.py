@@ -27,7 +27,7 @@ class Linearisation(NamedTuple):
     derivative: Floats
     by_joints: Floats
     by_force: Floats
-    by_lean: Floats | None = None
+    by_off_normal: Floats | None = None
 
 
 class Whitened(NamedTuple):
@@ -54,10 +54,10 @@ def covariance_of(linear: Linearisation, noise: Noise) -> tuple[Floats, Floats, 
     q, f = noise.joint**2, noise.force**2
     joints, force = products(linear.by_joints), products(linear.by_force)
     v11, v21, v22 = (q * a + f * b for a, b in zip(joints, force, strict=True))
-    if linear.by_lean is None:
+    if linear.by_off_normal is None:
         return v11, v21, v22
-    lean1, lean2 = linear.by_lean[:, 0], linear.by_lean[:, 1]
-    return v11 + lean1 * lean1, v21 + lean1 * lean2, v22 + lean2 * lean2
+    off_normal1, off_normal2 = linear.by_off_normal[:, 0], linear.by_off_normal[:, 1]
+    return v11 + off_normal1 * off_normal1, v21 + off_normal1 * off_normal2, v22 + off_normal2 * off_normal2
 
 
 def products(matrices: Floats) -> tuple[Floats, Floats, Floats]:

@@ -12,7 +12,7 @@ from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real
 from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.studies.dial_gauge.readings import GaugeReadings
+    from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 
 DESCRIPTION = """\
 Compliance and backlash from tables of loads and dial gauge readings, as in
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: there is no reversal, or there are too few rows.
     """
     from scara_kinetostatic.render.json_file import json_text
-    from scara_kinetostatic.studies.dial_gauge.document import gauge_document
+    from scara_kinetostatic.studies.dial_gauge.document import dial_gauge_document
     from scara_kinetostatic.studies.dial_gauge.lines import ZERO_BAND
     from scara_kinetostatic.studies.dial_gauge.study import study
     from scara_kinetostatic.studies.dial_gauge.text import text
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     if band >= 1:
         raise InputError('--zero-band', f'expected a part below 1, got {band:g}')
     found = study(_tables(args), args.kind, band)
-    document = gauge_document(found)
+    document = dial_gauge_document(found)
     if args.out:
         from scara_kinetostatic.files.atomic import write_texts
         from scara_kinetostatic.studies.dial_gauge import document as json_file
@@ -97,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _tables(args: argparse.Namespace) -> list[GaugeReadings]:
+def _tables(args: argparse.Namespace) -> list[DialGaugeReadings]:
     from scara_kinetostatic.studies.dial_gauge.table_file import Usual, load_readings
 
     usual = Usual(

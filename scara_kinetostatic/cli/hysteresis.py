@@ -11,7 +11,7 @@ from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real
 from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.studies.dial_gauge.readings import GaugeReadings
+    from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 
 DESCRIPTION = """\
 Closes the loop on measured force-displacement loops. Law (6) of the paper, slope
@@ -56,13 +56,13 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: there are too few reversals.
     """
     from scara_kinetostatic.render.json_file import json_text
-    from scara_kinetostatic.studies.hysteresis.document import NAME, loops_document
-    from scara_kinetostatic.studies.hysteresis.study import check_tensions, loops_study
+    from scara_kinetostatic.studies.hysteresis.document import NAME, hysteresis_document
+    from scara_kinetostatic.studies.hysteresis.study import check_tensions, hysteresis_study
     from scara_kinetostatic.studies.hysteresis.text import text
 
     check_tensions(len(args.tables), args.tension)
-    study = loops_study(_tables(args.tables), args.tension)
-    document = loops_document(study)
+    study = hysteresis_study(_tables(args.tables), args.tension)
+    document = hysteresis_document(study)
     if args.out:
         from scara_kinetostatic.files.atomic import write_texts
         from scara_kinetostatic.studies.hysteresis.page import NAME as PAGE
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _tables(paths: list[Path]) -> list[GaugeReadings]:
+def _tables(paths: list[Path]) -> list[DialGaugeReadings]:
     from scara_kinetostatic.studies.dial_gauge.table_file import load_readings
 
     seen: set[Path] = set()

@@ -79,6 +79,7 @@ def _add_plan(parser: argparse.ArgumentParser) -> None:
         '--levels', type=real(0, above=True), nargs='+', metavar='F', help='force levels, N (default: 10 25 40)'
     )
     group.add_argument(
+        '--preload',
         '--overpress',
         type=real(0),
         metavar='PART',
@@ -117,8 +118,8 @@ def run(args: argparse.Namespace) -> int:
             or cannot be written.
         UnsupportedDataError: the simulated robot cannot reach a touch, or hold its force.
     """
-    if args.plan and (args.per_disc or args.levels or args.overpress is not None):
-        advice = 'leave --per-disc, --levels and --overpress out'
+    if args.plan and (args.per_disc or args.levels or args.preload is not None):
+        advice = 'leave --per-disc, --levels and --preload out'
         raise InputError('--plan', 'a plan says all about the touches', advice)
     from scara_kinetostatic.bags.writer import write_streams
     from scara_kinetostatic.simulation.chosen_effects import parse_effect, with_effects
@@ -195,7 +196,7 @@ def _plan(args: argparse.Namespace, cell: Cell) -> Plan:
 
     if args.plan:
         return load_plan(args.plan, cell)
-    choices = {'per_disc': args.per_disc, 'levels': args.levels, 'overpress': args.overpress}
+    choices = {'per_disc': args.per_disc, 'levels': args.levels, 'preload': args.preload}
     return default_plan(cell, **{name: value for name, value in choices.items() if value is not None})
 
 

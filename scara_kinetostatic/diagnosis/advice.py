@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.discrimination import Deciding
-from scara_kinetostatic.diagnosis.lack_of_fit import Trace
+from scara_kinetostatic.diagnosis.discrimination import DiscriminatingTouch
+from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.refit import effect_values
 from scara_kinetostatic.diagnosis.result import Found, Ranked
 from scara_kinetostatic.effects.base import Effect
@@ -20,7 +20,7 @@ VAGUE = 5.0
 """Factor by which a standard deviation grows with other forms from which on it is said."""
 
 
-def unexplained(c: Calibration, found: Sequence[Trace]) -> str:
+def unexplained(c: Calibration, found: Sequence[Dependence]) -> str:
     """Where the twelve parameters are not enough and nothing was found to add."""
     if not found and c.noise_source == 'estimated':
         return (
@@ -33,14 +33,14 @@ def unexplained(c: Calibration, found: Sequence[Trace]) -> str:
             'the noise is stated too small, or touches repeat worse than assumed; '
             'leave the noise out of the cell file to have it estimated'
         )
-    names = '; '.join(trace.name for trace in found[:3])
+    names = '; '.join(dependence.name for dependence in found[:3])
     return (
         f'the residual depends on {names}: the robot does something that the twelve parameters do not describe, '
         'and they are bent by it; do not trust them to their standard deviations'
     )
 
 
-def hint(p_value: float, found: Sequence[Trace]) -> str:
+def hint(p_value: float, found: Sequence[Dependence]) -> str:
     """Where the residual shows a trace that no effect explains well enough to be believed."""
     over = f' over {found[0].name}' if found else ''
     return (
@@ -51,14 +51,14 @@ def hint(p_value: float, found: Sequence[Trace]) -> str:
 
 def not_excluded(ranking: Sequence[Ranked]) -> str:
     """What "nothing is missing" does not exclude: effects just too small to be found that would bend the twelve."""
-    named = [item for item in ranking if item.hidden_bend > LARGE_BEND and not isinstance(item.effect, Unnamed)]
+    named = [item for item in ranking if item.undetected_bias > LARGE_BEND and not isinstance(item.effect, Unnamed)]
     if not named:
         return ''
-    worst = max(named, key=lambda item: item.hidden_bend)
+    worst = max(named, key=lambda item: item.undetected_bias)
     others = f'; {len(named) - 1} other effects some parameter by more than {LARGE_BEND:g}' if len(named) > 1 else ''
     return (
-        f'not excluded: {worst.effect.label}, just too small to be found in these touches, could bend {worst.bent} by '
-        f'{worst.hidden_bend:.0f} standard deviations{others}'
+        f'not excluded: {worst.effect.label}, just too small to be found in these touches, could bend '
+        f'{worst.biased_parameter} by {worst.undetected_bias:.0f} standard deviations{others}'
     )
 
 
@@ -83,7 +83,7 @@ def _few(labels: Sequence[str]) -> str:
     return f'{", ".join(parts[:-1])} and {parts[-1]}' if len(parts) > 1 else parts[0]
 
 
-def other_frequencies(extended: Calibration, peaks: Sequence[Calibration]) -> str:
+def alternative_frequencies(extended: Calibration, peaks: Sequence[Calibration]) -> str:
     """Which other frequencies fit as well as those of an extended model.
 
     Args:
@@ -92,15 +92,15 @@ def other_frequencies(extended: Calibration, peaks: Sequence[Calibration]) -> st
     """
     sentences = []
     for place, effect in enumerate(extended.cell.effects):
-        if not isinstance(effect, Effect) or not effect.searched:
+        if not isinstance(effect, Effect) or not effect.grid_parameter:
             continue
-        k = effect.place_of_searched
+        k = effect.grid_parameter_index
         found, *others = (f'{effect_values(fit)[place][0][k]:.3g}' for fit in (extended, *peaks))
         others = sorted(set(others) - {found}, key=float)
         if others:
             sentences.append(
-                f'{effect.label} fits as well with {" or ".join(others)} {effect.searched} instead of {found}; the '
-                f'standard deviations hold for all of them; to decide, record {effect.reveal}'
+                f'{effect.label} fits as well with {" or ".join(others)} {effect.grid_parameter} instead of {found}; '
+                f'the standard deviations hold for all of them; to decide, record {effect.identified_by}'
             )
     return joined(*sentences)
 
@@ -120,35 +120,35 @@ def after_search(
     verdict: str,
     found: Sequence[Found],
     rivals: Sequence[Sequence[str]],
-    remaining: Sequence[Trace],
+    remaining: Sequence[Dependence],
     known: Sequence[Effect],
-    deciding: Sequence[Deciding] | None = None,
+    discriminating: Sequence[DiscriminatingTouch] | None = None,
 ) -> str:
     """What remains open once the model has been extended."""
     by_label = {effect.label: effect for effect in known}
     sentences = []
     for group in rivals:
         apart = f'these touches cannot tell {_few(group)} apart'
-        reveals = dict.fromkeys(by_label[label].reveal for label in group[:FEW] if label in by_label)
-        sentences.append(f'{apart}; to decide, record {"; or ".join(reveals)}' if deciding != () else apart)
-    if deciding:
+        reveals = dict.fromkeys(by_label[label].identified_by for label in group[:FEW] if label in by_label)
+        sentences.append(f'{apart}; to decide, record {"; or ".join(reveals)}' if discriminating != () else apart)
+    if discriminating:
         sentences.append(
-            f'where they differ most: {"; ".join(map(str, deciding))}; repeat such touches until they decide'
+            f'where they differ most: {"; ".join(map(str, discriminating))}; repeat such touches until they decide'
         )
-    elif deciding is not None:
+    elif discriminating is not None:
         sentences.append('no touch of these discs would do it; measure one of the rivals by other means, and hold it')
     for item in found:
-        if isinstance(item.effect, Unnamed) and not item.proved:
+        if isinstance(item.effect, Unnamed) and not item.in_every_model:
             sentences.append(
                 f'{item.effect.label} stands for something that no effect of the list is: {item.effect.description}'
             )
         elif isinstance(item.effect, Unnamed):
             sentences.append(
                 f'no effect of the list explains what is left: {item.effect.description}; it is corrected by a fitted '
-                f'curve. To learn what it is, record {item.effect.reveal}'
+                f'curve. To learn what it is, record {item.effect.identified_by}'
             )
     if verdict == 'unexplained' and remaining:
-        names = '; '.join(trace.name for trace in remaining[:3])
+        names = '; '.join(dependence.name for dependence in remaining[:3])
         sentences.append(f'something is left even so: the residual depends on {names}')
     elif verdict == 'unexplained' and not any(isinstance(item.effect, Unnamed) for item in found):
         sentences.append('the residuals stay larger than the stated noise, without a pattern')

@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.estimate import Near
+from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.diagnosis.evidence import story
+from scara_kinetostatic.diagnosis.evidence import penalised_deviance
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
 from scara_kinetostatic.diagnosis.model_selection import CREDIBLE
 from scara_kinetostatic.effects.base import Effect
@@ -32,7 +32,7 @@ SIGNIFICANT = 3.0
 """Standard deviations below zero from which on a compliance or a backlash is none."""
 
 
-def fit_other_forms(extended: Calibration) -> list[Calibration]:
+def fit_alternative_laws(extended: Calibration) -> list[Calibration]:
     """The touches of an extended model fitted with every other form of each of its effects that fits them as well.
 
     Args:
@@ -40,7 +40,7 @@ def fit_other_forms(extended: Calibration) -> list[Calibration]:
     """
     laws, variants = extended.cell.effects, []
     for place, effect in enumerate(laws):
-        for other in effect.other_forms() if isinstance(effect, Effect) else ():
+        for other in effect.alternative_laws() if isinstance(effect, Effect) else ():
             values = split(laws, extended.parameters)
             values[place] = np.array(other.start)
             start = extended.parameters.replace(extra=tuple(np.concatenate(values)))
@@ -56,16 +56,16 @@ def fit_variants(extended: Calibration, variants: Sequence[tuple[tuple[Law, ...]
         variants: effects of the cell, and L̄ with their parameters to start from.
     """
     scale = max(1.0, extended.reduced_chi_square)
-    most = story(extended, 0.0, scale) + CREDIBLE
+    most = penalised_deviance(extended, 0.0, scale) + CREDIBLE
     fits = [_with_variant(extended, *variant) for variant in variants]
-    return [fit for fit in fits if fit is not None and _is_physical(fit) and story(fit, 0.0, scale) < most]
+    return [fit for fit in fits if fit is not None and _is_physical(fit) and penalised_deviance(fit, 0.0, scale) < most]
 
 
 def _with_variant(extended: Calibration, effects: tuple[Law, ...], start: Parameters) -> Calibration | None:
     c = extended
-    near = Near(start, c.noise, c.used)
+    warm_start = WarmStart(start, c.noise, c.used)
     try:
-        fit = calibrate(c.touches, replace(c.cell, effects=effects), fixed=c.fixed, near=near)
+        fit = calibrate(c.touches, replace(c.cell, effects=effects), fixed=c.fixed, warm_start=warm_start)
     except UnsupportedDataError:
         return None
     return fit if fit.termination is Termination.CONVERGED else None
@@ -139,5 +139,5 @@ def _curve_sizes(fit: Calibration, channel: str) -> list[float]:
     curves = [(e, v) for e, v in pairs if isinstance(e, Unnamed) and e.channel == channel and e.disc < 0]
     if not curves:
         return []
-    at = pose_problem(fit).situation
+    at = pose_problem(fit).touch_state
     return [float(np.sqrt(np.mean((np.stack(e.functions(at), axis=-1) @ v) ** 2))) for e, v in curves]

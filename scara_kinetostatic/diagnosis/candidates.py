@@ -22,9 +22,9 @@ FINEST = 4
 """Grids, each finer than the one before, on which a frequency is looked for."""
 EVEN = 0.3
 """Part of the variance of the noise that a better frequency must explain to be worth another grid."""
-LEAST_NEW = 0.012
+LEAST_INDEPENDENT_PART = 0.012
 """Part of a unit column that must be new beside the twelve; less is the noise of the measured force."""
-LEAST_NEW_AT_ONE_LEVEL = 0.03
+LEAST_INDEPENDENT_PART_AT_ONE_LEVEL = 0.03
 """The same where all forces are alike."""
 
 
@@ -49,7 +49,7 @@ class Candidate(NamedTuple):
         return self.unit.shape[1] + len(self.effect.parameters) - len(self.trial.columns)
 
 
-class Unseen(NamedTuple):
+class Unidentifiable(NamedTuple):
     """An effect that these touches cannot show.
 
     Attributes:
@@ -58,7 +58,7 @@ class Unseen(NamedTuple):
     """
 
     effect: Effect
-    new: float
+    independent_part: float
 
 
 class Scan(NamedTuple):
@@ -77,7 +77,7 @@ class Scan(NamedTuple):
     tried: int
 
 
-class Field(NamedTuple):
+class CandidateSet(NamedTuple):
     """All that competes.
 
     Attributes:
@@ -86,7 +86,7 @@ class Field(NamedTuple):
     """
 
     candidates: tuple[Candidate, ...]
-    unseen: tuple[Unseen, ...]
+    unidentifiable: tuple[Unidentifiable, ...]
 
     @property
     def number(self) -> int:
@@ -99,7 +99,7 @@ def gather(
     effects: Iterable[Effect],
     fitted: Mapping[str, Floats] = MappingProxyType({}),
     together: bool = True,
-) -> Field:
+) -> CandidateSet:
     """The candidates among effects.
 
     An effect with many trials (a frequency to be found) takes part with the one that explains
@@ -112,19 +112,19 @@ def gather(
         together: whether several effects are to act at once; else the best way of each by itself will do.
     """
     found: list[Candidate] = []
-    unseen, scans = [], []
+    unidentifiable, scans = [], []
     for effect in effects:
-        trials = effect.trials(problem.situation, problem.force)
+        trials = effect.trials(problem.touch_state, problem.force)
         if len(trials) > 1:
             scans.append(scan_trials(problem, effect, trials, len(trials)))
             continue
-        unit, new = new_part(problem, problem.columns(trials[0]), problem.noise_columns(effect, trials[0]))
+        unit, part = independent_part(problem, problem.columns(trials[0]), problem.noise_columns(effect, trials[0]))
         if effect.label in fitted and not isinstance(effect, LinearEffect):
             found.append(as_fitted(problem, effect, fitted[effect.label], 1))
         elif unit.shape[1]:
             found.append(Candidate(effect, trials[0], unit, 1))
         else:
-            unseen.append(Unseen(effect, new))
+            unidentifiable.append(Unidentifiable(effect, part))
     alone = [best_trial(problem, scan) for scan in scans]
     partners = sorted(found + alone, key=lambda c: -explained(problem, c))[: PARTNERS if together else 0]
     for scan, first in zip(scans, alone, strict=True):
@@ -133,15 +133,15 @@ def gather(
             beside.append(as_fitted(problem, scan.effect, fitted[scan.effect.label], scan.tried))
         found += list({id(c.trial): c for c in (first, *beside)}.values())
     seen = {candidate.effect.label for candidate in found}
-    hidden = {item.effect.label: item for item in unseen if item.effect.label not in seen}
-    return Field(tuple(found), tuple(hidden.values()))
+    hidden = {item.effect.label: item for item in unidentifiable if item.effect.label not in seen}
+    return CandidateSet(tuple(found), tuple(hidden.values()))
 
 
 def as_fitted(problem: Problem, effect: Effect, values: Floats, tried: int) -> Candidate:
     """A nonlinear effect as the last fit had it, free to move about these values."""
-    at, reported = problem.situation, problem.force
-    trial = Trial(effect.derivative(at, values), effect.reading_derivative(reported, values), lambda _: values)
-    return Candidate(effect, trial, new_part(problem, problem.columns(trial))[0], tried)
+    at, reported = problem.touch_state, problem.force
+    trial = Trial(effect.derivative(at, values), effect.sensor_error_derivative(reported, values), lambda _: values)
+    return Candidate(effect, trial, independent_part(problem, problem.columns(trial))[0], tried)
 
 
 def explained(problem: Problem, candidate: Candidate) -> float:
@@ -149,7 +149,7 @@ def explained(problem: Problem, candidate: Candidate) -> float:
     return float(np.sum((candidate.unit.T @ problem.left) ** 2))
 
 
-def new_part(problem: Problem, columns: Floats, noise: Floats | None = None) -> tuple[Floats, float]:
+def independent_part(problem: Problem, columns: Floats, noise: Floats | None = None) -> tuple[Floats, float]:
     """Orthonormal basis of what columns (2n, m) add to the twelve, and the largest part of a unit column that does.
 
     A direction counts as new only if no more than `NOISE_SHARE` of it is made by the noise of the forces; `noise` is
@@ -162,11 +162,11 @@ def new_part(problem: Problem, columns: Floats, noise: Floats | None = None) -> 
         return np.empty((len(columns), 0)), 0.0
     left = columns - problem.base @ (problem.base.T @ columns)
     u, values, vt = np.linalg.svd(left, full_matrices=False)
-    new = values > (LEAST_NEW_AT_ONE_LEVEL if problem.one_level else LEAST_NEW)
+    independent_part = values > (LEAST_INDEPENDENT_PART_AT_ONE_LEVEL if problem.one_level else LEAST_INDEPENDENT_PART)
     if noise is not None:
         made = np.linalg.norm(noise[:, visible] / scale[visible] @ vt.T, axis=0)
-        new &= made**2 <= NOISE_SHARE * values**2
-    return u[:, new], min(1.0, float(values[0]))
+        independent_part &= made**2 <= NOISE_SHARE * values**2
+    return u[:, independent_part], min(1.0, float(values[0]))
 
 
 def best_trial(problem: Problem, scan: Scan, beside: Floats | None = None) -> Candidate:
@@ -184,7 +184,7 @@ def refined(problem: Problem, scan: Scan, k: int, beside: Floats | None = None) 
     most = float(gains(problem, scan, beside)[k])
     width = 1.0
     for _ in range(FINEST):
-        finer = scan.effect.finer(problem.situation, scan.trials[k], width)
+        finer = scan.effect.finer(problem.touch_state, scan.trials[k], width)
         if not finer:
             break
         before = most
@@ -195,7 +195,7 @@ def refined(problem: Problem, scan: Scan, k: int, beside: Floats | None = None) 
         if most - before < EVEN * max(float(problem.left @ problem.left) - taken - most, 0.0) / problem.freedoms:
             break
         width *= 2 / (len(finer) - 1)
-    return Candidate(scan.effect, scan.trials[k], new_part(problem, scan.columns[:, k])[0], scan.tried)
+    return Candidate(scan.effect, scan.trials[k], independent_part(problem, scan.columns[:, k])[0], scan.tried)
 
 
 def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:

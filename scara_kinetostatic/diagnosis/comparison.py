@@ -82,7 +82,7 @@ class Comparison(NamedTuple):
     moved_most: float
 
 
-class Bend(NamedTuple):
+class Bias(NamedTuple):
     """How far a missing effect had bent one parameter.
 
     Attributes:
@@ -147,7 +147,7 @@ def _whitened_normal(observations: Observations, point: Point) -> Floats:
     normal = np.zeros((len(point.distance), 2))
     normal[:, 0] = observations.radii
     if observations.extension is not None:
-        at = observations.setting(point.adjusted.joints, point.adjusted.lean).situation(
+        at = observations.contact_problem(point.adjusted.joints, point.adjusted.off_normal).touch_state(
             point.parameters, point.adjusted.state
         )
         place = observations.extension.shift(at)[1] - observations.extension.shift(at, robot_only=True)[1]
@@ -170,7 +170,7 @@ def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def bends(outcome: Outcome) -> list[Bend]:
+def biases(outcome: Outcome) -> list[Bias]:
     """The twelve parameters alone beside those of the extended model, in the order of `NAMES`."""
     alone, final = outcome.calibration, outcome.final
     rows = []
@@ -178,5 +178,5 @@ def bends(outcome: Outcome) -> list[Bend]:
         before, after = getattr(alone.parameters, name), getattr(final.parameters, name)
         std = alone.std_of(name)
         in_std = (before - after) / std if std > 0 and np.isfinite(final.std_of(name)) else np.nan
-        rows.append(Bend(name, before, std, after, final.std_of(name), before - after, float(in_std)))
+        rows.append(Bias(name, before, std, after, final.std_of(name), before - after, float(in_std)))
     return rows

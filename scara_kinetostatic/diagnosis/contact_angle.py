@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.estimate import Near
+from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.gauss_helmert import Observations
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
@@ -25,16 +25,16 @@ from scara_kinetostatic.calibration.variance import whiten_matrix
 from scara_kinetostatic.calibration.whitening import outer, whiten_by
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
 from scara_kinetostatic.diagnosis.refit import with_left_out
-from scara_kinetostatic.effects.contact_lean import ContactLean
+from scara_kinetostatic.effects.off_normal_force import OffNormalForce
 from scara_kinetostatic.model.cell import Noise
 
 Floats = NDArray[np.float64]
 
 FREE = 10.0
 """A standard deviation of the lean that leaves it free, rad."""
-FIRST_LEAN = 0.03
-TYPICAL_LEAN = 0.01
-LEAST_LEAN = 1e-4
+FIRST_STD = 0.03
+TYPICAL_STD = 0.01
+LEAST_STD = 1e-4
 TINY = 1e-12
 """Mean square of a residual that is rounding error."""
 ROUNDS = 8
@@ -42,7 +42,7 @@ SETTLED = 0.02
 """Relative change of the lean at which it has settled."""
 
 
-def lean_p_value(calibration: Calibration, beside_growing: bool = False) -> float:
+def off_normal_p_value(calibration: Calibration, beside_growing: bool = False) -> float:
     """P-value of "no force leans beyond its noise", one-sided.
 
     Noise that is stated too small is none of its business: the residuals are taken to have the size that they have.
@@ -51,12 +51,12 @@ def lean_p_value(calibration: Calibration, beside_growing: bool = False) -> floa
         calibration: with or without effects, none of them a lean.
         beside_growing: whether the noise of the force may grow with it; that shows along the force as well as across.
     """
-    return _excess(calibration, 'lean', ('joint', 'force', 'growing') if beside_growing else ('joint', 'force'))
+    return _excess(calibration, 'off_normal', ('joint', 'force', 'growing') if beside_growing else ('joint', 'force'))
 
 
 def growing_p_value(calibration: Calibration) -> float:
     """P-value of "the noise of the force is the same at all forces", one-sided against noise that grows with it."""
-    return _excess(calibration, 'growing', ('joint', 'force', 'lean'))
+    return _excess(calibration, 'growing', ('joint', 'force', 'off_normal'))
 
 
 def _excess(calibration: Calibration, kind: str, beside: tuple[str, ...]) -> float:
@@ -83,10 +83,10 @@ def _excess(calibration: Calibration, kind: str, beside: tuple[str, ...]) -> flo
 
 def _kind(name: str, observations: Observations, point: Point, noise: Noise) -> Floats:
     """One kind of variance of each touch, whitened, (n, 2, 2)."""
-    if name == 'lean':
-        by_lean = np.zeros((len(observations.radii), 2, 1))
-        by_lean[:, 1, 0] = TYPICAL_LEAN * observations.radii
-        return whiten_matrix(outer(by_lean), point.whitened.root)
+    if name == 'off_normal':
+        by_off_normal = np.zeros((len(observations.radii), 2, 1))
+        by_off_normal[:, 1, 0] = TYPICAL_STD * observations.radii
+        return whiten_matrix(outer(by_off_normal), point.whitened.root)
     by = noise.joint * point.linear.by_joints if name == 'joint' else noise.force * point.linear.by_force
     if name == 'growing':
         magnitude = point.adjusted.state.magnitude
@@ -94,21 +94,21 @@ def _kind(name: str, observations: Observations, point: Point, noise: Noise) -> 
     return whiten_matrix(outer(by), point.whitened.root)
 
 
-def fit_with_lean(calibration: Calibration) -> Calibration:
+def fit_with_off_normal(calibration: Calibration) -> Calibration:
     """The touches of a calibration fitted with a lean of every force, its size estimated.
 
     Effects that the cell has stay.
     """
     c = calibration
-    others = tuple(effect for effect in c.cell.effects if not isinstance(effect, ContactLean))
-    lean, used, latest = FIRST_LEAN, np.ones(len(c.touches), dtype=bool), c
+    others = tuple(effect for effect in c.cell.effects if not isinstance(effect, OffNormalForce))
+    off_normal, used, latest = FIRST_STD, np.ones(len(c.touches), dtype=bool), c
     for _ in range(ROUNDS):
-        cell = replace(c.cell, effects=(ContactLean(lean=lean), *others))
-        near = Near(latest.parameters, latest.noise, used)
-        latest = calibrate(c.touches, cell, fixed=c.fixed, near=near)
-        used, before = latest.used, lean
-        lean = max(_updated(latest, lean), LEAST_LEAN)
-        if abs(lean / before - 1) < SETTLED:
+        cell = replace(c.cell, effects=(OffNormalForce(off_normal=off_normal), *others))
+        warm_start = WarmStart(latest.parameters, latest.noise, used)
+        latest = calibrate(c.touches, cell, fixed=c.fixed, warm_start=warm_start)
+        used, before = latest.used, off_normal
+        off_normal = max(_updated(latest, off_normal), LEAST_STD)
+        if abs(off_normal / before - 1) < SETTLED:
             break
     return with_left_out(latest, c)
 
@@ -119,16 +119,17 @@ def without_direction(calibration: Calibration) -> Calibration:
     What the leans depend on is friction's own affair; only the other half of the residual is to be clean.
     """
     effects = tuple(
-        replace(effect, lean=FREE) if isinstance(effect, ContactLean) else effect for effect in calibration.cell.effects
+        replace(effect, off_normal=FREE) if isinstance(effect, OffNormalForce) else effect
+        for effect in calibration.cell.effects
     )
     return replace(calibration, cell=replace(calibration.cell, effects=effects))
 
 
-def _updated(c: Calibration, lean: float) -> float:
+def _updated(c: Calibration, off_normal: float) -> float:
     """One step of expectation and maximisation."""
     point = project(observe(c.touches.select(c.used), c.cell), c.parameters, c.noise)
-    assert point.linear.by_lean is not None
-    assert point.adjusted.lean is not None
-    shrunk = whiten_by(point.linear.by_lean, point.whitened.root)
-    left = lean**2 * (1 - (shrunk**2).sum(axis=1))
-    return float(np.sqrt(np.mean(point.adjusted.lean**2 + left)))
+    assert point.linear.by_off_normal is not None
+    assert point.adjusted.off_normal is not None
+    shrunk = whiten_by(point.linear.by_off_normal, point.whitened.root)
+    left = off_normal**2 * (1 - (shrunk**2).sum(axis=1))
+    return float(np.sqrt(np.mean(point.adjusted.off_normal**2 + left)))

@@ -10,21 +10,21 @@ import numpy as np
 from scipy import special
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.estimate import Near
+from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis import advice, noise_advice
-from scara_kinetostatic.diagnosis.alternatives import fit_other_forms, widened, widened_for_each, with_free_zeros
-from scara_kinetostatic.diagnosis.candidates import Field
-from scara_kinetostatic.diagnosis.contact_angle import growing_p_value, lean_p_value, without_direction
-from scara_kinetostatic.diagnosis.discrimination import Deciding, decide
-from scara_kinetostatic.diagnosis.hypotheses import tell
-from scara_kinetostatic.diagnosis.lack_of_fit import Trace, find_traces
+from scara_kinetostatic.diagnosis.alternatives import fit_alternative_laws, widened, widened_for_each, with_free_zeros
+from scara_kinetostatic.diagnosis.candidates import CandidateSet
+from scara_kinetostatic.diagnosis.contact_angle import growing_p_value, off_normal_p_value, without_direction
+from scara_kinetostatic.diagnosis.discrimination import DiscriminatingTouch, discriminating_touches
+from scara_kinetostatic.diagnosis.hypotheses import select_hypothesis
+from scara_kinetostatic.diagnosis.lack_of_fit import Dependence, find_dependences
 from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.model_selection import CREDIBLE, rank_singles
-from scara_kinetostatic.diagnosis.peaks import fit_other_peaks
+from scara_kinetostatic.diagnosis.peaks import fit_alternative_frequencies
 from scara_kinetostatic.diagnosis.refit import effect_values
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
-from scara_kinetostatic.diagnosis.scores import hidden_bend, score_singles, significance
+from scara_kinetostatic.diagnosis.scores import score_singles, significance, undetected_bias
 from scara_kinetostatic.diagnosis.search import Search, all_candidates
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
@@ -47,7 +47,7 @@ class Adequacy(NamedTuple):
     """
 
     p_value: float
-    traces: tuple[Trace, ...]
+    dependences: tuple[Dependence, ...]
 
 
 def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) -> Diagnosis:
@@ -68,8 +68,8 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
         quiet = noise_advice.too_quiet(found.extended)
         found = _diagnose(_with_own_noise(calibration), known)
     final = found.extended or calibration
-    leaning = any(effect.spread for effect in final.cell.effects)
-    growing = 1.0 if leaning else growing_p_value(final)
+    off_normal_fit = any(effect.off_normal_std for effect in final.cell.effects)
+    growing = 1.0 if off_normal_fit else growing_p_value(final)
     held = advice.held(calibration) if found.verdict != 'none' else ''
     return replace(found, advice=advice.joined(quiet, found.advice, held, noise_advice.growing_noise(growing)))
 
@@ -80,8 +80,8 @@ def _with_own_noise(calibration: Calibration) -> Calibration:
     """
     c = calibration
     try:
-        near = Near(c.parameters, c.noise, c.used)
-        return calibrate(c.touches, replace(c.cell, noise=None), fixed=c.fixed, near=near)
+        warm_start = WarmStart(c.parameters, c.noise, c.used)
+        return calibrate(c.touches, replace(c.cell, noise=None), fixed=c.fixed, warm_start=warm_start)
     except UnsupportedDataError:
         return c
 
@@ -89,34 +89,34 @@ def _with_own_noise(calibration: Calibration) -> Calibration:
 def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
     c = calibration
     problem = pose_problem(c)
-    field = all_candidates(c, problem, known, together=False)
-    before = adequacy(c, problem, field)
-    lean = lean_p_value(c)
-    p_value = min(1.0, 2 * min(before.p_value, lean))
+    candidate_set = all_candidates(c, problem, known, together=False)
+    before = adequacy(c, problem, candidate_set)
+    off_normal = off_normal_p_value(c)
+    p_value = min(1.0, 2 * min(before.p_value, off_normal))
     incredible = noise_advice.incredible(c)
     alarm = p_value < SIGNIFICANCE or bool(incredible)
-    found, lead = tell(c, known, alarm, lean < SIGNIFICANCE / 2)
+    found, lead = select_hypothesis(c, known, alarm, off_normal < SIGNIFICANCE / 2)
     if found is not None and p_value >= SIGNIFICANCE:
         p_value = min(p_value, float(np.exp(-lead / 2)))
     hint = found is not None and not incredible and p_value >= STRICT and found.gain < CREDIBLE
     if found is None or hint:
-        nothing = Search(problem, rank_singles(problem, field), None, 0.0, (), ())
+        nothing = Search(problem, rank_singles(problem, candidate_set), None, 0.0, (), ())
         ranking = _ranking(nothing, c)
-        text = advice.joined(advice.hint(p_value, before.traces) if hint else '', advice.not_excluded(ranking))
+        text = advice.joined(advice.hint(p_value, before.dependences) if hint else '', advice.not_excluded(ranking))
         return Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, advice=text)
     ranking = _ranking(found, c)
     if found.extended is None:
-        text = incredible or advice.unexplained(c, before.traces)
+        text = incredible or advice.unexplained(c, before.dependences)
         return Diagnosis(
             verdict='unexplained',
             p_value=p_value,
-            traces=before.traces,
-            remaining=before.traces,
+            dependences=before.dependences,
+            remaining=before.dependences,
             remaining_p_value=p_value,
             ranking=ranking,
             advice=text,
         )
-    return _extend(Diagnosis('explained', p_value, traces=before.traces, ranking=ranking), c, found, known)
+    return _extend(Diagnosis('explained', p_value, dependences=before.dependences, ranking=ranking), c, found, known)
 
 
 def _extend(base: Diagnosis, calibration: Calibration, found: Search, known: tuple[Effect, ...]) -> Diagnosis:
@@ -125,23 +125,23 @@ def _extend(base: Diagnosis, calibration: Calibration, found: Search, known: tup
     after = adequacy(found.extended)
     rivals = _fit_rivals(found, calibration)
     extended = widened(found.extended, rivals)
-    peaks = fit_other_peaks(found.extended, found.proved)
-    extended = widened_for_each(extended, [*fit_other_forms(found.extended), *peaks])
+    peaks = fit_alternative_frequencies(found.extended, found.in_every_model)
+    extended = widened_for_each(extended, [*fit_alternative_laws(found.extended), *peaks])
     extended = with_free_zeros(extended, [extended, *rivals])
     described = _describe(found._replace(extended=extended), rivals)
     verdict = _verdict(found, described, after)
-    deciding = _deciding(calibration, rivals)
+    discriminating = _discriminating_touches(calibration, rivals)
     return replace(
         base,
         verdict=verdict,
         found=described,
         rivals=found.rivals,
         extended=extended,
-        remaining=after.traces,
+        remaining=after.dependences,
         remaining_p_value=after.p_value,
         advice=advice.joined(
-            advice.after_search(verdict, described, found.rivals, after.traces, known, deciding),
-            advice.other_frequencies(found.extended, peaks),
+            advice.after_search(verdict, described, found.rivals, after.dependences, known, discriminating),
+            advice.alternative_frequencies(found.extended, peaks),
             advice.vague(found.extended, extended),
             noise_advice.large_noise(found.extended),
         ),
@@ -153,16 +153,20 @@ def _fit_rivals(found: Search, calibration: Calibration) -> list[Calibration]:
     if not found.rivals:
         return []
     kept = found.extended.cell.effects if found.extended else ()
-    leaning = tuple(effect for effect in kept if effect.spread)
-    return found.fit_rivals(replace(calibration, cell=replace(calibration.cell, effects=leaning)))
+    off_normal_fit = tuple(effect for effect in kept if effect.off_normal_std)
+    return found.fit_rivals(replace(calibration, cell=replace(calibration.cell, effects=off_normal_fit)))
 
 
-def _deciding(calibration: Calibration, rivals: Sequence[Calibration]) -> tuple[Deciding, ...] | None:
+def _discriminating_touches(
+    calibration: Calibration, rivals: Sequence[Calibration]
+) -> tuple[DiscriminatingTouch, ...] | None:
     """The touches that would tell rivals apart; None where there are no two to compare."""
-    return decide(calibration, rivals) if len(rivals) > 1 else None
+    return discriminating_touches(calibration, rivals) if len(rivals) > 1 else None
 
 
-def adequacy(calibration: Calibration, problem: Problem | None = None, field: Field | None = None) -> Adequacy:
+def adequacy(
+    calibration: Calibration, problem: Problem | None = None, candidate_set: CandidateSet | None = None
+) -> Adequacy:
     """Test a model against all that its residual could depend on.
 
     Args:
@@ -171,17 +175,21 @@ def adequacy(calibration: Calibration, problem: Problem | None = None, field: Fi
         field: further candidates to test; None for none.
     """
     c = calibration
-    traces = list(find_traces(without_direction(c)))
-    if problem is not None and field is not None:
-        traces += [
-            Trace(_words(candidate.effect), *significance(problem, candidate))
-            for candidate in {candidate.effect.label: candidate for candidate in reversed(field.candidates)}.values()
+    dependences = list(find_dependences(without_direction(c)))
+    if problem is not None and candidate_set is not None:
+        dependences += [
+            Dependence(_words(candidate.effect), *significance(problem, candidate))
+            for candidate in {
+                candidate.effect.label: candidate for candidate in reversed(candidate_set.candidates)
+            }.values()
         ]
     given = c.noise_source == 'given'
     size = float(special.chdtrc(c.degrees_of_freedom, c.chi_square)) if given else 1.0
-    tests = max(len(traces) + given, 1)
-    smallest = min([size, *(trace.p_value for trace in traces)])
-    found = sorted((trace for trace in traces if trace.p_value * tests < SIGNIFICANCE), key=lambda t: t.p_value)
+    tests = max(len(dependences) + given, 1)
+    smallest = min([size, *(dependence.p_value for dependence in dependences)])
+    found = sorted(
+        (dependence for dependence in dependences if dependence.p_value * tests < SIGNIFICANCE), key=lambda t: t.p_value
+    )
     return Adequacy(min(1.0, smallest * tests), tuple(found))
 
 
@@ -190,7 +198,9 @@ def _words(effect: Effect) -> str:
 
 
 def _verdict(found: Search, described: Sequence[Found], after: Adequacy) -> str:
-    if after.p_value < SIGNIFICANCE or any(isinstance(item.effect, Unnamed) and item.proved for item in described):
+    if after.p_value < SIGNIFICANCE or any(
+        isinstance(item.effect, Unnamed) and item.in_every_model for item in described
+    ):
         return 'unexplained'
     return 'ambiguous' if found.rivals else 'explained'
 
@@ -200,13 +210,13 @@ def _describe(found: Search, rivals: Sequence[Calibration]) -> tuple[Found, ...]
     assert found.extended is not None
     items = []
     for effect, values in _with_values(found.extended):
-        proved = effect.label in found.proved
-        if not proved:
+        in_every_model = effect.label in found.in_every_model
+        if not in_every_model:
             alone = [rows for rival in rivals for other, rows in _with_values(rival) if other.label == effect.label]
             values = alone[0] if alone else tuple(value._replace(value=np.nan, std=np.nan) for value in values)
-            if effect.searched:  # nobody has looked for other frequencies of this fit
+            if effect.grid_parameter:  # nobody has looked for other frequencies of this fit
                 values = tuple(value._replace(std=np.nan) for value in values)
-        items.append(Found(effect, values, proved))
+        items.append(Found(effect, values, in_every_model))
     return tuple(items)
 
 
@@ -219,9 +229,17 @@ def _with_values(calibration: Calibration) -> list[tuple[Effect, tuple[Value, ..
             Value(p.name, float(v), float(s), p.unit, p.meaning)
             for p, v, s in zip(effect.parameters, values, stds, strict=True)
         )
-        if effect.spread:
-            std = effect.spread / np.sqrt(2 * calibration.used.sum())
-            rows = (Value('lean', effect.spread, float(std), 'rad', 'of the force from the normal, root mean square'),)
+        if effect.off_normal_std:
+            std = effect.off_normal_std / np.sqrt(2 * calibration.used.sum())
+            rows = (
+                Value(
+                    'off_normal_angle',
+                    effect.off_normal_std,
+                    float(std),
+                    'rad',
+                    'of the force from the normal, root mean square',
+                ),
+            )
         items.append((effect, rows))
     return items
 
@@ -231,12 +249,12 @@ def _ranking(found: Search, calibration: Calibration) -> tuple[Ranked, ...]:
     rivals = {label for group in found.rivals for label in group}
     std = (found.extended or calibration).std
     ranked = []
-    for score in score_singles(found.problem, found.contest):
+    for score in score_singles(found.problem, found.scored_subsets):
         label = score.candidate.effect.label
-        role = 'found' if label in found.proved else 'rival' if label in rivals else 'refuted'
-        bend, place = hidden_bend(found.problem, score.candidate, std)
+        role = 'found' if label in found.in_every_model else 'rival' if label in rivals else 'refuted'
+        bias, place = undetected_bias(found.problem, score.candidate, std)
         scores = score.p_value, score.share, score.gain, score.held_out
-        ranked.append(Ranked(score.candidate.effect, role, *scores, score.new, bend, NAMES[place]))
-    for item in found.contest.field.unseen:
-        ranked.append(Ranked(item.effect, 'unseen', np.nan, 0.0, 0.0, 0.0, item.new))
+        ranked.append(Ranked(score.candidate.effect, role, *scores, score.independent_part, bias, NAMES[place]))
+    for item in found.scored_subsets.candidate_set.unidentifiable:
+        ranked.append(Ranked(item.effect, 'unseen', np.nan, 0.0, 0.0, 0.0, item.independent_part))
     return tuple(ranked)

@@ -25,7 +25,7 @@ from scara_kinetostatic.model.touch import TouchSet
 Floats = NDArray[np.float64]
 
 DIRECTIONS = 24
-LET_DOWN = 0.3
+UNLOADED = 0.3
 FIRST_FORCE = 1e-3
 REACHED = 0.95
 """Part of the length of the arm beyond which no touch is advised."""
@@ -33,7 +33,7 @@ APART = 2.0
 """Standard deviations by which the predictions must differ for a touch to be worth while."""
 
 
-class Deciding(NamedTuple):
+class DiscriminatingTouch(NamedTuple):
     """A touch that would tell two rivals apart.
 
     Attributes:
@@ -50,18 +50,20 @@ class Deciding(NamedTuple):
     angle: float
     posture: int
     force: float
-    let_down: bool
+    unloaded: bool
     apart: float
     sigmas: float
 
     def __str__(self) -> str:
         """In words."""
-        how = f'pressed beyond {self.force:.0f} N and let down to it' if self.let_down else f'with {self.force:.0f} N'
+        how = f'pressed beyond {self.force:.0f} N and let down to it' if self.unloaded else f'with {self.force:.0f} N'
         side = f'{np.degrees(self.angle) % 360:.0f}°'
         return f'{self.disc} from {side}, elbow {self.posture:+d}, {how} ({self.apart:.1f} N apart)'
 
 
-def decide(calibration: Calibration, rivals: Sequence[Calibration], most: int = 4) -> tuple[Deciding, ...]:
+def discriminating_touches(
+    calibration: Calibration, rivals: Sequence[Calibration], most: int = 4
+) -> tuple[DiscriminatingTouch, ...]:
     """The touches that tell fitted rivals apart best, one per disc and side.
 
     Args:
@@ -69,26 +71,26 @@ def decide(calibration: Calibration, rivals: Sequence[Calibration], most: int = 
         rivals: the same touches fitted with each rival, two or more.
         most: how many touches at most.
     """
-    pool, angle, let_down = _pool(calibration)
+    pool, angle, unloaded = _pool(calibration)
     apart, sigmas = np.zeros(len(pool)), np.zeros(len(pool))
     for one, other in combinations([_predict(pool, rival) for rival in rivals], 2):
-        distance, spread = _apart(one, other)
-        farther = distance / spread > sigmas
-        apart, sigmas = np.where(farther, distance, apart), np.where(farther, distance / spread, sigmas)
+        distance, off_normal_std = _apart(one, other)
+        farther = distance / off_normal_std > sigmas
+        apart, sigmas = np.where(farther, distance, apart), np.where(farther, distance / off_normal_std, sigmas)
     chosen: list[int] = []
     for k in np.argsort(-sigmas):
-        near = any(pool.disc[k] == pool.disc[j] and np.cos(angle[k] - angle[j]) > 0.5 for j in chosen)
-        if sigmas[k] >= APART and not near and len(chosen) < most:
+        warm_start = any(pool.disc[k] == pool.disc[j] and np.cos(angle[k] - angle[j]) > 0.5 for j in chosen)
+        if sigmas[k] >= APART and not warm_start and len(chosen) < most:
             chosen.append(int(k))
     magnitude = np.hypot(*pool.force.T)
     names = [disc.name for disc in calibration.cell.discs]
     return tuple(
-        Deciding(
+        DiscriminatingTouch(
             names[pool.disc[k]],
             float(angle[k]),
             int(pool.posture[k]),
             float(magnitude[k]),
-            bool(let_down[k]),
+            bool(unloaded[k]),
             float(apart[k]),
             float(sigmas[k]),
         )
@@ -112,7 +114,7 @@ class _Predicted(NamedTuple):
 
 def _predict(pool: TouchSet, fit: Calibration) -> _Predicted:
     o, p = observe(pool, fit.cell), fit.parameters
-    found = contact(p, o.joints, o.centers, o.radii, o.gripper, near=pool.force, extension=o.extension)
+    found = contact(p, o.joints, o.centers, o.radii, o.gripper, warm_start=pool.force, extension=o.extension)
     reached = (found.solved & (found.magnitude > 0))[:, None]
     by_joints = contact_derivatives(p, o.joints, o.centers, o.radii, found, o.gripper, o.extension).joints
     return _Predicted(np.where(reached, found.force, np.nan), by_joints, fit.noise)
@@ -142,15 +144,15 @@ def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]
     outward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     tip = cell.centers[disc] + cell.radii[disc, None] * outward
     reach = np.hypot(tip[:, 0] - p.x0, tip[:, 1] - p.y0)
-    near = (reach < REACHED * (p.l1 + p.l2)) & (reach > (1 - REACHED) * (p.l1 + p.l2) + abs(p.l1 - p.l2))
-    parts = [array[near] for array in (disc, angle, posture, level, down, tip, outward)]
+    warm_start = (reach < REACHED * (p.l1 + p.l2)) & (reach > (1 - REACHED) * (p.l1 + p.l2) + abs(p.l1 - p.l2))
+    parts = [array[warm_start] for array in (disc, angle, posture, level, down, tip, outward)]
     disc, angle, posture, level, down, tip, outward = parts
 
     def pressed(force: Floats) -> Floats:
         return inverse_kinetostatics(p, tip, -force[:, None] * outward, posture, cell.gripper)[0]
 
     joints = pressed(level)
-    before = np.where(down, (1 + LET_DOWN) * level, FIRST_FORCE)
+    before = np.where(down, (1 + UNLOADED) * level, FIRST_FORCE)
     motion = joints - pressed(before)
     motion = (motion + np.pi) % (2 * np.pi) - np.pi
     time = np.full(len(disc), float(calibration.touches.time.max()))

@@ -50,7 +50,7 @@ class Channel(NamedTuple):
     label: str
     per_si: float
     shift: Shift
-    reading: Floats | None
+    sensor_error: Floats | None
     size: Floats
 
 
@@ -85,23 +85,23 @@ class Signature(NamedTuple):
 def signature(outcome: Outcome, item: Found) -> Signature:
     """What the used touches say of an effect of the extended model."""
     problem = pose_problem(outcome.final)
-    if item.effect.spread:
-        return _lean_signature(outcome, problem, item)
+    if item.effect.off_normal_std:
+        return _off_normal_residual(outcome, problem, item)
     channels = _channels(problem, item)
     which = int(np.argmax([float(np.linalg.norm(_moved(problem, each))) for each in channels]))
     channel = channels[which]
-    unit = problem.column(channel.shift, channel.reading).reshape(-1, 2)
+    unit = problem.column(channel.shift, channel.sensor_error).reshape(-1, 2)
     weight = np.linalg.norm(unit, axis=1)
     kept = _touched(problem, item.effect) & (weight > np.median(weight) / UNCLEAR)
     over, x = _over(problem, item)
-    tags, left = problem.situation.tags, problem.point.whitened.residual
+    metadata, left = problem.touch_state.metadata, problem.point.whitened.residual
     taken_out, alone = _taken_out(outcome, problem, item)
     before = left + taken_out
     old = unit
     if alone:
         earlier = pose_problem(replace(outcome.calibration, used=outcome.final.used, noise=outcome.final.noise))
         there = _channels(earlier, item)[which]
-        before, old = earlier.left, earlier.column(there.shift, there.reading).reshape(-1, 2)
+        before, old = earlier.left, earlier.column(there.shift, there.sensor_error).reshape(-1, 2)
 
     def deviation(column: Floats, residual: Floats) -> Floats:
         scale = np.maximum((column**2).sum(axis=1), 1e-300)
@@ -116,8 +116,8 @@ def signature(outcome: Outcome, item: Found) -> Signature:
         expected=deviation(unit, taken_out),
         spread_before=channel.per_si / np.linalg.norm(old, axis=1)[kept],
         spread_after=channel.per_si / weight[kept],
-        disc=tags.disc[kept],
-        posture=tags.posture[kept],
+        disc=metadata.disc[kept],
+        posture=metadata.posture[kept],
     )
 
 
@@ -126,19 +126,19 @@ def _taken_out(outcome: Outcome, problem: Problem, item: Found) -> tuple[Floats,
     final, found = outcome.final, outcome.diagnosis.found
     columns = problem.point.whitened.derivative[:, :, len(NAMES) :].reshape(len(problem.left), -1)
     parts = split(final.cell.effects, final.parameters)
-    strengths = [law.strength(part) for law, part in zip(final.cell.effects, parts, strict=True)]
-    out = [other.effect == item.effect or not (other.proved or item.proved) for other in found]
+    amplitudes = [law.amplitudes(part) for law, part in zip(final.cell.effects, parts, strict=True)]
+    out = [other.effect == item.effect or not (other.in_every_model or item.in_every_model) for other in found]
     gone = np.repeat(out, [len(part) for part in parts])
     base = problem.base if gone.all() else orthonormal(np.concatenate([problem.base, columns[:, ~gone]], axis=1))
-    lost = columns[:, gone] @ np.concatenate(strengths)[gone]
+    lost = columns[:, gone] @ np.concatenate(amplitudes)[gone]
     return -(lost - base @ (base.T @ lost)).reshape(-1, 2), bool(gone.all())
 
 
-def _lean_signature(outcome: Outcome, problem: Problem, item: Found) -> Signature:
+def _off_normal_residual(outcome: Outcome, problem: Problem, item: Found) -> Signature:
     """That of leaning forces: the lean of each, which has the spread of noise alone or that and the effect's own."""
     earlier = pose_problem(replace(outcome.calibration, used=outcome.final.used, noise=outcome.final.noise))
-    radii, tags = earlier.situation.radii, earlier.situation.tags
-    lean = -1e3 * earlier.point.linear.misclosure[:, 1] / radii
+    radii, metadata = earlier.touch_state.radii, earlier.touch_state.metadata
+    off_normal = -1e3 * earlier.point.linear.misclosure[:, 1] / radii
     _, l21, l22 = earlier.point.whitened.root
     noise = 1e3 * np.hypot(l21, l22) / radii
     over, x = _over(problem, item)
@@ -146,25 +146,25 @@ def _lean_signature(outcome: Outcome, problem: Problem, item: Found) -> Signatur
         over=over,
         what='lean of the force  [mrad]',
         x=x,
-        before=lean,
-        after=lean,
-        expected=np.zeros_like(lean),
+        before=off_normal,
+        after=off_normal,
+        expected=np.zeros_like(off_normal),
         spread_before=noise,
-        spread_after=np.hypot(noise, 1e3 * item.effect.spread),
-        disc=tags.disc,
-        posture=tags.posture,
+        spread_after=np.hypot(noise, 1e3 * item.effect.off_normal_std),
+        disc=metadata.disc,
+        posture=metadata.posture,
     )
 
 
 def _moved(problem: Problem, channel: Channel) -> Floats:
-    column = problem.column(channel.shift, channel.reading).reshape(-1, 2)
+    column = problem.column(channel.shift, channel.sensor_error).reshape(-1, 2)
     return np.asarray(channel.size[:, None] * column)
 
 
 def _channels(problem: Problem, item: Found) -> list[Channel]:
-    at, values = problem.situation, np.array([v.value for v in item.values])
+    at, values = problem.touch_state, np.array([v.value for v in item.values])
     n, found = len(at.magnitude), item.effect.shift(at, values)
-    reading = item.effect.reading(problem.force, values)
+    sensor_error = item.effect.sensor_error(problem.force, values)
     channels = []
     if found.joints is not None:
         for joint in (0, 1):
@@ -174,10 +174,10 @@ def _channels(problem: Problem, item: Found) -> list[Channel]:
         for side, direction in (('along', at.normal), ('across', at.tangent)):
             size = (found.place * direction).sum(axis=1)
             channels.append(Channel(f'place {side} the force  [µm]', 1e6, Shift(place=direction), None, size))
-    if reading is not None:
+    if sensor_error is not None:
         along = problem.force / np.hypot(problem.force[:, 0], problem.force[:, 1])[:, None]
         for side, direction in (('along', along), ('across', np.stack([-along[:, 1], along[:, 0]], axis=-1))):
-            size = (reading * direction).sum(axis=1)
+            size = (sensor_error * direction).sum(axis=1)
             channels.append(Channel(f'reading {side} the force  [N]', 1.0, Shift(), direction, size))
     return channels
 
@@ -185,15 +185,15 @@ def _channels(problem: Problem, item: Found) -> list[Channel]:
 def _touched(problem: Problem, effect: Effect) -> NDArray[np.bool_]:
     """The touches that an effect is about: those on its disc, if it has one and that is not the variable."""
     disc = getattr(effect, 'disc', -1)
-    touched = problem.situation.tags.disc
-    if disc < 0 or effect.betrays == 'disc':
+    touched = problem.touch_state.metadata.disc
+    if disc < 0 or effect.plot_variable == 'disc':
         return np.ones(len(touched), dtype=bool)
     return np.asarray(touched == disc)
 
 
 def _over(problem: Problem, item: Found) -> tuple[str, Floats]:
     """The variable that betrays an effect: its name, and its values, (n,)."""
-    effect, at = item.effect, problem.situation
+    effect, at = item.effect, problem.touch_state
     if isinstance(effect, TransmissionError):
         _, phase, cycles = (v.value for v in item.values)
         angle = np.degrees(cycles * at.joints[:, effect.joint] - phase)
@@ -204,6 +204,6 @@ def _over(problem: Problem, item: Found) -> tuple[str, Floats]:
             return f'{UNNAMED[effect.variable]}  [°]', np.degrees((values + np.pi) % (2 * np.pi) - np.pi)
         return f'{UNNAMED[effect.variable]}  [{UNITS[effect.variable]}]', values
     joint = {'joint1': 0, 'joint2': 1}.get(effect.target or '')
-    over = VARIABLES[effect.betrays]
+    over = VARIABLES[effect.plot_variable]
     title = re.sub(r' \(([^()]*)\)$', r'  [\1]', over.title(joint))
     return title, np.asarray(over.values(at, joint), dtype=float)

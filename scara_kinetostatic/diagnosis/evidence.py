@@ -19,7 +19,7 @@ from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
 
 
-def story(calibration: Calibration, price: float, scale: float) -> float:
+def penalised_deviance(calibration: Calibration, penalty: float, scale: float) -> float:
     """The sum above, up to a constant of the touches.
 
     Args:
@@ -32,4 +32,4 @@ def story(calibration: Calibration, price: float, scale: float) -> float:
     l11, _, l22 = point.whitened.root
     rejection = -2 * np.log(FALSE_REJECTIONS / len(c.touches))
     distance = np.where(c.used, point.distance / scale, rejection)
-    return float(np.sum(distance + 2 * np.log(l11 * l22))) + price
+    return float(np.sum(distance + 2 * np.log(l11 * l22))) + penalty

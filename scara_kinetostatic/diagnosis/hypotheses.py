@@ -18,25 +18,25 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import USUAL_NOISE
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.diagnosis.contact_angle import fit_with_lean, growing_p_value, lean_p_value
-from scara_kinetostatic.diagnosis.evidence import story
+from scara_kinetostatic.diagnosis.contact_angle import fit_with_off_normal, growing_p_value, off_normal_p_value
+from scara_kinetostatic.diagnosis.evidence import penalised_deviance
 from scara_kinetostatic.diagnosis.model_selection import CREDIBLE
 from scara_kinetostatic.diagnosis.noise_advice import incredible
 from scara_kinetostatic.diagnosis.search import Search, search
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.contact_lean import ContactLean
+from scara_kinetostatic.effects.off_normal_force import OffNormalForce
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import UnsupportedDataError
 
 SURE = 2e-3
 """P-value of the lean beside noise that grows with the force, below which friction is named."""
-STRAIGHT = 2e-3
+RADIAL = 2e-3
 """P-value of the lean above which an extended model has no need of it; beside growing noise it would be larger yet."""
 SUSPICIOUS = 1
 """Rejected touches from which on they are asked whether an effect explains them."""
 
 
-class Told(NamedTuple):
+class Selection(NamedTuple):
     """The likeliest story.
 
     Attributes:
@@ -48,7 +48,7 @@ class Told(NamedTuple):
     lead: float
 
 
-def tell(calibration: Calibration, known: Sequence[Effect], alarm: bool, leans: bool) -> Told:
+def select_hypothesis(calibration: Calibration, known: Sequence[Effect], alarm: bool, off_normal: bool) -> Selection:
     """Find what the twelve parameters lack, if they lack anything.
 
     Args:
@@ -66,18 +66,18 @@ def tell(calibration: Calibration, known: Sequence[Effect], alarm: bool, leans: 
         ways.append(search(c, known, replace(c, used=np.ones(len(c.touches), dtype=bool))))
     if alarm and c.noise_source == 'estimated' and not any(way.extended for way in ways):
         ways += _with_usual_noise(c, known)
-    if leans and not any(way.extended and _stands_straight(way.extended) for way in ways):
-        ways += _leaning(c, known)
-    settled = [way for way in ways if way.extended is not None]
-    if not settled:
-        return Told(ways[0] if alarm else None, 0.0)
-    fits = [c, *(way.extended for way in settled if way.extended)]
+    if off_normal and not any(way.extended and _is_radial(way.extended) for way in ways):
+        ways += _with_off_normal_forces(c, known)
+    converged = [way for way in ways if way.extended is not None]
+    if not converged:
+        return Selection(ways[0] if alarm else None, 0.0)
+    fits = [c, *(way.extended for way in converged if way.extended)]
     scale = max(1.0, min(fit.reduced_chi_square for fit in fits))
-    sums = [story(way.extended, way.price, scale) for way in settled if way.extended]
-    lead = story(c, 0.0, scale) - min(sums)
+    sums = [penalised_deviance(way.extended, way.penalty, scale) for way in converged if way.extended]
+    lead = penalised_deviance(c, 0.0, scale) - min(sums)
     if lead < CREDIBLE:
-        return Told(ways[0]._replace(extended=None, proved=(), rivals=()) if alarm else None, 0.0)
-    return Told(settled[int(np.argmin(sums))], lead)
+        return Selection(ways[0]._replace(extended=None, in_every_model=(), rivals=()) if alarm else None, 0.0)
+    return Selection(converged[int(np.argmin(sums))], lead)
 
 
 def _with_usual_noise(calibration: Calibration, known: Sequence[Effect]) -> list[Search]:
@@ -90,41 +90,47 @@ def _with_usual_noise(calibration: Calibration, known: Sequence[Effect]) -> list
     return [search(c, known, begin)]
 
 
-def _leaning(calibration: Calibration, known: Sequence[Effect]) -> list[Search]:
+def _with_off_normal_forces(calibration: Calibration, known: Sequence[Effect]) -> list[Search]:
     """The way of friction: each force leans by an angle of its own, and other effects beside."""
-    others = [effect for effect in known if effect.name != ContactLean.name]
+    others = [effect for effect in known if effect.name != OffNormalForce.name]
     try:
-        leaning = fit_with_lean(calibration)
-        found = search(leaning, others)
+        off_normal_fit = fit_with_off_normal(calibration)
+        found = search(off_normal_fit, others)
         extended = found.extended
         if extended is not None and len(extended.cell.effects) > 1:
-            extended = fit_with_lean(extended)
+            extended = fit_with_off_normal(extended)
     except UnsupportedDataError:
         return []
     if extended is None or extended.termination is not Termination.CONVERGED:
         return []
-    if not _surely_leans(extended):
+    if not _is_surely_off_normal(extended):
         return []
-    price = float(np.log(len(calibration.touches)) + 2 * np.log(len(known)))
-    return [found._replace(extended=extended, price=found.price + price, proved=(ContactLean.name, *found.proved))]
+    penalty = float(np.log(len(calibration.touches)) + 2 * np.log(len(known)))
+    return [
+        found._replace(
+            extended=extended,
+            penalty=found.penalty + penalty,
+            in_every_model=(OffNormalForce.name, *found.in_every_model),
+        )
+    ]
 
 
-def _stands_straight(extended: Calibration) -> bool:
+def _is_radial(extended: Calibration) -> bool:
     """Whether an extended model fits without a curve that has no name, and no force leans in it."""
     c = extended
     if any(isinstance(effect, Unnamed) for effect in c.cell.effects):
         return False
     fits = not incredible(c) if c.noise_source == 'estimated' else chdtrc(c.degrees_of_freedom, c.chi_square) > SURE
-    return fits and lean_p_value(c) > STRAIGHT
+    return fits and off_normal_p_value(c) > RADIAL
 
 
-def _surely_leans(extended: Calibration) -> bool:
+def _is_surely_off_normal(extended: Calibration) -> bool:
     """Whether, beside the other effects of an extended model, the lean is no noise that grows with the force.
 
     The test is made at the extended model: a fit without the lean may be far off, as all touches then pull at it.
     Where noise that grows shows beside the lean, too, the lean has to be the clearer by far.
     """
-    others = tuple(effect for effect in extended.cell.effects if not isinstance(effect, ContactLean))
+    others = tuple(effect for effect in extended.cell.effects if not isinstance(effect, OffNormalForce))
     without = replace(extended, cell=replace(extended.cell, effects=others))
-    lean, growing = lean_p_value(without, beside_growing=True), growing_p_value(extended)
-    return lean < SURE * (growing if growing < SURE else 1.0)
+    off_normal, growing = off_normal_p_value(without, beside_growing=True), growing_p_value(extended)
+    return off_normal < SURE * (growing if growing < SURE else 1.0)

@@ -29,7 +29,7 @@ from scara_kinetostatic.model.touch import TouchSet
 Floats = NDArray[np.float64]
 
 
-LEAST_NEW = 0.03
+LEAST_INDEPENDENT_PART = 0.03
 """Part of a unit column that must be new beside the fitted parameters; less is the noise of the measured force."""
 ROUNDING = 1e-8
 """Mean square of a whitened residual below which it is rounding error."""
@@ -49,7 +49,7 @@ class Family(NamedTuple):
     noise: Floats | None = None
 
 
-class Trace(NamedTuple):
+class Dependence(NamedTuple):
     """What one family explains.
 
     Attributes:
@@ -150,8 +150,8 @@ def _waves(angle: Floats, most: int) -> Floats:
 
 def _powers(values: Floats, at: Floats | None = None) -> Floats:
     """Powers of values (n,) over their range; or those of others, scaled alike."""
-    spread = float(np.ptp(values)) or 1.0
-    z = ((values if at is None else at) - values.mean()) / spread
+    off_normal_std = float(np.ptp(values)) or 1.0
+    z = ((values if at is None else at) - values.mean()) / off_normal_std
     return np.stack([z, z**2, z**3], axis=1)
 
 
@@ -159,7 +159,7 @@ def _indicators(labels: NDArray[np.intp]) -> Floats:
     return (labels[:, None] == np.unique(labels)).astype(float)
 
 
-def find_traces(calibration: Calibration) -> tuple[Trace, ...]:
+def find_dependences(calibration: Calibration) -> tuple[Dependence, ...]:
     """Test every family.
 
     Returns:
@@ -169,17 +169,17 @@ def find_traces(calibration: Calibration) -> tuple[Trace, ...]:
     observations = observe(c.touches.select(c.used), c.cell)
     point = project(observations, c.parameters, c.noise)
     n = len(point.distance)
-    unsaid = n if observations.spread else 0
+    unsaid = n if observations.off_normal_std else 0
     jacobian = (point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1)
     base = np.linalg.qr(jacobian)[0]
     residual = point.whitened.residual.ravel() - base @ (base.T @ point.whitened.residual.ravel())
-    traces = []
+    dependences = []
     for family in families(c, point):
         noise = None if family.noise is None else family.noise.reshape(2 * n, -1)
-        trace = _test(residual, base, family.columns.reshape(2 * n, -1), noise, unsaid)
-        if trace is not None:
-            traces.append(Trace(family.name, *trace))
-    return tuple(sorted(traces, key=lambda trace: trace.p_value))
+        dependence = _test(residual, base, family.columns.reshape(2 * n, -1), noise, unsaid)
+        if dependence is not None:
+            dependences.append(Dependence(family.name, *dependence))
+    return tuple(sorted(dependences, key=lambda dependence: dependence.p_value))
 
 
 def _test(
@@ -195,7 +195,7 @@ def _test(
     columns = columns[:, visible] / scale[visible]
     left = columns - base @ (base.T @ columns)
     u, values, vt = np.linalg.svd(left, full_matrices=False)
-    new = values > LEAST_NEW
+    new = values > LEAST_INDEPENDENT_PART
     if noise is not None:
         new &= np.linalg.norm(noise[:, visible] / scale[visible] @ vt.T, axis=0) ** 2 <= NOISE_SHARE * values**2
     u = u[:, new]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.estimate import restrict
 from scara_kinetostatic.calibration.gauss_helmert import Observations
-from scara_kinetostatic.calibration.identifiability import scales_of, unseen_directions
+from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
@@ -29,7 +29,7 @@ from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.model.equations import Equations
 from scara_kinetostatic.model.extended import extended_equations, shift_column
 from scara_kinetostatic.model.extension import Extension
-from scara_kinetostatic.model.law import Shift, Situation, Tags
+from scara_kinetostatic.model.law import Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.parameters import NAMES
 
 Floats = NDArray[np.float64]
@@ -61,9 +61,9 @@ class Problem(NamedTuple):
 
     point: Point
     equations: Equations
-    situation: Situation
+    touch_state: TouchState
     force: Floats
-    noisy: Situation
+    noisy: TouchState
     base: Floats
     left: Floats
     noise_given: bool
@@ -78,21 +78,23 @@ class Problem(NamedTuple):
 
     def columns(self, trial: Trial) -> Floats:
         """X of a trial, whitened, (2n, m)."""
-        readings = trial.readings or (None,) * len(trial.columns)
-        columns = [self.column(shift, reading) for shift, reading in zip(trial.columns, readings, strict=True)]
+        sensor_errors = trial.sensor_errors or (None,) * len(trial.columns)
+        columns = [
+            self.column(shift, sensor_error) for shift, sensor_error in zip(trial.columns, sensor_errors, strict=True)
+        ]
         return np.stack(columns, axis=-1)
 
     def noise_columns(self, effect: Effect, trial: Trial) -> Floats:
         """How the columns of an effect's only trial change by one standard deviation of the noise in F̂, (2n, m)."""
-        grown = self.force * (self.noisy.magnitude / self.situation.magnitude)[:, None]
+        grown = self.force * (self.noisy.magnitude / self.touch_state.magnitude)[:, None]
         (changed,) = effect.trials(self.noisy, grown)
         return self.columns(changed) - self.columns(trial)
 
-    def column(self, shift: Shift, reading: Floats | None = None) -> Floats:
+    def column(self, shift: Shift, sensor_error: Floats | None = None) -> Floats:
         """What a shift, and an error of the sensor, do to the whitened misclosures, (2n,)."""
         h = shift_column(shift, self.point.adjusted.state, self.equations)
-        if reading is not None:
-            off = along_and_across(reading, self.point.adjusted.force)
+        if sensor_error is not None:
+            off = along_and_across(sensor_error, self.point.adjusted.force)
             h = h - np.einsum('nij,nj->ni', self.point.linear.by_force, off)
         return whiten_by(h, self.point.whitened.root).ravel()
 
@@ -108,21 +110,26 @@ def pose_problem(calibration: Calibration) -> Problem:
     observations = observe(touches, c.cell)
     point = project(observations, c.parameters, c.noise)
     seen = _seen(c, observations, point) if c.cell.effects else c.subspace.basis
-    extension = observations.extension or Extension((), Tags.of(touches))
-    setting = observations._replace(extension=extension).setting(point.adjusted.joints, point.adjusted.lean)
+    extension = observations.extension or Extension((), TouchMetadata.of(touches))
+    contact_problem = observations._replace(extension=extension).contact_problem(
+        point.adjusted.joints, point.adjusted.off_normal
+    )
     state = point.adjusted.state
-    equations, situation = extended_equations(point.parameters, setting, state), setting.situation(c.parameters, state)
-    by_twelve = point.whitened.derivative[:, :, : len(NAMES)].copy()
-    for name, shift in extension.by_robot(situation).items():  # the effects are to be taken out, and this with them
-        by_twelve[:, :, NAMES.index(name)] -= whiten_by(shift_column(shift, state, equations), point.whitened.root)
-    jacobian = (by_twelve @ seen).reshape(2 * len(touches), -1)
+    equations, touch_state = (
+        extended_equations(point.parameters, contact_problem, state),
+        contact_problem.touch_state(c.parameters, state),
+    )
+    by_base = point.whitened.derivative[:, :, : len(NAMES)].copy()
+    for name, shift in extension.by_robot(touch_state).items():  # the effects are to be taken out, and this with them
+        by_base[:, :, NAMES.index(name)] -= whiten_by(shift_column(shift, state, equations), point.whitened.root)
+    jacobian = (by_base @ seen).reshape(2 * len(touches), -1)
     base = orthonormal(jacobian)
     problem = Problem(
         point=point,
         equations=equations,
-        situation=situation,
-        force=extension.unread(point.parameters, point.adjusted.force),
-        noisy=_noisy(situation, noise_left(point.linear, point.whitened.root, c.noise, 0)),
+        touch_state=touch_state,
+        force=extension.true_force(point.parameters, point.adjusted.force),
+        noisy=_noisy(touch_state, noise_left(point.linear, point.whitened.root, c.noise, 0)),
         base=base,
         left=np.empty(0),
         noise_given=c.noise_source == 'given',
@@ -130,9 +137,11 @@ def pose_problem(calibration: Calibration) -> Problem:
         response=-seen @ np.linalg.pinv(jacobian),
         without=np.zeros(len(NAMES)),
     )
-    strengths = [law.strength(part) for law, part in zip(extension.laws, extension.values(c.parameters), strict=True)]
+    amplitudes = [
+        law.amplitudes(part) for law, part in zip(extension.laws, extension.values(c.parameters), strict=True)
+    ]
     effects = point.whitened.derivative[:, :, len(NAMES) :].reshape(len(base), -1)
-    y = point.whitened.residual.ravel() - effects @ np.concatenate([np.empty(0), *strengths])
+    y = point.whitened.residual.ravel() - effects @ np.concatenate([np.empty(0), *amplitudes])
     return problem._replace(left=y - base @ (base.T @ y), without=problem.response @ y)
 
 
@@ -147,17 +156,17 @@ def _seen(calibration: Calibration, observations: Observations, point: Point) ->
     scales = scales_of(observations)
     everything = np.zeros((len(scales), len(free)))
     everything[free, np.arange(len(free))] = scales[free]
-    unseen = unseen_directions(observations, point, free, c.noise)
-    return restrict(Subspace(c.parameters.as_array(), everything), unseen).basis[: len(NAMES)]
+    unidentifiable = unidentifiable_directions(observations, point, free, c.noise)
+    return restrict(Subspace(c.parameters.as_array(), everything), unidentifiable).basis[: len(NAMES)]
 
 
-def _noisy(situation: Situation, more: Floats) -> Situation:
+def _noisy(touch_state: TouchState, more: Floats) -> TouchState:
     """The touches with forces (n,) larger, the rest as it is."""
-    larger = 1 + more / situation.magnitude
-    return situation._replace(
-        magnitude=situation.magnitude * larger,
-        force=situation.force * larger[:, None],
-        torques=situation.torques * larger[:, None],
+    larger = 1 + more / touch_state.magnitude
+    return touch_state._replace(
+        magnitude=touch_state.magnitude * larger,
+        force=touch_state.force * larger[:, None],
+        torques=touch_state.torques * larger[:, None],
     )
 
 

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from scara_kinetostatic.diagnosis.candidates import Candidate, Field
+from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet
 from scara_kinetostatic.diagnosis.linear_problem import Problem
 from scara_kinetostatic.effects.unnamed import Unnamed
 
@@ -43,7 +43,7 @@ PARALLEL = 1e-4
 """Least eigenvalue of the unit columns of a set: less, and the data do not tell them apart."""
 
 
-class Entry(NamedTuple):
+class Subset(NamedTuple):
     """A set of candidates with what it achieves.
 
     Attributes:
@@ -57,11 +57,11 @@ class Entry(NamedTuple):
     members: tuple[int, ...]
     rest: float
     rank: int
-    price: float
+    penalty: float
     score: float = 0.0
 
 
-class Contest(NamedTuple):
+class ScoredSubsets(NamedTuple):
     """The outcome.
 
     Attributes:
@@ -71,59 +71,59 @@ class Contest(NamedTuple):
         scale: s², the size of the noise in which deviances are counted.
     """
 
-    field: Field
-    entries: tuple[Entry, ...]
-    credible: tuple[Entry, ...]
+    candidate_set: CandidateSet
+    subsets: tuple[Subset, ...]
+    credible: tuple[Subset, ...]
     scale: float
 
-    def labels(self, entry: Entry) -> tuple[str, ...]:
+    def labels(self, subset: Subset) -> tuple[str, ...]:
         """Labels of an entry's effects."""
-        return tuple(self.field.candidates[k].effect.label for k in entry.members)
+        return tuple(self.candidate_set.candidates[k].effect.label for k in subset.members)
 
-    def freedoms(self, entry: Entry) -> int:
+    def freedoms(self, subset: Subset) -> int:
         """Parameters of an entry's effects that can show."""
-        return sum(self.field.candidates[k].freedoms for k in entry.members)
+        return sum(self.candidate_set.candidates[k].freedoms for k in subset.members)
 
 
-def compete(problem: Problem, field: Field) -> Contest:
+def score_subsets(problem: Problem, candidate_set: CandidateSet) -> ScoredSubsets:
     """Examine all singles and pairs, and larger sets made from the best ones.
 
     No set is credible unless it beats the empty one by `CREDIBLE`.
     """
-    judge = _Judge(problem, field)
-    entries = judge.enter([()])
-    layer = judge.enter([(k,) for k in range(len(field.candidates))])
+    scorer = _SubsetScorer(problem, candidate_set)
+    subsets = scorer.enter([()])
+    layer = scorer.enter([(k,) for k in range(len(candidate_set.candidates))])
     while layer:
-        entries += layer
+        subsets += layer
         size = len(layer[0].members) + 1
         if size > LARGEST:
             break
-        pairs = combinations(range(len(field.candidates)), 2)
-        sets = pairs if size == 2 else _grown(sorted(layer, key=lambda e: e.rest + e.price)[:KEPT], judge)
-        layer = judge.enter([members for members in sets if judge.allows(members)])
-    scale = _scale(problem, entries)
-    ranked = sorted((_scored(problem, entry, scale) for entry in entries), key=lambda entry: entry.score)
-    contest = Contest(field, tuple(ranked), (), scale)
-    empty = next(entry for entry in ranked if not entry.members)
+        pairs = combinations(range(len(candidate_set.candidates)), 2)
+        sets = pairs if size == 2 else _grown(sorted(layer, key=lambda e: e.rest + e.penalty)[:KEPT], scorer)
+        layer = scorer.enter([members for members in sets if scorer.allows(members)])
+    scale = _scale(problem, subsets)
+    ranked = sorted((_scored(problem, subset, scale) for subset in subsets), key=lambda subset: subset.score)
+    scored_subsets = ScoredSubsets(candidate_set, tuple(ranked), (), scale)
+    empty = next(subset for subset in ranked if not subset.members)
     if ranked[0].score > empty.score - CREDIBLE:
-        return contest
-    return contest._replace(credible=_credible(contest))
+        return scored_subsets
+    return scored_subsets._replace(credible=_credible(scored_subsets))
 
 
-def rank_singles(problem: Problem, field: Field) -> Contest:
+def rank_singles(problem: Problem, candidate_set: CandidateSet) -> ScoredSubsets:
     """Examine single effects only: where nothing is missing, that is all there is to say."""
-    judge = _Judge(problem, field)
-    entries = judge.enter([(), *((k,) for k in range(len(field.candidates)))])
-    scale = _scale(problem, entries)
-    ranked = sorted((_scored(problem, entry, scale) for entry in entries), key=lambda entry: entry.score)
-    return Contest(field, tuple(ranked), (), scale)
+    scorer = _SubsetScorer(problem, candidate_set)
+    subsets = scorer.enter([(), *((k,) for k in range(len(candidate_set.candidates)))])
+    scale = _scale(problem, subsets)
+    ranked = sorted((_scored(problem, subset, scale) for subset in subsets), key=lambda subset: subset.score)
+    return ScoredSubsets(candidate_set, tuple(ranked), (), scale)
 
 
-class _Judge:
+class _SubsetScorer:
     """Sums of squares of any set, from the inner products of all columns."""
 
-    def __init__(self, problem: Problem, field: Field) -> None:
-        candidates = field.candidates
+    def __init__(self, problem: Problem, candidate_set: CandidateSet) -> None:
+        candidates = candidate_set.candidates
         together = np.concatenate([np.empty((len(problem.left), 0)), *(c.unit for c in candidates)], axis=1)
         ends = np.cumsum([c.unit.shape[1] for c in candidates])
         self.places = [np.arange(end - c.unit.shape[1], end) for c, end in zip(candidates, ends, strict=True)]
@@ -131,17 +131,17 @@ class _Judge:
         self.total = float(problem.left @ problem.left)
         self.touches = len(problem.left) // 2
         self.names = [c.effect.label for c in candidates]
-        self.prices = [self._price(c, field.number) for c in candidates]
+        self.prices = [self._penalty(c, candidate_set.number) for c in candidates]
 
-    def _price(self, candidate: Candidate, number: int) -> float:
-        price = candidate.freedoms * np.log(self.touches) + 2 * np.log(number * candidate.tried)
-        return float(price) + (CREDIBLE if isinstance(candidate.effect, Unnamed) else 0.0)
+    def _penalty(self, candidate: Candidate, number: int) -> float:
+        penalty = candidate.freedoms * np.log(self.touches) + 2 * np.log(number * candidate.tried)
+        return float(penalty) + (CREDIBLE if isinstance(candidate.effect, Unnamed) else 0.0)
 
     def allows(self, members: Sequence[int]) -> bool:
         """Whether no effect is in a set twice."""
         return len({self.names[k] for k in members}) == len(members)
 
-    def enter(self, sets: Sequence[tuple[int, ...]]) -> list[Entry]:
+    def enter(self, sets: Sequence[tuple[int, ...]]) -> list[Subset]:
         """What each set achieves; sets with equally many columns are worked out together."""
         columns = [np.concatenate([np.empty(0, dtype=np.intp), *(self.places[k] for k in s)]) for s in sets]
         widths = np.array([len(c) for c in columns])
@@ -155,47 +155,53 @@ class _Judge:
             explained[alike] = np.sum(np.where(seen, part**2 / np.where(seen, values, 1.0), 0.0), axis=1)
             rank[alike] = seen.sum(axis=1)
         return [
-            Entry(members, self.total - float(gain), int(r), sum(self.prices[k] for k in members))
+            Subset(members, self.total - float(gain), int(r), sum(self.prices[k] for k in members))
             for members, gain, r in zip(sets, explained, rank, strict=True)
         ]
 
 
-def _needed(contest: Contest, entry: Entry, best: Entry) -> bool:
+def _needed(scored_subsets: ScoredSubsets, subset: Subset, best: Subset) -> bool:
     """Whether a set has a claim beside the best: one with unnamed structure only if it is significantly better.
 
     A curve that holds a named effect as a special case always comes near it; that is no rival.
     """
-    unnamed = [any(isinstance(contest.field.candidates[k].effect, Unnamed) for k in e.members) for e in (entry, best)]
+    unnamed = [
+        any(isinstance(scored_subsets.candidate_set.candidates[k].effect, Unnamed) for k in e.members)
+        for e in (subset, best)
+    ]
     if not unnamed[0] or unnamed[1]:
         return True
-    gain, more = (best.rest - entry.rest) / contest.scale, contest.freedoms(entry) - contest.freedoms(best)
+    gain, more = (
+        (best.rest - subset.rest) / scored_subsets.scale,
+        scored_subsets.freedoms(subset) - scored_subsets.freedoms(best),
+    )
     return more <= 0 or float(special.chdtrc(more, gain)) < CLAIM
 
 
-def _grown(best: Sequence[Entry], judge: _Judge) -> set[tuple[int, ...]]:
-    everyone = range(len(judge.places))
-    return {tuple(sorted((*entry.members, k))) for entry in best for k in everyone if k not in entry.members}
+def _grown(best: Sequence[Subset], scorer: _SubsetScorer) -> set[tuple[int, ...]]:
+    everyone = range(len(scorer.places))
+    return {tuple(sorted((*subset.members, k))) for subset in best for k in everyone if k not in subset.members}
 
 
-def _scale(problem: Problem, entries: Sequence[Entry]) -> float:
+def _scale(problem: Problem, subsets: Sequence[Subset]) -> float:
     """s²: 1 if the noise is given and some set comes down to it; else what the best set leaves per freedom."""
-    least = min(entry.rest / max(problem.freedoms - entry.rank, 1) for entry in entries)
+    least = min(subset.rest / max(problem.freedoms - subset.rank, 1) for subset in subsets)
     return max(least, 1.0) if problem.noise_given else least
 
 
-def _scored(problem: Problem, entry: Entry, scale: float) -> Entry:
-    likelihood = problem.freedoms * np.log(max(entry.rest, 1e-300))
-    deviance = entry.rest / scale if problem.noise_given else float(likelihood)
-    return entry._replace(score=deviance + entry.price)
+def _scored(problem: Problem, subset: Subset, scale: float) -> Subset:
+    likelihood = problem.freedoms * np.log(max(subset.rest, 1e-300))
+    deviance = subset.rest / scale if problem.noise_given else float(likelihood)
+    return subset._replace(score=deviance + subset.penalty)
 
 
-def _credible(contest: Contest) -> tuple[Entry, ...]:
+def _credible(scored_subsets: ScoredSubsets) -> tuple[Subset, ...]:
     """Sets near the best, without those that only add to a credible one, and each set of effects once."""
-    found: list[Entry] = []
-    some = [entry for entry in contest.entries if entry.members]
-    near = [e for e in some if e.score <= some[0].score + CREDIBLE and _needed(contest, e, some[0])]
-    for entry in sorted(near, key=lambda e: (len(e.members), e.score)):
-        names = set(contest.labels(entry))
-        if not any(set(contest.labels(other)) <= names for other in found):
-            found.append(entry)
-    return tuple(sorted(found, key=lambda entry: entry.score))
+    found: list[Subset] = []
+    some = [subset for subset in scored_subsets.subsets if subset.members]
+    warm_start = [e for e in some if e.score <= some[0].score + CREDIBLE and _needed(scored_subsets, e, some[0])]
+    for subset in sorted(warm_start, key=lambda e: (len(e.members), e.score)):
+        names = set(scored_subsets.labels(subset))
+        if not any(set(scored_subsets.labels(other)) <= names for other in found):
+            found.append(subset)
+    return tuple(sorted(found, key=lambda subset: subset.score))

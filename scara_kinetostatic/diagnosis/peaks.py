@@ -30,7 +30,7 @@ APART = 3.0
 """Standard deviations by which a frequency is another one."""
 
 
-def fit_other_peaks(extended: Calibration, proved: Container[str]) -> list[Calibration]:
+def fit_alternative_frequencies(extended: Calibration, in_every_model: Container[str]) -> list[Calibration]:
     """The touches of an extended model fitted with other frequencies of its effects that fit them as well.
 
     Args:
@@ -38,7 +38,7 @@ def fit_other_peaks(extended: Calibration, proved: Container[str]) -> list[Calib
         proved: labels of effects that have no rivals; beside rivals, which draw a wave in part, a frequency is vague.
     """
     laws = [law for law in extended.cell.effects if isinstance(law, Effect)]
-    waves = [k for k, law in enumerate(laws) if law.searched and law.label in proved]
+    waves = [k for k, law in enumerate(laws) if law.grid_parameter and law.label in in_every_model]
     if not waves:
         return []
     problem = pose_problem(extended)
@@ -46,7 +46,7 @@ def fit_other_peaks(extended: Calibration, proved: Container[str]) -> list[Calib
     found = [as_fitted(problem, law, part, 1) for law, (part, _) in zip(laws, values, strict=True)]
     variants = []
     for place in waves:
-        frequency, std = (part[laws[place].place_of_searched] for part in values[place])
+        frequency, std = (part[laws[place].grid_parameter_index] for part in values[place])
         for peak in _peaks(problem, found, place, max(1.0, extended.reduced_chi_square)):
             if abs(peak.trial.place - frequency) <= APART * std:
                 continue
@@ -58,7 +58,7 @@ def fit_other_peaks(extended: Calibration, proved: Container[str]) -> list[Calib
 def _peaks(problem: Problem, found: list[Candidate], place: int, scale: float) -> list[Candidate]:
     """The other frequencies of an effect that explain nearly as much, beside the other effects."""
     effect = found[place].effect
-    trials = effect.trials(problem.situation, problem.force)
+    trials = effect.trials(problem.touch_state, problem.force)
     others = [candidate.unit for k, candidate in enumerate(found) if k != place]
     beside = orthonormal(np.concatenate(others, axis=1)) if others else None
     scan = scan_trials(problem, effect, trials, len(trials))
@@ -66,6 +66,6 @@ def _peaks(problem: Problem, found: list[Candidate], place: int, scale: float) -
     low = np.concatenate([[-np.inf], gained, [-np.inf]])
     tops = np.flatnonzero((gained >= low[:-2]) & (gained >= low[2:]))
     most = float(gained.max())
-    near = [int(k) for k in tops if gained[k] > (1 - GRID_LOSS) * most - CREDIBLE * scale]
-    peaks = [refined(problem, scan, k, beside) for k in near]
+    warm_start = [int(k) for k in tops if gained[k] > (1 - GRID_LOSS) * most - CREDIBLE * scale]
+    peaks = [refined(problem, scan, k, beside) for k in warm_start]
     return sorted(peaks, key=lambda peak: -explained(problem, peak))[:MOST]

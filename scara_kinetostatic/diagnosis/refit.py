@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.estimate import Near
+from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.candidates import LEAST_NEW, Candidate
+from scara_kinetostatic.diagnosis.candidates import LEAST_INDEPENDENT_PART, Candidate
 from scara_kinetostatic.diagnosis.linear_problem import Problem
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extension import split
@@ -34,7 +34,7 @@ def start_from(problem: Problem, members: Sequence[Candidate]) -> tuple[Paramete
     scale = np.linalg.norm(together, axis=0)
     scale[scale == 0] = 1.0
     together = (together - problem.base @ (problem.base.T @ together)) / scale
-    found = -np.linalg.lstsq(together, problem.left, rcond=LEAST_NEW)[0] / scale
+    found = -np.linalg.lstsq(together, problem.left, rcond=LEAST_INDEPENDENT_PART)[0] / scale
     freedoms = problem.freedoms, max(problem.freedoms - together.shape[1], 1)
     sizes = problem.left, problem.left + together @ (scale * found)
     before, after = (float(rest @ rest) / number for rest, number in zip(sizes, freedoms, strict=True))
@@ -45,8 +45,8 @@ def start_from(problem: Problem, members: Sequence[Candidate]) -> tuple[Paramete
         for member, part, end in zip(members, columns, ends, strict=True)
     ]
     moved = problem.without + problem.response @ np.concatenate(columns, axis=1) @ found
-    twelve = problem.point.parameters.as_array()[: len(NAMES)] + moved
-    return Parameters.from_array(np.concatenate([twelve, *values])), max(share, LEAST_SHARE)
+    base = problem.point.parameters.as_array()[: len(NAMES)] + moved
+    return Parameters.from_array(np.concatenate([base, *values])), max(share, LEAST_SHARE)
 
 
 def fit_with(
@@ -63,8 +63,8 @@ def fit_with(
     cell = replace(calibration.cell, effects=(*calibration.cell.effects, *(member.effect for member in members)))
     start, share = start_from(problem, members)
     share = share if latest.noise_source == 'estimated' else 1.0
-    near = Near(start, Noise(share * latest.noise.joint, share * latest.noise.force), latest.used)
-    found = calibrate(calibration.touches, cell, fixed=calibration.fixed, near=near)
+    warm_start = WarmStart(start, Noise(share * latest.noise.joint, share * latest.noise.force), latest.used)
+    found = calibrate(calibration.touches, cell, fixed=calibration.fixed, warm_start=warm_start)
     return with_left_out(found, calibration)
 
 
@@ -78,11 +78,11 @@ def with_left_out(found: Calibration, before: Calibration) -> Calibration:
 def effect_values(calibration: Calibration) -> list[tuple[Floats, Floats]]:
     """Values and standard deviations of the parameters of each effect of a calibration's cell."""
     laws = calibration.cell.effects
-    spread = Parameters(extra=tuple(np.nan_to_num(calibration.extra_std, nan=0.0)))
+    off_normal_std = Parameters(extra=tuple(np.nan_to_num(calibration.extra_std, nan=0.0)))
     hidden = Parameters(extra=tuple(np.isnan(calibration.extra_std).astype(float)))
     return [
         (values, np.where(lost > 0, np.nan, stds))
         for values, stds, lost in zip(
-            split(laws, calibration.parameters), split(laws, spread), split(laws, hidden), strict=True
+            split(laws, calibration.parameters), split(laws, off_normal_std), split(laws, hidden), strict=True
         )
     ]

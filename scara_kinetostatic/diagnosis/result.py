@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.lack_of_fit import Trace
+from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.effects.base import Effect
 
 
@@ -33,7 +33,7 @@ class Found(NamedTuple):
 
     effect: Effect
     values: tuple[Value, ...]
-    proved: bool
+    in_every_model: bool
 
 
 class Ranked(NamedTuple):
@@ -58,9 +58,9 @@ class Ranked(NamedTuple):
     share: float
     gain: float
     held_out: float
-    new: float
-    hidden_bend: float = np.nan
-    bent: str = ''
+    independent_part: float
+    undetected_bias: float = np.nan
+    biased_parameter: str = ''
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,8 @@ class Diagnosis:
     found: tuple[Found, ...] = ()
     rivals: tuple[tuple[str, ...], ...] = ()
     extended: Calibration | None = None
-    traces: tuple[Trace, ...] = ()
-    remaining: tuple[Trace, ...] = ()
+    dependences: tuple[Dependence, ...] = ()
+    remaining: tuple[Dependence, ...] = ()
     remaining_p_value: float = 1.0
     ranking: tuple[Ranked, ...] = ()
     advice: str = ''

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from scara_kinetostatic.diagnosis.candidates import LEAST_NEW, Candidate, new_part
+from scara_kinetostatic.diagnosis.candidates import LEAST_INDEPENDENT_PART, Candidate, independent_part
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal
-from scara_kinetostatic.diagnosis.model_selection import Contest
+from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets
 
 Floats = NDArray[np.float64]
 
@@ -44,29 +44,31 @@ class Score(NamedTuple):
     share: float
     gain: float
     held_out: float
-    new: float
+    independent_part: float
 
 
-def score_singles(problem: Problem, contest: Contest) -> tuple[Score, ...]:
+def score_singles(problem: Problem, scored_subsets: ScoredSubsets) -> tuple[Score, ...]:
     """Every effect by itself, in its best way, the best first."""
-    nothing = held_out_deviance(problem, None, contest.scale)
-    empty = next(entry for entry in contest.entries if not entry.members)
+    nothing = held_out_deviance(problem, None, scored_subsets.scale)
+    empty = next(subset for subset in scored_subsets.subsets if not subset.members)
     found: dict[str, Score] = {}
-    for entry in contest.entries:  # the best first
-        if len(entry.members) != 1:
+    for subset in scored_subsets.subsets:  # the best first
+        if len(subset.members) != 1:
             continue
-        candidate = contest.field.candidates[entry.members[0]]
+        candidate = scored_subsets.candidate_set.candidates[subset.members[0]]
         if candidate.effect.label in found:
             continue
         p_value, share = significance(problem, candidate)
-        new = new_part(problem, problem.columns(candidate.trial))[1]
-        held_out = nothing - held_out_deviance(problem, candidate.unit, contest.scale) - 2 * np.log(candidate.tried)
-        gain = empty.score - entry.score
-        found[candidate.effect.label] = Score(candidate, p_value, share, gain, float(held_out), new)
+        part = independent_part(problem, problem.columns(candidate.trial))[1]
+        held_out = (
+            nothing - held_out_deviance(problem, candidate.unit, scored_subsets.scale) - 2 * np.log(candidate.tried)
+        )
+        gain = empty.score - subset.score
+        found[candidate.effect.label] = Score(candidate, p_value, share, gain, float(held_out), part)
     return tuple(found.values())
 
 
-def hidden_bend(problem: Problem, candidate: Candidate, std: Floats) -> tuple[float, int]:
+def undetected_bias(problem: Problem, candidate: Candidate, std: Floats) -> tuple[float, int]:
     """How far an effect that is just too small to be found may bend one of the twelve.
 
     This is the external reliability of adjustment theory (Baarda, A Testing Procedure for Use in Geodetic
@@ -84,7 +86,7 @@ def hidden_bend(problem: Problem, candidate: Candidate, std: Floats) -> tuple[fl
     columns = problem.columns(candidate.trial)
     columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     _, values, right = np.linalg.svd(columns - problem.base @ (problem.base.T @ columns), full_matrices=False)
-    seen = values > LEAST_NEW
+    seen = values > LEAST_INDEPENDENT_PART
     shift = (problem.response @ columns) @ (right[seen].T / values[seen]) * np.sqrt(FOUND)
     moved = np.linalg.norm(shift, axis=1) / np.where(std > 0, std, np.inf)
     moved = np.nan_to_num(moved)

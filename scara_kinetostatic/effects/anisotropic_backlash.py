@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from scara_kinetostatic.effects.base import LinearEffect, Parameter
-from scara_kinetostatic.model.law import Shift, Situation
+from scara_kinetostatic.model.law import Shift, TouchState
 
 
 @dataclass(frozen=True)
@@ -22,13 +22,13 @@ class AnisotropicBacklash(LinearEffect):
         Parameter('a', 'm', 1e-3, 'backlash along link 2 beyond the mean; as much less across it'),
         Parameter('b', 'm', 1e-3, 'backlash at 45° to link 2 beyond the mean'),
     )
-    hides_behind: ClassVar[str] = (
+    confounded_with: ClassVar[str] = (
         'an anisotropic compliance of the gripper, and g_ee and g2, if there is one force level or few directions'
     )
-    reveal: ClassVar[str] = 'forces from all directions seen from link 2, at several levels, small ones too'
-    betrays: ClassVar[str] = 'direction_from_link2'
+    identified_by: ClassVar[str] = 'forces from all directions seen from link 2, at several levels, small ones too'
+    plot_variable: ClassVar[str] = 'direction_from_link2'
 
-    def basis(self, at: Situation) -> tuple[Shift, ...]:
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
         along = (at.normal * at.link2).sum(axis=1)
         across = at.normal[:, 1] * at.link2[:, 0] - at.normal[:, 0] * at.link2[:, 1]
         waves = along**2 - across**2, 2 * along * across

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from scara_kinetostatic.effects.base import Floats, LinearEffect, Parameter
-from scara_kinetostatic.model.law import Shift, Situation
+from scara_kinetostatic.model.law import Shift, TouchState
 
 
 @dataclass(frozen=True)
@@ -22,14 +22,14 @@ class AnisotropicGripper(LinearEffect):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter('coupling', 'm/N', 1e-5, 'p12 in the frame of link 2: yield across it per force along it'),
     )
-    hides_behind: ClassVar[str] = (
+    confounded_with: ClassVar[str] = (
         'p_ee, p1 and p2, if the forces come from few directions seen from link 2; '
         'the difference p11 - p22 hides in p_ee and p2 always'
     )
-    reveal: ClassVar[str] = 'forces from all directions seen from link 2, in both elbow postures'
-    betrays: ClassVar[str] = 'direction_from_link2'
+    identified_by: ClassVar[str] = 'forces from all directions seen from link 2, in both elbow postures'
+    plot_variable: ClassVar[str] = 'direction_from_link2'
 
-    def basis(self, at: Situation) -> tuple[Shift, ...]:
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
         along = at.link2
         across = turned(along)
         f_along, f_across = ((at.force * axis).sum(axis=1)[:, None] for axis in (along, across))

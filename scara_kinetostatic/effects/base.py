@@ -17,7 +17,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.model.law import Shift, Situation
+from scara_kinetostatic.model.law import Shift, TouchState
 
 Floats = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ class Trial(NamedTuple):
     """
 
     columns: tuple[Shift, ...]
-    readings: tuple[Floats, ...] = ()
+    sensor_errors: tuple[Floats, ...] = ()
     values: Callable[[Floats], Floats] = np.asarray
     place: float = 0.0
 
@@ -77,16 +77,16 @@ class Effect(ABC):
 
     name: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]
-    hides_behind: ClassVar[str]
-    reveal: ClassVar[str]
-    betrays: ClassVar[str]
+    confounded_with: ClassVar[str]
+    identified_by: ClassVar[str]
+    plot_variable: ClassVar[str]
     on_object: ClassVar[bool] = False
-    searched: ClassVar[str] = ''
-    runs_off: ClassVar[bool] = False
+    grid_parameter: ClassVar[str] = ''
+    diverges_with_alias: ClassVar[bool] = False
     scaled_by: ClassVar[tuple[str, ...]] = ()
 
     @property
-    def spread(self) -> float:
+    def off_normal_std(self) -> float:
         """Standard deviation of the lean of the force, if the effect lets it differ from touch to touch, rad."""
         return 0.0
 
@@ -101,9 +101,9 @@ class Effect(ABC):
         return tuple(f'{self.label}.{parameter.name}' for parameter in self.parameters)
 
     @property
-    def place_of_searched(self) -> int:
+    def grid_parameter_index(self) -> int:
         """Place of the parameter `searched` among `parameters`."""
-        return [parameter.name for parameter in self.parameters].index(self.searched)
+        return [parameter.name for parameter in self.parameters].index(self.grid_parameter)
 
     @property
     def scales(self) -> tuple[float, ...]:
@@ -116,41 +116,41 @@ class Effect(ABC):
         return tuple(parameter.start for parameter in self.parameters)
 
     @abstractmethod
-    def shift(self, at: Situation, values: Floats) -> Shift:
+    def shift(self, at: TouchState, values: Floats) -> Shift:
         """δ and d at n touches for values (k,) of the parameters."""
 
     @abstractmethod
-    def derivative(self, at: Situation, values: Floats) -> tuple[Shift, ...]:
+    def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         """The derivatives of `shift`, one per parameter."""
 
-    def reading(self, force: Floats, values: Floats) -> Floats | None:
+    def sensor_error(self, force: Floats, values: Floats) -> Floats | None:
         """The error e for true forces (n, 2) in the sensor's frame, N; None unless the effect is one of the sensor."""
         return None
 
-    def reading_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
+    def sensor_error_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
         """The derivatives of `reading`, one per parameter."""
         return ()
 
-    def strength(self, values: Floats) -> Floats:
+    def amplitudes(self, values: Floats) -> Floats:
         """The values (k,), zero where they say how the effect is rather than how strong: what its derivatives,
         times these, add up to is the effect to first order.
         """
         return values
 
-    def makes_sense(self, values: Floats) -> bool:
+    def is_plausible(self, values: Floats) -> bool:
         """Whether fitted values (k,) still describe this effect, and not something that it was bent to."""
         return True
 
-    def other_forms(self) -> tuple[Effect, ...]:
+    def alternative_laws(self) -> tuple[Effect, ...]:
         """The same effect by other laws, just as plausible, that few touches do not tell from this one."""
         return ()
 
-    def trials(self, at: Situation, force: Floats) -> Sequence[Trial]:
+    def trials(self, at: TouchState, force: Floats) -> Sequence[Trial]:
         """The ways in which it may be present in these touches; `force` is in the sensor's frame, (n, 2), N."""
         values = np.array(self.start)
-        return (Trial(self.derivative(at, values), self.reading_derivative(force, values)),)
+        return (Trial(self.derivative(at, values), self.sensor_error_derivative(force, values)),)
 
-    def finer(self, at: Situation, trial: Trial, width: float) -> Sequence[Trial]:
+    def finer(self, at: TouchState, trial: Trial, width: float) -> Sequence[Trial]:
         """Further trials, up to `width` steps on both sides of one of `trials`, where these are a grid."""
         return ()
 
@@ -160,16 +160,16 @@ class LinearEffect(Effect):
     """An effect that is linear in its parameters."""
 
     @abstractmethod
-    def basis(self, at: Situation) -> tuple[Shift, ...]:
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
         """The shift per unit of each parameter."""
 
-    def shift(self, at: Situation, values: Floats) -> Shift:
+    def shift(self, at: TouchState, values: Floats) -> Shift:
         parts = self.basis(at)
         return Shift(
             _combine([part.joints for part in parts], values), _combine([part.place for part in parts], values)
         )
 
-    def derivative(self, at: Situation, values: Floats) -> tuple[Shift, ...]:
+    def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         return self.basis(at)
 
 
@@ -177,10 +177,10 @@ class LinearEffect(Effect):
 class SensorEffect(Effect):
     """An error of the force sensor: it moves nothing."""
 
-    def shift(self, at: Situation, values: Floats) -> Shift:
+    def shift(self, at: TouchState, values: Floats) -> Shift:
         return Shift()
 
-    def derivative(self, at: Situation, values: Floats) -> tuple[Shift, ...]:
+    def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         return tuple(Shift() for _ in self.parameters)
 
 
@@ -200,10 +200,10 @@ class JointEffect(LinearEffect):
         return cls(target=f'joint{joint + 1}', joint=joint)
 
     @abstractmethod
-    def angles(self, at: Situation) -> tuple[Floats, ...]:
+    def angles(self, at: TouchState) -> tuple[Floats, ...]:
         """δ of the joint per unit of each parameter, (n,) each, rad."""
 
-    def basis(self, at: Situation) -> tuple[Shift, ...]:
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
         return tuple(Shift(joints=at_joint(angle, self.joint)) for angle in self.angles(at))
 
 
@@ -224,11 +224,11 @@ class DiscEffect(LinearEffect):
         return cls(target=name, disc=disc)
 
     @abstractmethod
-    def places(self, at: Situation) -> tuple[Floats, ...]:
+    def places(self, at: TouchState) -> tuple[Floats, ...]:
         """Each d per unit of its parameter, as if every touch were on this disc, (n, 2) each, m."""
 
-    def basis(self, at: Situation) -> tuple[Shift, ...]:
-        touched = (at.tags.disc == self.disc)[:, None]
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
+        touched = (at.metadata.disc == self.disc)[:, None]
         return tuple(Shift(place=place * touched) for place in self.places(at))
 
 

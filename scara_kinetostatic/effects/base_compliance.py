@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import LinearEffect, Parameter
-from scara_kinetostatic.model.law import Shift, Situation
+from scara_kinetostatic.model.law import Shift, TouchState
 
 
 @dataclass(frozen=True)
@@ -24,12 +24,12 @@ class BaseCompliance(LinearEffect):
         Parameter('excess', 'm/N', 1e-5, 'yield along x beyond the mean of x and y; as much less along y'),
         Parameter('coupling', 'm/N', 1e-5, 'yield along y per force along x'),
     )
-    hides_behind: ClassVar[str] = (
+    confounded_with: ClassVar[str] = (
         'the compliances of gripper and joints, if the arm hardly turns; its mean over all directions in p_ee always'
     )
-    reveal: ClassVar[str] = 'forces in all directions of the base frame, with the arm turned many ways'
-    betrays: ClassVar[str] = 'direction'
+    identified_by: ClassVar[str] = 'forces in all directions of the base frame, with the arm turned many ways'
+    plot_variable: ClassVar[str] = 'direction'
 
-    def basis(self, at: Situation) -> tuple[Shift, ...]:
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
         x, y = at.force.T
         return Shift(place=np.stack([-x, y], axis=-1)), Shift(place=np.stack([-y, -x], axis=-1))

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import Floats, LinearEffect, Parameter, at_joint
-from scara_kinetostatic.model.law import Shift, Situation
+from scara_kinetostatic.model.law import Shift, TouchState
 
 
 @dataclass(frozen=True)
@@ -33,15 +33,17 @@ class BaseTilt(LinearEffect):
         Parameter('m2_x', 'Nm', 10.0, 'static moment along link 2 times gravity along x'),
         Parameter('m2_y', 'Nm', 10.0, 'static moment along link 2 times gravity along y'),
     )
-    hides_behind: ClassVar[str] = (
+    confounded_with: ClassVar[str] = (
         'a transmission error of joint 1 of one cycle per turn, which m1 alone exactly is; the base position and the '
         'offsets, if there is one elbow posture'
     )
-    reveal: ClassVar[str] = 'touches all over the workspace in both elbow postures; a level shows the tilt itself'
-    betrays: ClassVar[str] = 'angle'
+    identified_by: ClassVar[str] = (
+        'touches all over the workspace in both elbow postures; a level shows the tilt itself'
+    )
+    plot_variable: ClassVar[str] = 'angle'
     scaled_by: ClassVar[tuple[str, ...]] = ('p1', 'p2')
 
-    def basis(self, at: Situation) -> tuple[Shift, ...]:
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
         first = [-at.parameters.p1 * torque for torque in _torques(at.link1)]
         second = [
             np.stack([-at.parameters.p1 * torque, -at.parameters.p2 * torque], axis=-1) for torque in _torques(at.link2)

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import LinearEffect, Parameter
-from scara_kinetostatic.model.law import Shift, Situation
+from scara_kinetostatic.model.law import Shift, TouchState
 
 HERTZ = 2 / 3
 """Exponent of force in Hertz's law of a ball on a surface."""
@@ -34,12 +34,12 @@ class ContactCompliance(LinearEffect):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter('yield', 'm/N^(2/3)', 1e-3, 'depth of the tip in the disc under 1 N'),
     )
-    hides_behind: ClassVar[str] = (
+    confounded_with: ClassVar[str] = (
         'p_ee and g_ee together, if all discs are soft and the force levels few: f^(2/3) is nearly a straight line; '
         'the radius of a soft disc, if it is touched with one force only'
     )
-    reveal: ClassVar[str] = 'touches of every disc at many force levels, very small ones above all'
-    betrays: ClassVar[str] = 'magnitude'
+    identified_by: ClassVar[str] = 'touches of every disc at many force levels, very small ones above all'
+    plot_variable: ClassVar[str] = 'magnitude'
     on_object: ClassVar[bool] = True
 
     @classmethod
@@ -47,11 +47,11 @@ class ContactCompliance(LinearEffect):
         """That of one disc, by number and name."""
         return cls(target=name, disc=disc)
 
-    def other_forms(self) -> tuple[ContactCompliance, ...]:
+    def alternative_laws(self) -> tuple[ContactCompliance, ...]:
         return tuple(replace(self, exponent=exponent) for exponent in OTHERS)
 
-    def basis(self, at: Situation) -> tuple[Shift, ...]:
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
         depth = np.sign(at.magnitude) * np.abs(at.magnitude) ** self.exponent
         if self.disc is not None:
-            depth = depth * (at.tags.disc == self.disc)
+            depth = depth * (at.metadata.disc == self.disc)
         return (Shift(place=-depth[:, None] * at.normal),)

@@ -8,14 +8,14 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import Effect, Floats, Parameter
-from scara_kinetostatic.model.law import Shift, Situation
+from scara_kinetostatic.model.law import Shift, TouchState
 from scara_kinetostatic.model.parameters import Parameters
 
 STICKING = 0.1
 """A tip that comes within this angle of the normal sticks, as a usual coefficient of friction has it, rad."""
 
 
-def slide(at: Situation, reference: Parameters | None = None) -> Floats:
+def slide(at: TouchState, reference: Parameters | None = None) -> Floats:
     """How far the last movement in contact drags the tip aside, (n,): +1 or -1, or between where the tip sticks.
 
     It is the part along t of the movement J ΔQ, as a part of the whole; -1 and 1 are reached at `STICKING`. Both the
@@ -30,7 +30,7 @@ def slide(at: Situation, reference: Parameters | None = None) -> Floats:
     first, second = links[:, 0], links.sum(axis=1)
     x2, y2 = p.l2 * np.cos(second), p.l2 * np.sin(second)
     x1, y1 = p.l1 * np.cos(first) + x2, p.l1 * np.sin(first) + y2
-    turn1, turn2 = at.tags.press.T
+    turn1, turn2 = at.metadata.press.T
     move_x, move_y = -y1 * turn1 - y2 * turn2, x1 * turn1 + x2 * turn2
     inward_x, inward_y = at.centers[:, 0] - p.x0 - x1, at.centers[:, 1] - p.y0 - y1
     size = np.hypot(inward_x, inward_y) * np.hypot(move_x, move_y)
@@ -57,20 +57,20 @@ class ContactFriction(Effect):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter('coefficient', '1', 0.1, 'angle of friction: that of the force from the normal'),
     )
-    hides_behind: ClassVar[str] = 'a turned force sensor, if the tip slides the same way in all touches'
-    reveal: ClassVar[str] = (
+    confounded_with: ClassVar[str] = 'a turned force sensor, if the tip slides the same way in all touches'
+    identified_by: ClassVar[str] = (
         'touches that slide in both senses: press beyond the force and let it down, every other time'
     )
-    betrays: ClassVar[str] = 'slide'
+    plot_variable: ClassVar[str] = 'slide'
     on_object: ClassVar[bool] = True
 
-    def shift(self, at: Situation, values: Floats) -> Shift:
-        lean = values[0] * slide(at, self.reference)
-        along, across = at.radii * (np.cos(lean) - 1), -at.radii * np.sin(lean)
+    def shift(self, at: TouchState, values: Floats) -> Shift:
+        off_normal = values[0] * slide(at, self.reference)
+        along, across = at.radii * (np.cos(off_normal) - 1), -at.radii * np.sin(off_normal)
         return Shift(place=along[:, None] * at.normal + across[:, None] * at.tangent)
 
-    def derivative(self, at: Situation, values: Floats) -> tuple[Shift, ...]:
+    def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         sense = slide(at, self.reference)
-        lean = values[0] * sense
-        along, across = -at.radii * np.sin(lean) * sense, -at.radii * np.cos(lean) * sense
+        off_normal = values[0] * sense
+        along, across = -at.radii * np.sin(off_normal) * sense, -at.radii * np.cos(off_normal) * sense
         return (Shift(place=along[:, None] * at.normal + across[:, None] * at.tangent),)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from scara_kinetostatic.effects.base import Floats, JointEffect, Parameter
-from scara_kinetostatic.model.law import Situation
+from scara_kinetostatic.model.law import TouchState
 
 
 @dataclass(frozen=True)
@@ -18,9 +18,9 @@ class EncoderGain(JointEffect):
 
     name: ClassVar[str] = 'encoder_gain'
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('gain', '1', 1e-2, 'true angle over reported, less 1'),)
-    hides_behind: ClassVar[str] = 'the offset of the joint, if its angle hardly varies; a torque that grows with it'
-    reveal: ClassVar[str] = 'touches over the whole range of the joint, in both elbow postures'
-    betrays: ClassVar[str] = 'angle'
+    confounded_with: ClassVar[str] = 'the offset of the joint, if its angle hardly varies; a torque that grows with it'
+    identified_by: ClassVar[str] = 'touches over the whole range of the joint, in both elbow postures'
+    plot_variable: ClassVar[str] = 'angle'
 
-    def angles(self, at: Situation) -> tuple[Floats, ...]:
+    def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (-at.joints[:, self.joint],)

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import Floats, JointEffect, Parameter
-from scara_kinetostatic.model.law import Situation
+from scara_kinetostatic.model.law import TouchState
 
 OTHERS = (0.5, 2, 5)
 """Powers of a spring that is soft about zero, of one whose stiffness changes evenly, and of one that stiffens late."""
@@ -27,9 +27,9 @@ class JointHardening(JointEffect):
     power: float = 3
 
     name: ClassVar[str] = 'joint_hardening'
-    hides_behind: ClassVar[str] = 'compliance and backlash of the joint, if its torques are alike in size'
-    reveal: ClassVar[str] = 'touches with torques on the joint from small to large, in three or more steps'
-    betrays: ClassVar[str] = 'torque'
+    confounded_with: ClassVar[str] = 'compliance and backlash of the joint, if its torques are alike in size'
+    identified_by: ClassVar[str] = 'touches with torques on the joint from small to large, in three or more steps'
+    plot_variable: ClassVar[str] = 'torque'
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
@@ -37,9 +37,9 @@ class JointHardening(JointEffect):
         meaning = f'by which the deflection falls short of p c, over c^{self.power:g}'
         return (Parameter('rate', f'rad/(Nm)^{self.power:g}', 1e-3 / 10**self.power, meaning),)
 
-    def angles(self, at: Situation) -> tuple[Floats, ...]:
+    def angles(self, at: TouchState) -> tuple[Floats, ...]:
         torque = at.torques[:, self.joint]
         return (-np.sign(torque) * np.abs(torque) ** self.power,)
 
-    def other_forms(self) -> tuple[JointHardening, ...]:
+    def alternative_laws(self) -> tuple[JointHardening, ...]:
         return tuple(replace(self, power=power) for power in OTHERS)

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import Floats, JointEffect, Parameter
-from scara_kinetostatic.model.law import Situation
+from scara_kinetostatic.model.law import TouchState
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,11 @@ class JointHysteresis(JointEffect):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter('width', 'rad', 1e-3, 'by which the link stays behind, half the width of the loop'),
     )
-    hides_behind: ClassVar[str] = 'the backlash of the joint, if it always moves on in the sense of its torque'
-    reveal: ClassVar[str] = 'touches reached from both sides: press beyond the force and let it down, every other time'
-    betrays: ClassVar[str] = 'approach'
+    confounded_with: ClassVar[str] = 'the backlash of the joint, if it always moves on in the sense of its torque'
+    identified_by: ClassVar[str] = (
+        'touches reached from both sides: press beyond the force and let it down, every other time'
+    )
+    plot_variable: ClassVar[str] = 'approach'
 
-    def angles(self, at: Situation) -> tuple[Floats, ...]:
-        return (np.sign(at.tags.approach[:, self.joint]),)
+    def angles(self, at: TouchState) -> tuple[Floats, ...]:
+        return (np.sign(at.metadata.approach[:, self.joint]),)

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import LinearEffect, Parameter
-from scara_kinetostatic.model.law import Shift, Situation
+from scara_kinetostatic.model.law import Shift, TouchState
 
 HINGES = (0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.75, 0.8)
 """Where a link that bends at one place may do so."""
@@ -48,21 +48,21 @@ class LinkBending(LinearEffect):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter('compliance', 'rad/Nm', 1e-3, 'length over bending stiffness, l / EI'),
     )
-    hides_behind: ClassVar[str] = (
+    confounded_with: ClassVar[str] = (
         'p1 and p2, if the torques of the joints are nearly in proportion; bending of link 2 hides in p2 always'
     )
-    reveal: ClassVar[str] = 'touches in which the torques of the two joints differ much, also in sign'
-    betrays: ClassVar[str] = 'link1_torque'
+    identified_by: ClassVar[str] = 'touches in which the torques of the two joints differ much, also in sign'
+    plot_variable: ClassVar[str] = 'link1_torque'
 
     @classmethod
     def of(cls, link: int) -> LinkBending:
         """That of link 0 or 1."""
         return cls(target=f'link{link + 1}', link=link)
 
-    def other_forms(self) -> tuple[LinkBending, ...]:
+    def alternative_laws(self) -> tuple[LinkBending, ...]:
         return () if self.link else tuple(replace(self, hinge=hinge) for hinge in HINGES)
 
-    def basis(self, at: Situation) -> tuple[Shift, ...]:
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
         c1, c2 = at.torques.T
         if self.link == 0:
             first, second = (1 / 3, 1 / 3) if self.hinge is None else self._beside_coupling(self.hinge)

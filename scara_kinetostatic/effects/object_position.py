@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import DiscEffect, Floats, Parameter
-from scara_kinetostatic.model.law import Situation
+from scara_kinetostatic.model.law import TouchState
 
 
 @dataclass(frozen=True)
@@ -24,11 +24,11 @@ class ObjectPosition(DiscEffect):
         Parameter('x', 'm', 1e-3, 'true place of the centre less the stated one, x'),
         Parameter('y', 'm', 1e-3, 'true place of the centre less the stated one, y'),
     )
-    hides_behind: ClassVar[str] = (
+    confounded_with: ClassVar[str] = (
         'x0, y0 and theta1, if there is one disc; another disc, if the move changes the distance to that one only'
     )
-    reveal: ClassVar[str] = 'touches all round three or more discs, in both elbow postures'
-    betrays: ClassVar[str] = 'place'
+    identified_by: ClassVar[str] = 'touches all round three or more discs, in both elbow postures'
+    plot_variable: ClassVar[str] = 'place'
 
-    def places(self, at: Situation) -> tuple[Floats, ...]:
+    def places(self, at: TouchState) -> tuple[Floats, ...]:
         return tuple(-np.broadcast_to(unit, at.normal.shape) for unit in np.eye(2))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from scara_kinetostatic.effects.base import DiscEffect, Floats, Parameter
-from scara_kinetostatic.model.law import Situation
+from scara_kinetostatic.model.law import TouchState
 
 
 @dataclass(frozen=True)
@@ -15,9 +15,9 @@ class ObjectRadius(DiscEffect):
 
     name: ClassVar[str] = 'object_radius'
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('radius', 'm', 1e-3, 'true radius less the stated one'),)
-    hides_behind: ClassVar[str] = 'g_ee, if there is one disc: all radii larger is a smaller backlash of the gripper'
-    reveal: ClassVar[str] = 'touches of two or more discs, all round each'
-    betrays: ClassVar[str] = 'disc'
+    confounded_with: ClassVar[str] = 'g_ee, if there is one disc: all radii larger is a smaller backlash of the gripper'
+    identified_by: ClassVar[str] = 'touches of two or more discs, all round each'
+    plot_variable: ClassVar[str] = 'disc'
 
-    def places(self, at: Situation) -> tuple[Floats, ...]:
+    def places(self, at: TouchState) -> tuple[Floats, ...]:
         return (at.normal,)

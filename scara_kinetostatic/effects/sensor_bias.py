@@ -19,12 +19,12 @@ class SensorBias(SensorEffect):
         Parameter('x', 'N', 3.0, 'reported too much along x of the sensor'),
         Parameter('y', 'N', 3.0, 'reported too much along y of the sensor'),
     )
-    hides_behind: ClassVar[str] = 'the places of the discs, if each is touched from one side or with one force only'
-    reveal: ClassVar[str] = 'touches from all sides of the discs, some of them with little force'
-    betrays: ClassVar[str] = 'direction'
+    confounded_with: ClassVar[str] = 'the places of the discs, if each is touched from one side or with one force only'
+    identified_by: ClassVar[str] = 'touches from all sides of the discs, some of them with little force'
+    plot_variable: ClassVar[str] = 'direction'
 
-    def reading(self, force: Floats, values: Floats) -> Floats:
+    def sensor_error(self, force: Floats, values: Floats) -> Floats:
         return np.broadcast_to(np.asarray(values, dtype=float), force.shape)
 
-    def reading_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
+    def sensor_error_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
         return tuple(np.broadcast_to(unit, force.shape) for unit in np.eye(2))

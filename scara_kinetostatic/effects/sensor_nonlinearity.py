@@ -21,18 +21,18 @@ class SensorNonlinearity(SensorEffect):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter('rate', '1/N', 3e-2, 'part of the force reported too much, per newton of it'),
     )
-    hides_behind: ClassVar[str] = (
+    confounded_with: ClassVar[str] = (
         'the compliances, if all forces are alike; the law of the contact and the hardening of joints, if the force '
         'levels are few'
     )
-    reveal: ClassVar[str] = 'touches at many force levels, from very small to large, at many places'
-    betrays: ClassVar[str] = 'magnitude'
-    runs_off: ClassVar[bool] = True
+    identified_by: ClassVar[str] = 'touches at many force levels, from very small to large, at many places'
+    plot_variable: ClassVar[str] = 'magnitude'
+    diverges_with_alias: ClassVar[bool] = True
 
-    def reading(self, force: Floats, values: Floats) -> Floats:
+    def sensor_error(self, force: Floats, values: Floats) -> Floats:
         return np.asarray(values[0] * self._per_rate(force))
 
-    def reading_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
+    def sensor_error_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
         return (self._per_rate(force),)
 
     @staticmethod

@@ -18,16 +18,16 @@ class SensorRotation(SensorEffect):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter('angle', 'rad', 0.05, 'by which reported forces are turned'),
     )
-    hides_behind: ClassVar[str] = 'contact friction, if the tip slides the same way in all touches'
-    reveal: ClassVar[str] = (
+    confounded_with: ClassVar[str] = 'contact friction, if the tip slides the same way in all touches'
+    identified_by: ClassVar[str] = (
         'touches that slide in both senses: press beyond the force and let it down, every other time'
     )
-    betrays: ClassVar[str] = 'direction'
+    plot_variable: ClassVar[str] = 'direction'
 
-    def reading(self, force: Floats, values: Floats) -> Floats:
+    def sensor_error(self, force: Floats, values: Floats) -> Floats:
         c, s = np.cos(values[0]) - 1, np.sin(values[0])
         return np.stack([c * force[:, 0] - s * force[:, 1], s * force[:, 0] + c * force[:, 1]], axis=-1)
 
-    def reading_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
+    def sensor_error_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
         c, s = np.cos(values[0]), np.sin(values[0])
         return (np.stack([-s * force[:, 0] - c * force[:, 1], c * force[:, 0] - s * force[:, 1]], axis=-1),)

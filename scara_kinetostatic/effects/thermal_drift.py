@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from scara_kinetostatic.effects.base import Floats, JointEffect, LinearEffect, Parameter
-from scara_kinetostatic.model.law import Shift, Situation
+from scara_kinetostatic.model.law import Shift, TouchState
 
 
 @dataclass(frozen=True)
@@ -18,13 +18,13 @@ class LinkGrowth(LinearEffect):
 
     name: ClassVar[str] = 'thermal_drift'
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('rate', '1/s', 1e-5, 'growth of the links, per length'),)
-    hides_behind: ClassVar[str] = 'places, postures or forces that change in the same order as time goes on'
-    reveal: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
-    betrays: ClassVar[str] = 'time'
+    confounded_with: ClassVar[str] = 'places, postures or forces that change in the same order as time goes on'
+    identified_by: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
+    plot_variable: ClassVar[str] = 'time'
 
-    def basis(self, at: Situation) -> tuple[Shift, ...]:
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
         reach = at.parameters.l1 * at.link1 + at.parameters.l2 * at.link2
-        return (Shift(place=at.tags.time[:, None] * reach),)
+        return (Shift(place=at.metadata.time[:, None] * reach),)
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class ZeroDrift(JointEffect):
 
     name: ClassVar[str] = 'thermal_drift'
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('rate', 'rad/s', 1e-5, 'growth of the true angle'),)
-    hides_behind: ClassVar[str] = 'places, postures or forces that change in the same order as time goes on'
-    reveal: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
-    betrays: ClassVar[str] = 'time'
+    confounded_with: ClassVar[str] = 'places, postures or forces that change in the same order as time goes on'
+    identified_by: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
+    plot_variable: ClassVar[str] = 'time'
 
-    def angles(self, at: Situation) -> tuple[Floats, ...]:
-        return (-at.tags.time,)
+    def angles(self, at: TouchState) -> tuple[Floats, ...]:
+        return (-at.metadata.time,)

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import Effect, Floats, Parameter, Trial, at_joint
-from scara_kinetostatic.model.law import Shift, Situation
+from scara_kinetostatic.model.law import Shift, TouchState
 
 LOWEST, HIGHEST = 1.0, 120.0
 """Frequencies that are looked for, cycles per turn of the joint."""
@@ -41,44 +41,46 @@ class TransmissionError(Effect):
         Parameter('phase', 'rad', 1.0, 'cycles times the angle at which it errs most'),
         Parameter('cycles', '1/turn', 1.0, 'waves per turn of the joint', LOWEST),
     )
-    hides_behind: ClassVar[str] = (
+    confounded_with: ClassVar[str] = (
         'x0, y0, the offsets and the link lengths, if there are few cycles per turn and one elbow posture only; '
         'other frequencies, if the angles are evenly spaced'
     )
-    reveal: ClassVar[str] = 'touches at many different angles of the joint, unevenly spaced, in both elbow postures'
-    betrays: ClassVar[str] = 'angle'
-    searched: ClassVar[str] = 'cycles'
-    runs_off: ClassVar[bool] = True
+    identified_by: ClassVar[str] = (
+        'touches at many different angles of the joint, unevenly spaced, in both elbow postures'
+    )
+    plot_variable: ClassVar[str] = 'angle'
+    grid_parameter: ClassVar[str] = 'cycles'
+    diverges_with_alias: ClassVar[bool] = True
 
     @classmethod
     def of(cls, joint: int) -> TransmissionError:
         """That of joint 0 or 1."""
         return cls(target=f'joint{joint + 1}', joint=joint)
 
-    def shift(self, at: Situation, values: Floats) -> Shift:
+    def shift(self, at: TouchState, values: Floats) -> Shift:
         amplitude, phase, cycles = values
         return Shift(joints=at_joint(amplitude * np.cos(cycles * at.joints[:, self.joint] - phase), self.joint))
 
-    def derivative(self, at: Situation, values: Floats) -> tuple[Shift, ...]:
+    def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         amplitude, phase, cycles = values
         angle = at.joints[:, self.joint]
         wave, turned = np.cos(cycles * angle - phase), amplitude * np.sin(cycles * angle - phase)
         return tuple(Shift(joints=at_joint(column, self.joint)) for column in (wave, turned, -angle * turned))
 
-    def strength(self, values: Floats) -> Floats:
+    def amplitudes(self, values: Floats) -> Floats:
         """Its amplitude alone."""
         return np.array([values[0], 0.0, 0.0])
 
-    def makes_sense(self, values: Floats) -> bool:
+    def is_plausible(self, values: Floats) -> bool:
         """Less than one wave per turn is a curve, not a wave."""
         return bool(BARELY * LOWEST < values[2] < HIGHEST / BARELY)
 
-    def trials(self, at: Situation, force: Floats) -> Sequence[Trial]:
+    def trials(self, at: TouchState, force: Floats) -> Sequence[Trial]:
         """One per frequency of a grid: a cosine and a sine."""
         angle = at.joints[:, self.joint]
         return [self._trial(angle, float(cycles)) for cycles in frequencies(angle)]
 
-    def finer(self, at: Situation, trial: Trial, width: float) -> Sequence[Trial]:
+    def finer(self, at: TouchState, trial: Trial, width: float) -> Sequence[Trial]:
         """Frequencies about that of a trial, `width` steps of the grid on both sides."""
         angle = at.joints[:, self.joint]
         grid = frequencies(angle)
@@ -94,10 +96,10 @@ class TransmissionError(Effect):
 
 def frequencies(angle: Floats) -> Floats:
     """The frequencies to try for a joint's angles (n,), rad: a grid over which no wave is lost, cycles per turn."""
-    span, spread = float(np.ptp(angle)), float(np.std(angle))
-    if spread == 0.0:
+    span, off_normal_std = float(np.ptp(angle)), float(np.std(angle))
+    if off_normal_std == 0.0:
         return np.array([LOWEST])
-    step = min(GRID / spread, LARGEST_GRID / span)
+    step = min(GRID / off_normal_std, LARGEST_GRID / span)
     return np.linspace(LOWEST, HIGHEST, int(np.ceil((HIGHEST - LOWEST) / step)) + 1)
 
 

@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import Effect, Floats, LinearEffect, Parameter, at_joint
-from scara_kinetostatic.model.law import Shift, Situation
+from scara_kinetostatic.model.law import Shift, TouchState
 
 WAVES = 3
 POWERS = 4
@@ -67,10 +67,10 @@ class Unnamed(LinearEffect):
     powers: int = 0
 
     name: ClassVar[str] = 'unnamed'
-    hides_behind: ClassVar[str] = 'anything that depends on the same variable'
-    reveal: ClassVar[str] = 'touches in which this variable changes while all others stay'
-    betrays: ClassVar[str] = 'angle'
-    runs_off: ClassVar[bool] = True
+    confounded_with: ClassVar[str] = 'anything that depends on the same variable'
+    identified_by: ClassVar[str] = 'touches in which this variable changes while all others stay'
+    plot_variable: ClassVar[str] = 'angle'
+    diverges_with_alias: ClassVar[bool] = True
 
     @property
     def label(self) -> str:
@@ -113,7 +113,7 @@ class Unnamed(LinearEffect):
     def _orders(self) -> Sequence[int]:
         return PLACE_WAVES if self.disc >= 0 else range(1, WAVES + 1)
 
-    def functions(self, at: Situation) -> list[Floats]:
+    def functions(self, at: TouchState) -> list[Floats]:
         """The functions of the variable, (n,) each."""
         value = variable(at, self.variable)
         z = np.clip((value - self.middle) / self.half, -BEYOND, BEYOND)
@@ -122,17 +122,17 @@ class Unnamed(LinearEffect):
             return slope + [wave(k * value) for k in self._orders() for wave in (np.cos, np.sin)]
         return [z**k for k in range(1, (self.powers or POWERS) + 1)]
 
-    def basis(self, at: Situation) -> tuple[Shift, ...]:
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
         parts = self.functions(at)
         if self.disc >= 0:
-            parts = [part * (at.tags.disc == self.disc) for part in parts]
+            parts = [part * (at.metadata.disc == self.disc) for part in parts]
         if self.channel in JOINT_CHANNELS:
             return tuple(Shift(joints=at_joint(part, int(self.channel == 'joint2'))) for part in parts)
         side = at.normal if self.channel == 'along' else at.tangent
         return tuple(Shift(place=part[:, None] * side) for part in parts)
 
 
-def variable(at: Situation, name: str) -> Floats:
+def variable(at: TouchState, name: str) -> Floats:
     """A key of `VARIABLES` at n touches, (n,); SI units."""
     direction = np.arctan2(at.normal[:, 1], at.normal[:, 0])
     values: dict[str, Floats] = {
@@ -143,12 +143,12 @@ def variable(at: Situation, name: str) -> Floats:
         'force': at.magnitude,
         'direction': direction,
         'direction_from_link2': direction - np.arctan2(at.link2[:, 1], at.link2[:, 0]),
-        'time': at.tags.time,
+        'time': at.metadata.time,
     }
     return values[name]
 
 
-def unnamed_effects(at: Situation, discs: Sequence[str], one_level: bool = False) -> Iterator[Effect]:
+def unnamed_effects(at: TouchState, discs: Sequence[str], one_level: bool = False) -> Iterator[Effect]:
     """All that residuals of these touches could depend on.
 
     Args:
@@ -166,6 +166,6 @@ def unnamed_effects(at: Situation, discs: Sequence[str], one_level: bool = False
             yield Unnamed(None, channel, name, middle, half)
             if name in JOINTS and channel in JOINT_CHANNELS:
                 yield Unnamed(None, channel, name, middle, half, powers=FEW)
-    for disc in np.unique(at.tags.disc):
+    for disc in np.unique(at.metadata.disc):
         for channel in ('along', 'across'):
             yield Unnamed(discs[disc], channel, 'direction', disc=int(disc))

@@ -10,7 +10,7 @@ import numpy as np
 
 from scara_kinetostatic.effects.base import Floats
 from scara_kinetostatic.effects.contact_friction import slide
-from scara_kinetostatic.model.law import Situation
+from scara_kinetostatic.model.law import TouchState
 
 
 class Variable(NamedTuple):
@@ -23,14 +23,14 @@ class Variable(NamedTuple):
     """
 
     label: str
-    values: Callable[[Situation, int | None], Floats]
+    values: Callable[[TouchState, int | None], Floats]
 
     def title(self, joint: int | None = None) -> str:
         """The label, the joint named."""
         return self.label.format(joint=(joint or 0) + 1)
 
 
-def _of_joint(pairs: Callable[[Situation], Floats]) -> Callable[[Situation, int | None], Floats]:
+def _of_joint(pairs: Callable[[TouchState], Floats]) -> Callable[[TouchState, int | None], Floats]:
     """The joint's column of (n, 2)."""
     return lambda at, joint: pairs(at)[:, joint or 0]
 
@@ -39,11 +39,11 @@ def _angle(vectors: Floats) -> Floats:
     return np.asarray(np.arctan2(vectors[:, 1], vectors[:, 0]))
 
 
-def _middle(at: Situation, _: int | None) -> Floats:
+def _middle(at: TouchState, _: int | None) -> Floats:
     return 0.5 * (at.torques[:, 0] + at.torques[:, 1])
 
 
-def _from_link2(at: Situation) -> Floats:
+def _from_link2(at: TouchState) -> Floats:
     along = (at.normal * at.link2).sum(axis=1)
     across = at.normal[:, 1] * at.link2[:, 0] - at.normal[:, 0] * at.link2[:, 1]
     return np.asarray(np.arctan2(across, along))
@@ -58,10 +58,10 @@ VARIABLES = MappingProxyType(
         'direction': Variable('direction of the force (rad)', lambda at, _: _angle(at.normal)),
         'direction_from_link2': Variable('direction of the force from link 2 (rad)', lambda at, _: _from_link2(at)),
         'place': Variable('place on the disc (rad)', lambda at, _: _angle(-at.normal)),
-        'disc': Variable('number of the disc', lambda at, _: at.tags.disc.astype(float) + 1),
-        'time': Variable('time (s)', lambda at, _: at.tags.time),
+        'disc': Variable('number of the disc', lambda at, _: at.metadata.disc.astype(float) + 1),
+        'time': Variable('time (s)', lambda at, _: at.metadata.time),
         'approach': Variable(
-            'sense in which joint {joint} came to rest', _of_joint(lambda at: np.sign(at.tags.approach))
+            'sense in which joint {joint} came to rest', _of_joint(lambda at: np.sign(at.metadata.approach))
         ),
         'slide': Variable('sense in which the tip slid along the disc', lambda at, _: slide(at)),
     }

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.equilibrium import nearest_equilibrium, solve_state
 from scara_kinetostatic.model.extended import all_derivatives, extended_equations
-from scara_kinetostatic.model.extension import Extension, Setting
+from scara_kinetostatic.model.extension import ContactProblem, Extension
 from scara_kinetostatic.model.gripper import Gripper, as_gripper
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import THETA1, THETA2, Parameters
@@ -50,9 +50,9 @@ def contact(
     radii: ArrayLike,
     gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
     tension: bool = False,
-    near: ArrayLike | None = None,
+    warm_start: ArrayLike | None = None,
     extension: Extension | None = None,
-    lean: Floats | None = None,
+    off_normal: Floats | None = None,
 ) -> Contact:
     """A(Q, L̄) for touches whose disc is known.
 
@@ -73,32 +73,32 @@ def contact(
         Force, tip and link angles. Without contact the force is zero, the joints
         are in the middle of their dead bands and the tip is at H(L, Q).
     """
-    setting = _setting(joints, centers, radii, gripper, extension)._replace(lean=lean)
-    state, solved = solve_state(parameters, setting)
-    if near is not None:
-        state = nearest_equilibrium(parameters, setting, state, np.asarray(near))
+    contact_problem = _contact_problem(joints, centers, radii, gripper, extension)._replace(off_normal=off_normal)
+    state, solved = solve_state(parameters, contact_problem)
+    if warm_start is not None:
+        state = nearest_equilibrium(parameters, contact_problem, state, np.asarray(warm_start))
     if not tension:
-        shifted = setting.shifted(parameters, state)
+        shifted = contact_problem.shifted(parameters, state)
         free = free_state(parameters, shifted.joints, shifted.centers)
         touching = solved & (state.magnitude > 0)
-        if setting.gripper.sign is GripperSign.PHYSICAL:
-            touching &= _reaches(parameters, free, shifted.centers, setting.radii)
+        if contact_problem.gripper.sign is GripperSign.PHYSICAL:
+            touching &= _reaches(parameters, free, shifted.centers, contact_problem.radii)
         zero = free._replace(mode1=np.zeros_like(free.mode1), mode2=np.zeros_like(free.mode2))
         state = zero.replace_where(touching, state)
-    return _as_contact(parameters, setting, state, solved)
+    return _as_contact(parameters, contact_problem, state, solved)
 
 
-def _setting(
+def _contact_problem(
     joints: ArrayLike,
     centers: ArrayLike,
     radii: ArrayLike,
     gripper: Gripper | GripperSign,
     extension: Extension | None,
-) -> Setting:
+) -> ContactProblem:
     joints = np.atleast_2d(np.asarray(joints, dtype=float))
     centers = np.broadcast_to(np.asarray(centers, dtype=float), joints.shape)
     radii = np.broadcast_to(np.asarray(radii, dtype=float), joints.shape[:1])
-    return Setting(joints, centers, radii, as_gripper(gripper), extension)
+    return ContactProblem(joints, centers, radii, as_gripper(gripper), extension)
 
 
 def _reaches(parameters: Parameters, free: State, centers: Floats, radii: Floats) -> NDArray[np.bool_]:
@@ -110,16 +110,18 @@ def _reaches(parameters: Parameters, free: State, centers: Floats, radii: Floats
     return np.hypot(tip[:, 0] - centers[:, 0], tip[:, 1] - centers[:, 1]) < radii + NEGATIVE_PLAY
 
 
-def _as_contact(parameters: Parameters, setting: Setting, state: State, solved: NDArray[np.bool_]) -> Contact:
-    discs = setting.centers
-    if setting.extension is not None:
-        at = setting.situation(parameters, state)
-        discs = discs - setting.extension.shift(at)[1] + setting.extension.shift(at, robot_only=True)[1]
+def _as_contact(
+    parameters: Parameters, contact_problem: ContactProblem, state: State, solved: NDArray[np.bool_]
+) -> Contact:
+    discs = contact_problem.centers
+    if contact_problem.extension is not None:
+        at = contact_problem.touch_state(parameters, state)
+        discs = discs - contact_problem.extension.shift(at)[1] + contact_problem.extension.shift(at, robot_only=True)[1]
     unit = np.stack([np.cos(state.direction), np.sin(state.direction)], axis=-1)
     links = np.stack([state.link1, state.link2], axis=-1)
     rigid = forward(parameters, links)
     loaded = (state.magnitude != 0)[:, None]
-    tip = np.where(loaded, discs - setting.radii[:, None] * unit, rigid)
+    tip = np.where(loaded, discs - contact_problem.radii[:, None] * unit, rigid)
     return Contact(state.magnitude[:, None] * unit, state.magnitude, tip, links, state, solved)
 
 
@@ -184,13 +186,13 @@ def contact_derivatives(
         gripper: the form of (7); a bare sign stands for the isotropic gripper.
         extension: effects beyond the twelve parameters.
     """
-    setting, state = _setting(joints, centers, radii, gripper, extension), found.state
+    contact_problem, state = _contact_problem(joints, centers, radii, gripper, extension), found.state
     loaded = (state.magnitude != 0).astype(float)
     state = state._replace(
         mode1=np.where(loaded == 0, 1, state.mode1), mode2=np.where(loaded == 0, 1, state.mode2)
     )  # an unloaded touch has derivative zero; any flank keeps the algebra regular
-    e = extended_equations(parameters, setting, state)
-    h_l = all_derivatives(parameters, setting, state, e)
+    e = extended_equations(parameters, contact_problem, state)
+    h_l = all_derivatives(parameters, contact_problem, state, e)
     det = e.normal_f * e.tangent_d - e.normal_d * e.tangent_f
     with np.errstate(divide='ignore', invalid='ignore'):
         f_h = np.stack([e.tangent_d, -e.normal_d], axis=-1) / det[:, None]

@@ -5,28 +5,30 @@ from __future__ import annotations
 import numpy as np
 
 from scara_kinetostatic.model.equations import Equations, parameter_derivative, touch_equations
-from scara_kinetostatic.model.extension import Setting
+from scara_kinetostatic.model.extension import ContactProblem
 from scara_kinetostatic.model.law import Shift
+from scara_kinetostatic.model.link_angles import LinkAngles, solve_link_angles, update_modes
 from scara_kinetostatic.model.parameters import NAMES, Parameters
-from scara_kinetostatic.model.settling import Settled, renew_modes, settle_links
 from scara_kinetostatic.model.state import State
 from scara_kinetostatic.model.statics import Arm, Floats
 
-LEAN_STEP = 1e-5
+OFF_NORMAL_STEP = 1e-5
 """Step of the central difference over the lean, rad."""
 
 
-def extended_equations(parameters: Parameters, setting: Setting, state: State, arm: Arm | None = None) -> Equations:
+def extended_equations(
+    parameters: Parameters, contact_problem: ContactProblem, state: State, arm: Arm | None = None
+) -> Equations:
     """`touch_equations` for a setting that may have effects.
 
     To first order exact in f and φ; what the effects change over Q* is left out of the derivatives. `arm` saves work
     where that of the state is known.
     """
-    joints, centers, radii, gripper, *_ = setting.shifted(parameters, state)
+    joints, centers, radii, gripper, *_ = contact_problem.shifted(parameters, state)
     e = touch_equations(parameters, joints, centers, radii, state, gripper, arm)
-    if setting.extension is None:
+    if contact_problem.extension is None:
         return e
-    joints_f, place_f, joints_d, place_d = setting.sensitivity(parameters, state)
+    joints_f, place_f, joints_d, place_d = contact_problem.sensitivity(parameters, state)
     on = np.stack([state.mode1 != 0, state.mode2 != 0])
     (f1, f2), (d1, d2) = on * joints_f.T, on * joints_d.T
     nx, ny = e.rows.arm.nx, e.rows.arm.ny
@@ -57,38 +59,46 @@ def shift_column(shift: Shift, state: State, equations: Equations) -> Floats:
     return out
 
 
-def all_derivatives(parameters: Parameters, setting: Setting, state: State, equations: Equations) -> Floats:
+def all_derivatives(
+    parameters: Parameters, contact_problem: ContactProblem, state: State, equations: Equations
+) -> Floats:
     """∂h/∂L̄ of n touches, f and φ held, the effects' parameters included, (n, 2, 12 + k)."""
-    twelve = parameter_derivative(state, equations, setting.gripper)
-    if setting.extension is None:
-        return twelve
-    at = setting.situation(parameters, state)
-    for name, shift in setting.extension.by_robot(at).items():
-        twelve[:, :, NAMES.index(name)] += shift_column(shift, state, equations)
-    shifts = setting.extension.derivative(at)
+    base = parameter_derivative(state, equations, contact_problem.gripper)
+    if contact_problem.extension is None:
+        return base
+    at = contact_problem.touch_state(parameters, state)
+    for name, shift in contact_problem.extension.by_robot(at).items():
+        base[:, :, NAMES.index(name)] += shift_column(shift, state, equations)
+    shifts = contact_problem.extension.derivative(at)
     columns = [shift_column(shift, state, equations)[:, :, None] for shift in shifts]
-    return np.concatenate([twelve, *columns], axis=2)
+    return np.concatenate([base, *columns], axis=2)
 
 
-def lean_derivative(parameters: Parameters, setting: Setting, state: State, equations: Equations) -> Floats:
+def off_normal_derivative(
+    parameters: Parameters, contact_problem: ContactProblem, state: State, equations: Equations
+) -> Floats:
     """∂h by the lean of each touch's force, (n, 2), m/rad, by central differences."""
-    assert setting.extension is not None
-    lean = np.zeros_like(state.magnitude) if setting.lean is None else setting.lean
+    assert contact_problem.extension is not None
+    off_normal = np.zeros_like(state.magnitude) if contact_problem.off_normal is None else contact_problem.off_normal
     up, down = (
-        setting.extension.shift(setting._replace(lean=lean + sign * LEAN_STEP).situation(parameters, state))
+        contact_problem.extension.shift(
+            contact_problem._replace(off_normal=off_normal + sign * OFF_NORMAL_STEP).touch_state(parameters, state)
+        )
         for sign in (1, -1)
     )
-    joints, place = ((a - b) / (2 * LEAN_STEP) for a, b in zip(up, down, strict=True))
+    joints, place = ((a - b) / (2 * OFF_NORMAL_STEP) for a, b in zip(up, down, strict=True))
     return shift_column(Shift(joints, place), state, equations)
 
 
-def renewed(parameters: Parameters, setting: Setting, state: State) -> Settled:
+def with_updated_modes(parameters: Parameters, contact_problem: ContactProblem, state: State) -> LinkAngles:
     """The state with the modes it calls for."""
-    shifted = setting.shifted(parameters, state)
-    return renew_modes(parameters, shifted.joints, state, setting.gripper)
+    shifted = contact_problem.shifted(parameters, state)
+    return update_modes(parameters, shifted.joints, state, contact_problem.gripper)
 
 
-def settled(parameters: Parameters, setting: Setting, state: State, frozen: bool = False) -> State:
+def extended_link_angles(
+    parameters: Parameters, contact_problem: ContactProblem, state: State, frozen: bool = False
+) -> State:
     """One Newton step of the rows alone, then, unless frozen, the modes that the new link angles call for."""
-    shifted = setting.shifted(parameters, state)
-    return settle_links(parameters, shifted.joints, state, setting.gripper, frozen).state
+    shifted = contact_problem.shifted(parameters, state)
+    return solve_link_angles(parameters, shifted.joints, state, contact_problem.gripper, frozen).state

@@ -17,7 +17,7 @@ from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.extension import Extension
 from scara_kinetostatic.model.gripper import Gripper, as_gripper
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.robot_shift import Pose, settle_pose
+from scara_kinetostatic.model.robot_shift import Pose, solve_pose
 
 Floats = NDArray[np.float64]
 
@@ -108,7 +108,7 @@ def inverse_kinetostatics(
         links, torques = _held_links(parameters, tip - place, force, posture, gripper)
         return Pose(links + joint_deflection(parameters, torques, slack) + turn, links, torques, tip, force)
 
-    pose = settle_pose(pose_with, parameters, len(tip), gripper, extension)
+    pose = solve_pose(pose_with, parameters, len(tip), gripper, extension)
     return pose.joints, pose.torques
 
 
@@ -158,7 +158,7 @@ def direct_kinetostatics(
         tip, force = _exerted(parameters, links - turn, torques, gripper)
         return Pose(joints, links - turn, torques, tip + place, force)
 
-    pose = settle_pose(pose_with, parameters, len(joints), gripper, extension)
+    pose = solve_pose(pose_with, parameters, len(joints), gripper, extension)
     return pose.tip, pose.force
 
 

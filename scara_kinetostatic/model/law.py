@@ -23,7 +23,7 @@ from scara_kinetostatic.model.touch import TouchSet
 Floats = NDArray[np.float64]
 
 
-class Tags(NamedTuple):
+class TouchMetadata(NamedTuple):
     """What else is known of n touches.
 
     Attributes:
@@ -41,22 +41,24 @@ class Tags(NamedTuple):
     press: Floats
 
     @classmethod
-    def plain(cls, n: int) -> Tags:
+    def plain(cls, n: int) -> TouchMetadata:
         """Of n touches about which nothing is known."""
         still = np.zeros((n, 2))
         return cls(np.zeros(n, dtype=np.intp), np.zeros(n), still, np.ones(n, dtype=np.intp), still)
 
     @classmethod
-    def of(cls, touches: TouchSet) -> Tags:
+    def of(cls, touches: TouchSet) -> TouchMetadata:
         """Those of touches."""
         return cls(touches.disc, touches.time, touches.approach, touches.posture, touches.press)
 
-    def select(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Tags:
+    def select(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> TouchMetadata:
         """The touches that a mask or an array of positions picks."""
-        return Tags(self.disc[which], self.time[which], self.approach[which], self.posture[which], self.press[which])
+        return TouchMetadata(
+            self.disc[which], self.time[which], self.approach[which], self.posture[which], self.press[which]
+        )
 
 
-class Situation(NamedTuple):
+class TouchState(NamedTuple):
     """All that an effect may depend on, at n touches.
 
     Attributes:
@@ -84,8 +86,8 @@ class Situation(NamedTuple):
     link2: Floats
     centers: Floats
     radii: Floats
-    tags: Tags
-    lean: Floats
+    metadata: TouchMetadata
+    off_normal: Floats
 
     @property
     def tangent(self) -> Floats:
@@ -121,7 +123,7 @@ class Law(Protocol):
         """Each parameter's name with the effect's, such as ``encoder_gain[joint1].gain``."""
 
     @property
-    def spread(self) -> float:
+    def off_normal_std(self) -> float:
         """Standard deviation of the lean of the force, which differs from touch to touch, rad; 0 for most effects."""
 
     @property
@@ -132,17 +134,17 @@ class Law(Protocol):
     def scaled_by(self) -> tuple[str, ...]:
         """Names of the parameters of the robot, such as ``p1``, that the shift is proportional to."""
 
-    def shift(self, at: Situation, values: Floats) -> Shift:
+    def shift(self, at: TouchState, values: Floats) -> Shift:
         """δ and d at n touches for values (k,) of the effect's parameters."""
 
-    def derivative(self, at: Situation, values: Floats) -> tuple[Shift, ...]:
+    def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         """The derivatives of δ and d, one per parameter."""
 
-    def strength(self, values: Floats) -> Floats:
+    def amplitudes(self, values: Floats) -> Floats:
         """The values, zero where they say how the effect is rather than how strong."""
 
-    def reading(self, force: Floats, values: Floats) -> Floats | None:
+    def sensor_error(self, force: Floats, values: Floats) -> Floats | None:
         """The error e for true forces (n, 2) in the sensor's frame, N; None if it is not an effect of the sensor."""
 
-    def reading_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
+    def sensor_error_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
         """The derivatives of e, one per parameter; none if it is not an effect of the sensor."""

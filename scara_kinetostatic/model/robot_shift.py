@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.model.extension import Extension, Setting
+from scara_kinetostatic.model.extension import ContactProblem, Extension
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.state import State
@@ -53,12 +53,12 @@ def shift_at(parameters: Parameters, pose: Pose, gripper: Gripper, extension: Ex
     link1, link2 = pose.links.T
     mode1, mode2 = np.sign(pose.torques).T
     state = State(link1, link2, magnitude, direction, mode1, mode2)
-    setting = Setting(pose.joints, centers, radii, gripper, extension)
+    contact_problem = ContactProblem(pose.joints, centers, radii, gripper, extension)
     with np.errstate(invalid='ignore'):
-        return extension.shift(setting.situation(parameters, state), robot_only=True)
+        return extension.shift(contact_problem.touch_state(parameters, state), robot_only=True)
 
 
-def settle_pose(
+def solve_pose(
     pose_with: Callable[[Floats, Floats], Pose],
     parameters: Parameters,
     n: int,

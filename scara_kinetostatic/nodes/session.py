@@ -14,7 +14,7 @@ from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.touches.detection import Detection
-from scara_kinetostatic.touches.online import LiveDetector
+from scara_kinetostatic.touches.online import OnlineDetector
 
 QUIET = 1.0
 """After this long without a message, s, what the bag does not hold durably yet is secured."""
@@ -54,7 +54,7 @@ class Session:
         self._cell = cell
         self._writer = _new_bag(parent, cell, log_time)
         self.folder = self._writer.folder
-        self._detector = LiveDetector(cell)
+        self._detector = OnlineDetector(cell)
         self._secured, self._last_message = True, monotonic()
 
     def take(self, stream: Stream, message: bytes, log_time: int, sample: Sample | None) -> None:

@@ -16,7 +16,7 @@ from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.cell_parameter import cell_or_example
 from scara_kinetostatic.nodes.declare import Range
 from scara_kinetostatic.simulation.chosen_effects import parse_effect, with_effects
-from scara_kinetostatic.simulation.plan import LARGEST_OVERPRESS, Plan, default_plan
+from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, Plan, default_plan
 from scara_kinetostatic.simulation.plan_file import load_plan
 from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, SensorModel
 
@@ -85,10 +85,10 @@ def _cell(node: Node) -> Cell:
 def _plan(node: Node, cell: Cell) -> Plan:
     file = declare.text(node, 'plan', '', 'plan of touches (YAML file); empty: a plan over all discs of the cell')
     beyond = 'part of its force by which every other touch is first pressed beyond it; with a plan: 0'
-    overpress = declare.number(node, 'overpress', 0.0, beyond, Range(0.0, LARGEST_OVERPRESS))
-    if file and overpress > 0:
-        raise ParameterError('parameter overpress', 'a plan says all about the touches', 'leave overpress or plan out')
-    return load_plan(file, cell) if file else default_plan(cell, overpress=overpress)
+    preload = declare.number(node, 'preload', 0.0, beyond, Range(0.0, LARGEST_PRELOAD))
+    if file and preload > 0:
+        raise ParameterError('parameter preload', 'a plan says all about the touches', 'leave preload or plan out')
+    return load_plan(file, cell) if file else default_plan(cell, preload=preload)
 
 
 def _choice(name: str, value: str, default: _E, choices: type[_E]) -> _E:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from scara_kinetostatic.diagnosis.comparison import compare
 from scara_kinetostatic.diagnosis.outcome import Outcome
-from scara_kinetostatic.render.quantities import rank_of_twelve
+from scara_kinetostatic.render.quantities import base_rank
 
 
 def one_line(outcome: Outcome) -> str:
@@ -30,9 +30,9 @@ def one_line(outcome: Outcome) -> str:
 def _verdict(outcome: Outcome) -> str:
     """The verdict and the effects behind it; rivals in brackets."""
     d = outcome.diagnosis
-    proved = [item.effect.label for item in d.found if item.proved]
+    in_every_model = [item.effect.label for item in d.found if item.in_every_model]
     open_ones = [f'one of ({", ".join(group)})' for group in d.rivals]
-    return ', '.join([d.verdict, *proved, *open_ones])
+    return ', '.join([d.verdict, *in_every_model, *open_ones])
 
 
 def details(outcome: Outcome) -> dict[str, str]:
@@ -50,10 +50,10 @@ def details(outcome: Outcome) -> dict[str, str]:
         'force error, held out, extended [N]': f'{extended.held_out:.6g}',
         'reduced chi-square': f'{alone.reduced_chi_square:.6g}',
         'reduced chi-square, extended': f'{extended.reduced_chi_square:.6g}',
-        'rank': str(rank_of_twelve(result)),
+        'rank': str(base_rank(result)),
         'confounded': ', '.join(' '.join(group) for group in result.identifiability.confounded) or 'none',
         'verdict': outcome.diagnosis.verdict,
-        'effects': ', '.join(item.effect.label for item in found if item.proved) or 'none',
+        'effects': ', '.join(item.effect.label for item in found if item.in_every_model) or 'none',
         'rivals': '; '.join(', '.join(group) for group in outcome.diagnosis.rivals) or 'none',
         'sources': ', '.join(outcome.sources),
     }

@@ -114,7 +114,7 @@ def _row(name: str, nominal: float, value: float, std: float, status: str) -> Ro
     )
 
 
-def rank_of_twelve(c: Calibration) -> int:
+def base_rank(c: Calibration) -> int:
     """How many of the twelve parameters, or of their combinations, the data determine.
 
     Every unseen direction is one confounded group; those of effects alone do not count.

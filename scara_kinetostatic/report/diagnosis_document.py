@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from scara_kinetostatic.diagnosis.lack_of_fit import Trace
+from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import Unnamed
@@ -23,13 +23,13 @@ def diagnosis_document(found: Diagnosis) -> Document:
     return {
         'verdict': found.verdict,
         'p_value': number(found.p_value),
-        'effects': [_found(item) for item in found.found if item.proved],
+        'effects': [_found(item) for item in found.found if item.in_every_model],
         'rivals': [[_plain_name(labels, label) for label in group] for group in found.rivals],
         'rival_effects': [[_rival(found, labels, label) for label in group] for group in found.rivals],
         'remaining_p_value': number(found.remaining_p_value),
         'advice': found.advice,
-        'traces': _traces(found.traces),
-        'remaining': _traces(found.remaining),
+        'traces': _dependences(found.dependences),
+        'remaining': _dependences(found.remaining),
         'candidates': [_candidate(item, role(found, item)) for item in found.ranking],
     }
 
@@ -55,7 +55,7 @@ def _values(values: Sequence[Value]) -> Document:
 
 
 def _found(item: Found) -> Document:
-    return _named(item.effect) | {'proved': item.proved, 'parameters': _values(item.values)}
+    return _named(item.effect) | {'proved': item.in_every_model, 'parameters': _values(item.values)}
 
 
 def _rival(found: Diagnosis, labels: Mapping[str, Effect], label: str) -> Document:
@@ -78,11 +78,11 @@ def _candidate(item: Ranked, role: str) -> Document:
         'share': number(item.share),
         'gain': number(item.gain),
         'held_out': number(item.held_out),
-        'new': number(item.new),
-        'hidden_bend': number(item.hidden_bend),
-        'bent': item.bent or None,
+        'new': number(item.independent_part),
+        'hidden_bend': number(item.undetected_bias),
+        'bent': item.biased_parameter or None,
     }
 
 
-def _traces(traces: Sequence[Trace]) -> list[Document]:
-    return [{'name': t.name, 'p_value': number(t.p_value), 'share': number(t.share)} for t in traces]
+def _dependences(dependences: Sequence[Dependence]) -> list[Document]:
+    return [{'name': t.name, 'p_value': number(t.p_value), 'share': number(t.share)} for t in dependences]

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from scara_kinetostatic.diagnosis.comparison import Bend, Comparison, Side, bends, compare
+from scara_kinetostatic.diagnosis.comparison import Bias, Comparison, Side, biases, compare
 from scara_kinetostatic.diagnosis.effect_residual import signature
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.render.quantities import SCALES, chance, decimals, p_equals, shown
-from scara_kinetostatic.report import words
+from scara_kinetostatic.report import messages as words
 from scara_kinetostatic.report.diagnosis_document import role
-from scara_kinetostatic.report.effect_pictures import bend_picture, signature_picture
+from scara_kinetostatic.report.effect_pictures import bias_picture, signature_picture
 
 MOST_PICTURES = 3
 MOST_CURVES = 3
@@ -34,7 +34,7 @@ class EffectEntry(NamedTuple):
     """One effect of the extended model: name, proved or not, values and a note in words, picture or None."""
 
     name: str
-    proved: bool
+    in_every_model: bool
     values: list[tuple[str, str, str]]
     note: str
     picture: Any
@@ -56,7 +56,7 @@ def diagnosis_context(outcome: Outcome) -> dict[str, Any]:
     """What the template `diagnosis.html.j2` needs; to be called within `drawing.style`."""
     d, compared = outcome.diagnosis, compare(outcome)
     extended = outcome.final is not outcome.calibration
-    rows, table = bends(outcome), _candidates(d)
+    rows, table = biases(outcome), _candidates(d)
     return {
         'd': d,
         'p_value': p_equals(d.p_value),
@@ -70,17 +70,17 @@ def diagnosis_context(outcome: Outcome) -> dict[str, Any]:
         'tip_noise': _mm(compared.extended.tip.noise),
         'moved': _mm(compared.moved),
         'moved_most': _mm(compared.moved_most),
-        'bends': [_bend(row) for row in rows] if extended else [],
-        'bend_picture': bend_picture(rows) if extended else None,
+        'bends': [_bias(row) for row in rows] if extended else [],
+        'bend_picture': bias_picture(rows) if extended else None,
         'rivals': [[_name(d, label) for label in group] for group in d.rivals],
         'unseen': [
-            (item.effect.label, item.effect.hides_behind, item.effect.reveal)
+            (item.effect.label, item.effect.confounded_with, item.effect.identified_by)
             for item in d.ranking
             if item.role == 'unseen' and not isinstance(item.effect, Unnamed)
         ],
-        'hidden_bends': _hidden_bends(d),
+        'hidden_bends': _undetected_biases(d),
         'tested': len(catalogue(outcome.calibration.cell)),
-        'traces': [(t.name, chance(t.p_value), f'{100 * t.share:.0f} %') for t in d.traces],
+        'traces': [(t.name, chance(t.p_value), f'{100 * t.share:.0f} %') for t in d.dependences],
         'remaining': [(t.name, chance(t.p_value), f'{100 * t.share:.0f} %') for t in d.remaining],
     }
 
@@ -92,11 +92,11 @@ def _name(d: Diagnosis, label: str) -> str:
 def _entries(outcome: Outcome) -> list[EffectEntry]:
     entries = []
     for number, item in enumerate(outcome.diagnosis.found):
-        titles = ('without it', 'with it') if item.proved else ('without the rivals', 'with all rivals')
+        titles = ('without it', 'with it') if item.in_every_model else ('without the rivals', 'with all rivals')
         drawn = number < MOST_PICTURES
         picture = signature_picture(signature(outcome, item), f'effect{number}', titles) if drawn else None
-        note = LEANING if item.effect.spread else ''
-        entries.append(EffectEntry(words.effect_name(item.effect), item.proved, _values(item), note, picture))
+        note = LEANING if item.effect.off_normal_std else ''
+        entries.append(EffectEntry(words.effect_name(item.effect), item.in_every_model, _values(item), note, picture))
     return entries
 
 
@@ -167,7 +167,7 @@ def _side(side: Side) -> list[str]:
     ]
 
 
-def _bend(row: Bend) -> dict[str, str]:
+def _bias(row: Bias) -> dict[str, str]:
     unit, per_si = SCALES[row.name]
     digits = decimals(row.std * per_si)
     places = 3 if digits is None else digits
@@ -189,12 +189,14 @@ def _bend(row: Bend) -> dict[str, str]:
     }
 
 
-def _hidden_bends(d: Diagnosis) -> list[tuple[str, str, str]]:
+def _undetected_biases(d: Diagnosis) -> list[tuple[str, str, str]]:
     """Effects that could have bent a parameter without being found: name, by how many σ, which."""
     rows = [
         item
         for item in d.ranking
-        if role(d, item) == 'refuted' and item.hidden_bend > WORTH_A_WARNING and not isinstance(item.effect, Unnamed)
+        if role(d, item) == 'refuted'
+        and item.undetected_bias > WORTH_A_WARNING
+        and not isinstance(item.effect, Unnamed)
     ]
-    rows.sort(key=lambda item: -item.hidden_bend)
-    return [(item.effect.label, f'{item.hidden_bend:.1f}', item.bent) for item in rows[:MOST_HIDDEN]]
+    rows.sort(key=lambda item: -item.undetected_bias)
+    return [(item.effect.label, f'{item.undetected_bias:.1f}', item.biased_parameter) for item in rows[:MOST_HIDDEN]]

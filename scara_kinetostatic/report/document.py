@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.comparison import Comparison, bends, compare
+from scara_kinetostatic.diagnosis.comparison import Comparison, biases, compare
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.render.json_file import Document
-from scara_kinetostatic.render.quantities import rank_of_twelve
+from scara_kinetostatic.render.quantities import base_rank
 from scara_kinetostatic.report.diagnosis_document import diagnosis_document
 from scara_kinetostatic.report.diagnosis_document import number as _number
 
@@ -94,20 +94,20 @@ def _parameters(outcome: Outcome) -> Document:
     c = outcome.final
     nominal = c.cell.nominal.as_dict()
     return {
-        bend.name: {
-            'nominal': nominal[bend.name],
-            'value': bend.value,
-            'std': _number(bend.std),
-            'unit': UNITS[bend.name],
-            'status': c.status[bend.name],
+        bias.name: {
+            'nominal': nominal[bias.name],
+            'value': bias.value,
+            'std': _number(bias.std),
+            'unit': UNITS[bias.name],
+            'status': c.status[bias.name],
             'twelve_alone': {
-                'value': bend.alone,
-                'std': _number(bend.alone_std),
-                'shift': bend.shift,
-                'shift_in_std': _number(bend.in_std),
+                'value': bias.alone,
+                'std': _number(bias.alone_std),
+                'shift': bias.shift,
+                'shift_in_std': _number(bias.in_std),
             },
         }
-        for bend in bends(outcome)
+        for bias in biases(outcome)
     }
 
 
@@ -154,7 +154,7 @@ def _identifiability(c: Calibration) -> Document:
     found = c.identifiability
     own = [group for group in found.confounded if set(group) & set(NAMES)]
     return {
-        'rank': rank_of_twelve(c),
+        'rank': base_rank(c),
         'condition': _number(found.condition),
         'confounded': [list(group) for group in own],
         'confounded_effects': [list(group) for group in found.confounded if group not in own],

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from scara_kinetostatic.diagnosis.comparison import Bend
+from scara_kinetostatic.diagnosis.comparison import Bias
 from scara_kinetostatic.diagnosis.effect_residual import Signature
 from scara_kinetostatic.render.figure import FAINT, INK, LINE, PAPER, SERIES, WARN, as_svg, mark, new_figure
 
@@ -83,7 +83,7 @@ def _scatter(axes: Axes, found: Signature, x: Floats, values: Floats) -> None:
             )
 
 
-def bend_picture(rows: Sequence[Bend]) -> Markup:
+def bias_picture(rows: Sequence[Bias]) -> Markup:
     """How far the missing effect had moved each of the twelve, in standard deviations of the fit without it."""
     figure, (axes,) = new_figure(WIDTH, 300)
     places = np.arange(len(rows))

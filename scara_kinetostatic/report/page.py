@@ -14,7 +14,7 @@ from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.render.figure import COLOURS, mark, style
 from scara_kinetostatic.render.page import page_template
 from scara_kinetostatic.render.quantities import STATUS, parameter_rows
-from scara_kinetostatic.report import words
+from scara_kinetostatic.report import messages as words
 from scara_kinetostatic.report.cell_picture import cell_picture
 from scara_kinetostatic.report.diagnosis_html import diagnosis_context
 from scara_kinetostatic.report.fit_pictures import (

@@ -9,7 +9,7 @@ from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.render.quantities import STATUS, Row, parameter_rows, shown
-from scara_kinetostatic.report import words
+from scara_kinetostatic.report import messages as words
 
 WIDTH = 100
 MOST_REJECTED = 12
@@ -48,7 +48,9 @@ def _effects(found: Sequence[Found]) -> list[str]:
     """What the extended model has beyond the twelve."""
     lines = ['', 'beyond the twelve parameters'] if found else []
     for item in found:
-        lines += _wrapped([words.effect_name(item.effect) + ('' if item.proved else ', or a rival of it')], '  ')
+        lines += _wrapped(
+            [words.effect_name(item.effect) + ('' if item.in_every_model else ', or a rival of it')], '  '
+        )
         if not isinstance(item.effect, Unnamed):
             lines += [f'    {v.name}  {shown(v.value, v.std, v.unit).text}  {v.meaning}'[:WIDTH] for v in item.values]
     return lines

@@ -18,7 +18,7 @@ from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.contact import Contact, contact
 from scara_kinetostatic.model.extension import Extension
-from scara_kinetostatic.model.law import Tags
+from scara_kinetostatic.model.law import TouchMetadata
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.plan import Plan
 
@@ -55,7 +55,7 @@ class Loading:
     cell: Cell
     truth: Parameters
     plan: Plan
-    tags: Tags
+    metadata: TouchMetadata
 
     def __post_init__(self) -> None:
         number = sum(len(law.scales) for law in self.cell.effects)
@@ -63,7 +63,7 @@ class Loading:
             problem = f'expected {number} values of the effects of the cell, got {len(self.truth.extra)}'
             raise ParameterError('truth: extra', problem, 'give one per parameter, effect by effect')
 
-    def contact(self, touch: Index, joints: Floats, near: Floats, tension: bool = False) -> Contact:
+    def contact(self, touch: Index, joints: Floats, warm_start: Floats, tension: bool = False) -> Contact:
         """A(Q, L̄) at k moments of touches.
 
         Args:
@@ -80,16 +80,16 @@ class Loading:
             self.cell.radii[disc],
             self.cell.gripper,
             tension=tension,
-            near=near,
-            extension=Extension(self.cell.effects, self.tags.select(touch)),
+            warm_start=warm_start,
+            extension=Extension(self.cell.effects, self.metadata.select(touch)),
         )
 
-    def along(self, touch: Index, joints: Floats, near: Floats) -> Floats:
+    def along(self, touch: Index, joints: Floats, warm_start: Floats) -> Floats:
         """Force on the object at k moments in the order of time, (k, 2), N; zero outside contact.
 
         At a moment whose equilibrium is not found the force lies between those before and after.
         """
-        found = self.contact(touch, joints, near)
+        found = self.contact(touch, joints, warm_start)
         force, at = found.force.copy(), np.arange(len(touch))
         if not found.solved.all() and found.solved.any():
             for axis in (0, 1):
@@ -108,12 +108,12 @@ class Loading:
             start: where the search begins, (m,), m.
         """
         wanted = level * self.plan.force
-        near = -wanted[:, None] * self.plan.normal()
+        warm_start = -wanted[:, None] * self.plan.normal()
         depth = np.zeros(len(self.plan)) if start is None else start.copy()
         slope, todo = softness.copy(), np.arange(len(self.plan))
         before = np.full((2, len(self.plan)), np.nan)
         for _ in range(PASSES):
-            force = self.contact(todo, command(depth)[todo], near[todo], tension=True).magnitude
+            force = self.contact(todo, command(depth)[todo], warm_start[todo], tension=True).magnitude
             off = np.abs(wanted[todo] - force) > NEAR_ENOUGH * wanted[todo]
             todo, force = todo[off], force[off]
             if not len(todo):

@@ -28,7 +28,7 @@ BASE_MARGIN = 0.08
 """Distance of the tip from the first axis, m."""
 CLEARANCE = 0.018
 """Distance of the free pose from the disc, m; see `simulation.trajectory`."""
-LARGEST_OVERPRESS = 5.0
+LARGEST_PRELOAD = 5.0
 """Of a press that goes beyond the hold, of the force of the hold."""
 
 
@@ -41,19 +41,19 @@ class Plan:
         angle: place on the disc: direction from its centre to the contact, (m,), rad.
         posture: elbow posture, +1 or -1, (m,).
         force: force of the hold, (m,), N.
-        overpress: part of that force by which the press goes beyond it before it eases down to
+        preload: part of that force by which the press goes beyond it before it eases down to
             the hold, so that the joints come to it from the other side, (m,); default 0.
 
     Raises:
         ParameterError: shapes that do not fit, a posture other than +1 or -1, a force not above 0,
-            an overpress below 0 or above `LARGEST_OVERPRESS`.
+            an preload below 0 or above `LARGEST_PRELOAD`.
     """
 
     disc: Index
     angle: Floats
     posture: Index
     force: Floats
-    overpress: Floats = None  # type: ignore[assignment]
+    preload: Floats = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -70,8 +70,8 @@ class Plan:
             raise ParameterError('plan: force', 'expected forces above 0 N')
         if not np.all(np.isfinite(self.angle)):
             raise ParameterError('plan: angle', 'expected finite angles')
-        if not np.all((self.overpress >= 0) & (self.overpress <= LARGEST_OVERPRESS)):
-            raise ParameterError('plan: overpress', f'expected 0 to {LARGEST_OVERPRESS:g} of the force')
+        if not np.all((self.preload >= 0) & (self.preload <= LARGEST_PRELOAD)):
+            raise ParameterError('plan: preload', f'expected 0 to {LARGEST_PRELOAD:g} of the force')
 
     def __len__(self) -> int:
         return len(self.disc)
@@ -94,7 +94,7 @@ def default_plan(
     per_disc: int = 12,
     levels: Sequence[float] = (10.0, 25.0, 40.0),
     postures: Sequence[int] = (1, -1),
-    overpress: float = 0.0,
+    preload: float = 0.0,
 ) -> Plan:
     """Evenly spaced points around every disc, each in every posture, the force levels in turn.
 
@@ -109,7 +109,7 @@ def default_plan(
         per_disc: points around each disc.
         levels: force levels, N.
         postures: elbow postures, +1 or -1.
-        overpress: part of its force by which every other touch is first pressed beyond it.
+        preload: part of its force by which every other touch is first pressed beyond it.
 
     Raises:
         CellError: a disc has no point within reach.
@@ -129,7 +129,7 @@ def default_plan(
         angle=2.0 * np.pi * point / per_disc,
         posture=np.array(postures)[side],
         force=np.array(levels, dtype=float)[(point + disc + side) % len(levels)],
-        overpress=np.where(_every_other(point, disc, side, len(levels)), overpress, 0.0),
+        preload=np.where(_every_other(point, disc, side, len(levels)), preload, 0.0),
     )
     reachable = within_reach(cell, plan)
     for number, described in enumerate(cell.discs):

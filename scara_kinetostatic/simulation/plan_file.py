@@ -2,11 +2,11 @@
 
 ```yaml
 - {disc: disc_1, angle_deg: 30, posture: left, force: 25}
-- {disc: disc_2, angle_deg: -90, posture: right, force: 40, overpress: 0.3}
+- {disc: disc_2, angle_deg: -90, posture: right, force: 40, preload: 0.3}
 ```
 `angle_deg` is the direction from the disc's centre to the contact in the base frame, degrees from x;
 `posture` is `left` (sin(q2 + theta2) > 0, the elbow on the right of the line from the base
-to the tip, the fore-arm bent to the left), `right`, +1 or -1; `force` in N; `overpress`,
+to the tip, the fore-arm bent to the left), `right`, +1 or -1; `force` in N; `preload`,
 which may be left out, is the part of the force by which the press first goes beyond it.
 """
 
@@ -21,10 +21,10 @@ import numpy as np
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.files.yaml_text import parse_yaml, read_text
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.simulation.plan import LARGEST_OVERPRESS, REACH_MARGIN, Plan, within_reach
+from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, REACH_MARGIN, Plan, within_reach
 
 KEYS = ('disc', 'angle_deg', 'posture', 'force')
-OVERPRESS = 'overpress'
+PRELOAD = 'preload'
 POSTURES = {'left': 1, 'right': -1, 1: 1, -1: -1}
 EXAMPLE = 'write {disc: NAME, angle_deg: 30, posture: left, force: 25}'
 LARGEST_FORCE = 10_000.0
@@ -65,12 +65,12 @@ def parse_plan(text: str, cell: Cell, where: str | Path = 'plan') -> Plan:
 
 
 def _entry(entry: Any, cell: Cell, where: str) -> tuple[int, float, int, float, float]:
-    """Disc, angle in rad, posture, force and overpress of one entry."""
+    """Disc, angle in rad, posture, force and preload of one entry."""
     if not isinstance(entry, dict):
         raise PlanError(where, f'expected a mapping with {", ".join(KEYS)}, got {entry!r}', EXAMPLE)
     for key in entry:
-        if key not in (*KEYS, OVERPRESS):
-            raise PlanError(where, f'unknown key {key!r}', f'the keys are {", ".join((*KEYS, OVERPRESS))}')
+        if key not in (*KEYS, PRELOAD):
+            raise PlanError(where, f'unknown key {key!r}', f'the keys are {", ".join((*KEYS, PRELOAD))}')
     for key in KEYS:
         if entry.get(key) is None:
             raise PlanError(where, f'the key {key!r} is missing', EXAMPLE)
@@ -83,10 +83,10 @@ def _entry(entry: Any, cell: Cell, where: str) -> tuple[int, float, int, float, 
     angle, force = (_number(entry, key, where) for key in ('angle_deg', 'force'))
     if not 0 < force <= LARGEST_FORCE:
         raise PlanError(where, f'force: expected N above 0 and up to {LARGEST_FORCE:.0f}, got {force:g}')
-    overpress = _number(entry, OVERPRESS, where) if OVERPRESS in entry else 0.0
-    if not 0 <= overpress <= LARGEST_OVERPRESS:
-        raise PlanError(where, f'overpress: expected 0 to {LARGEST_OVERPRESS:g} of the force, got {overpress:g}')
-    return names.index(entry['disc']), math.radians(angle), POSTURES[posture], force, overpress
+    preload = _number(entry, PRELOAD, where) if PRELOAD in entry else 0.0
+    if not 0 <= preload <= LARGEST_PRELOAD:
+        raise PlanError(where, f'preload: expected 0 to {LARGEST_PRELOAD:g} of the force, got {preload:g}')
+    return names.index(entry['disc']), math.radians(angle), POSTURES[posture], force, preload
 
 
 def _number(entry: dict[str, Any], key: str, where: str) -> float:

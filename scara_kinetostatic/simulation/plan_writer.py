@@ -11,7 +11,7 @@ from scara_kinetostatic.simulation.plan import Plan
 
 POSTURES = {1: 'left', -1: 'right'}
 DIGITS = 9
-"""Of angles in degrees, forces in N and overpress, after the point: far below what an arm can do."""
+"""Of angles in degrees, forces in N and preload, after the point: far below what an arm can do."""
 
 
 def dump_plan(plan: Plan, cell: Cell, remarks: tuple[str, ...] = ()) -> str:
@@ -23,11 +23,11 @@ def dump_plan(plan: Plan, cell: Cell, remarks: tuple[str, ...] = ()) -> str:
         remarks: lines of comment at the top.
     """
     lines = [f'# {" ".join(remark.split())}' for remark in remarks]
-    columns = (plan.disc, plan.angle, plan.posture, plan.force, plan.overpress)
-    for disc, angle, posture, force, overpress in zip(*columns, strict=True):
+    columns = (plan.disc, plan.angle, plan.posture, plan.force, plan.preload)
+    for disc, angle, posture, force, preload in zip(*columns, strict=True):
         # a string of JSON is one of YAML, whatever the name holds
         name = json.dumps(cell.discs[disc].name, ensure_ascii=False)
-        more = f', overpress: {_decimal(overpress)}' if overpress > 0 else ''
+        more = f', preload: {_decimal(preload)}' if preload > 0 else ''
         side = POSTURES[int(posture)]
         lines.append(
             f'- {{disc: {name}, angle_deg: {_decimal(np.degrees(angle))}, posture: {side}, '

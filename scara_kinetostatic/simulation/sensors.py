@@ -21,7 +21,7 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
 from scara_kinetostatic.model.extension import Extension
 from scara_kinetostatic.model.kinematics import rotate
-from scara_kinetostatic.model.law import Tags
+from scara_kinetostatic.model.law import TouchMetadata
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.phases import TRAVEL
 from scara_kinetostatic.simulation.trajectory import Instant
@@ -144,7 +144,7 @@ def reported_force(
     """
     reported = in_sensor_frame(cell, truth, joints, force + error)
     if cell.effects:
-        effects = Extension(cell.effects, Tags.plain(0))
+        effects = Extension(cell.effects, TouchMetadata.plain(0))
         true = in_sensor_frame(cell, truth, joints, force)
         reported = reported + effects.read(truth, true) - true
         if level is not None:

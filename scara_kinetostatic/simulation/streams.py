@@ -85,6 +85,6 @@ def simulate_touches(cell: Cell, truth: Parameters, plan: Plan, noise: Noise | N
         disc=plan.disc,
         posture=plan.posture,
         time=motion.hold_time,
-        approach=motion.tags.approach,
-        press=motion.tags.press,
+        approach=motion.metadata.approach,
+        press=motion.metadata.press,
     )

@@ -7,7 +7,7 @@ of the disc at a clearance, to the pose at which the backlash is used up and the
 force begins, `Ḡ(S, 0+)`. From there on the contact S stays and the force follows
 its time law: Q(t) = Ḡ(S, F(t)), hence F(t) = A(Q(t), L̄) all along, without an
 inner solve. Every phase follows the minimum-jerk law 10 s³ - 15 s⁴ + 6 s⁵. A press
-with overpress goes beyond the force of the hold and eases down to it; without, that
+with preload goes beyond the force of the hold and eases down to it; without, that
 phase lasts no time.
 
 A cell with effects (`Cell.effects`, their values in `Parameters.extra`) has them played: the joint angles are
@@ -27,7 +27,7 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import forward, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
-from scara_kinetostatic.model.law import Tags
+from scara_kinetostatic.model.law import TouchMetadata
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.loading import LIGHT, Loading
 from scara_kinetostatic.simulation.phases import (
@@ -78,7 +78,7 @@ class Instant(NamedTuple):
         touch: number of the touch in the plan, (k,); after the last touch, the last.
         phase: which of `PHASES`, (k,).
         progress: how much of the phase has passed, by the time law, 0 to 1, (k,).
-        level: contact force as a part of that of the hold, 0 to about 1 + overpress, (k,).
+        level: contact force as a part of that of the hold, 0 to about 1 + preload, (k,).
     """
 
     joints: Floats
@@ -103,7 +103,7 @@ class Motion:
         knots: start of every phase, (m, 8), s.
         hold_joints: Q in each hold, (m, 2), rad.
         hold_force: F on the object in each hold, base frame, (m, 2), N.
-        peak_joints: Q under the largest force, (m, 2), rad; that of the hold without overpress.
+        peak_joints: Q under the largest force, (m, 2), rad; that of the hold without preload.
         contact_joints: Q at which each contact begins, (m, 2), rad.
         free_joints: Q of each free pose, (m, 2), rad.
         tags: disc, time, approach, posture and press of each touch.
@@ -125,7 +125,7 @@ class Motion:
         self._find_poses()
         self._home = self.free_joints[[0, -1]] + (0.25, -0.15)
         self.knots, self.duration = self._schedule()
-        self.tags = self._tags()
+        self.metadata = self._metadata()
         if cell.effects:
             self._play_effects()
 
@@ -133,7 +133,7 @@ class Motion:
         """Joint angles at the ends of the phases."""
         self.hold_joints = self._pose(self._aim(1.0), self.hold_force)
         self.contact_joints = self._near_hold(self._pose(self._aim(0.0), FIRST_FORCE * self._inward))
-        self.peak_joints = self._pressed(np.arange(len(self.plan)), 1.0 + self.plan.overpress)
+        self.peak_joints = self._pressed(np.arange(len(self.plan)), 1.0 + self.plan.preload)
         clear = self._contact - self.timing.clearance * self._inward
         self.free_joints = self._near_hold(self._pose(clear, np.zeros_like(clear)))
         self._check_reach()
@@ -142,8 +142,8 @@ class Motion:
         """The forces with effects. A touch's tags are those of the path without, then corrected once."""
         planned = self.hold_force
         for _ in range(2):
-            self.tags = self._tags()
-            loading = Loading(self.cell, self.truth, self.plan, self.tags)
+            self.metadata = self._metadata()
+            loading = Loading(self.cell, self.truth, self.plan, self.metadata)
             softness = self._softness(planned)
             for row, level in enumerate((LIGHT, 1.0)):
                 aimed = partial(self._aimed, level * planned)
@@ -151,9 +151,9 @@ class Motion:
             self._find_poses()
         self.hold_force, self._loading = loading.held(self.hold_joints), loading
 
-    def _tags(self) -> Tags:
+    def _metadata(self) -> TouchMetadata:
         approach, press = (last_movement(path, self.hold_joints) for path in (self.way, self.way[1:]))
-        return Tags(self.plan.disc, self.hold_time, approach, self.plan.posture, press)
+        return TouchMetadata(self.plan.disc, self.hold_time, approach, self.plan.posture, press)
 
     def _softness(self, force: Floats) -> Floats:
         """Way of the tip along the normal per force, by the twelve, (m,), m/N."""
@@ -218,12 +218,12 @@ class Motion:
     def _close(self, touch: NDArray[np.intp], phase: NDArray[np.intp], joints: Floats) -> NDArray[np.bool_]:
         """Where a force is possible and not known yet, (k,): on the way, not farther than `CLOSE` from the contact."""
         way = forward(self.truth, joints) - forward(self.truth, self.contact_joints[touch])
-        near = np.einsum('ij,ij->i', way, self._inward[touch]) > -CLOSE
-        return np.asarray((phase >= APPROACH) & (phase != HOLD) & near)
+        warm_start = np.einsum('ij,ij->i', way, self._inward[touch]) > -CLOSE
+        return np.asarray((phase >= APPROACH) & (phase != HOLD) & warm_start)
 
     def _level(self, touch: NDArray[np.intp], phase: NDArray[np.intp], progress: Floats) -> Floats:
         """Force as a part of that of the hold, (k,)."""
-        beyond = self.plan.overpress[touch]
+        beyond = self.plan.preload[touch]
         levels = [progress * (1.0 + beyond), 1.0 + beyond * (1.0 - progress), np.ones_like(progress), 1.0 - progress]
         return np.select([phase == which for which in (PRESS, EASE, HOLD, RELEASE)], levels, 0.0)
 
@@ -263,7 +263,7 @@ class Motion:
         distance = np.abs(np.diff(stops, axis=0)).max(axis=1)
         travel = np.maximum(self.timing.travel, distance / self.timing.speed)
         durations = np.column_stack([travel[:-1], np.tile(fixed, (len(self.plan), 1))])
-        durations[:, EASE] *= self.plan.overpress > 0
+        durations[:, EASE] *= self.plan.preload > 0
         ends = np.cumsum(durations)
         starts = np.concatenate([[0.0], ends[:-1]]).reshape(durations.shape)
         return starts, float(ends[-1] + travel[-1])

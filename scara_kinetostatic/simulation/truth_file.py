@@ -53,10 +53,10 @@ def load_truth(path: str | Path, cell: Cell) -> Truth:
     unknown = [key for key in data if key not in ('schema', 'seed', 'parameters', 'effects')]
     if unknown:
         raise ParameterError(where, f'unknown key {unknown[0]!r}', HOW)
-    twelve, listed = data['parameters'], data.get('effects') or []
-    if not isinstance(twelve, dict) or not isinstance(listed, list):
+    base, listed = data['parameters'], data.get('effects') or []
+    if not isinstance(base, dict) or not isinstance(listed, list):
         raise ParameterError(where, 'expected parameters by name and a list of effects', HOW)
-    parameters = Parameters.from_mapping(twelve, where)
+    parameters = Parameters.from_mapping(base, where)
     parameters.check_physical(where)
     return Truth(parameters, tuple(_effect(item, cell, where) for item in listed))
 

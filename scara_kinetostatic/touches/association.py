@@ -40,7 +40,7 @@ OBLIQUE = 0.35
 """A force may be this far from the normal (noise, friction), rad."""
 
 
-class Assignment(NamedTuple):
+class Association(NamedTuple):
     """What n touches touch.
 
     Attributes:
@@ -58,7 +58,7 @@ class Assignment(NamedTuple):
     advice: str
 
 
-def assign(joints: Floats, force: Floats, cell: Cell) -> Assignment:
+def associate(joints: Floats, force: Floats, cell: Cell) -> Association:
     """Disc and posture of n touches.
 
     Args:
@@ -76,7 +76,7 @@ def assign(joints: Floats, force: Floats, cell: Cell) -> Assignment:
             disc, miss = fitted_disc, fitted_miss
             known = miss <= max(FARTHEST_FITTED, 6.0 * float(np.median(miss)))
     advice = '' if known.mean() > 0.8 else _other_convention(joints, force, cell)
-    return Assignment(disc, posture(cell.nominal, joints), miss, known, advice)
+    return Association(disc, posture(cell.nominal, joints), miss, known, advice)
 
 
 def _misses(parameters: Parameters, joints: Floats, force: Floats, cell: Cell) -> tuple[Floats, Floats]:

@@ -17,7 +17,7 @@ import numpy as np
 from scara_kinetostatic.model.cell import Cell, SensorSign
 from scara_kinetostatic.model.touch import Rejection, TouchSet
 from scara_kinetostatic.touches.approach import Arrival, arrival, resolution
-from scara_kinetostatic.touches.association import assign
+from scara_kinetostatic.touches.association import associate
 from scara_kinetostatic.touches.holds import Candidate, find_candidates
 from scara_kinetostatic.touches.segmentation import find_contacts
 from scara_kinetostatic.touches.signals import Floats, Signals, as_signals
@@ -42,7 +42,7 @@ class Episode:
     index: int
     contact: tuple[float, float]
     hold: tuple[float, float]
-    zero: Floats
+    tare: Floats
     reason: str
 
 
@@ -109,15 +109,15 @@ def _with_discs(candidates: list[Candidate], cell: Cell) -> tuple[list[Candidate
     good = [number for number, candidate in enumerate(candidates) if not candidate.reason]
     if not good:
         return candidates, ()
-    assignment = assign(*_means([candidates[number] for number in good], cell), cell)
-    hint = f': {assignment.advice}' if assignment.advice else ''
+    association = associate(*_means([candidates[number] for number in good], cell), cell)
+    hint = f': {association.advice}' if association.advice else ''
     for place, number in enumerate(good):
-        disc, miss = int(assignment.disc[place]), 1e3 * assignment.miss[place]
+        disc, miss = int(association.disc[place]), 1e3 * association.miss[place]
         reason = f'touches nothing known: {miss:.0f} mm off the nearest disc, {cell.discs[disc].name!r}{hint}'
-        reason = '' if assignment.known[place] else reason
-        side = int(assignment.posture[place])
+        reason = '' if association.known[place] else reason
+        side = int(association.posture[place])
         candidates[number] = candidates[number]._replace(disc=disc, posture=side, reason=reason)
-    lost = int(np.sum(~assignment.known))
+    lost = int(np.sum(~association.known))
     return candidates, (f'{lost} of {len(good)} touches meet no disc{hint}',) if hint else ()
 
 
@@ -168,8 +168,8 @@ def _arrivals(signals: Signals, kept: list[Candidate], candidates: list[Candidat
 def _episode(number: int, candidate: Candidate) -> Episode:
     plateau = candidate.plateau
     hold = candidate.contact if plateau is None else (plateau.begin, plateau.end)
-    zero = np.full(2, np.nan) if candidate.zero is None else candidate.zero.force
-    return Episode(number, candidate.contact, hold, zero, candidate.reason)
+    tare = np.full(2, np.nan) if candidate.tare is None else candidate.tare.force
+    return Episode(number, candidate.contact, hold, tare, candidate.reason)
 
 
 def _warnings(glitches: int, faint: int, candidates: list[Candidate]) -> list[str]:
@@ -178,7 +178,7 @@ def _warnings(glitches: int, faint: int, candidates: list[Candidate]) -> list[st
         warnings.append(f'{glitches} spikes of the force too short for a touch were passed over')
     if faint:
         warnings.append(f'{faint} faint forces while the arm moved far were not taken for touches')
-    zeros = np.array([candidate.zero.force for candidate in candidates if candidate.zero is not None])
+    zeros = np.array([candidate.tare.force for candidate in candidates if candidate.tare is not None])
     change = float(np.ptp(zeros, axis=0).max()) if len(zeros) else 0.0
     if change > ZERO_CHANGE:
         warnings.append(f"the sensor's zero changes by {change:.1f} N within the recording")

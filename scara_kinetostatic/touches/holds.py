@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.touches.plateaus import SHORTEST_HOLD, Plateau, Settling, settle
+from scara_kinetostatic.touches.plateaus import SHORTEST_HOLD, Plateau, PlateauSearch, find_plateaus
 from scara_kinetostatic.touches.segmentation import Contacts
 from scara_kinetostatic.touches.signals import Floats, Signals, median, white_noise
-from scara_kinetostatic.touches.tare import AFTER_CONTACT, SHORTEST_FREE, Zero, zero_before
+from scara_kinetostatic.touches.tare import AFTER_CONTACT, SHORTEST_FREE, Tare, tare_before
 
 LARGEST_DRIFT = 0.03
 """Change of the force from the first to the last third of a hold, of the force."""
@@ -32,7 +32,7 @@ class Candidate(NamedTuple):
     """A contact or a settled part of one, on its way to a touch."""
 
     contact: tuple[float, float]
-    zero: Zero | None
+    tare: Tare | None
     plateau: Plateau | None
     reason: str
     disc: int = -1
@@ -66,31 +66,31 @@ def _all_candidates(signals: Signals, contacts: Contacts) -> list[Candidate]:
     found = []
     previous = -np.inf
     for begin, end in zip(contacts.begin.tolist(), contacts.end.tolist(), strict=True):
-        zero = zero_before(signals, begin, previous)
-        if zero is None:
+        tare = tare_before(signals, begin, previous)
+        if tare is None:
             free = max(0.0, begin - max(previous + AFTER_CONTACT, float(signals.wrench.time[0])))
             reason = f'no free motion before it: {free:.2f} s, expected {SHORTEST_FREE} s or more, so no force zero'
             found.append(Candidate((begin, end), None, None, reason))
         else:
-            found += _settled_parts(signals, zero, begin, end)
+            found += _settled_parts(signals, tare, begin, end)
         previous = end
     return found
 
 
-def _settled_parts(signals: Signals, zero: Zero, begin: float, end: float) -> list[Candidate]:
+def _settled_parts(signals: Signals, tare: Tare, begin: float, end: float) -> list[Candidate]:
     """The settled parts of one contact; a single rejected candidate where there is none without fault."""
-    settling = settle(signals, zero, begin, end)
-    contact = (zero.contact, end)
+    settling = find_plateaus(signals, tare, begin, end)
+    contact = (tare.contact, end)
     parts = []
     for plateau in settling.plateaus:
-        spoilt = _gap(signals, zero.contact, plateau.end) or _frozen(signals, zero, plateau)
-        parts.append((spoilt, Candidate(contact, zero, plateau, spoilt or _unrest(signals, zero, plateau))))
+        spoilt = _gap(signals, tare.contact, plateau.end) or _frozen(signals, tare, plateau)
+        parts.append((spoilt, Candidate(contact, tare, plateau, spoilt or _unrest(signals, tare, plateau))))
     if any(not part.reason for _, part in parts):
         return [part for spoilt, part in parts if spoilt or not part.reason]
     if parts:
         return [parts[0][1]]
-    reason = _gap(signals, zero.contact, end) or _why_unsettled(settling)
-    return [Candidate(contact, zero, None, reason)]
+    reason = _gap(signals, tare.contact, end) or _why_unsettled(settling)
+    return [Candidate(contact, tare, None, reason)]
 
 
 def _gap(signals: Signals, begin: float, end: float) -> str:
@@ -102,7 +102,7 @@ def _gap(signals: Signals, begin: float, end: float) -> str:
     return ''
 
 
-def _why_unsettled(settling: Settling) -> str:
+def _why_unsettled(settling: PlateauSearch) -> str:
     """Why a contact has no settled part that is long enough."""
     if settling.loaded < SHORTEST_HOLD:
         return f'hold too short: under load for {settling.loaded:.2f} s, expected {SHORTEST_HOLD} s at rest'
@@ -113,10 +113,10 @@ def _why_unsettled(settling: Settling) -> str:
     return f'never settles: the force is steady during {100 * settling.steady:.0f} % of the contact only'
 
 
-def _unrest(signals: Signals, zero: Zero, plateau: Plateau) -> str:
+def _unrest(signals: Signals, tare: Tare, plateau: Plateau) -> str:
     """What still changes slowly in a settled part; empty if nothing does."""
     joints, force = signals.joints.during(plateau.intervals), signals.wrench.during(plateau.intervals)
-    load, noise = float(np.hypot(*plateau.force)), max(zero.noise, white_noise(force))
+    load, noise = float(np.hypot(*plateau.force)), max(tare.noise, white_noise(force))
     scatter = float(plateau.force_scatter.max())
     slide = _drift(joints)
     if slide > LARGEST_SLIDE:
@@ -124,24 +124,24 @@ def _unrest(signals: Signals, zero: Zero, plateau: Plateau) -> str:
     drift = _drift(force)
     apart = 2.0 / 3.0 * float(plateau.intervals[-1, 1] - plateau.intervals[0, 0])
     allowed = load * min(LARGEST_DRIFT, FASTEST_DRIFT * apart)
-    if drift > max(allowed, 6.0 * noise / np.sqrt(max(len(force) / 3, 1.0)), min(6.0 * zero.wander, 2.0 * allowed)):
+    if drift > max(allowed, 6.0 * noise / np.sqrt(max(len(force) / 3, 1.0)), min(6.0 * tare.wander, 2.0 * allowed)):
         return f'never settles: the force changes by {drift:.2f} N during the hold'
-    if scatter > max(LARGEST_SCATTER * load, 4.0 * zero.noise):
+    if scatter > max(LARGEST_SCATTER * load, 4.0 * tare.noise):
         return f'never settles: the force scatters by {scatter:.2f} N during the hold'
     return ''
 
 
-def _frozen(signals: Signals, zero: Zero, plateau: Plateau) -> str:
+def _frozen(signals: Signals, tare: Tare, plateau: Plateau) -> str:
     """Whether a component of the force reads the same all along, though it is noisy elsewhere, or both joints do.
 
     Joints at rest may read the same to the last bit; joints that press against something do not.
     """
     force = signals.wrench.during(plateau.intervals)
-    still = ~np.any(np.diff(force, axis=0), axis=0) & _flickers(signals, zero)
+    still = ~np.any(np.diff(force, axis=0), axis=0) & _flickers(signals, tare)
     for axis, name in enumerate('xy'):
         if len(force) > 5 and still[axis]:
             return f'the force reading is frozen or saturated: {len(force)} samples of f{name} = {force[0, axis]:.6g} N'
-    joints = signals.joints.value[signals.joints.stretch(zero.contact - BEFORE, plateau.end)]
+    joints = signals.joints.value[signals.joints.stretch(tare.contact - BEFORE, plateau.end)]
     if len(joints) > 5 and not np.any(np.diff(joints, axis=0)):
         return f'the joint readings are frozen: {len(joints)} samples of {joints[0, 0]:.6g}, {joints[0, 1]:.6g} rad'
     return ''
@@ -153,8 +153,8 @@ def _drift(values: Floats) -> float:
     return float(np.abs(median(values[-third:]) - median(values[:third])).max())
 
 
-def _flickers(signals: Signals, zero: Zero) -> NDArray[np.bool_]:
+def _flickers(signals: Signals, tare: Tare) -> NDArray[np.bool_]:
     """Which components of the free force before a contact change from nearly every sample to the next, (2,)."""
-    free = signals.wrench.value[signals.wrench.stretch(zero.contact - 1.0, zero.contact)]
+    free = signals.wrench.value[signals.wrench.stretch(tare.contact - 1.0, tare.contact)]
     changing: NDArray[np.bool_] = np.mean(np.diff(free, axis=0) != 0, axis=0) > 0.5
     return changing

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.touches.detection import Detection, find_touches, no_touches
-from scara_kinetostatic.touches.segmentation import OFF_PART, ON, coarse_zero
+from scara_kinetostatic.touches.segmentation import OFF_PART, ON, coarse_tare
 from scara_kinetostatic.touches.signals import as_signals
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
@@ -35,7 +35,7 @@ CLOCK_LEAP = 86_400 * SECOND
 """So do stamps that run ahead by more than this, ns."""
 
 
-class LiveDetector:
+class OnlineDetector:
     """Finds touches in two streams that are still running.
 
     Not for several threads at once: add and poll from one, or under a lock.
@@ -80,7 +80,7 @@ class LiveDetector:
 
     def _forget(self) -> None:
         self._joints, self._wrench = _Samples(), _Samples()
-        self._zero: NDArray[np.float64] | None = None
+        self._tare: NDArray[np.float64] | None = None
         self._reported = self._looked = self._polled = 0
         self._touched = False
 
@@ -92,11 +92,11 @@ class LiveDetector:
             return False
         self._polled, self._looked = wrench.newest, self._looked or int(wrench.stamps[0])
         waited = wrench.newest - self._looked
-        if self._zero is None:
+        if self._tare is None:
             return waited > SHORTEST_WAIT
-        self._touched |= bool(np.any(_deviation(fresh, self._zero) > ON))
+        self._touched |= bool(np.any(_deviation(fresh, self._tare) > ON))
         last = wrench.values[wrench.stamps > wrench.newest - 4 * CLEAR // 3].mean(axis=0)
-        back = bool(_deviation(last, self._zero) < OFF_PART * ON)
+        back = bool(_deviation(last, self._tare) < OFF_PART * ON)
         return self._touched and (waited > PATIENCE or (back and waited > SHORTEST_WAIT))
 
     def _look(self, open_too: bool) -> Detection:
@@ -110,7 +110,7 @@ class LiveDetector:
         signals = as_signals(streams, self._cell)
         if signals is None:
             return Detection(no_touches())
-        self._zero = coarse_zero(signals)[-1]
+        self._tare = coarse_tare(signals)[-1]
         latest = min(self._wrench.newest - CLEAR, self._joints.newest)
         new = self._new(find_touches(streams, self._cell), np.iinfo(np.int64).max if open_too else latest)
         self._joints.drop_before(self._wrench.newest - self._horizon)
@@ -166,8 +166,8 @@ class _Samples:
         self._first, self._last = 0, len(stamps)
 
 
-def _deviation(force: NDArray[np.float64], zero: NDArray[np.float64]) -> NDArray[np.float64]:
-    distance: NDArray[np.float64] = np.linalg.norm(force - zero, axis=-1)
+def _deviation(force: NDArray[np.float64], tare: NDArray[np.float64]) -> NDArray[np.float64]:
+    distance: NDArray[np.float64] = np.linalg.norm(force - tare, axis=-1)
     return distance
 
 

@@ -26,7 +26,7 @@ from scara_kinetostatic.touches.signals import (
     runs,
     white_noise,
 )
-from scara_kinetostatic.touches.tare import Zero
+from scara_kinetostatic.touches.tare import Tare
 
 SHORTEST_HOLD = 0.2
 """A hold shorter than this is no touch, s."""
@@ -87,7 +87,7 @@ class Plateau(NamedTuple):
         return self.end - self.begin
 
 
-class Settling(NamedTuple):
+class PlateauSearch(NamedTuple):
     """How a contact settles.
 
     Attributes:
@@ -107,7 +107,7 @@ class Settling(NamedTuple):
     slides: bool = False
 
 
-def settle(signals: Signals, zero: Zero, begin: float, end: float) -> Settling:
+def find_plateaus(signals: Signals, tare: Tare, begin: float, end: float) -> PlateauSearch:
     """The settled parts of one contact.
 
     Args:
@@ -117,17 +117,17 @@ def settle(signals: Signals, zero: Zero, begin: float, end: float) -> Settling:
         end: where the contact ends, s.
     """
     joints, half = signals.joints, signals.half
-    time = signals.calm.time[signals.calm.stretch(zero.contact, end)]
+    time = signals.calm.time[signals.calm.stretch(tare.contact, end)]
     if len(time) < 2:
-        return Settling()
-    calm = _calmness(signals, zero, time)
+        return PlateauSearch()
+    calm = _calmness(signals, tare, time)
     settled = calm.steady & calm.at_rest & (time >= begin)
-    found = _plateaus(signals, zero, time, settled, half, calm.noise)
+    found = _plateaus(signals, tare, time, settled, half, calm.noise)
     shortest = SHORTEST_HOLD - 1.5 * max(joints.period, signals.wrench.period)
     loaded = np.flatnonzero(calm.load >= 0.5 * calm.load.max())
     span = slice(int(loaded[0]), int(loaded[-1]) + 1)
     under_load = joints.value[joints.stretch(time[span][0], time[span][-1])]
-    return Settling(
+    return PlateauSearch(
         plateaus=tuple(plateau for plateau in found if plateau.duration >= shortest),
         longest=max((plateau.duration for plateau in found), default=0.0),
         parts=len(found),
@@ -146,13 +146,13 @@ class _Calmness(NamedTuple):
     noise: float
 
 
-def _calmness(signals: Signals, zero: Zero, time: Floats) -> _Calmness:
+def _calmness(signals: Signals, tare: Tare, time: Floats) -> _Calmness:
     joints, wrench, half = signals.joints, signals.calm, signals.half
     force_step, load = mean_steps(wrench, time, half)
-    load = np.hypot(*(load - zero.force).T)
+    load = np.hypot(*(load - tare.force).T)
     force = wrench.value[wrench.stretch(time[0], np.nextafter(time[-1], np.inf))]
-    noise = max(zero.noise, min(white_noise(force), ROUGH_CONTACT * float(median(load))))
-    wander = min(zero.wander, LARGEST_WANDER * float(load.max()))
+    noise = max(tare.noise, min(white_noise(force), ROUGH_CONTACT * float(median(load))))
+    wander = min(tare.wander, LARGEST_WANDER * float(load.max()))
     force_limit = max(SIGMAS * max(_of_step(noise, wrench, half), wander), _digit(force))
     joint_noise = min(white_noise(joints.value[joints.stretch(time[0], time[-1])]), HIGHEST_JOINT_NOISE)
     joint_limit = STEADY_JOINT * half + SIGMAS * _of_step(joint_noise, joints, half)
@@ -183,7 +183,7 @@ def _of_step(noise: float, topic: Topic, half: float) -> float:
 
 
 def _plateaus(
-    signals: Signals, zero: Zero, time: Floats, settled: NDArray[np.bool_], half: float, noise: float
+    signals: Signals, tare: Tare, time: Floats, settled: NDArray[np.bool_], half: float, noise: float
 ) -> list[Plateau]:
     """Settled parts, those that agree with the one before joined to it."""
     found: list[Plateau] = []
@@ -192,13 +192,13 @@ def _plateaus(
         if end - begin + 2 * half < min(0.1, 3 * half):
             continue
         inner = _inner(begin, end, half)
-        plateau = _plateau(signals, zero, np.array([inner]), begin - half, end + half)
+        plateau = _plateau(signals, tare, np.array([inner]), begin - half, end + half)
         if plateau is None:
             continue
         if found and _agree(found[-1], plateau, noise):
             before = found.pop()
             both = np.vstack([before.intervals, plateau.intervals])
-            plateau = _plateau(signals, zero, both, before.begin, plateau.end) or plateau
+            plateau = _plateau(signals, tare, both, before.begin, plateau.end) or plateau
         elif found and _creeps(found[-1], plateau):
             plateau = max(found.pop(), plateau, key=lambda one: one.duration)
         found.append(plateau)
@@ -215,12 +215,12 @@ def _inner(begin: float, end: float, half: float) -> tuple[float, float]:
     return begin - more, end + more
 
 
-def _plateau(signals: Signals, zero: Zero, intervals: Floats, begin: float, end: float) -> Plateau | None:
+def _plateau(signals: Signals, tare: Tare, intervals: Floats, begin: float, end: float) -> Plateau | None:
     joints, force = signals.joints.during(intervals), signals.wrench.during(intervals)
     if len(joints) < 2 or len(force) < 2:
         return None
     angles, load = robust_mean(joints), robust_mean(force)
-    return Plateau(intervals, begin, end, angles.mean, load.mean - zero.force, angles.scatter, load.scatter, len(force))
+    return Plateau(intervals, begin, end, angles.mean, load.mean - tare.force, angles.scatter, load.scatter, len(force))
 
 
 def _creeps(one: Plateau, other: Plateau) -> bool:

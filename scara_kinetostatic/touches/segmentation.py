@@ -62,7 +62,7 @@ def find_contacts(signals: Signals) -> Contacts:
     wrench = signals.wrench
     width = 2 * round(0.5 * SMOOTHING / wrench.period) + 1
     smooth = moving_mean(signals.calm.value, width)
-    smooth -= coarse_zero(signals)
+    smooth -= coarse_tare(signals)
     deviation = np.hypot(smooth[:, 0], smooth[:, 1])
     on = max(ON, ON_SIGMAS * white_noise(wrench.value) / np.sqrt(width))
     first, last = runs(_with_hysteresis(deviation, on, OFF_PART * on))
@@ -95,7 +95,7 @@ def moving_mean(values: Floats, width: int) -> Floats:
     return mean
 
 
-def coarse_zero(signals: Signals) -> Floats:
+def coarse_tare(signals: Signals) -> Floats:
     """What the sensor reads without force, at every wrench sample, (n, 2), N."""
     wrench = signals.wrench
     time, force, way = _on_grid(signals.joints, signals.calm)

@@ -21,7 +21,7 @@ FLOOR = 1e-3
 """Smallest deviation that can tell contact from free motion, N."""
 
 
-class Zero(NamedTuple):
+class Tare(NamedTuple):
     """What the sensor reads without force.
 
     Attributes:
@@ -38,7 +38,7 @@ class Zero(NamedTuple):
     contact: float
 
 
-def zero_before(signals: Signals, begin: float, previous_end: float) -> Zero | None:
+def tare_before(signals: Signals, begin: float, previous_end: float) -> Tare | None:
     """The zero of a contact; None where the free motion before it is too short.
 
     Args:
@@ -60,7 +60,7 @@ def zero_before(signals: Signals, begin: float, previous_end: float) -> Zero | N
     steps, _ = mean_steps(signals.calm, time[before], signals.half)
     # the median of the length of a vector with two normal components is 1.18 sigma
     wander = float(median(np.hypot(*steps.T))) / 1.18
-    return Zero(robust_mean(force[before]).mean, noise, wander, contact)
+    return Tare(robust_mean(force[before]).mean, noise, wander, contact)
 
 
 def _first_contact(time: Floats, force: Floats, noise: float, period: float) -> float:

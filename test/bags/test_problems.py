@@ -28,7 +28,7 @@ from bags.forms import (
 )
 from mcap.writer import CompressionType
 
-from scara_kinetostatic.bags import decompression as inflate
+from scara_kinetostatic.bags import decompression as decompress
 from scara_kinetostatic.bags.encoding import joint_state_messages, string_message
 from scara_kinetostatic.bags.messages import JOINT_STATE, WRENCH_STAMPED
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
@@ -378,6 +378,6 @@ def test_messages_that_decompress_to_far_more_than_a_message_are_dropped(tmp_pat
 
 
 def test_a_file_that_unpacks_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(inflate, 'LEAST_ALLOWED', 1 << 20)
+    monkeypatch.setattr(decompress, 'LEAST_ALLOWED', 1 << 20)
     (tmp_path / 'a.db3.zstd').write_bytes(zstandard.compress(b'SQLite format 3\0' + bytes(1 << 24)))
     assert 'unpacks to more than a recording would' in refused(tmp_path / 'a.db3.zstd')

@@ -14,7 +14,7 @@ from scara_kinetostatic.calibration.gauss_helmert import first_guess, linearise
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.model.extension import Extension
-from scara_kinetostatic.model.law import Tags
+from scara_kinetostatic.model.law import TouchMetadata
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 from scara_kinetostatic.simulation.streams import simulate_touches
 
@@ -54,8 +54,8 @@ def test_a_strong_error_of_the_sensor_is_fitted_in_few_steps(label):
 
 
 def test_no_force_is_behind_a_reading_that_errs_by_as_much():
-    extension = Extension((effect('sensor_nonlinearity'),), Tags.plain(2))
+    extension = Extension((effect('sensor_nonlinearity'),), TouchMetadata.plain(2))
     p = PAPER_ACTUAL.replace(extra=(-0.02,))
     true = np.array([[5.0, 3.0], [0.0, 12.0]])
-    np.testing.assert_allclose(extension.unread(p, extension.read(p, true)), true, rtol=1e-12)
-    assert np.isnan(extension.unread(p, np.array([[40.0, 0.0], [0.0, 12.0]]))).any()
+    np.testing.assert_allclose(extension.true_force(p, extension.read(p, true)), true, rtol=1e-12)
+    assert np.isnan(extension.true_force(p, np.array([[40.0, 0.0], [0.0, 12.0]]))).any()

@@ -89,9 +89,9 @@ def test_a_slipped_touch_is_in_balance():
     across = np.abs(inward[:, 0] * slipped.force[:, 1] - inward[:, 1] * slipped.force[:, 0])
     np.testing.assert_allclose(along, stage.plan.force)
     assert ((across / along > 0.3) & (across / along < 0.6)).all()
-    leaning = linear(CELL, stage.truth, slipped).misclosure + CELL.centers[slipped.disc]
+    off_normal_fit = linear(CELL, stage.truth, slipped).misclosure + CELL.centers[slipped.disc]
     radius = CELL.radii[slipped.disc, None]
-    tip = leaning - radius * slipped.force / np.hypot(*slipped.force.T)[:, None]
+    tip = off_normal_fit - radius * slipped.force / np.hypot(*slipped.force.T)[:, None]
     assert np.hypot(*(tip - stage.plan.contact(CELL)).T).max() < 1e-12
 
 

@@ -228,9 +228,9 @@ def test_senseless_truth(run: Run, tmp_path: Path, text: str, word: str) -> None
         (('simulate', '--out', 'x', '--per-disc', '2.5'), '--per-disc'),
         (('simulate', '--out', 'x', '--noise-force', 'inf'), '--noise-force'),
         (('simulate', '--out', 'x', '--plan', 'p', '--per-disc', '3'), '--per-disc'),
-        (('simulate', '--out', 'x', '--plan', 'p', '--overpress', '0.3'), '--overpress'),
-        (('simulate', '--out', 'x', '--overpress', '-0.3'), '--overpress'),
-        (('simulate', '--out', 'x', '--overpress', '30'), 'overpress: expected 0 to 5'),
+        (('simulate', '--out', 'x', '--plan', 'p', '--preload', '0.3'), '--preload'),
+        (('simulate', '--out', 'x', '--preload', '-0.3'), '--preload'),
+        (('simulate', '--out', 'x', '--preload', '30'), 'preload: expected 0 to 5'),
         (('simulate', '--out', 'x', '--frame', 'world'), '--frame'),
     ],
 )

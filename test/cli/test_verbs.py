@@ -120,7 +120,7 @@ def test_a_recording_that_carries_another_description_is_said(run: Run, recordin
 
 
 def test_simulate_presses_every_other_touch_beyond_its_hold(run: Run, tmp_path: Path) -> None:
-    for name, options in (('plain.mcap', ()), ('beyond.mcap', ('--overpress', '0.3'))):
+    for name, options in (('plain.mcap', ()), ('beyond.mcap', ('--preload', '0.3'))):
         assert run('simulate', '--out', name, '--per-disc', '2', *options).status == 0
     cell = embedded_cell(tmp_path / 'beyond.mcap')
     assert cell is not None

@@ -22,7 +22,7 @@ from scara_kinetostatic.simulation.streams import simulate_touches
 NOISE = Noise(1e-5, 0.3)
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=NOISE)
 UNKNOWN_NOISE = replace(CELL, noise=None)
-PLAN = default_plan(CELL, per_disc=18, overpress=0.3)
+PLAN = default_plan(CELL, per_disc=18, preload=0.3)
 """108 touches, every other one pressed beyond its force and let down to it."""
 
 

@@ -10,7 +10,7 @@ import pytest
 from diagnosis.simulated import CELL, calibrate, deviations, effect, examined, play
 
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.diagnosis.peaks import fit_other_peaks
+from scara_kinetostatic.diagnosis.peaks import fit_alternative_frequencies
 from scara_kinetostatic.effects.base import JointEffect, Parameter
 
 WAVE = 'transmission_error[joint2]'
@@ -20,7 +20,7 @@ WAVE = 'transmission_error[joint2]'
 def test_a_slow_wave_that_looks_like_one_of_twice_the_frequency(phase):
     fit, found = examined(WAVE, (1.6e-4, phase, 1.5), seed=7)
     assert found.extended is not None
-    assert [item.effect.label for item in found.found if item.proved] == [WAVE]
+    assert [item.effect.label for item in found.found if item.in_every_model] == [WAVE]
     _, _, cycles = found.found[0].values
     assert abs(cycles.value - 1.5) < 2 * cycles.std
     assert np.abs(deviations(fit)).max() > 20
@@ -31,7 +31,7 @@ def test_a_slow_wave_that_looks_like_one_of_twice_the_frequency(phase):
 def test_one_frequency_alone_keeps_its_standard_deviation():
     _, found = examined(WAVE, (8e-5, 0.4, 31.0))
     assert found.extended is not None
-    assert fit_other_peaks(found.extended, [item.effect.label for item in found.found]) == []
+    assert fit_alternative_frequencies(found.extended, [item.effect.label for item in found.found]) == []
     _, _, cycles = found.found[0].values
     assert abs(cycles.value - 31.0) < 4 * cycles.std
     assert cycles.std < 0.1
@@ -41,7 +41,7 @@ def test_one_frequency_alone_keeps_its_standard_deviation():
 def test_without_a_wave_there_is_nothing_to_fit():
     _, found = examined('encoder_gain[joint2]', (8e-5,))
     assert found.extended is not None
-    assert fit_other_peaks(found.extended, [item.effect.label for item in found.found]) == []
+    assert fit_alternative_frequencies(found.extended, [item.effect.label for item in found.found]) == []
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,9 @@ class Cable(JointEffect):
 
     name: ClassVar[str] = 'cable'
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('k', 'Nm/rad^2', 1.0, 'torque on joint 2'),)
-    hides_behind: ClassVar[str] = ''
-    reveal: ClassVar[str] = ''
-    betrays: ClassVar[str] = 'angle'
+    confounded_with: ClassVar[str] = ''
+    identified_by: ClassVar[str] = ''
+    plot_variable: ClassVar[str] = 'angle'
 
     def angles(self, at):
         return (at.parameters.p2 * (at.joints[:, 1] - 0.3) ** 2,)
@@ -63,7 +63,7 @@ def test_a_cable_is_never_proved_to_be_a_wave(stiffness):
     fit = calibrate(play((Cable(target='joint2', joint=1), (stiffness,))), CELL)
     found = diagnose(fit)
     assert found.verdict in ('ambiguous', 'unexplained')
-    assert not [item for item in found.found if item.effect.label == WAVE and item.proved]
+    assert not [item for item in found.found if item.effect.label == WAVE and item.in_every_model]
     assert any(item.effect.label == 'unnamed[joint2 over q2]' for item in found.found)
     assert found.extended is not None
     assert np.abs(deviations(fit)).max() > 10
@@ -71,4 +71,4 @@ def test_a_cable_is_never_proved_to_be_a_wave(stiffness):
 
 
 def test_the_effect_of_a_wave_says_what_is_searched():
-    assert effect(WAVE).searched in [parameter.name for parameter in effect(WAVE).parameters]
+    assert effect(WAVE).grid_parameter in [parameter.name for parameter in effect(WAVE).parameters]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from diagnosis.simulated import CELL, PLAN, calibrate, deviations, effect
 
-from scara_kinetostatic.diagnosis.alternatives import fit_other_forms, widened, with_free_zeros
+from scara_kinetostatic.diagnosis.alternatives import fit_alternative_laws, widened, with_free_zeros
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
 from scara_kinetostatic.effects.contact_compliance import ContactCompliance
@@ -40,7 +40,7 @@ def test_a_contact_of_another_law_bends_nothing_beyond_its_sigmas(exponent, valu
 def test_a_joint_that_softens_with_the_square_of_the_torque():
     fit = calibrate(played(JointHardening(target='joint1', joint=0, power=2), -1.5e-6), CELL)
     found = diagnose(fit)
-    assert [item.effect.label for item in found.found if item.proved] == ['joint_hardening[joint1]']
+    assert [item.effect.label for item in found.found if item.in_every_model] == ['joint_hardening[joint1]']
     assert found.extended is not None
     assert abs(deviations(found.extended)[P1]) < 4
 
@@ -48,8 +48,8 @@ def test_a_joint_that_softens_with_the_square_of_the_torque():
 def test_every_form_that_fits_lies_within_a_standard_deviation():
     laws = (effect('contact_compliance'),)
     extended = calibrate(played(laws[0], 6e-5), replace(CELL, effects=laws))
-    forms = fit_other_forms(extended)
-    assert len(forms) == len(laws[0].other_forms())
+    forms = fit_alternative_laws(extended)
+    assert len(forms) == len(laws[0].alternative_laws())
     wide = extended
     for form in forms:
         wide = widened(wide, [form])
@@ -63,7 +63,7 @@ def test_every_form_that_fits_lies_within_a_standard_deviation():
 def test_a_form_that_fits_worse_is_none():
     laws = (effect('contact_compliance[disc_2]'),)
     extended = calibrate(played(laws[0], 4e-5), replace(CELL, effects=laws))
-    assert fit_other_forms(extended) == []
+    assert fit_alternative_laws(extended) == []
     assert widened(extended, []) is extended
 
 
@@ -71,7 +71,7 @@ def test_a_form_that_fits_worse_is_none():
 def test_a_link_that_bends_at_one_place(hinge):
     fit = calibrate(played(LinkBending(target='link1', hinge=hinge), 2e-4), CELL)
     found = diagnose(fit)
-    assert [item.effect.label for item in found.found if item.proved] == ['link_bending[link1]']
+    assert [item.effect.label for item in found.found if item.in_every_model] == ['link_bending[link1]']
     assert found.extended is not None
     as_beam = calibrate(fit.touches, replace(CELL, effects=(effect('link_bending[link1]'),)))
     assert np.abs(deviations(as_beam)).max() > 4
@@ -83,7 +83,7 @@ def test_a_curve_may_be_raised_by_a_constant():
     extended = calibrate(played(effect('encoder_gain[joint2]'), 0.0), replace(CELL, effects=(kink,)))
     rival = replace(extended, parameters=extended.parameters.replace(extra=(3e-4, 0.0, 0.0)))
     wide = with_free_zeros(extended, [rival])
-    slope = kink.functions(pose_problem(rival).situation)[0]
+    slope = kink.functions(pose_problem(rival).touch_state)[0]
     size = 3e-4 * np.sqrt(np.mean(slope**2))
     assert wide.std[THETA2] == pytest.approx(np.hypot(extended.std[THETA2], size))
     others = np.arange(12) != THETA2

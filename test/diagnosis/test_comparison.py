@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import GROWN, LEAN
+from conftest import GROWN, OFF_NORMAL
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
-from scara_kinetostatic.diagnosis.comparison import bends, compare
+from scara_kinetostatic.diagnosis.comparison import biases, compare
 from scara_kinetostatic.diagnosis.effect_residual import signature
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.model.cell import Noise
@@ -53,10 +53,10 @@ def test_noise_alone_explains_the_tip_of_the_right_model(grown: Outcome, ambiguo
 
 
 def test_bends_are_in_units_of_what_was_claimed(grown: Outcome, confounded: Outcome) -> None:
-    rows = {row.name: row for row in bends(grown)}
+    rows = {row.name: row for row in biases(grown)}
     assert max(abs(row.in_std) for row in rows.values()) > 3
     assert rows['l2'].shift == rows['l2'].alone - rows['l2'].value
-    none = {row.name: row for row in bends(confounded)}
+    none = {row.name: row for row in biases(confounded)}
     assert np.isnan(none['l1'].in_std)
     assert np.isnan(none['p_ee'].in_std)
     assert none['x0'].in_std == 0
@@ -87,6 +87,6 @@ def test_a_lean_of_every_force_is_shown_as_it_is(rough: Outcome) -> None:
     found = signature(rough, item)
     assert found.what == 'lean of the force  [mrad]'
     np.testing.assert_array_equal(found.before, found.after)
-    assert np.std(found.before / 1e3) == pytest.approx(LEAN, rel=0.2)
+    assert np.std(found.before / 1e3) == pytest.approx(OFF_NORMAL, rel=0.2)
     assert np.sqrt(np.mean((found.before / found.spread_before) ** 2)) > 3
     assert np.sqrt(np.mean((found.after / found.spread_after) ** 2)) == pytest.approx(1, abs=0.25)

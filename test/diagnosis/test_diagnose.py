@@ -32,7 +32,7 @@ def test_clean_data_raise_no_alarm(given):
 @pytest.mark.parametrize('seed', [0, 2, 3, 4, 5])
 def test_two_force_levels_show_no_curve_over_the_force(seed):
     noise, cell = Noise(5e-6, 0.5), replace(CELL, noise=None)
-    plan = default_plan(CELL, per_disc=18, levels=(10, 25), overpress=0.3)
+    plan = default_plan(CELL, per_disc=18, levels=(10, 25), preload=0.3)
     fit = calibrate(simulate_touches(CELL, PAPER_MEASURED, plan, noise, seed), cell)
     assert diagnose(fit).verdict == 'none'
 
@@ -52,13 +52,13 @@ def test_a_joint_that_is_not_round_is_named():
     joints[:, 1] += 8e-5 * np.sin(2 * joints[:, 1] + 0.4)
     found = diagnose(calibrate(data.replace(joints=joints), CELL))
     assert [item.effect.label for item in found.found] == ['transmission_error[joint2]']
-    assert any('joint' in trace.name for trace in found.traces)
+    assert any('joint' in trace.name for trace in found.dependences)
 
 
 def test_understated_noise_is_told_from_structure():
     found = diagnose(calibrate(touches(PAPER_ACTUAL, 1, noise=Noise(3e-5, 0.9)), CELL))
     assert found.verdict == 'unexplained'
-    assert not found.traces
+    assert not found.dependences
     assert 'too small' in found.advice
 
 
@@ -86,7 +86,7 @@ def test_a_joint_that_lost_its_zero_midway_shows(given):
     joints[36:, 1] += 3e-4
     found = diagnose(calibrate(data.replace(joints=joints), replace(CELL, noise=NOISE if given else None)))
     assert found.verdict == 'unexplained'
-    assert any('zero of joint 2' in trace.name for trace in found.traces)
+    assert any('zero of joint 2' in trace.name for trace in found.dependences)
     assert all(item.effect.name in ('unnamed', 'thermal_drift') for item in found.found)
 
 

@@ -14,7 +14,7 @@ from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.base import DiscEffect, Floats, JointEffect, Parameter
-from scara_kinetostatic.model.law import Situation
+from scara_kinetostatic.model.law import TouchState
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 
 SIZES = {
@@ -116,7 +116,7 @@ def test_discs_that_only_change_their_distance_are_rivals():
     _, found = examined('object_position[disc_3]', (4e-5, -3e-5))
     assert found.verdict == 'ambiguous'
     assert any({'object_position[disc_3]', 'object_position[disc_1]'} <= set(group) for group in found.rivals)
-    assert not any(item.proved for item in found.found)
+    assert not any(item.in_every_model for item in found.found)
     assert 'No touch of these discs' in found.advice
     assert found.extended is not None
     assert np.abs(deviations(found.extended)).max() < 4
@@ -145,11 +145,11 @@ def test_a_bending_link_2_is_never_accepted():
 class OvalDisc(DiscEffect):
     name: ClassVar[str] = 'oval_disc'
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('size', 'm', 1e-4, 'half the difference of its axes'),)
-    hides_behind: ClassVar[str] = 'nothing'
-    reveal: ClassVar[str] = 'touches all round'
-    betrays: ClassVar[str] = 'place'
+    confounded_with: ClassVar[str] = 'nothing'
+    identified_by: ClassVar[str] = 'touches all round'
+    plot_variable: ClassVar[str] = 'place'
 
-    def places(self, at: Situation) -> tuple[Floats, ...]:
+    def places(self, at: TouchState) -> tuple[Floats, ...]:
         angle = np.arctan2(at.normal[:, 1], at.normal[:, 0])
         return (np.cos(2 * angle + 0.7)[:, None] * at.normal,)
 
@@ -158,11 +158,11 @@ class OvalDisc(DiscEffect):
 class JointCoupling(JointEffect):
     name: ClassVar[str] = 'joint_coupling'
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('part', '1', 1e-4, 'of joint 2 in joint 1'),)
-    hides_behind: ClassVar[str] = 'nothing'
-    reveal: ClassVar[str] = 'both postures'
-    betrays: ClassVar[str] = 'angle'
+    confounded_with: ClassVar[str] = 'nothing'
+    identified_by: ClassVar[str] = 'both postures'
+    plot_variable: ClassVar[str] = 'angle'
 
-    def angles(self, at: Situation) -> tuple[Floats, ...]:
+    def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (at.joints[:, 1],)
 
 

@@ -9,18 +9,18 @@ import pytest
 from diagnosis.simulated import CELL, NOISE, UNKNOWN_NOISE, deviations, effect, play
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.diagnosis.contact_angle import growing_p_value, lean_p_value
+from scara_kinetostatic.diagnosis.contact_angle import growing_p_value, off_normal_p_value
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.model.kinematics import rotate
 
 
-def leaning(spread: float, seed: int = 3):
+def off_normal_fit(off_normal_std: float, seed: int = 3):
     """Touches whose forces lean by angles of either sense and any size, as friction at rest has it.
 
     The force is turned and the joints stay: to first order the tip of a touch does not feel it.
     """
     data = play(seed=seed)
-    turned = rotate(data.force, spread * np.random.default_rng(seed).standard_normal(len(data)))
+    turned = rotate(data.force, off_normal_std * np.random.default_rng(seed).standard_normal(len(data)))
     return data.replace(force=turned)
 
 
@@ -45,20 +45,20 @@ def test_an_effect_that_made_few_touches_look_bad_is_found():
     fit = calibrate(data.select(kept), CELL)
     assert (~fit.used).sum() >= 4
     found = diagnose(fit)
-    assert [item.effect.label for item in found.found if item.proved] == ['object_position[disc_2]']
+    assert [item.effect.label for item in found.found if item.in_every_model] == ['object_position[disc_2]']
     assert found.extended is not None
     assert found.extended.used.all()
 
 
 @pytest.mark.parametrize('cell', [CELL, UNKNOWN_NOISE], ids=['noise known', 'noise unknown'])
 def test_forces_that_lean_either_way_are_friction(cell):
-    fit = calibrate(leaning(0.08), cell)
-    assert lean_p_value(fit) < 1e-6
+    fit = calibrate(off_normal_fit(0.08), cell)
+    assert off_normal_p_value(fit) < 1e-6
     found = diagnose(fit)
     assert found.verdict == 'explained'
     (only,) = found.found
     assert only.effect.name == 'contact_friction'
-    assert only.values[0].name == 'lean'
+    assert only.values[0].name == 'off_normal_angle'
     assert abs(only.values[0].value - 0.08) < 4 * only.values[0].std
     assert found.extended is not None
     assert np.abs(deviations(found.extended)).max() < 4
@@ -69,7 +69,7 @@ def test_the_score_test_of_leaning_is_calibrated():
     values = []
     for seed in range(40):
         fit = calibrate(play(seed=100 + seed), CELL if seed % 2 else UNKNOWN_NOISE)
-        values.append(lean_p_value(fit))
+        values.append(off_normal_p_value(fit))
     assert min(values) > 1e-4
     assert 0.3 < np.mean(np.array(values) < 0.5) < 0.7
 
@@ -89,7 +89,7 @@ def test_noise_that_grows_with_the_force_is_no_friction():
     noisy = data.replace(force=data.force + 0.04 * size * np.random.default_rng(7).standard_normal((len(data), 2)))
     for cell in (CELL, UNKNOWN_NOISE):
         fit = calibrate(noisy, cell)
-        assert growing_p_value(fit) < 1e-3 < lean_p_value(fit, beside_growing=True)
+        assert growing_p_value(fit) < 1e-3 < off_normal_p_value(fit, beside_growing=True)
         found = diagnose(fit)
-        assert not any(item.proved and item.effect.name == 'contact_friction' for item in found.found)
+        assert not any(item.in_every_model and item.effect.name == 'contact_friction' for item in found.found)
         assert 'grows with the force' in found.advice

@@ -9,11 +9,11 @@ from diagnosis.simulated import CELL, effect, examined, play
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.candidates import gather
-from scara_kinetostatic.diagnosis.discrimination import decide
+from scara_kinetostatic.diagnosis.discrimination import discriminating_touches
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
-from scara_kinetostatic.diagnosis.model_selection import compete
+from scara_kinetostatic.diagnosis.model_selection import score_subsets
 from scara_kinetostatic.diagnosis.refit import fit_with
-from scara_kinetostatic.diagnosis.scores import FOUND, held_out_deviance, hidden_bend
+from scara_kinetostatic.diagnosis.scores import FOUND, held_out_deviance, undetected_bias
 from scara_kinetostatic.effects.registry import catalogue
 
 SEVERAL = ('encoder_gain[joint1]', 'base_compliance', 'transmission_error[joint2]', 'object_radius[disc_3]')
@@ -32,35 +32,39 @@ def test_touches_are_left_out_in_closed_form():
         kept = np.delete(np.arange(len(problem.left)), [k, k + 1])
         fitted, *_ = np.linalg.lstsq(columns[kept], problem.left[kept], rcond=None)
         miss = problem.left[k : k + 2] - columns[k : k + 2] @ fitted
-        spread = np.eye(2) + columns[k : k + 2] @ np.linalg.inv(columns[kept].T @ columns[kept]) @ columns[k : k + 2].T
-        total += miss @ np.linalg.solve(spread, miss) + np.log(np.linalg.det(spread))
+        off_normal_std = (
+            np.eye(2) + columns[k : k + 2] @ np.linalg.inv(columns[kept].T @ columns[kept]) @ columns[k : k + 2].T
+        )
+        total += miss @ np.linalg.solve(off_normal_std, miss) + np.log(np.linalg.det(off_normal_std))
     assert np.isclose(held_out_deviance(problem, candidate.unit, 1.0), total, rtol=1e-9)
 
 
 def test_sums_of_squares_of_sets_are_those_of_least_squares():
     problem = pose_problem(calibrate(play(seed=2), CELL))
-    field = gather(problem, several())
-    contest = compete(problem, field)
-    assert len({entry.members for entry in contest.entries}) == len(contest.entries)
-    for entry in contest.entries[:40]:
-        columns = [problem.columns(field.candidates[k].trial) for k in entry.members]
+    candidate_set = gather(problem, several())
+    scored_subsets = score_subsets(problem, candidate_set)
+    assert len({subset.members for subset in scored_subsets.subsets}) == len(scored_subsets.subsets)
+    for subset in scored_subsets.subsets[:40]:
+        columns = [problem.columns(candidate_set.candidates[k].trial) for k in subset.members]
         together = np.concatenate([problem.base, *columns], axis=1)
         together = together / np.linalg.norm(together, axis=0)
         fitted, *_ = np.linalg.lstsq(together, problem.left, rcond=1e-6)
         rest = float(np.sum((problem.left - together @ fitted) ** 2))
-        assert np.isclose(entry.rest, rest, rtol=1e-3)
+        assert np.isclose(subset.rest, rest, rtol=1e-3)
 
 
 def test_scores_pay_for_parameters_and_for_the_search():
     problem = pose_problem(calibrate(play(seed=3), CELL))
-    field = gather(problem, several())
-    contest = compete(problem, field)
-    price = {contest.labels(entry): entry.price for entry in contest.entries if len(entry.members) == 1}
+    candidate_set = gather(problem, several())
+    scored_subsets = score_subsets(problem, candidate_set)
+    penalty = {
+        scored_subsets.labels(subset): subset.penalty for subset in scored_subsets.subsets if len(subset.members) == 1
+    }
     n, count = len(problem.left) / 2, len(SEVERAL)
-    assert np.isclose(price['encoder_gain[joint1]',], np.log(n) + 2 * np.log(count))
-    assert np.isclose(price['base_compliance',], 2 * np.log(n) + 2 * np.log(count))
-    assert price['transmission_error[joint2]',] > 3 * np.log(n) + 2 * np.log(200)
-    assert contest.entries[0].members == ()  # clean data: nothing pays
+    assert np.isclose(penalty['encoder_gain[joint1]',], np.log(n) + 2 * np.log(count))
+    assert np.isclose(penalty['base_compliance',], 2 * np.log(n) + 2 * np.log(count))
+    assert penalty['transmission_error[joint2]',] > 3 * np.log(n) + 2 * np.log(200)
+    assert scored_subsets.subsets[0].members == ()  # clean data: nothing pays
 
 
 def test_the_bend_is_that_of_a_fit():
@@ -68,26 +72,26 @@ def test_the_bend_is_that_of_a_fit():
     fit = calibrate(play(), CELL)
     problem = pose_problem(fit)
     (candidate,) = gather(problem, [effect('encoder_gain[joint1]')]).candidates
-    bend, place = hidden_bend(problem, candidate, fit.std)
+    bias, place = undetected_bias(problem, candidate, fit.std)
     column = problem.columns(candidate.trial)[:, 0]
-    new = column - problem.base @ (problem.base.T @ column)
-    size = np.sqrt(FOUND) / np.linalg.norm(new)
+    independent_part = column - problem.base @ (problem.base.T @ column)
+    size = np.sqrt(FOUND) / np.linalg.norm(independent_part)
     with_it = calibrate(play((effect('encoder_gain[joint1]'), (size,))), CELL)
     moved = (with_it.parameters.as_array() - fit.parameters.as_array()) / fit.std
     assert int(np.argmax(np.abs(moved))) == place
-    assert np.isclose(np.abs(moved[place]), bend, rtol=0.15)
+    assert np.isclose(np.abs(moved[place]), bias, rtol=0.15)
 
 
 def test_touches_that_decide_are_those_where_rivals_differ():
     fit, _ = examined('encoder_gain[joint1]', (6e-5,))
     problem = pose_problem(fit)
-    field = gather(problem, [effect('encoder_gain[joint1]'), effect('object_position[disc_1]')])
-    rivals = [fit_with(fit, fit, problem, [candidate]) for candidate in field.candidates]
-    touches = decide(fit, rivals)
+    candidate_set = gather(problem, [effect('encoder_gain[joint1]'), effect('object_position[disc_1]')])
+    rivals = [fit_with(fit, fit, problem, [candidate]) for candidate in candidate_set.candidates]
+    touches = discriminating_touches(fit, rivals)
     assert 1 <= len(touches) <= 4
     assert all(touch.sigmas > 2 and touch.apart > 0 for touch in touches)
     assert all(a.sigmas >= b.sigmas for a, b in pairwise(touches))
-    assert not decide(fit, [rivals[0], rivals[0]])
+    assert not discriminating_touches(fit, [rivals[0], rivals[0]])
 
 
 def test_everything_in_the_catalogue_is_ranked_once():
@@ -98,4 +102,4 @@ def test_everything_in_the_catalogue_is_ranked_once():
     assert best.effect.label == 'encoder_gain[joint1]'
     assert best.role == 'found'
     assert best.held_out > 50
-    assert all(item.hidden_bend >= 0 for item in found.ranking if item.role != 'unseen')
+    assert all(item.undetected_bias >= 0 for item in found.ranking if item.role != 'unseen')

@@ -21,7 +21,7 @@ def test_both_cells_have_all_touches() -> None:
     for setup in SETUPS.values():
         assert len(setup.plan) == TOUCHES
         assert len(np.unique(setup.plan.disc)) == len(setup.cell.discs)
-        assert setup.plan.overpress.any()
+        assert setup.plan.preload.any()
 
 
 def test_a_size_is_the_reduced_chi_square_of_the_twelve() -> None:

@@ -19,7 +19,7 @@ from scara_kinetostatic.calibration.whitening import whiten_by
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.extension import Extension
-from scara_kinetostatic.model.law import Tags
+from scara_kinetostatic.model.law import TouchMetadata
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, Parameters
 from scara_kinetostatic.simulation.plan import default_plan
 
@@ -45,17 +45,17 @@ class Visibility(NamedTuple):
     unit: str
 
 
-def visibility(robot: Parameters, per_disc: int = 18, overpress: float = 0.3) -> list[Visibility]:
+def visibility(robot: Parameters, per_disc: int = 18, preload: float = 0.3) -> list[Visibility]:
     """Of every effect, for exact touches of the default plan and the usual noise."""
-    plan = default_plan(CELL, per_disc=per_disc, overpress=overpress)
+    plan = default_plan(CELL, per_disc=per_disc, preload=preload)
     touches = exact_touches(robot, plan)
     bare = observe(touches, CELL)
     point = project(bare, robot, NOISE)
     base = np.linalg.qr(point.whitened.derivative.reshape(2 * len(touches), -1))[0]
-    tags = Tags.of(touches)
+    metadata = TouchMetadata.of(touches)
     found = []
     for effect in catalogue(CELL):
-        observations = bare._replace(extension=Extension((effect,), tags))
+        observations = bare._replace(extension=Extension((effect,), metadata))
         for name, values, k in _cases(effect):
             linear = linearise(observations, robot.replace(extra=tuple(values)), point.adjusted)
             column = whiten_by(linear.derivative[:, :, 12 + k : 13 + k], point.whitened.root).ravel()
@@ -79,7 +79,7 @@ def _cases(effect: Effect) -> Iterator[tuple[str, tuple[float, ...], int]]:
 
 def main() -> None:
     actual, measured = (visibility(robot) for robot in (PAPER_ACTUAL, PAPER_MEASURED))
-    print(f'{"new beside the twelve; size that doubles chi-square":46s}   table 2            figure 4(d)       scale')
+    print(f'{"new beside the base; size that doubles chi-square":46s}   table 2            figure 4(d)       scale')
     for a, b in zip(actual, measured, strict=True):
         print(f'{a.label:46s} {a.new:7.3f} {a.doubling:9.1e}  {b.new:7.3f} {b.doubling:9.1e}  {a.scale:.0e} {a.unit}')
 

@@ -11,11 +11,11 @@ from model.helpers import Poses, random_poses
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.extension import Extension, Setting
+from scara_kinetostatic.model.extension import ContactProblem, Extension
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection, joint_torques
-from scara_kinetostatic.model.law import Shift, Situation, Tags
+from scara_kinetostatic.model.law import Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.state import State, free_state
 from scara_kinetostatic.model.touch import TouchSet
@@ -52,15 +52,15 @@ class Scene(NamedTuple):
     poses: Poses
     joints: np.ndarray
     state: State
-    tags: Tags
+    metadata: TouchMetadata
     parameters: Parameters
 
-    def setting(self, effect: Effect) -> Setting:
-        extension = Extension((effect,), self.tags)
-        return Setting(self.joints, self.poses.centers, self.poses.radii, Gripper(), extension)
+    def contact_problem(self, effect: Effect) -> ContactProblem:
+        extension = Extension((effect,), self.metadata)
+        return ContactProblem(self.joints, self.poses.centers, self.poses.radii, Gripper(), extension)
 
-    def situation(self, effect: Effect, values: np.ndarray) -> Situation:
-        return self.setting(effect).situation(self.parameters.replace(extra=tuple(values)), self.state)
+    def touch_state(self, effect: Effect, values: np.ndarray) -> TouchState:
+        return self.contact_problem(effect).touch_state(self.parameters.replace(extra=tuple(values)), self.state)
 
 
 def plausible(effect: Effect) -> np.ndarray:
@@ -71,7 +71,7 @@ def plausible(effect: Effect) -> np.ndarray:
 def random_scene(seed: int, n: int = 200, parameters: Parameters = PAPER_ACTUAL) -> Scene:
     poses = random_poses(seed, n, parameters)
     rng = np.random.default_rng(seed)
-    tags = Tags(
+    metadata = TouchMetadata(
         disc=rng.integers(0, len(CELL.discs), n),
         time=rng.uniform(0, 300, n),
         approach=rng.choice([-1.0, 1.0], (n, 2)) * rng.uniform(1e-4, 1e-3, (n, 2)),
@@ -81,13 +81,13 @@ def random_scene(seed: int, n: int = 200, parameters: Parameters = PAPER_ACTUAL)
     joints, _ = inverse_kinetostatics(parameters, poses.tip, poses.force, poses.posture)
     links = inverse(parameters, poses.tip, poses.posture)
     free = free_state(parameters, links, poses.centers)
-    return Scene(poses, joints, free._replace(magnitude=np.hypot(*poses.force.T)), tags, parameters)
+    return Scene(poses, joints, free._replace(magnitude=np.hypot(*poses.force.T)), metadata, parameters)
 
 
 def exact_touches(parameters: Parameters, plan: Plan, cell: Cell = CELL) -> TouchSet:
-    """Those of a robot without effects, with their movement in contact: from no force, or down from the overpress."""
+    """Those of a robot without effects, with their movement in contact: from no force, or down from the preload."""
     touches = simulate_touches(cell, parameters, plan, EXACT)
-    before = np.where(plan.overpress > 0, 1 + plan.overpress, 1e-9)
+    before = np.where(plan.preload > 0, 1 + plan.preload, 1e-9)
     start, end = (
         inverse_kinetostatics(
             parameters, plan.contact(cell), -(part * plan.force)[:, None] * plan.normal(), plan.posture
@@ -102,10 +102,10 @@ def press(effect: Effect, values: np.ndarray, parameters: Parameters = PAPER_ACT
 
     The places of contact are as planned, and every other touch is pressed beyond its force first.
     """
-    plan = default_plan(cell, per_disc=20, overpress=0.3)
+    plan = default_plan(cell, per_disc=20, preload=0.3)
     rigid = exact_touches(parameters, plan, cell)
     whole = parameters.replace(extra=tuple(values))
-    tags = Tags.of(rigid)
+    metadata = TouchMetadata.of(rigid)
     centers, radii = cell.centers[plan.disc], cell.radii[plan.disc]
     outward, joints, shift = plan.normal(), rigid.joints, Shift()
     for _ in range(20):
@@ -120,6 +120,6 @@ def press(effect: Effect, values: np.ndarray, parameters: Parameters = PAPER_ACT
         joints = links + joint_deflection(parameters, torques)
         joints = joints if shift.joints is None else joints + shift.joints
         state = State(*links.T, plan.force, np.arctan2(*normal.T[::-1]), *np.sign(torques).T)
-        at = Setting(joints, centers, radii, Gripper(), Extension((effect,), tags)).situation(whole, state)
+        at = ContactProblem(joints, centers, radii, Gripper(), Extension((effect,), metadata)).touch_state(whole, state)
         shift = effect.shift(at, values)
-    return rigid.replace(joints=joints, force=Extension((effect,), tags).read(whole, force))
+    return rigid.replace(joints=joints, force=Extension((effect,), metadata).read(whole, force))

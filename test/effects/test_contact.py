@@ -19,9 +19,11 @@ BY_COMPLIANCE = {'base_tilt': 0.3}
 """The same for a shift that is in proportion to p1 and p2."""
 
 
-def solve(effect: Effect, scene: Scene, parameters: Parameters, joints: np.ndarray, near=None) -> Contact:
-    extension = Extension((effect,), scene.tags)
-    return contact(parameters, joints, scene.poses.centers, scene.poses.radii, extension=extension, near=near)
+def solve(effect: Effect, scene: Scene, parameters: Parameters, joints: np.ndarray, warm_start=None) -> Contact:
+    extension = Extension((effect,), scene.metadata)
+    return contact(
+        parameters, joints, scene.poses.centers, scene.poses.radii, extension=extension, warm_start=warm_start
+    )
 
 
 def same_flanks(*found: Contact) -> np.ndarray:
@@ -40,7 +42,7 @@ def test_every_touch_is_solved(effect):
         assert found.solved.all()
         pressed = found.magnitude > 0
         assert pressed.mean() > 0.7
-        e = extended_equations(parameters, scene.setting(effect), found.state)
+        e = extended_equations(parameters, scene.contact_problem(effect), found.state)
         residual = np.array([e.normal, e.tangent, e.rows.row1, e.rows.row2])[:, pressed]
         assert np.abs(residual).max() < 1e-12
 
@@ -50,7 +52,7 @@ def test_derivatives_of_the_force(effect):
     scene, values = random_scene(4, 120), plausible(effect)
     parameters = scene.parameters.replace(extra=tuple(values))
     found = solve(effect, scene, parameters, scene.joints)
-    extension = Extension((effect,), scene.tags)
+    extension = Extension((effect,), scene.metadata)
     given = contact_derivatives(
         parameters, scene.joints, scene.poses.centers, scene.poses.radii, found, extension=extension
     )

@@ -9,8 +9,8 @@ from model.helpers import ROBOTS, assert_derivative
 
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.contact_friction import ContactFriction
-from scara_kinetostatic.model.extended import all_derivatives, extended_equations, settled
-from scara_kinetostatic.model.extension import Setting
+from scara_kinetostatic.model.extended import all_derivatives, extended_equations, extended_link_angles
+from scara_kinetostatic.model.extension import ContactProblem
 from scara_kinetostatic.model.parameters import NAMES, P1, P2, P_EE, Parameters
 from scara_kinetostatic.model.state import State
 
@@ -18,7 +18,7 @@ from scara_kinetostatic.model.state import State
 def check(effect: Effect, seed: int, robot: int) -> None:
     """The one check of an effect's derivatives that all go through: `shift` and `reading` by its parameters."""
     scene, values = random_scene(seed, 60, ROBOTS[robot]), plausible(effect)
-    at, steps = scene.situation(effect, values), 1e-4 * np.abs(values)
+    at, steps = scene.touch_state(effect, values), 1e-4 * np.abs(values)
     parts = effect.derivative(at, values)
     assert len(parts) == len(values) == len(effect.parameters)
     for where in ('joints', 'place'):
@@ -28,11 +28,11 @@ def check(effect: Effect, seed: int, robot: int) -> None:
             continue
         analytic = np.stack([np.zeros_like(at.joints) if part is None else part for part in given], axis=-1)
         assert_derivative(lambda x, where=where: getattr(effect.shift(at, x), where), values, analytic, steps)
-    reading = effect.reading_derivative(at.force, values)
-    if effect.reading(at.force, values) is None:
-        assert not reading
+    sensor_error = effect.sensor_error_derivative(at.force, values)
+    if effect.sensor_error(at.force, values) is None:
+        assert not sensor_error
     else:
-        assert_derivative(lambda x: effect.reading(at.force, x), values, np.stack(reading, axis=-1), steps)
+        assert_derivative(lambda x: effect.sensor_error(at.force, x), values, np.stack(sensor_error, axis=-1), steps)
 
 
 @pytest.mark.parametrize('robot', [0, 1])
@@ -45,23 +45,26 @@ def test_derivatives_of_friction_whose_slide_follows_the_estimate():
     check(ContactFriction(), seed=2, robot=0)
 
 
-def settle(parameters: Parameters, setting: Setting, state: State, frozen: bool) -> State:
+def settle(parameters: Parameters, contact_problem: ContactProblem, state: State, frozen: bool) -> State:
     """The state whose link angles go with the joint angles."""
     for _ in range(5):
-        state = settled(parameters, setting, state, frozen)
+        state = extended_link_angles(parameters, contact_problem, state, frozen)
     return state
 
 
 @pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
 def test_what_a_compliance_scales_is_in_its_derivative(effect):
     scene, values = random_scene(3, 60), plausible(effect)
-    setting, whole = scene.setting(effect), scene.parameters.replace(extra=tuple(values))
-    state = settle(whole, setting, scene.state, frozen=False)
-    given = all_derivatives(whole, setting, state, extended_equations(whole, setting, state))
+    contact_problem, whole = scene.contact_problem(effect), scene.parameters.replace(extra=tuple(values))
+    state = settle(whole, contact_problem, scene.state, frozen=False)
+    given = all_derivatives(whole, contact_problem, state, extended_equations(whole, contact_problem, state))
     for place in (P_EE, P1, P2):
         name, step = NAMES[place], 1e-3 * getattr(whole, NAMES[place])
         robots = (whole.replace(**{name: getattr(whole, name) + sign * step}) for sign in (1, -1))
-        up, down = (extended_equations(robot, setting, settle(robot, setting, state, frozen=True)) for robot in robots)
+        up, down = (
+            extended_equations(robot, contact_problem, settle(robot, contact_problem, state, frozen=True))
+            for robot in robots
+        )
         found = np.stack([up.normal - down.normal, up.tangent - down.tangent], axis=-1) / (2 * step)
         # what the turn of the force does to the effect is of second order
         assert np.abs(found - given[:, :, place]).max() < 0.01 * np.abs(given[:, :, place]).max()
@@ -70,8 +73,8 @@ def test_what_a_compliance_scales_is_in_its_derivative(effect):
 @pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
 def test_at_its_start_an_effect_does_nothing(effect):
     scene, start = random_scene(1, 20), np.array(effect.start)
-    at = scene.situation(effect, start)
+    at = scene.touch_state(effect, start)
     for part in effect.shift(at, start):
         assert part is None or not part.any()
-    reading = effect.reading(at.force, start)
-    assert reading is None or not reading.any()
+    sensor_error = effect.sensor_error(at.force, start)
+    assert sensor_error is None or not sensor_error.any()

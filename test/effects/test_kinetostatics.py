@@ -11,7 +11,7 @@ from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extension import Extension
 from scara_kinetostatic.model.gripper import Gripper, GripperSign
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
-from scara_kinetostatic.model.law import Tags
+from scara_kinetostatic.model.law import TouchMetadata
 
 ROBOT = [effect for effect in EFFECTS if not effect.on_object]
 OBJECT = [effect for effect in EFFECTS if effect.on_object]
@@ -25,7 +25,7 @@ def of_all():
 
 
 def moves_robot(effect):
-    at = random_scene(0, 20).situation(effect, plausible(effect))
+    at = random_scene(0, 20).touch_state(effect, plausible(effect))
     return any(part is not None and part.any() for part in effect.shift(at, plausible(effect)))
 
 
@@ -46,12 +46,12 @@ def check_identity(scene, parameters, extension, gripper):
 def test_direct_undoes_inverse_and_contact_gives_the_force_back(effect, robot, gripper):
     scene = random_scene(5, 300, robot)
     parameters = robot.replace(extra=tuple(plausible(effect)))
-    extension = Extension((effect,), scene.tags)
+    extension = Extension((effect,), scene.metadata)
     joints = check_identity(scene, parameters, extension, gripper)
     plain, _ = inverse_kinetostatics(robot, scene.poses.tip, scene.poses.force, scene.poses.posture, gripper)
     assert (np.abs(joints - plain).max() > 1e-7) == moves_robot(effect)
     discs = scene.poses.centers, scene.poses.radii
-    found = contact(parameters, joints, *discs, gripper, near=scene.poses.force, extension=extension)
+    found = contact(parameters, joints, *discs, gripper, warm_start=scene.poses.force, extension=extension)
     assert found.solved.all()
     np.testing.assert_allclose(found.force, scene.poses.force, rtol=0, atol=1e-8)
     np.testing.assert_allclose(found.tip, scene.poses.tip, rtol=0, atol=1e-11)
@@ -61,10 +61,10 @@ def test_direct_undoes_inverse_and_contact_gives_the_force_back(effect, robot, g
 def test_all_effects_of_the_robot_at_once(robot):
     scene = random_scene(6, 300, robot)
     effects, values = of_all()
-    parameters, extension = robot.replace(extra=values), Extension(effects, scene.tags)
+    parameters, extension = robot.replace(extra=values), Extension(effects, scene.metadata)
     joints = check_identity(scene, parameters, extension, Gripper())
     found = contact(
-        parameters, joints, scene.poses.centers, scene.poses.radii, near=scene.poses.force, extension=extension
+        parameters, joints, scene.poses.centers, scene.poses.radii, warm_start=scene.poses.force, extension=extension
     )
     assert found.solved.mean() > 0.99
     np.testing.assert_allclose(found.force[found.solved], scene.poses.force[found.solved], rtol=0, atol=1e-8)
@@ -74,7 +74,7 @@ def test_all_effects_of_the_robot_at_once(robot):
 def test_effects_of_the_object_are_no_matter_of_the_robot(effect):
     scene = random_scene(7, 100)
     parameters = scene.parameters.replace(extra=tuple(plausible(effect)))
-    extension, poses = Extension((effect,), scene.tags), scene.poses
+    extension, poses = Extension((effect,), scene.metadata), scene.poses
     extended = inverse_kinetostatics(parameters, poses.tip, poses.force, poses.posture, extension=extension)
     plain = inverse_kinetostatics(parameters, poses.tip, poses.force, poses.posture)
     np.testing.assert_array_equal(extended, plain)
@@ -87,7 +87,7 @@ def test_without_force_and_out_of_reach(label):
     effect = EFFECTS[LABELS.index(label)]
     parameters = ROBOTS[0].replace(extra=tuple(plausible(effect)))
     tip, force = np.array([[0.3, 0.3], [0.9, 0.3]]), np.array([[0.0, 0.0], [5.0, 0.0]])
-    extension = Extension((effect,), Tags.plain(2)._replace(time=np.array([100.0, 200.0])))
+    extension = Extension((effect,), TouchMetadata.plain(2)._replace(time=np.array([100.0, 200.0])))
     joints, torques = inverse_kinetostatics(parameters, tip, force, 1, extension=extension)
     assert np.isnan(joints[1]).all()
     assert not torques[0].any()

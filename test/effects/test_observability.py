@@ -18,7 +18,7 @@ def test_all_effects_show_but_the_exact_alias(robot):
 
 
 def test_hysteresis_shows_by_approaches_from_both_sides():
-    alike, both = ({v.label: v.new for v in visibility(ROBOTS[0], overpress=press)} for press in (0.0, 0.3))
+    alike, both = ({v.label: v.new for v in visibility(ROBOTS[0], preload=press)} for press in (0.0, 0.3))
     for joint in (1, 2):
         label = f'joint_hysteresis[joint{joint}].width'
         assert alike[label] < 0.5

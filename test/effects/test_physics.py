@@ -26,14 +26,14 @@ from scara_kinetostatic.model.contact import Contact, contact
 from scara_kinetostatic.model.extension import Extension
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.kinematics import jacobian
-from scara_kinetostatic.model.law import Tags
+from scara_kinetostatic.model.law import TouchMetadata
 
 SCENE = random_scene(5, 150)
-FIRST = SCENE.tags.disc == 0
+FIRST = SCENE.metadata.disc == 0
 
 
-def with_effect(effect: Effect, *values: float, scene: Scene = SCENE, tags: Tags | None = None) -> Contact:
-    extension = Extension((effect,), tags or scene.tags)
+def with_effect(effect: Effect, *values: float, scene: Scene = SCENE, metadata: TouchMetadata | None = None) -> Contact:
+    extension = Extension((effect,), metadata or scene.metadata)
     parameters = scene.parameters.replace(extra=values)
     return contact(parameters, scene.joints, scene.poses.centers, scene.poses.radii, extension=extension)
 
@@ -57,16 +57,16 @@ def assert_same(one: Contact, other: Contact, tolerance: float = 1e-8) -> None:
 def test_errors_of_a_joint_are_those_of_its_angle(joint):
     chosen = np.arange(2) == joint
     assert_same(with_effect(EncoderGain.of(joint), 1e-4), plain(joints=SCENE.joints * (1 + 1e-4 * chosen)))
-    drifted = SCENE.joints + 1e-6 * SCENE.tags.time[:, None] * chosen
+    drifted = SCENE.joints + 1e-6 * SCENE.metadata.time[:, None] * chosen
     assert_same(with_effect(ZeroDrift.of(joint), 1e-6), plain(joints=drifted))
 
 
 @pytest.mark.parametrize('joint', [0, 1])
 def test_a_joint_that_moves_on_in_the_sense_of_its_torque_has_more_backlash(joint):
-    torques = SCENE.situation(EncoderGain.of(joint), np.zeros(1)).torques
+    torques = SCENE.touch_state(EncoderGain.of(joint), np.zeros(1)).torques
     backlash = f'g{joint + 1}'
     more = {backlash: getattr(SCENE.parameters, backlash) + 1e-4}
-    found = with_effect(JointHysteresis.of(joint), 1e-4, tags=SCENE.tags._replace(approach=torques))
+    found = with_effect(JointHysteresis.of(joint), 1e-4, metadata=SCENE.metadata._replace(approach=torques))
     assert_same(found, plain(**more), 0.1)
 
 
@@ -88,7 +88,7 @@ def test_bending_of_link_2_is_another_p2():
 def test_bending_of_link_1_is_that_of_a_beam():
     """Castigliano: the joints' deflections are the gradient of ½ k ∫ M² ds, with M linear from c1 to c2."""
     values, s = np.array([2e-5]), np.linspace(0, 1, 2001)
-    at = SCENE.situation(LinkBending.of(0), values)
+    at = SCENE.touch_state(LinkBending.of(0), values)
     shift = LinkBending.of(0).shift(at, values).joints
     moment = at.torques[:, :1] * (1 - s) + at.torques[:, 1:] * s
     slopes = [(moment[:, 1:] + moment[:, :-1]) @ (part[1:] + part[:-1]) / (4 * (len(s) - 1)) for part in (1 - s, s)]
@@ -105,7 +105,7 @@ def test_a_base_on_springs_moves_away_from_the_disc():
     along_x = np.abs(moved[0].force[:, 0]) > 0.98 * moved[0].magnitude
     assert along_x.sum() > 5
     assert np.all(moved[1].magnitude[along_x] < moved[0].magnitude[along_x])
-    work = BaseCompliance().shift(SCENE.situation(BaseCompliance(), np.zeros(2)), np.array([1e-6, 1e-6])).place
+    work = BaseCompliance().shift(SCENE.touch_state(BaseCompliance(), np.zeros(2)), np.array([1e-6, 1e-6])).place
     x, y = SCENE.poses.force.T
     np.testing.assert_allclose((work * SCENE.poses.force).sum(axis=1), -1e-6 * (x * x - y * y + 2 * x * y))
 
@@ -113,7 +113,7 @@ def test_a_base_on_springs_moves_away_from_the_disc():
 def test_gravity_draws_the_arm_downhill():
     """The work that gravity does as the joints give way to it is positive, each touch, each part."""
     values = np.array([3.0, -1.0, 1.5, -0.5])  # downhill is along (3, -1)
-    at = SCENE.situation(BaseTilt(), values)
+    at = SCENE.touch_state(BaseTilt(), values)
     sag = -BaseTilt().shift(at, values).joints
     turn1, turn2 = sag[:, 0], sag.sum(axis=1)  # of link 1 and of link 2 in the base frame
     across1, across2 = (np.stack([-link[:, 1], link[:, 0]], axis=-1) for link in (at.link1, at.link2))
@@ -136,7 +136,7 @@ def test_a_disc_that_is_elsewhere_or_larger():
 
 
 def test_links_that_grow():
-    p, scene = SCENE.parameters, SCENE._replace(tags=SCENE.tags._replace(time=np.full(150, 100.0)))
+    p, scene = SCENE.parameters, SCENE._replace(metadata=SCENE.metadata._replace(time=np.full(150, 100.0)))
     assert_same(with_effect(LinkGrowth(), 1e-6, scene=scene), plain(l1=p.l1 * 1.0001, l2=p.l2 * 1.0001), 0.02)
 
 
@@ -146,12 +146,12 @@ def test_friction_drags_the_disc_along():
     sideways = np.stack([-SCENE.poses.force[:, 1], SCENE.poses.force[:, 0]], axis=-1)
     sense = rng.choice([-1, 1], len(links))
     press = np.linalg.solve(jacobian(SCENE.parameters, links), (1e-5 * sense[:, None] * sideways)[..., None])[..., 0]
-    found = with_effect(ContactFriction(), 0.15, tags=SCENE.tags._replace(press=press))
+    found = with_effect(ContactFriction(), 0.15, metadata=SCENE.metadata._replace(press=press))
     to_center = SCENE.poses.centers - found.tip
     cross = to_center[:, 0] * found.force[:, 1] - to_center[:, 1] * found.force[:, 0]
-    lean = np.arctan2(cross, (to_center * found.force).sum(axis=1))[found.magnitude > 0]
-    assert len(lean) > 100
-    np.testing.assert_allclose(lean, 0.15 * sense[found.magnitude > 0], rtol=0, atol=1e-9)
+    off_normal = np.arctan2(cross, (to_center * found.force).sum(axis=1))[found.magnitude > 0]
+    assert len(off_normal) > 100
+    np.testing.assert_allclose(off_normal, 0.15 * sense[found.magnitude > 0], rtol=0, atol=1e-9)
 
 
 def test_a_tip_pressed_along_the_normal_sticks():
@@ -160,22 +160,22 @@ def test_a_tip_pressed_along_the_normal_sticks():
     for part in (0.0, 0.5, -0.5):
         move = SCENE.poses.force + part * STICKING * aside
         press = np.linalg.solve(jacobian(SCENE.parameters, links), 1e-5 * move[..., None])[..., 0]
-        at = SCENE._replace(tags=SCENE.tags._replace(press=press)).situation(ContactFriction(), np.zeros(1))
+        at = SCENE._replace(metadata=SCENE.metadata._replace(press=press)).touch_state(ContactFriction(), np.zeros(1))
         np.testing.assert_allclose(slide(at), part, atol=0.1)
-    still = SCENE._replace(tags=SCENE.tags._replace(press=np.zeros_like(links)))
-    assert not slide(still.situation(ContactFriction(), np.zeros(1))).any()
+    still = SCENE._replace(metadata=SCENE.metadata._replace(press=np.zeros_like(links)))
+    assert not slide(still.touch_state(ContactFriction(), np.zeros(1))).any()
 
 
 def test_the_sensor_turns_or_shifts_what_it_reports():
     force = np.array([[10.0, 0.0], [0.0, -20.0]])
-    shifted = force + SensorBias().reading(force, np.array([1.0, -2.0]))
+    shifted = force + SensorBias().sensor_error(force, np.array([1.0, -2.0]))
     np.testing.assert_allclose(shifted, [[11.0, -2.0], [1.0, -22.0]])
-    turned = force + SensorRotation().reading(force, np.array([np.pi / 2]))
+    turned = force + SensorRotation().sensor_error(force, np.array([np.pi / 2]))
     np.testing.assert_allclose(turned, [[0.0, 10.0], [20.0, 0.0]], atol=1e-12)
 
 
 def test_of_effects_of_a_disc_the_others_feel_nothing():
     for number, disc in enumerate(CELL.discs):
         for effect, k in ((ObjectPosition.of(number, disc.name), 2), (ObjectRadius.of(number, disc.name), 1)):
-            place = effect.shift(SCENE.situation(effect, np.zeros(k)), np.ones(k)).place
-            assert np.array_equal(place.any(axis=1), SCENE.tags.disc == number)
+            place = effect.shift(SCENE.touch_state(effect, np.zeros(k)), np.ones(k)).place
+            assert np.array_equal(place.any(axis=1), SCENE.metadata.disc == number)

@@ -38,9 +38,9 @@ def test_a_cell_of_one_disc_has_no_soft_one_among_others():
 
 @pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
 def test_an_effect_says_what_it_is(effect):
-    assert effect.betrays in VARIABLES
-    assert len(effect.hides_behind) > 10
-    assert len(effect.reveal) > 10
+    assert effect.plot_variable in VARIABLES
+    assert len(effect.confounded_with) > 10
+    assert len(effect.identified_by) > 10
     assert all(parameter.scale > 0 and parameter.meaning and parameter.unit for parameter in effect.parameters)
     assert len(effect.labels) == len(effect.scales) == len(effect.start) == len(effect.parameters)
     assert effect.label.startswith(effect.name)
@@ -48,7 +48,7 @@ def test_an_effect_says_what_it_is(effect):
 
 
 def test_variables_have_one_value_per_touch():
-    at = random_scene(0, 30).situation(EFFECTS[0], np.zeros(1))
+    at = random_scene(0, 30).touch_state(EFFECTS[0], np.zeros(1))
     for variable in VARIABLES.values():
         for joint in (None, 0, 1):
             values = variable.values(at, joint)

@@ -32,7 +32,7 @@ def test_the_force_of_a_touch_follows_from_its_angles(number):
     whole = robot.replace(extra=tuple(values))
     o = observe(touches, known_start(effect))
     true = o.true_force(whole, o.force)
-    found = contact(whole, o.joints, o.centers, o.radii, near=true, extension=o.extension)
+    found = contact(whole, o.joints, o.centers, o.radii, warm_start=true, extension=o.extension)
     assert len(touches) >= 100
     assert found.solved.all()
     np.testing.assert_allclose(found.force, true, rtol=0, atol=1e-8)

@@ -7,7 +7,7 @@ import pytest
 from effects.scenes import random_scene
 
 from scara_kinetostatic.effects.transmission_error import HIGHEST, LOWEST, TransmissionError, frequencies
-from scara_kinetostatic.model.law import Situation
+from scara_kinetostatic.model.law import TouchState
 
 
 def joints(kind: str, n: int = 120) -> np.ndarray:
@@ -16,9 +16,9 @@ def joints(kind: str, n: int = 120) -> np.ndarray:
     return one_side if kind == 'one posture' else one_side * rng.choice([-1, 1], n)
 
 
-def situation(angle: np.ndarray, joint: int) -> Situation:
+def touch_state(angle: np.ndarray, joint: int) -> TouchState:
     effect = TransmissionError.of(joint)
-    at = random_scene(0, len(angle)).situation(effect, np.zeros(3))
+    at = random_scene(0, len(angle)).touch_state(effect, np.zeros(3))
     both = np.zeros((len(angle), 2))
     both[:, joint] = angle
     return at._replace(joints=both)
@@ -30,7 +30,7 @@ def test_no_wave_is_lost_between_the_frequencies(kind, joint):
     """The best trial explains 85 % of any wave, and says what it is nearly."""
     angle, rng = joints(kind), np.random.default_rng(2)
     effect = TransmissionError.of(joint)
-    at = situation(angle, joint)
+    at = touch_state(angle, joint)
     trials = effect.trials(at, at.force)
     columns = np.array([[part.joints[:, joint] for part in trial.columns] for trial in trials])
     bases = np.linalg.qr(np.moveaxis(columns, 1, 2))[0]

@@ -17,7 +17,7 @@ from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import simulate_streams
 from scara_kinetostatic.touches.detection import find_touches
-from scara_kinetostatic.touches.online import LiveDetector
+from scara_kinetostatic.touches.online import OnlineDetector
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 SECOND = 1_000_000_000
@@ -38,7 +38,7 @@ class Collected(NamedTuple):
 
 def collect(folder: Path, joints: np.ndarray, wrench: np.ndarray, *, log_too: bool) -> Collected:
     """Records the streams with other header stamps, and finds their touches meanwhile, as the collector does."""
-    bag, detector = BagWriter(folder, CELL, log_time=START), LiveDetector(CELL)
+    bag, detector = BagWriter(folder, CELL, log_time=START), OnlineDetector(CELL)
     angles = joint_state_messages(joints, STREAMS.joints.position, CELL.joint_names)
     forces = wrench_messages(wrench, STREAMS.wrench.force, 'base')
     times = np.concatenate([STREAMS.joints.stamp, STREAMS.wrench.stamp])

@@ -33,7 +33,7 @@ def test_contact_undoes_inverse(gripper=PHYSICAL):
     """With the printed sign the gripper's stiffness is negative, and the equilibrium is not unique."""
     poses = random_poses(12, 2000)
     joints, _ = inverse_kinetostatics(PAPER_ACTUAL, poses.tip, poses.force, poses.posture, gripper)
-    found = contact(PAPER_ACTUAL, joints, poses.centers, poses.radii, gripper, near=poses.force)
+    found = contact(PAPER_ACTUAL, joints, poses.centers, poses.radii, gripper, warm_start=poses.force)
     assert found.solved.all()
     np.testing.assert_allclose(found.force, poses.force, atol=1e-8)
 
@@ -65,12 +65,12 @@ def test_derivatives_of_the_contact(gripper=PHYSICAL):
     poses = random_poses(15)
     joints, torques = inverse_kinetostatics(PAPER_ACTUAL, poses.tip, poses.force, poses.posture, gripper)
     keep = (np.abs(torques) / np.hypot(*poses.force.T)[:, None] > 0.01).all(axis=1)
-    joints, centers, radii, near = joints[keep], poses.centers[keep], poses.radii[keep], poses.force[keep]
-    found = contact(PAPER_ACTUAL, joints, centers, radii, gripper, near=near)
+    joints, centers, radii, warm_start = joints[keep], poses.centers[keep], poses.radii[keep], poses.force[keep]
+    found = contact(PAPER_ACTUAL, joints, centers, radii, gripper, warm_start=warm_start)
     derivatives = contact_derivatives(PAPER_ACTUAL, joints, centers, radii, found, gripper)
 
     def force(v, q):
-        return contact(Parameters.from_array(v), q, centers, radii, gripper, near=near).force
+        return contact(Parameters.from_array(v), q, centers, radii, gripper, warm_start=warm_start).force
 
     x = PAPER_ACTUAL.as_array()
     assert_derivative(lambda v: force(v, joints), x, derivatives.parameters, STEPS * 0.1)
@@ -82,7 +82,7 @@ def test_derivative_by_the_excess(sign):
     poses = random_poses(16, 100)
     gripper = Gripper(sign, EXCESS)
     joints, _ = inverse_kinetostatics(PAPER_ACTUAL, poses.tip, poses.force, poses.posture, gripper)
-    state = contact(PAPER_ACTUAL, joints, poses.centers, poses.radii, gripper, near=poses.force).state
+    state = contact(PAPER_ACTUAL, joints, poses.centers, poses.radii, gripper, warm_start=poses.force).state
 
     def residual(entries):
         changed = Gripper(sign, ((entries[0], entries[1]), (entries[2], entries[3])))

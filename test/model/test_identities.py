@@ -51,7 +51,7 @@ def test_direct_undoes_inverse_kinetostatics(robot, sign):
 def test_contact_gives_back_the_force_of_inverse_kinetostatics(robot, sign):
     poses = random_poses(4, 3000)
     joints, _ = inverse_kinetostatics(robot, poses.tip, poses.force, poses.posture, sign)
-    found = contact(robot, joints, poses.centers, poses.radii, sign, near=poses.force)
+    found = contact(robot, joints, poses.centers, poses.radii, sign, warm_start=poses.force)
     assert found.solved.all()
     np.testing.assert_allclose(found.force, poses.force, rtol=0, atol=1e-10 * 80)
     np.testing.assert_allclose(found.tip, poses.tip, atol=1e-12)
@@ -78,7 +78,7 @@ def test_contact_inside_the_dead_band(robot, joint):
     joints, torques = inverse_kinetostatics(robot, real, force, kinematics.posture(robot, links), slack=slack)
     assert (torques[:, joint] == 0).all()
     radii = np.full(n, 0.08)
-    found = contact(robot, joints, real + radii[:, None] * unit, radii, near=force)
+    found = contact(robot, joints, real + radii[:, None] * unit, radii, warm_start=force)
     np.testing.assert_allclose(found.force, force, atol=1e-8)
     again, force_again = direct_kinetostatics(robot, joints, torques, slack=slack)
     np.testing.assert_allclose(again, real, atol=1e-12)

@@ -95,9 +95,9 @@ def test_contact(robot, sign):
     poses, joints, _ = clear_of_dead_bands(robot, random_poses(5), sign)
 
     def force(p, q):
-        return contact(p, q, poses.centers, poses.radii, sign, near=poses.force).force
+        return contact(p, q, poses.centers, poses.radii, sign, warm_start=poses.force).force
 
-    found = contact(robot, joints, poses.centers, poses.radii, sign, near=poses.force)
+    found = contact(robot, joints, poses.centers, poses.radii, sign, warm_start=poses.force)
     derivatives = contact_derivatives(robot, joints, poses.centers, poses.radii, found, sign)
     small = np.full(2, 1e-7)
     assert_derivative(lambda d: force(robot, joints + d), np.zeros(2), derivatives.joints, small)
@@ -116,14 +116,14 @@ def test_contact_with_a_floating_joint_does_not_depend_on_it():
     real = tip - (robot.p_ee * 25 + robot.g_ee) * unit
     joints, _ = inverse_kinetostatics(robot, real, force, [1, -1], slack=[0.3, 0.0])
     centers, radii = real + 0.08 * unit, np.full(2, 0.08)
-    found = contact(robot, joints, centers, radii, near=force)
+    found = contact(robot, joints, centers, radii, warm_start=force)
     derivatives = contact_derivatives(robot, joints, centers, radii, found)
     assert (found.state.mode1 == 0).all()
     np.testing.assert_array_equal(derivatives.joints[:, :, 0], 0)
     np.testing.assert_array_equal(derivatives.parameters[:, :, [2, 7, 10]], 0)
 
     def moved(v):
-        return contact(Parameters.from_array(v), joints, centers, radii, near=force).force
+        return contact(Parameters.from_array(v), joints, centers, radii, warm_start=force).force
 
     assert_derivative(moved, robot.as_array(), derivatives.parameters, STEPS * 0.1)
 

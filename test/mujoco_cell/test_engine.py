@@ -99,15 +99,15 @@ def test_a_moved_disc_is_found_where_it_stands(played_few: Play) -> None:
     assert np.abs(contact_force(PAPER_ACTUAL, joints, centers, CELL.radii) - force).max() < 0.02
 
 
-def test_overpress_brings_the_joints_from_the_other_side(played: Play, plan: Plan) -> None:
+def test_preload_brings_the_joints_from_the_other_side(played: Play, plan: Plan) -> None:
     plain = played('plain')
     force = np.linalg.norm(plain.force[plain.holds], axis=1)
     assert np.allclose(force, plan.force, rtol=0.03)
     peak = np.array([np.linalg.norm(plain.force[plain.touch == touch], axis=1).max() for touch in range(len(plan))])
-    assert np.all(peak[plan.overpress > 0] > 1.8 * plan.force[plan.overpress > 0])
-    assert np.all(peak[plan.overpress == 0] < 1.2 * plan.force[plan.overpress == 0])
-    straight = np.abs(plain.approach[plan.overpress == 0]).max(axis=1)
-    eased = np.abs(plain.approach[plan.overpress > 0]).max(axis=1)
+    assert np.all(peak[plan.preload > 0] > 1.8 * plan.force[plan.preload > 0])
+    assert np.all(peak[plan.preload == 0] < 1.2 * plan.force[plan.preload == 0])
+    straight = np.abs(plain.approach[plan.preload == 0]).max(axis=1)
+    eased = np.abs(plain.approach[plan.preload > 0]).max(axis=1)
     assert straight.min() > 0.01 > eased.max()
 
 

@@ -70,7 +70,7 @@ def test_noise_of_a_touch_is_drawn_once(few: Plan) -> None:
 def test_the_press_is_the_part_of_the_last_movement_in_contact(few: Plan) -> None:
     touches = play_touches(scene_named('plain'), CELL, few, noise=EXACT)
     assert np.all(np.abs(touches.press) <= np.abs(touches.approach))
-    eased = few.overpress > 0  # both joints turned round in contact
+    eased = few.preload > 0  # both joints turned round in contact
     assert np.array_equal(touches.press[eased], touches.approach[eased])
     assert np.all(np.abs(touches.press[~eased]).max(axis=1) < 0.5 * np.abs(touches.approach[~eased]).max(axis=1))
 

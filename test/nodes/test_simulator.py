@@ -70,8 +70,8 @@ def test_frame_and_sign_can_be_other_than_the_cell_says(spin: Callable[..., Node
 
 
 def test_every_other_touch_can_be_pressed_beyond_its_hold(spin: Callable[..., Node]) -> None:
-    simulator = spin(ContactSimulator, '--ros-args', '-p', 'overpress:=0.3')
-    assert np.mean(simulator._settings.plan.overpress == 0.3) == 0.5
+    simulator = spin(ContactSimulator, '--ros-args', '-p', 'preload:=0.3')
+    assert np.mean(simulator._settings.plan.preload == 0.3) == 0.5
 
 
 def test_effects_are_played(spin: Callable[..., Node]) -> None:
@@ -90,8 +90,8 @@ def test_by_default_there_are_no_effects(spin: Callable[..., Node]) -> None:
 def test_a_plan_says_all_about_the_touches(spin: Callable[..., Node], tmp_path: Path) -> None:
     plan = tmp_path / 'plan.yaml'
     plan.write_text('- {disc: disc_1, angle_deg: 30, posture: left, force: 25}')
-    with pytest.raises(ParameterError, match='parameter overpress: a plan says all'):
-        spin(ContactSimulator, '--ros-args', '-p', 'overpress:=0.3', '-p', f'plan:={plan}')
+    with pytest.raises(ParameterError, match='parameter preload: a plan says all'):
+        spin(ContactSimulator, '--ros-args', '-p', 'preload:=0.3', '-p', f'plan:={plan}')
 
 
 @pytest.mark.parametrize(
@@ -102,8 +102,8 @@ def test_a_plan_says_all_about_the_touches(spin: Callable[..., Node], tmp_path: 
         ('time_factor:=0.0', ParameterError, 'parameter time_factor'),
         ('truth.l1:=.nan', ParameterError, 'parameter truth.l1'),
         ('joint_rate:=1.0e+9', ParameterError, 'parameter joint_rate'),
-        ('overpress:=-0.1', ParameterError, 'parameter overpress'),
-        ('overpress:=30.0', ParameterError, 'parameter overpress'),
+        ('preload:=-0.1', ParameterError, 'parameter preload'),
+        ('preload:=30.0', ParameterError, 'parameter preload'),
         ("effects:=['gravity:g=9.81']", ParameterError, "effect 'gravity': no such effect"),
         ("effects:=['sensor_bias:x=1']", ParameterError, "parameter 'y' is missing"),
         ('effects:=gravity', ParameterError, 'parameter effects: expected a list of strings'),

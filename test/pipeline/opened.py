@@ -58,7 +58,7 @@ def rows(name: str, outcome: Outcome) -> Iterator[Row]:
 def table(name: str) -> str:
     """The twelve of a recording as text."""
     outcome = outcome_of(name)
-    lines = [name, f'{"":8}{"truth":>10} {"the twelve alone":>29}{"with what was found":>29}']
+    lines = [name, f'{"":8}{"truth":>10} {"the base alone":>29}{"with what was found":>29}']
     for row in rows(name, outcome):
         unit, per_si = SCALES[row.name]
         places = decimals(row.extended_std * per_si) or 0

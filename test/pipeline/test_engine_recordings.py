@@ -131,10 +131,10 @@ def test_its_values_are_those_built(name: str) -> None:
 @pytest.mark.parametrize('estimated', [False, True], ids=['given', 'estimated'])
 def test_forces_lean_less_than_the_coefficient_of_friction(estimated: bool) -> None:
     """Coulomb's friction is at most μ N; most touches stick with less, so the root mean square is below μ."""
-    (lean,) = found_effect(outcome_of(FRICTION, estimated), FRICTION).values
-    assert lean.name == 'lean'
-    assert 4 * lean.std < lean.value
-    assert lean.value + 4 * lean.std < built_effect(FRICTION)[1]['coefficient']
+    (off_normal,) = found_effect(outcome_of(FRICTION, estimated), FRICTION).values
+    assert off_normal.name == 'off_normal_angle'
+    assert 4 * off_normal.std < off_normal.value
+    assert off_normal.value + 4 * off_normal.std < built_effect(FRICTION)[1]['coefficient']
 
 
 @ALL

@@ -21,7 +21,7 @@ from scara_kinetostatic.simulation.truth_file import Truth, load_truth
 
 BAGS = Path(__file__).parents[2] / 'bags'
 TRUTH = Path(__file__).parent / 'truth'
-COMMON = '--per-disc 18 --overpress 0.3 --joint-rate 20 --wrench-rate 25 --compression zstd'
+COMMON = '--per-disc 18 --preload 0.3 --joint-rate 20 --wrench-rate 25 --compression zstd'
 
 
 class Undeclared(NamedTuple):

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from scara_kinetostatic.diagnosis.comparison import bends, compare
+from scara_kinetostatic.diagnosis.comparison import biases, compare
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.report.page import html_text
 
@@ -21,13 +21,13 @@ class Reader(HTMLParser):
     def __init__(self) -> None:
         super().__init__()
         self.open: list[str] = []
-        self.tags: set[str] = set()
+        self.metadata: set[str] = set()
         self.identifiers: list[str] = []
         self.attributes: list[tuple[str, str | None]] = []
         self.text: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.add(tag)
+        self.metadata.add(tag)
         self.attributes += attrs
         self.identifiers += [value for name, value in attrs if name == 'id' and value]
         if tag not in VOID:
@@ -67,7 +67,7 @@ def page(nasty: Outcome) -> str:
 
 def test_names_come_out_as_text(page: str, nasty: Outcome) -> None:
     reader = parse(page)
-    assert 'script' not in reader.tags
+    assert 'script' not in reader.metadata
     text = ''.join(reader.text)
     for disc in nasty.calibration.cell.discs:
         assert text.count(disc.name) >= 2  # in the pictures' legend and in the tables
@@ -86,7 +86,7 @@ def test_nothing_comes_from_outside(page: str, extended_pages: dict[str, str]) -
 
 def check_self_contained(page: str) -> None:
     reader = parse(page)
-    assert not {'link', 'img', 'iframe', 'object', 'embed'} & reader.tags
+    assert not {'link', 'img', 'iframe', 'object', 'embed'} & reader.metadata
     for name, value in reader.attributes:
         if name in ('src', 'href', 'xlink:href', 'action', 'data'):
             assert value is not None
@@ -141,7 +141,7 @@ def test_nothing_missing_is_said_with_what_was_tested(page: str) -> None:
 def test_an_effect_is_shown_with_all_about_it(extended_pages: dict[str, str], grown: Outcome) -> None:
     page, text = extended_pages['grown'], words_of(extended_pages['grown'])
     check_pictures(page)
-    assert 'script' not in parse(page).tags
+    assert 'script' not in parse(page).metadata
     (item,) = grown.diagnosis.found
     assert item.effect.label in text
     compared = compare(grown)
@@ -152,7 +152,7 @@ def test_an_effect_is_shown_with_all_about_it(extended_pages: dict[str, str], gr
     assert page.count('<svg') == 5 + 2
     assert re.search(r'<tr class="found"><td>object_radius', page)
     assert re.search(r'<tr class="refuted"><td>', page)
-    (l2,) = (bend for bend in bends(grown) if bend.name == 'l2')
+    (l2,) = (bias for bias in biases(grown) if bias.name == 'l2')
     assert f'{l2.in_std:+.1f}'.replace('-', '−') in text
     assert 'nan' not in text.lower().split()
 

@@ -15,7 +15,7 @@ from scara_kinetostatic.effects.object_radius import ObjectRadius
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.render.quantities import decimals, parameter_rows, shown
-from scara_kinetostatic.report import words
+from scara_kinetostatic.report import messages as words
 from scara_kinetostatic.report.text import MOST_REJECTED, text_report
 
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import DiscEffect, Floats, Parameter
-from scara_kinetostatic.model.law import Situation
+from scara_kinetostatic.model.law import TouchState
 
 
 @dataclass(frozen=True)
@@ -24,11 +24,11 @@ class OvalDisc(DiscEffect):
         Parameter('cosine', 'm', 1e-4, 'half the difference of the radii along x and y'),
         Parameter('sine', 'm', 1e-4, 'the same along the diagonals'),
     )
-    hides_behind: ClassVar[str] = 'nothing'
-    reveal: ClassVar[str] = 'touches all around the disc'
-    betrays: ClassVar[str] = 'place'
+    confounded_with: ClassVar[str] = 'nothing'
+    identified_by: ClassVar[str] = 'touches all around the disc'
+    plot_variable: ClassVar[str] = 'place'
 
-    def places(self, at: Situation) -> tuple[Floats, ...]:
+    def places(self, at: TouchState) -> tuple[Floats, ...]:
         outward, around = -at.normal, np.stack([at.normal[:, 1], -at.normal[:, 0]], axis=-1)
         angle = 2 * np.arctan2(outward[:, 1], outward[:, 0])
         return tuple(

@@ -15,7 +15,7 @@ from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, SensorFrame,
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extension import Extension
 from scara_kinetostatic.model.kinematics import rotate
-from scara_kinetostatic.model.law import Tags
+from scara_kinetostatic.model.law import TouchMetadata
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
 from scara_kinetostatic.simulation.phases import HOLD, PAUSE, TRAVEL
 from scara_kinetostatic.simulation.plan import default_plan
@@ -26,7 +26,7 @@ from scara_kinetostatic.touches.detection import find_touches
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3))
 TOOL = replace(CELL, sensor=CELL.sensor._replace(frame=SensorFrame.TOOL, sign=SensorSign.ON_ROBOT))
-PLAN = default_plan(CELL, per_disc=8, overpress=0.3)
+PLAN = default_plan(CELL, per_disc=8, preload=0.3)
 EXACT = Noise(0.0, 0.0)
 QUIET = SensorModel(EXACT, force_noise=0.0, resolution=0.0)
 OVAL = OvalDisc.of(1, 'disc_2')
@@ -50,10 +50,10 @@ def of(label):
 def test_touches_obey_the_extended_model_under_the_planned_force(effect, values, robot):
     cell, truth = with_effects([effect], values, robot=robot)
     touches = simulate_touches(cell, truth, PLAN, EXACT)
-    extension = Extension(cell.effects, Tags.of(touches))
-    true = extension.unread(truth, touches.force)
+    extension = Extension(cell.effects, TouchMetadata.of(touches))
+    true = extension.true_force(truth, touches.force)
     discs = CELL.centers[PLAN.disc], CELL.radii[PLAN.disc]
-    found = contact(truth, touches.joints, *discs, near=true, extension=extension)
+    found = contact(truth, touches.joints, *discs, warm_start=true, extension=extension)
     assert found.solved.all()
     np.testing.assert_allclose(found.force, true, rtol=0, atol=1e-9)
     np.testing.assert_allclose(np.hypot(*true.T), PLAN.force, rtol=0.02)
@@ -92,13 +92,13 @@ def test_the_force_rises_and_falls_steadily_and_is_zero_in_free_motion(label):
     np.testing.assert_allclose(instant.level.max(), 1.3, rtol=0.04)
     assert np.abs(np.diff(load)).max() < 500.0 * (time[1] - time[0]) + 0.2
     disc = PLAN.disc[instant.touch[::50]]
-    tags = motion.tags.select(instant.touch[::50])
+    metadata = motion.metadata.select(instant.touch[::50])
     expected = contact(
-        truth, instant.joints[::50], CELL.centers[disc], CELL.radii[disc], extension=Extension(cell.effects, tags)
+        truth, instant.joints[::50], CELL.centers[disc], CELL.radii[disc], extension=Extension(cell.effects, metadata)
     )
-    near = expected.solved & ~np.isin(instant.phase[::50], [TRAVEL, PAUSE])
-    assert near.mean() > 0.4
-    np.testing.assert_allclose(instant.force[::50][near], expected.force[near], rtol=0, atol=1e-9)
+    warm_start = expected.solved & ~np.isin(instant.phase[::50], [TRAVEL, PAUSE])
+    assert warm_start.mean() > 0.4
+    np.testing.assert_allclose(instant.force[::50][warm_start], expected.force[warm_start], rtol=0, atol=1e-9)
 
 
 def test_effects_at_their_start_change_nothing():
@@ -162,7 +162,7 @@ def test_values_must_be_those_of_the_effects(extra):
 
 
 @pytest.mark.parametrize(
-    ('cell', 'overpress', 'expected'),
+    ('cell', 'preload', 'expected'),
     [
         (CELL, 0.0, 'be268aaf0e7d9d1f'),
         (CELL, 0.3, '2bb1089c0d5f32ea'),
@@ -172,10 +172,10 @@ def test_values_must_be_those_of_the_effects(extra):
             '7997bb1f2bbb4969',
         ),
     ],
-    ids=['plain', 'overpress', 'tool'],
+    ids=['plain', 'preload', 'tool'],
 )
-def test_without_effects_recordings_are_what_they_always_were(cell, overpress, expected):
-    streams = simulate_streams(cell, PAPER_MEASURED, default_plan(cell, per_disc=6, overpress=overpress), seed=5)
+def test_without_effects_recordings_are_what_they_always_were(cell, preload, expected):
+    streams = simulate_streams(cell, PAPER_MEASURED, default_plan(cell, per_disc=6, preload=preload), seed=5)
     kept = (streams.joints.stamp, streams.wrench.stamp, streams.joints.position, streams.wrench.force)
     micro = [np.round(1e6 * array).astype(np.int64) if array.dtype.kind == 'f' else array for array in kept]
     assert hashlib.sha256(b''.join(array.tobytes() for array in micro)).hexdigest()[:16] == expected

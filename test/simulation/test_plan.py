@@ -62,12 +62,12 @@ def test_disc_without_reachable_point():
 
 
 @pytest.mark.parametrize('levels', [(40.0,), (10.0, 40.0), (10.0, 25.0, 40.0), (10.0, 20.0, 30.0, 40.0)])
-def test_every_other_touch_is_overpressed(levels):
-    plain, plan = default_plan(CELL, levels=levels), default_plan(CELL, levels=levels, overpress=0.3)
-    assert not plain.overpress.any()
+def test_every_other_touch_is_preloaded(levels):
+    plain, plan = default_plan(CELL, levels=levels), default_plan(CELL, levels=levels, preload=0.3)
+    assert not plain.preload.any()
     np.testing.assert_array_equal(plan.force, plain.force)
-    beyond = plan.overpress > 0
-    assert np.all(plan.overpress[beyond] == 0.3)
+    beyond = plan.preload > 0
+    assert np.all(plan.preload[beyond] == 0.3)
     assert beyond.mean() == 0.5
     for kinds in (plan.disc, plan.posture, plan.force, plan.angle):
         shares = [beyond[kinds == kind].mean() for kind in np.unique(kinds)]
@@ -81,13 +81,13 @@ def test_every_other_touch_is_overpressed(levels):
     assert abs(np.corrcoef(beyond, np.arange(len(plan)))[0, 1]) < 0.1
 
 
-def test_overpress_goes_with_the_touch():
-    plan = default_plan(CELL, overpress=0.3)
-    np.testing.assert_array_equal(plan.select(plan.overpress > 0).overpress, np.full(36, 0.3))
+def test_preload_goes_with_the_touch():
+    plan = default_plan(CELL, preload=0.3)
+    np.testing.assert_array_equal(plan.select(plan.preload > 0).preload, np.full(36, 0.3))
     text = dump_plan(plan, CELL)
-    assert text.count('overpress: 0.3') == 36
-    np.testing.assert_array_equal(parse_plan(text, CELL).overpress, plan.overpress)
-    assert 'overpress' not in dump_plan(default_plan(CELL), CELL)
+    assert text.count('preload: 0.3') == 36
+    np.testing.assert_array_equal(parse_plan(text, CELL).preload, plan.preload)
+    assert 'preload' not in dump_plan(default_plan(CELL), CELL)
 
 
 @pytest.mark.parametrize(
@@ -97,10 +97,10 @@ def test_overpress_goes_with_the_touch():
         {'force': [0.0]},
         {'force': [1.0, 2.0]},
         {'angle': [np.nan]},
-        {'overpress': [-0.1]},
-        {'overpress': [5.1]},
-        {'overpress': [np.nan]},
-        {'overpress': [0.1, 0.1]},
+        {'preload': [-0.1]},
+        {'preload': [5.1]},
+        {'preload': [np.nan]},
+        {'preload': [0.1, 0.1]},
     ],
 )
 def test_senseless_plan(change):
@@ -136,9 +136,9 @@ def test_plan_file(tmp_path):
         ('- {disc: disc_1, angle_deg: north, posture: left, force: 3}', 'touch 0: angle_deg: expected a number'),
         ('- {disc: disc_1, angle_deg: .nan, posture: left, force: 3}', 'touch 0: angle_deg: expected a number'),
         ('- {disc: [1], angle_deg: 0, posture: left, force: 3}', 'touch 0: unknown disc'),
-        ('- {disc: disc_1, angle_deg: 0, posture: left, force: 3, overpress: -1}', 'overpress: expected 0 to 5'),
-        ('- {disc: disc_1, angle_deg: 0, posture: left, force: 3, overpress: 30}', 'overpress: expected 0 to 5'),
-        ('- {disc: disc_1, angle_deg: 0, posture: left, force: 3, overpress: yes}', 'overpress: expected a number'),
+        ('- {disc: disc_1, angle_deg: 0, posture: left, force: 3, preload: -1}', 'preload: expected 0 to 5'),
+        ('- {disc: disc_1, angle_deg: 0, posture: left, force: 3, preload: 30}', 'preload: expected 0 to 5'),
+        ('- {disc: disc_1, angle_deg: 0, posture: left, force: 3, preload: yes}', 'preload: expected a number'),
         ('[', 'not valid YAML'),
     ],
 )

@@ -20,7 +20,7 @@ from scara_kinetostatic.simulation.trajectory import Motion
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3))
 PLAN = default_plan(CELL)
-BEYOND = default_plan(CELL, overpress=0.3)
+BEYOND = default_plan(CELL, preload=0.3)
 SMALL = PLAN.select(np.arange(12))
 
 
@@ -29,11 +29,11 @@ SMALL = PLAN.select(np.arange(12))
 def test_force_is_that_of_the_model_all_along(truth, plan):
     motion = Motion(CELL, truth, plan)
     instant = motion.instant(np.sort(np.random.default_rng(0).uniform(0, motion.duration, 4000)))
-    near = instant.phase >= APPROACH
-    disc = plan.disc[instant.touch[near]]
-    expected = contact(truth, instant.joints[near], CELL.centers[disc], CELL.radii[disc]).force
-    np.testing.assert_allclose(instant.force[near], expected, rtol=0, atol=5e-6)
-    assert np.all(instant.force[~near] == 0)
+    warm_start = instant.phase >= APPROACH
+    disc = plan.disc[instant.touch[warm_start]]
+    expected = contact(truth, instant.joints[warm_start], CELL.centers[disc], CELL.radii[disc]).force
+    np.testing.assert_allclose(instant.force[warm_start], expected, rtol=0, atol=5e-6)
+    assert np.all(instant.force[~warm_start] == 0)
 
 
 @pytest.mark.parametrize('sign', list(GripperSign))
@@ -64,12 +64,12 @@ def test_holds_are_as_planned():
     np.testing.assert_allclose(np.linalg.norm(free, axis=1), CELL.radii[PLAN.disc] + 0.018, atol=1e-9)
 
 
-def test_overpress_peaks_eases_and_leaves_the_holds():
+def test_preload_peaks_eases_and_leaves_the_holds():
     motion, plain = Motion(CELL, PAPER_ACTUAL, BEYOND), Motion(CELL, PAPER_ACTUAL, PLAN)
     np.testing.assert_array_equal(motion.hold_joints, plain.hold_joints)
     ease = motion.knots[:, HOLD] - motion.knots[:, EASE]
-    np.testing.assert_allclose(ease, np.where(BEYOND.overpress > 0, Timing().ease, 0.0), atol=1e-9)
-    beyond = BEYOND.overpress > 0
+    np.testing.assert_allclose(ease, np.where(BEYOND.preload > 0, Timing().ease, 0.0), atol=1e-9)
+    beyond = BEYOND.preload > 0
     peak = motion.instant(motion.knots[beyond, EASE])
     assert np.all(peak.phase == EASE)
     np.testing.assert_allclose(np.linalg.norm(peak.force, axis=1), 1.3 * BEYOND.force[beyond], rtol=1e-12)
@@ -79,7 +79,7 @@ def test_overpress_peaks_eases_and_leaves_the_holds():
     np.testing.assert_array_equal(held.joints, motion.hold_joints)
 
 
-def test_without_overpress_the_ease_is_nowhere():
+def test_without_preload_the_ease_is_nowhere():
     time = np.linspace(0.0, 60.0, 20_000)
     assert not np.any(Motion(CELL, PAPER_ACTUAL, PLAN).instant(time).phase == EASE)
     usual, other = (simulate_streams(CELL, PAPER_ACTUAL, PLAN, timing=Timing(ease=ease)) for ease in (0.2, 3.0))

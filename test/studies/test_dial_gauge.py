@@ -9,22 +9,22 @@ import pytest
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.studies.dial_gauge.analysis import analyse
-from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2, TIP, GaugeReadings, join
-from scara_kinetostatic.studies.dial_gauge.result import GaugeAnalysis
+from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2, TIP, DialGaugeReadings, join
+from scara_kinetostatic.studies.dial_gauge.result import DialGaugeAnalysis
 from scara_kinetostatic.studies.dial_gauge.simulation import (
-    GaugeSensors,
-    GaugeTruth,
+    DialGaugeSensors,
+    DialGaugeTruth,
     LoadPlan,
     simulate_experiments,
     simulate_gripper,
     simulate_joint,
 )
 
-TRUTH = GaugeTruth()
+TRUTH = DialGaugeTruth()
 
 
 @pytest.fixture(scope='module')
-def analyses() -> list[GaugeAnalysis]:
+def analyses() -> list[DialGaugeAnalysis]:
     return [analyse(simulate_experiments(seed=seed)) for seed in range(25)]
 
 
@@ -61,9 +61,9 @@ def test_half_the_gap_is_the_g_of_the_model(analyses):
     assert analyses[0].part(GRIPPER).runs[3].half_gap.value == analyses[0].part(GRIPPER).runs[3].gap.value / 2
 
 
-def joint_at_the_tip(seed: int) -> GaugeReadings:
+def joint_at_the_tip(seed: int) -> DialGaugeReadings:
     rng = np.random.default_rng(seed)
-    return simulate_joint(2, TRUTH, LoadPlan(), GaugeSensors(), rng, seat=TIP)
+    return simulate_joint(2, TRUTH, LoadPlan(), DialGaugeSensors(), rng, seat=TIP)
 
 
 @pytest.mark.parametrize('directions', [(0.0, 90.0), (15.0, 45.0, 75.0, 105.0, 135.0, 165.0)], ids=['there', 'ellipse'])
@@ -71,7 +71,7 @@ def test_at_the_tip_the_gripper_is_subtracted(directions):
     z = []
     for seed in range(30):
         plan = LoadPlan(directions=tuple(np.radians(directions)))
-        gripper = simulate_gripper(TRUTH, plan, GaugeSensors(), np.random.default_rng(seed + 1000))
+        gripper = simulate_gripper(TRUTH, plan, DialGaugeSensors(), np.random.default_rng(seed + 1000))
         part = analyse(join([gripper, joint_at_the_tip(seed)])).part(JOINT2)
         z.append(
             ((part.compliance.value - TRUTH.p2) / part.compliance.std, (part.gap.value - TRUTH.gap2) / part.gap.std)
@@ -86,11 +86,11 @@ def test_at_the_tip_without_the_gripper_it_is_said_what_the_numbers_include():
     assert any('include those of the gripper' in warning for warning in found.warnings)
 
 
-def with_column(readings: GaugeReadings, **changes: object) -> GaugeReadings:
+def with_column(readings: DialGaugeReadings, **changes: object) -> DialGaugeReadings:
     return replace(readings, **changes)
 
 
-ONE = simulate_gripper(TRUTH, LoadPlan(directions=(0.0,)), GaugeSensors(), np.random.default_rng(7))
+ONE = simulate_gripper(TRUTH, LoadPlan(directions=(0.0,)), DialGaugeSensors(), np.random.default_rng(7))
 
 
 def test_a_wrong_sign_a_wrong_unit_and_a_slip_are_pointed_out():
@@ -110,7 +110,7 @@ def test_repeated_runs_that_disagree_are_reported_and_widen_the_mean():
     rng = np.random.default_rng(0)
     runs = []
     for gap in (2.0e-4, 3.0e-4):
-        one = simulate_joint(1, replace(TRUTH, gap1=gap), LoadPlan(), GaugeSensors(), rng)
+        one = simulate_joint(1, replace(TRUTH, gap1=gap), LoadPlan(), DialGaugeSensors(), rng)
         runs.append(one)
     found = analyse(join(runs))
     part = found.part(JOINT1)
@@ -123,15 +123,15 @@ def test_what_cannot_be_analysed_is_named():
     with pytest.raises(UnsupportedDataError, match='gripper at 0 deg: there is no reversal'):
         analyse(ONE.select(ONE.force >= 0))
     with pytest.raises(ParameterError, match='lever'):
-        analyse(GaugeReadings.of([1.0, -1.0], [0.0, 0.0], part=JOINT1))
+        analyse(DialGaugeReadings.of([1.0, -1.0], [0.0, 0.0], part=JOINT1))
     with pytest.raises(ParameterError, match='was not measured'):
         analyse(ONE).part(JOINT1)
 
 
 def test_readings_are_checked_when_made():
     with pytest.raises(ParameterError, match='finite'):
-        GaugeReadings.of([1.0, np.nan], [0.0, 0.0])
+        DialGaugeReadings.of([1.0, np.nan], [0.0, 0.0])
     with pytest.raises(ParameterError, match='one of'):
-        GaugeReadings.of([1.0], [0.0], part='elbow')
+        DialGaugeReadings.of([1.0], [0.0], part='elbow')
     with pytest.raises(ValueError, match='read-only'):
         ONE.force[0] = 1.0

@@ -9,7 +9,7 @@ import pytest
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.studies.dial_gauge.loops import LoopAnalysis, analyse_loops
-from scara_kinetostatic.studies.dial_gauge.readings import GaugeReadings
+from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.dial_gauge.study import LOOPS, POINTS, study
 
 RATE, PERIOD = 512.0, 2.0
@@ -89,14 +89,14 @@ def test_a_gap_that_depends_on_the_speed_is_found_and_said():
         assert sense.gap.between > 5e-5
         assert sense.gap.std > sense.gap.between / np.sqrt(len(sense.reversals)) * 0.9
     time, moved, force = record(lag=lag, noise=(5e-6, 2.0))
-    warnings = study([GaugeReadings.of(force, moved, time=time)]).warnings
+    warnings = study([DialGaugeReadings.of(force, moved, time=time)]).warnings
     assert any('changes with the speed' in warning for warning in warnings)
     assert any('the reversals scatter in gap' in warning for warning in warnings)
 
 
 def test_steady_loops_raise_no_warning():
     time, moved, force = record(noise=(5e-6, 2.0))
-    assert study([GaugeReadings.of(force, moved, time=time)]).warnings == ()
+    assert study([DialGaugeReadings.of(force, moved, time=time)]).warnings == ()
 
 
 def test_noise_is_that_of_the_stretch_without_motion():
@@ -130,12 +130,12 @@ def test_records_that_are_no_loops_are_refused(time, problem):
 
 def test_tables_are_told_apart_by_their_columns():
     time, moved, force = record()
-    loops = GaugeReadings.of(force, moved, time=time)
+    loops = DialGaugeReadings.of(force, moved, time=time)
     assert study([loops]).points is None
     assert len(study([loops], kind=LOOPS).loops) == 1
     steps = np.array([1.0, 2, 3, 2, 1, -1, -2, -3, -2, -1])
-    points = GaugeReadings.of(steps, 1e-5 * steps + 1e-5 * np.sign(steps), time=np.arange(10.0), cycle=1)
+    points = DialGaugeReadings.of(steps, 1e-5 * steps + 1e-5 * np.sign(steps), time=np.arange(10.0), cycle=1)
     assert study([points]).loops == ()
     assert study([points], kind=POINTS).points is not None
     with pytest.raises(UnsupportedDataError, match='time_s'):
-        study([GaugeReadings.of(steps, steps)], kind=LOOPS)
+        study([DialGaugeReadings.of(steps, steps)], kind=LOOPS)

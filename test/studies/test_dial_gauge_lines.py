@@ -8,19 +8,19 @@ import pytest
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.studies.dial_gauge.line_fit import find_step
 from scara_kinetostatic.studies.dial_gauge.lines import RunFit, find_passes, fit_run
-from scara_kinetostatic.studies.dial_gauge.readings import GaugeReadings
-from scara_kinetostatic.studies.dial_gauge.simulation import GaugeSensors, LoadPlan
+from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
+from scara_kinetostatic.studies.dial_gauge.simulation import DialGaugeSensors, LoadPlan
 
 P, GAP = 3.76e-5, 1.3e-4
 PLAN = LoadPlan()
 
 
-def readings(rng: np.random.Generator | None = None, noise: float = 2e-6, extra: object = 0.0) -> GaugeReadings:
+def readings(rng: np.random.Generator | None = None, noise: float = 2e-6, extra: object = 0.0) -> DialGaugeReadings:
     force, sense, cycle = PLAN.run()
     moved = P * force + GAP / 2 * sense + np.asarray(extra)
     if rng is not None:
         moved = moved + noise * rng.standard_normal(force.shape)
-    return GaugeReadings.of(force, moved, cycle=cycle)
+    return DialGaugeReadings.of(force, moved, cycle=cycle)
 
 
 def alarmed(fit: RunFit, level: float = 1e-4) -> set[str]:
@@ -114,7 +114,7 @@ def test_rows_without_load_are_not_used():
 
 def test_cycles_are_told_from_the_order_of_the_rows():
     told = readings()
-    untold = GaugeReadings.of(told.force, told.displacement)
+    untold = DialGaugeReadings.of(told.force, told.displacement)
     assert np.array_equal(find_passes(told)[0], find_passes(untold)[0])
     assert fit_run(untold).gap == fit_run(told).gap
 
@@ -132,8 +132,8 @@ def test_a_gauge_with_steps_is_not_trusted_beyond_them(noise, step):
     rng, z = np.random.default_rng(0), []
     for _ in range(100):
         p, gap = P * rng.uniform(0.8, 1.2), GAP * rng.uniform(0.8, 1.2)
-        read = GaugeSensors(noise, step).read(FORCE, p * FORCE + gap / 2 * SENSE, rng)
-        fit = fit_run(GaugeReadings.of(*read, cycle=CYCLE))
+        read = DialGaugeSensors(noise, step).read(FORCE, p * FORCE + gap / 2 * SENSE, rng)
+        fit = fit_run(DialGaugeReadings.of(*read, cycle=CYCLE))
         assert fit.step > 0.99 * step  # by chance all readings may be even
         z.append(((fit.compliance.value - p) / fit.compliance.std, (fit.gap.value - gap) / fit.gap.std))
     assert np.sqrt((np.array(z) ** 2).mean(axis=0)) == pytest.approx([1, 1], abs=0.17)
@@ -156,4 +156,4 @@ def test_steps():
 )
 def test_readings_that_cannot_tell_are_refused(force, problem):
     with pytest.raises(UnsupportedDataError, match=problem):
-        fit_run(GaugeReadings.of(force, np.asarray(force) * P))
+        fit_run(DialGaugeReadings.of(force, np.asarray(force) * P))

@@ -10,15 +10,15 @@ from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2, TIP
 from scara_kinetostatic.studies.dial_gauge.simulation import (
     STRETCHED,
-    GaugeSensors,
-    GaugeTruth,
+    DialGaugeSensors,
+    DialGaugeTruth,
     LoadPlan,
     joint_displacement,
     simulate_experiments,
     simulate_joint,
 )
 
-TRUTH, EXACT = GaugeTruth(), GaugeSensors(noise=0.0)
+TRUTH, EXACT = DialGaugeTruth(), DialGaugeSensors(noise=0.0)
 
 
 def test_backlash_spans_the_measured_range_over_the_directions():
@@ -73,7 +73,7 @@ def test_at_the_tip_the_gripper_is_seen_as_well():
 
 
 def test_sensors_round_and_scatter():
-    readings = simulate_experiments(sensors=GaugeSensors(noise=3e-6, resolution=1e-6, force_noise=0.1), seed=4)
+    readings = simulate_experiments(sensors=DialGaugeSensors(noise=3e-6, resolution=1e-6, force_noise=0.1), seed=4)
     exact = simulate_experiments(sensors=EXACT)
     assert np.std(readings.displacement - exact.displacement) == pytest.approx(np.hypot(3e-6, 1e-6 / 12**0.5), rel=0.1)
     assert np.std(readings.force - exact.force) == pytest.approx(0.1, rel=0.1)

@@ -7,7 +7,7 @@ import pytest
 from studies.hysteresis import SLIP_NEGATIVE, SLIP_POSITIVE, TRUTH, slipping
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.studies.dial_gauge.readings import GaugeReadings
+from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.hysteresis.choice import choose, effective_count, p_better
 from scara_kinetostatic.studies.hysteresis.dependence import anything_left, dependences
 from scara_kinetostatic.studies.hysteresis.fit import fit
@@ -22,7 +22,7 @@ from scara_kinetostatic.studies.hysteresis.laws import (
     refined,
 )
 from scara_kinetostatic.studies.hysteresis.simulation import played
-from scara_kinetostatic.studies.hysteresis.study import check_tensions, loops_study
+from scara_kinetostatic.studies.hysteresis.study import check_tensions, hysteresis_study
 
 NOISE = 50.0
 SLIPS = {'slip_positive': SLIP_POSITIVE, 'slip_negative': SLIP_NEGATIVE}
@@ -122,14 +122,14 @@ def test_samples_that_hang_together_count_less():
 
 
 def table(motion, name):
-    return GaugeReadings.of(motion.force, motion.displacement, time=motion.time, source=name)
+    return DialGaugeReadings.of(motion.force, motion.displacement, time=motion.time, source=name)
 
 
 def test_refinements_of_one_record_are_tried_on_another():
     rounding = next(each for each in REFINEMENTS if each.name == 'rounding')
     values = {**TRUTH, **SLIPS, 'start': 0.0, 'rounding': 6e-4}
     tables = [table(played(refined(SLIP, rounding), values, NOISE, seed), str(seed)) for seed in (0, 1)]
-    study = loops_study(tables)
+    study = hysteresis_study(tables)
     assert [record.choice.after.law.name for record in study.records] == ['slip+rounding'] * 2
     assert [(each.record, each.other) for each in study.borrowed] == [(0, 1), (1, 0)]
     for each in study.borrowed:
@@ -143,7 +143,7 @@ def test_a_tension_is_predicted_from_the_others_where_the_law_is_a_line():
     for tension in tensions:
         slips = {'slip_positive': 400 * tension, 'slip_negative': 300 * tension, 'start': 0.0}
         tables.append(table(played(SLIP, {**TRUTH, **slips}, NOISE, int(tension)), f'{tension:g}'))
-    study = loops_study(tables, tensions)
+    study = hysteresis_study(tables, tensions)
     assert [each.tension for each in study.transfers] == list(tensions)
     for each in study.transfers:
         assert each.slips == pytest.approx((400 * each.tension, 300 * each.tension), rel=0.02)
@@ -160,4 +160,6 @@ def test_tensions_that_make_no_line_are_refused(tensions):
 
 def test_a_table_that_is_no_loop_is_named():
     with pytest.raises(UnsupportedDataError, match=r'short\.csv: .*sweeps'):
-        loops_study([GaugeReadings.of(np.arange(99.0), np.arange(99.0), time=np.arange(99.0), source='short.csv')])
+        hysteresis_study(
+            [DialGaugeReadings.of(np.arange(99.0), np.arange(99.0), time=np.arange(99.0), source='short.csv')]
+        )

@@ -7,7 +7,7 @@ import pytest
 from studies.hysteresis import SLIP_NEGATIVE, SLIP_POSITIVE, TRUTH, slipping
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.studies.dial_gauge.readings import GaugeReadings
+from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.hysteresis.fit import fit, fit_refined, refit, with_std
 from scara_kinetostatic.studies.hysteresis.laws import (
     BACKLASH,
@@ -166,7 +166,7 @@ def test_records_that_are_no_loops_are_refused(time, moved, force, problem):
 
 def test_loops_need_times():
     with pytest.raises(UnsupportedDataError, match='time'):
-        motion_of(GaugeReadings.of([1.0, 2.0], [0.0, 1.0]))
+        motion_of(DialGaugeReadings.of([1.0, 2.0], [0.0, 1.0]))
 
 
 def test_every_candidate_has_starts_and_a_finite_force():

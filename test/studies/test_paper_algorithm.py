@@ -63,9 +63,9 @@ def test_each_step_lowers_the_error():
 def test_the_null_direction_is_that_of_one_force():
     linear = linearise_at_truth(ONE_LEVEL)
     assert linear.rank == 11
-    unseen = linear.unseen[:, 0] / linear.unseen[P_EE, 0]
-    np.testing.assert_allclose(unseen[G_EE] * 1e-3 / 1e-4, 40.0, rtol=1e-6)
-    np.testing.assert_allclose(unseen[OTHERS], 0.0, atol=1e-8)
+    unidentifiable = linear.unidentifiable[:, 0] / linear.unidentifiable[P_EE, 0]
+    np.testing.assert_allclose(unidentifiable[G_EE] * 1e-3 / 1e-4, 40.0, rtol=1e-6)
+    np.testing.assert_allclose(unidentifiable[OTHERS], 0.0, atol=1e-8)
     assert linearise_at_truth(THREE_LEVELS).rank == 12
 
 

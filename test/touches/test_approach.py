@@ -16,7 +16,7 @@ from scara_kinetostatic.simulation.streams import simulate_streams, simulate_tou
 from scara_kinetostatic.simulation.trajectory import Motion
 from scara_kinetostatic.touches.approach import LEAST_TURN, last_movement, resolution
 from scara_kinetostatic.touches.detection import find_touches
-from scara_kinetostatic.touches.online import LiveDetector
+from scara_kinetostatic.touches.online import OnlineDetector
 from scara_kinetostatic.touches.signals import as_signals
 
 TRUTHS = pytest.mark.parametrize('truth', [PAPER_ACTUAL, PAPER_MEASURED], ids=['actual', 'measured'])
@@ -41,23 +41,23 @@ def test_last_movement_of_a_path_to_3(path, expected):
 
 
 @TRUTHS
-@pytest.mark.parametrize('overpress', [0.0, 0.1, 0.3, 1.0])
-def test_streams_and_touches_agree(truth, overpress):
-    plan = default_plan(CELL, overpress=overpress)
+@pytest.mark.parametrize('preload', [0.0, 0.1, 0.3, 1.0])
+def test_streams_and_touches_agree(truth, preload):
+    plan = default_plan(CELL, preload=preload)
     found = find_touches(simulate_streams(CELL, truth, plan, seed=2), CELL).touches
     made = simulate_touches(CELL, truth, plan, seed=2)
     clear = np.abs(made.approach) > 1.5 * LEAST_TURN
     assert clear.sum() > 0.98 * clear.size
     np.testing.assert_array_equal(np.sign(found.approach[clear]), np.sign(made.approach[clear]))
     np.testing.assert_allclose(found.approach, made.approach, rtol=0.02, atol=8e-5)
-    turned = plan.overpress > 0
+    turned = plan.preload > 0
     np.testing.assert_allclose(found.approach[turned], made.approach[turned], rtol=0.05, atol=3e-6)
 
 
 @TRUTHS
-@pytest.mark.parametrize('overpress', [0.0, 0.1, 0.3, 1.0])
-def test_press_is_the_part_of_the_approach_in_contact(truth, overpress):
-    plan = default_plan(CELL, overpress=overpress)
+@pytest.mark.parametrize('preload', [0.0, 0.1, 0.3, 1.0])
+def test_press_is_the_part_of_the_approach_in_contact(truth, preload):
+    plan = default_plan(CELL, preload=preload)
     found = find_touches(simulate_streams(CELL, truth, plan, seed=2), CELL).touches
     made = simulate_touches(CELL, truth, plan, seed=2)
     clear = np.abs(made.press) > 4 * LEAST_TURN
@@ -73,7 +73,7 @@ def test_press_is_the_part_of_the_approach_in_contact(truth, overpress):
 
 
 @TRUTHS
-def test_press_without_overpress_is_how_far_the_force_bends_the_joints(truth):
+def test_press_without_preload_is_how_far_the_force_bends_the_joints(truth):
     plan = default_plan(CELL)
     motion = Motion(CELL, truth, plan)
     bent = motion.hold_joints - motion.contact_joints
@@ -96,7 +96,7 @@ def test_press_without_overpress_is_how_far_the_force_bends_the_joints(truth):
     ],
 )
 def test_sense_at_other_rates_and_noise(truth, sensors, timing, clearly):
-    plan = default_plan(CELL, overpress=0.3)
+    plan = default_plan(CELL, preload=0.3)
     found = find_touches(simulate_streams(CELL, truth, plan, sensors=sensors, timing=timing, seed=5), CELL).touches
     made = simulate_touches(CELL, truth, plan, seed=5)
     clear = np.abs(made.approach) > clearly
@@ -105,15 +105,15 @@ def test_sense_at_other_rates_and_noise(truth, sensors, timing, clearly):
 
 
 @TRUTHS
-def test_overpress_turns_the_sense_of_every_joint_that_the_press_moves(truth):
-    plan, plain = default_plan(CELL, overpress=0.3), default_plan(CELL)
+def test_preload_turns_the_sense_of_every_joint_that_the_press_moves(truth):
+    plan, plain = default_plan(CELL, preload=0.3), default_plan(CELL)
     found = find_touches(simulate_streams(CELL, truth, plan), CELL).touches.approach
     before = find_touches(simulate_streams(CELL, truth, plain), CELL).touches.approach
     motion = Motion(CELL, truth, plan)
     moved = np.abs(motion.peak_joints - motion.hold_joints) > 1.5 * LEAST_TURN
-    assert moved[plan.overpress > 0].mean() > 0.95
+    assert moved[plan.preload > 0].mean() > 0.95
     assert np.all(np.sign(found[moved]) == -np.sign(before[moved]))
-    same = plan.overpress == 0
+    same = plan.preload == 0
     np.testing.assert_allclose(found[same], before[same], rtol=0, atol=1e-4)
 
 
@@ -141,9 +141,9 @@ def test_staircase_up_and_down():
 
 
 def test_live_is_offline():
-    plan = default_plan(CELL, per_disc=3, overpress=0.3)
+    plan = default_plan(CELL, per_disc=3, preload=0.3)
     streams = simulate_streams(CELL, PAPER_MEASURED, plan, seed=4)
-    detector, parts = LiveDetector(CELL), []
+    detector, parts = OnlineDetector(CELL), []
     samples = [
         *((int(s), True, q) for s, q in zip(streams.joints.stamp, streams.joints.position, strict=True)),
         *((int(s), False, f) for s, f in zip(streams.wrench.stamp, streams.wrench.force, strict=True)),
@@ -161,7 +161,7 @@ def test_live_is_offline():
 
 @pytest.mark.parametrize('rates', [(20.0, 25.0), (30.0, 98.0), (80.0, 30.0)])
 def test_the_peak_of_a_press_is_no_touch_of_its_own(rates):
-    plan = default_plan(CELL, overpress=0.3)
+    plan = default_plan(CELL, preload=0.3)
     sensors = SensorModel(joint_rate=rates[0], wrench_rate=rates[1])
     detection = find_touches(simulate_streams(CELL, PAPER_ACTUAL, plan, sensors=sensors), CELL)
     assert detection.found == len(detection.touches) == len(plan)

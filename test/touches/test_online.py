@@ -14,7 +14,7 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
 from scara_kinetostatic.touches.detection import find_touches
-from scara_kinetostatic.touches.online import LiveDetector
+from scara_kinetostatic.touches.online import OnlineDetector
 
 PLAN = default_plan(CELL, per_disc=5)
 TOOL_REACTION = replace(CELL, sensor=CELL.sensor._replace(frame=SensorFrame.TOOL, sign=SensorSign.ON_ROBOT))
@@ -22,7 +22,7 @@ TOOL_REACTION = replace(CELL, sensor=CELL.sensor._replace(frame=SensorFrame.TOOL
 
 def play(streams, cell, every=20, end=True):
     """Every answer of a live detector that found something, with the stamp at which it came."""
-    detector = LiveDetector(cell)
+    detector = OnlineDetector(cell)
     stamps = np.concatenate([streams.joints.stamp, streams.wrench.stamp])
     values = np.concatenate([streams.joints.position, streams.wrench.force])
     of_joints = np.arange(len(stamps)) < len(streams.joints.stamp)
@@ -98,7 +98,7 @@ def test_clock_that_starts_again():
 
 
 def test_nothing_to_report():
-    detector = LiveDetector(CELL)
+    detector = OnlineDetector(CELL)
     assert detector.poll().found == 0
     detector.add_wrench(1, (0.0, 0.0))
     assert detector.poll().found == detector.finish().found == detector.found == 0

@@ -7,7 +7,7 @@ import pytest
 from touches.scenes import CELL, Scene
 
 from scara_kinetostatic.touches.detection import find_touches
-from scara_kinetostatic.touches.online import LiveDetector
+from scara_kinetostatic.touches.online import OnlineDetector
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 BASE = Scene().touches(4).streams()
@@ -49,7 +49,7 @@ def test_parts_of_a_recording(seed):
         WrenchStream(BASE.wrench.stamp[kept_forces], force),
     )
     check(streams)
-    detector = LiveDetector(CELL)
+    detector = OnlineDetector(CELL)
     for stamp, value in zip(streams.joints.stamp, joints, strict=True):
         detector.add_joint_state(int(stamp), value)
     reported = 0

@@ -2,7 +2,7 @@
 
 The controller knows the nominal arm and the declared discs alone. It aims at a point on
 the normal of the disc, moves it inwards until the sensed force reaches its level, and then
-keeps the motors where they are. A touch with overpress is pressed harder first and
+keeps the motors where they are. A touch with preload is pressed harder first and
 eased down to its level, so that the joints come to it from the other side.
 """
 
@@ -171,7 +171,7 @@ class Player:
         while self._force < FIRM_FORCE:
             self._deepen(CREEP_SPEED)
         self._first, self._softness = (self._depth, self._force), SOFTNESS[0]
-        level, beyond = float(self.plan.force[self._touch]), float(self.plan.overpress[self._touch])
+        level, beyond = float(self.plan.force[self._touch]), float(self.plan.preload[self._touch])
         self._press((1.0 + beyond) * level)
         if beyond:
             self._phase = EASE

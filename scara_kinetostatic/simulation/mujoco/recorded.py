@@ -21,13 +21,13 @@ from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStrea
 
 Floats = NDArray[np.float64]
 
-OVERPRESS = 1.0
+PRELOAD = 1.0
 """Every other touch of the usual plan is pressed to twice its force first."""
 
 
 def usual_plan(cell: Cell, per_disc: int = 12) -> Plan:
-    """The simulator's default plan, every other touch with overpress."""
-    return default_plan(cell, per_disc=per_disc, overpress=OVERPRESS)
+    """The simulator's default plan, every other touch with preload."""
+    return default_plan(cell, per_disc=per_disc, preload=PRELOAD)
 
 
 def play(

@@ -16,7 +16,12 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration import steps
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Observations
-from scara_kinetostatic.calibration.identifiability import SCALES, condition_number, group_names, unseen_directions
+from scara_kinetostatic.calibration.identifiability import (
+    SCALES,
+    condition_number,
+    group_names,
+    unidentifiable_directions,
+)
 from scara_kinetostatic.calibration.solver import Point, evaluate
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell, Noise
@@ -77,7 +82,7 @@ class Prediction:
     touches: int
     covariance: Floats
     std: Floats
-    unseen: Floats
+    unidentifiable: Floats
     confounded: tuple[tuple[str, ...], ...]
     condition: float
     indices: Indices
@@ -86,7 +91,7 @@ class Prediction:
     @property
     def rank(self) -> int:
         """Number of independent combinations of the twelve that are seen."""
-        return len(NAMES) - self.unseen.shape[1]
+        return len(NAMES) - self.unidentifiable.shape[1]
 
 
 class Exact(NamedTuple):
@@ -158,13 +163,13 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
     """
     observations, point, _ = exact_plan(robot, plan)
     everything = np.arange(len(NAMES))
-    unseen = unseen_directions(observations, point, everything, robot.noise)
-    basis = SCALES[:, None] * complement(unseen)
+    unidentifiable = unidentifiable_directions(observations, point, everything, robot.noise)
+    basis = SCALES[:, None] * complement(unidentifiable)
     weight = 1.0 if number is None else number / len(plan)
     seen = np.sqrt(weight) * (point.whitened.derivative @ basis)
     system = steps.compress(seen, point.whitened.residual)
     covariance = basis @ steps.covariance(system) @ basis.T
-    groups = group_names(unseen, everything)
+    groups = group_names(unidentifiable, everything)
     std = np.sqrt(np.diag(covariance))
     std[[name in {member for group in groups for member in group} for name in NAMES]] = np.nan
     touches = number or len(plan)
@@ -172,7 +177,7 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
         touches=touches,
         covariance=covariance,
         std=std,
-        unseen=unseen,
+        unidentifiable=unidentifiable,
         confounded=groups,
         condition=condition_number(seen),
         indices=observability(system.values, touches),
@@ -180,10 +185,10 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
     )
 
 
-def complement(unseen: Floats) -> Floats:
+def complement(unidentifiable: Floats) -> Floats:
     """Orthonormal columns that span all but the given orthonormal columns, (k, k - d)."""
-    k, d = unseen.shape
-    return np.asarray(np.linalg.qr(np.concatenate([unseen, np.eye(k)], axis=1))[0][:, d:k])
+    k, d = unidentifiable.shape
+    return np.asarray(np.linalg.qr(np.concatenate([unidentifiable, np.eye(k)], axis=1))[0][:, d:k])
 
 
 def leverage(derivative: Floats, covariance: Floats) -> Floats:

@@ -141,8 +141,8 @@ def loaded_tip(robot: Robot, workspace: Workspace, load: float, directions: int 
 def tip_std(tip: Tip, prediction: Prediction) -> TipStd:
     """The tip's standard deviation from a predicted covariance of L̄."""
     variance = np.einsum('gdik,kl,gdil->gd', tip.derivative, prediction.covariance, tip.derivative, optimize=True)
-    if prediction.unseen.size:
-        felt = np.abs(tip.derivative @ (SCALES[:, None] * prediction.unseen)).max(axis=(2, 3))
+    if prediction.unidentifiable.size:
+        felt = np.abs(tip.derivative @ (SCALES[:, None] * prediction.unidentifiable)).max(axis=(2, 3))
         variance = np.where(felt > FELT, np.inf, variance)
     places = variance.max(axis=1)
     mean = variance.mean(axis=1) @ tip.weight

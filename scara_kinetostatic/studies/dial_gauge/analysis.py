@@ -23,8 +23,8 @@ from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.studies.dial_gauge.directions import direction_map
 from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate
 from scara_kinetostatic.studies.dial_gauge.lines import ZERO_BAND, fit_run
-from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, PARTS, TIP, GaugeReadings
-from scara_kinetostatic.studies.dial_gauge.result import GaugeAnalysis, Part, Run, called
+from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, PARTS, TIP, DialGaugeReadings
+from scara_kinetostatic.studies.dial_gauge.result import DialGaugeAnalysis, Part, Run, called
 from scara_kinetostatic.studies.dial_gauge.statistics import agreement
 from scara_kinetostatic.studies.dial_gauge.warnings import part_warnings, run_warnings
 
@@ -35,7 +35,7 @@ ALARM_LEVEL = 0.01
 _SAME_AXIS = np.radians(0.5)
 
 
-def analyse(readings: GaugeReadings, zero_band: float = ZERO_BAND) -> GaugeAnalysis:
+def analyse(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> DialGaugeAnalysis:
     """Compliance and backlash of every part that the readings hold.
 
     Args:
@@ -52,10 +52,10 @@ def analyse(readings: GaugeReadings, zero_band: float = ZERO_BAND) -> GaugeAnaly
     runs = [_with_alarms(_without_gripper(run, gripper), level) for run in runs]
     parts = tuple(part for name in PARTS if (part := _part(name, [run for run in runs if run.part == name])))
     warnings = (*readings.notes, *(text for run in runs for text in run_warnings(run)), *part_warnings(parts, level))
-    return GaugeAnalysis(parts, warnings, readings.sources)
+    return DialGaugeAnalysis(parts, warnings, readings.sources)
 
 
-def split_runs(readings: GaugeReadings) -> list[GaugeReadings]:
+def split_runs(readings: DialGaugeReadings) -> list[DialGaugeReadings]:
     """The rows of each run, in the order in which the runs begin.
 
     Raises:
@@ -81,7 +81,7 @@ def split_runs(readings: GaugeReadings) -> list[GaugeReadings]:
     return [readings.select(number.reshape(-1) == run) for run in np.argsort(first)]
 
 
-def _run(rows: GaugeReadings, zero_band: float) -> Run:
+def _run(rows: DialGaugeReadings, zero_band: float) -> Run:
     part, source = str(rows.part[0]), rows.sources[int(rows.source[0])]
     lever = float(rows.lever[0]) if part != GRIPPER else np.nan
     direction = float(rows.direction[0])

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate, Solution
-from scara_kinetostatic.studies.dial_gauge.readings import GaugeReadings
+from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.dial_gauge.statistics import between_variance
 
 Floats = NDArray[np.float64]
@@ -58,7 +58,9 @@ def _student(name: str, estimate: Estimate, unit: str, dof: int) -> Check:
     return Check(name, estimate.value, estimate.std, unit, p_value)
 
 
-def shapes(solution: Solution, readings: GaugeReadings, used: NDArray[np.bool_], passes: Ints) -> list[Check | None]:
+def shapes(
+    solution: Solution, readings: DialGaugeReadings, used: NDArray[np.bool_], passes: Ints
+) -> list[Check | None]:
     """Hysteresis and curvature: each one column more."""
     force = readings.force[used]
     sense = np.sign(force)

@@ -15,13 +15,13 @@ from scara_kinetostatic.studies.dial_gauge.loops import Sense
 from scara_kinetostatic.studies.dial_gauge.result import Part, Run
 from scara_kinetostatic.studies.dial_gauge.reversals import Reversal
 from scara_kinetostatic.studies.dial_gauge.statistics import Agreement
-from scara_kinetostatic.studies.dial_gauge.study import GaugeStudy, LoopRecord, sense_name
+from scara_kinetostatic.studies.dial_gauge.study import DialGaugeStudy, LoopRecord, sense_name
 
 NAME = 'gauge.json'
 SCHEMA = 'scara_kinetostatic/gauge/1'
 
 
-def gauge_document(study: GaugeStudy) -> Document:
+def dial_gauge_document(study: DialGaugeStudy) -> Document:
     """The document; numbers that do not exist are null.
 
     `gap` is the jump of the displacement at zero force, `half_gap` the g of equations (6) and (7).

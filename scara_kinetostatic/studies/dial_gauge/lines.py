@@ -29,7 +29,7 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.studies.dial_gauge import checks as gauge_checks
 from scara_kinetostatic.studies.dial_gauge.checks import Check
 from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate, Solution, find_step, solve
-from scara_kinetostatic.studies.dial_gauge.readings import GaugeReadings
+from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -74,7 +74,7 @@ class RunFit(NamedTuple):
     row_p: Floats
 
 
-def find_passes(readings: GaugeReadings, zero_band: float = ZERO_BAND) -> tuple[Ints, Ints, Ints]:
+def find_passes(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> tuple[Ints, Ints, Ints]:
     """Which pass each row belongs to.
 
     Args:
@@ -97,7 +97,7 @@ def find_passes(readings: GaugeReadings, zero_band: float = ZERO_BAND) -> tuple[
     return passes, keys[:, 0], -keys[:, 1]
 
 
-def fit_run(readings: GaugeReadings, zero_band: float = ZERO_BAND) -> RunFit:
+def fit_run(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> RunFit:
     """Slopes and gap of one run.
 
     Args:

@@ -11,8 +11,8 @@ from scara_kinetostatic.render.page import page_template
 from scara_kinetostatic.studies.dial_gauge import figures as pictures
 from scara_kinetostatic.studies.dial_gauge import text as words
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER
-from scara_kinetostatic.studies.dial_gauge.result import GaugeAnalysis, Part, Run
-from scara_kinetostatic.studies.dial_gauge.study import GaugeStudy, LoopRecord, sense_name
+from scara_kinetostatic.studies.dial_gauge.result import DialGaugeAnalysis, Part, Run
+from scara_kinetostatic.studies.dial_gauge.study import DialGaugeStudy, LoopRecord, sense_name
 
 NAME = 'gauge.html'
 _TEMPLATE = Path(__file__).parent / 'page.html.j2'
@@ -22,7 +22,7 @@ STEPS = (
 )
 
 
-def html_text(study: GaugeStudy) -> str:
+def html_text(study: DialGaugeStudy) -> str:
     """The page."""
     points = study.points
     with style():
@@ -38,7 +38,7 @@ def html_text(study: GaugeStudy) -> str:
     )
 
 
-def summary(points: GaugeAnalysis) -> dict[str, Any]:
+def summary(points: DialGaugeAnalysis) -> dict[str, Any]:
     """The table of compliances and backlashes of all parts."""
     return _table(words.summary_table(points))
 

@@ -25,7 +25,7 @@ SEATS = (TIP, LINK)
 
 
 @dataclass(frozen=True)
-class GaugeReadings:
+class DialGaugeReadings:
     """Rows in the order in which they were taken; every array (n,), read-only.
 
     Attributes:
@@ -89,7 +89,7 @@ class GaugeReadings:
         cycle: ArrayLike = -1,
         time: ArrayLike = np.nan,
         source: str = 'readings',
-    ) -> GaugeReadings:
+    ) -> DialGaugeReadings:
         """From arrays, or one value for all rows; `seat` is by default the tip for a gripper, the link for a joint."""
         force = np.asarray(force, dtype=float)
         parts = np.broadcast_to(np.asarray(part), force.shape)
@@ -112,21 +112,21 @@ class GaugeReadings:
             sources=(source,),
         )
 
-    def select(self, rows: ArrayLike) -> GaugeReadings:
+    def select(self, rows: ArrayLike) -> DialGaugeReadings:
         """Some of the rows, by mask or index."""
         return replace(self, **{name: getattr(self, name)[np.asarray(rows)] for name in _ARRAYS})
 
 
-_ARRAYS = tuple(field.name for field in fields(GaugeReadings) if field.name not in ('sources', 'notes'))
+_ARRAYS = tuple(field.name for field in fields(DialGaugeReadings) if field.name not in ('sources', 'notes'))
 
 
-def join(all_readings: Iterable[GaugeReadings]) -> GaugeReadings:
+def join(all_readings: Iterable[DialGaugeReadings]) -> DialGaugeReadings:
     """Readings one after the other."""
     several = list(all_readings)
     shift = np.cumsum([0, *(len(readings.sources) for readings in several)])
     arrays = {name: np.concatenate([getattr(readings, name) for readings in several]) for name in _ARRAYS}
     arrays['source'] = np.concatenate([r.source + shift[k] for k, r in enumerate(several)])
-    return GaugeReadings(
+    return DialGaugeReadings(
         **arrays,
         sources=tuple(name for readings in several for name in readings.sources),
         notes=tuple(note for readings in several for note in readings.notes),

@@ -11,7 +11,7 @@ from scara_kinetostatic.studies.dial_gauge.checks import Check
 from scara_kinetostatic.studies.dial_gauge.directions import DirectionMap
 from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate
 from scara_kinetostatic.studies.dial_gauge.lines import RunFit
-from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, GaugeReadings
+from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, DialGaugeReadings
 
 
 class Run(NamedTuple):
@@ -37,7 +37,7 @@ class Run(NamedTuple):
     source: str
     direction: float
     lever: float
-    readings: GaugeReadings
+    readings: DialGaugeReadings
     fit: RunFit
     compliance: Estimate
     gap: Estimate
@@ -86,7 +86,7 @@ class Part(NamedTuple):
         return ('m/N', 'm') if self.name == GRIPPER else ('rad/Nm', 'rad')
 
 
-class GaugeAnalysis(NamedTuple):
+class DialGaugeAnalysis(NamedTuple):
     """All of it.
 
     Attributes:

@@ -34,7 +34,7 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.kinetostatics import joint_deflection, joint_torques
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2, LINK, TIP, GaugeReadings, join
+from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2, LINK, TIP, DialGaugeReadings, join
 
 Floats = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ GAUGE_NOISE = 2e-6
 
 
 @dataclass(frozen=True)
-class GaugeTruth:
+class DialGaugeTruth:
     """What the simulated robot is made of; by default figure 4(d) and table 1.
 
     Attributes:
@@ -119,7 +119,7 @@ class LoadPlan:
 
 
 @dataclass(frozen=True)
-class GaugeSensors:
+class DialGaugeSensors:
     """Errors of the readings.
 
     Attributes:
@@ -142,26 +142,26 @@ class GaugeSensors:
 
 
 def simulate_gripper(
-    truth: GaugeTruth, plan: LoadPlan, sensors: GaugeSensors, rng: np.random.Generator
-) -> GaugeReadings:
+    truth: DialGaugeTruth, plan: LoadPlan, sensors: DialGaugeSensors, rng: np.random.Generator
+) -> DialGaugeReadings:
     """The gripper's experiment, joints locked, direction after direction."""
     force, sense, cycle = plan.run()
     runs = []
     for direction in plan.directions:
         moved = truth.p_ee * force + truth.gripper_gap(direction) / 2 * sense
         read = sensors.read(force, moved, rng)
-        runs.append(GaugeReadings.of(*read, part=GRIPPER, direction=direction, cycle=cycle, source='gripper'))
+        runs.append(DialGaugeReadings.of(*read, part=GRIPPER, direction=direction, cycle=cycle, source='gripper'))
     return join(runs)
 
 
 def simulate_joint(
     joint: int,
-    truth: GaugeTruth,
+    truth: DialGaugeTruth,
     plan: LoadPlan,
-    sensors: GaugeSensors,
+    sensors: DialGaugeSensors,
     rng: np.random.Generator,
     seat: str = LINK,
-) -> GaugeReadings:
+) -> DialGaugeReadings:
     """The experiment at one joint, the other locked: loads along x at the end of the arm stretched along y.
 
     Args:
@@ -184,7 +184,7 @@ def simulate_joint(
     lever = truth.l2 if joint == 2 else truth.l1 + truth.l2
     part = JOINT1 if joint == 1 else JOINT2
     read = sensors.read(force, moved, rng)
-    return GaugeReadings.of(*read, part=part, seat=seat, direction=0.0, lever=lever, cycle=cycle, source=part)
+    return DialGaugeReadings.of(*read, part=part, seat=seat, direction=0.0, lever=lever, cycle=cycle, source=part)
 
 
 def joint_displacement(parameters: Parameters, force: Floats, sense: Floats) -> Floats:
@@ -204,11 +204,11 @@ def joint_displacement(parameters: Parameters, force: Floats, sense: Floats) -> 
 
 
 def simulate_experiments(
-    truth: GaugeTruth | None = None,
+    truth: DialGaugeTruth | None = None,
     plan: LoadPlan | None = None,
-    sensors: GaugeSensors | None = None,
+    sensors: DialGaugeSensors | None = None,
     seed: int = 0,
-) -> GaugeReadings:
+) -> DialGaugeReadings:
     """All of section 5.2: the gripper in every direction, joint 2, joint 1.
 
     Args:
@@ -217,7 +217,7 @@ def simulate_experiments(
         sensors: by default 2 µm.
         seed: of the noise.
     """
-    truth, plan, sensors = truth or GaugeTruth(), plan or LoadPlan(), sensors or GaugeSensors()
+    truth, plan, sensors = truth or DialGaugeTruth(), plan or LoadPlan(), sensors or DialGaugeSensors()
     rng = np.random.default_rng(seed)
     parts = [simulate_gripper(truth, plan, sensors, rng)]
     parts += [simulate_joint(joint, truth, plan, sensors, rng) for joint in (2, 1)]

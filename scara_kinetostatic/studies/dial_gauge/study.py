@@ -11,8 +11,8 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.studies.dial_gauge.analysis import analyse
 from scara_kinetostatic.studies.dial_gauge.lines import ZERO_BAND
 from scara_kinetostatic.studies.dial_gauge.loops import LoopAnalysis, Sense, analyse_loops
-from scara_kinetostatic.studies.dial_gauge.readings import GaugeReadings, join
-from scara_kinetostatic.studies.dial_gauge.result import GaugeAnalysis
+from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings, join
+from scara_kinetostatic.studies.dial_gauge.result import DialGaugeAnalysis
 
 AUTO, POINTS, LOOPS = 'auto', 'points', 'loops'
 KINDS = (AUTO, POINTS, LOOPS)
@@ -23,11 +23,11 @@ class LoopRecord(NamedTuple):
     """One continuous record: its file, its readings, what they say."""
 
     source: str
-    readings: GaugeReadings
+    readings: DialGaugeReadings
     analysis: LoopAnalysis
 
 
-class GaugeStudy(NamedTuple):
+class DialGaugeStudy(NamedTuple):
     """What all tables say.
 
     Attributes:
@@ -36,12 +36,12 @@ class GaugeStudy(NamedTuple):
         warnings: what a reader should know, one sentence each.
     """
 
-    points: GaugeAnalysis | None
+    points: DialGaugeAnalysis | None
     loops: tuple[LoopRecord, ...]
     warnings: tuple[str, ...]
 
 
-def study(tables: Sequence[GaugeReadings], kind: str = AUTO, zero_band: float = ZERO_BAND) -> GaugeStudy:
+def study(tables: Sequence[DialGaugeReadings], kind: str = AUTO, zero_band: float = ZERO_BAND) -> DialGaugeStudy:
     """Analyses tables.
 
     Args:
@@ -60,14 +60,14 @@ def study(tables: Sequence[GaugeReadings], kind: str = AUTO, zero_band: float = 
     warnings = [*(analysis.warnings if analysis else ())]
     for record in records:
         warnings += [*record.readings.notes, *_loop_warnings(record)]
-    return GaugeStudy(analysis, records, tuple(warnings))
+    return DialGaugeStudy(analysis, records, tuple(warnings))
 
 
-def _continuous(table: GaugeReadings) -> bool:
+def _continuous(table: DialGaugeReadings) -> bool:
     return bool(np.all(np.isfinite(table.time)) and np.all(table.cycle < 0) and np.all(np.isnan(table.direction)))
 
 
-def _record(table: GaugeReadings) -> LoopRecord:
+def _record(table: DialGaugeReadings) -> LoopRecord:
     source = table.sources[0]
     if not np.all(np.isfinite(table.time)):
         raise UnsupportedDataError(f'{source}: loops need the time of every row', 'add a column time_s')

@@ -29,7 +29,7 @@ from scara_kinetostatic.studies.dial_gauge.columns import (
     read_heading,
     read_number,
 )
-from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, LINK, TIP, GaugeReadings
+from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, LINK, TIP, DialGaugeReadings
 
 MAX_BYTES = 64 * 2**20
 _SHOWN = 5
@@ -45,7 +45,7 @@ class Usual(NamedTuple):
     seat: str | None = None
 
 
-def load_readings(path: str | Path, usual: Usual = Usual()) -> GaugeReadings:  # noqa: B008 - immutable
+def load_readings(path: str | Path, usual: Usual = Usual()) -> DialGaugeReadings:  # noqa: B008 - immutable
     """Read a table of gauge readings.
 
     Args:
@@ -58,7 +58,7 @@ def load_readings(path: str | Path, usual: Usual = Usual()) -> GaugeReadings:  #
     return parse_readings(_text(Path(path)), str(path), usual)
 
 
-def parse_readings(text: str, where: str, usual: Usual = Usual()) -> GaugeReadings:  # noqa: B008 - immutable
+def parse_readings(text: str, where: str, usual: Usual = Usual()) -> DialGaugeReadings:  # noqa: B008 - immutable
     """The readings in a text.
 
     Args:
@@ -82,7 +82,7 @@ def parse_readings(text: str, where: str, usual: Usual = Usual()) -> GaugeReadin
     return _readings(values, [line for line, _ in body], where, usual, notes)
 
 
-def dump_readings(readings: GaugeReadings) -> str:
+def dump_readings(readings: DialGaugeReadings) -> str:
     """A table that `parse_readings` reads back; columns without any value are left out."""
     names = {
         'force_N': readings.force,
@@ -196,7 +196,7 @@ def _value(cell: str, column: Column, decimal_comma: bool) -> float | int | str 
 
 def _readings(
     values: dict[str, list[float | int | str | None]], lines: list[int], where: str, usual: Usual, notes: list[str]
-) -> GaugeReadings:
+) -> DialGaugeReadings:
     count = len(lines)
 
     def column(name: str, instead: float | int | str) -> list[float | int | str]:
@@ -207,7 +207,7 @@ def _readings(
         str(value if value is not None else usual.seat or (TIP if part == GRIPPER else LINK))
         for value, part in zip(values.get('seat', [None] * count), parts, strict=True)
     ]
-    return GaugeReadings(
+    return DialGaugeReadings(
         force=np.array(values['force'], dtype=float),
         displacement=np.array(values['displacement'], dtype=float),
         part=np.array(parts, dtype=np.str_),

@@ -11,9 +11,9 @@ from scara_kinetostatic.studies.dial_gauge.directions import DirectionMap
 from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate
 from scara_kinetostatic.studies.dial_gauge.loops import Sense
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER
-from scara_kinetostatic.studies.dial_gauge.result import GaugeAnalysis, Part, Run
+from scara_kinetostatic.studies.dial_gauge.result import DialGaugeAnalysis, Part, Run
 from scara_kinetostatic.studies.dial_gauge.statistics import Agreement
-from scara_kinetostatic.studies.dial_gauge.study import GaugeStudy, LoopRecord, sense_name
+from scara_kinetostatic.studies.dial_gauge.study import DialGaugeStudy, LoopRecord, sense_name
 
 TITLES = {'gripper': 'Gripper', 'joint1': 'Joint 1', 'joint2': 'Joint 2'}
 SYMBOLS = {'gripper': ('p_ee', 'g_ee'), 'joint1': ('p1', 'g1'), 'joint2': ('p2', 'g2')}
@@ -47,7 +47,7 @@ def _test(test: Agreement) -> str:
     return f'χ² = {test.chi_square:.1f} with {test.degrees_of_freedom} degrees of freedom, {p_value}'
 
 
-def summary_table(analysis: GaugeAnalysis) -> Table:
+def summary_table(analysis: DialGaugeAnalysis) -> Table:
     """One row per part: compliance, gap, half gap."""
     rows = []
     for part in analysis.parts:
@@ -154,7 +154,7 @@ def level_sentence(sense: Sense) -> str:
     return f'Force inside the gap {sense.level:.0f} N, at the plateau {sense.plateau:.0f} N.'
 
 
-def text(study: GaugeStudy) -> str:
+def text(study: DialGaugeStudy) -> str:
     """Everything, for a terminal."""
     lines: list[str] = []
     if study.points is not None:

@@ -11,14 +11,14 @@ from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate
 from scara_kinetostatic.studies.hysteresis.choice import Comparison, Score
 from scara_kinetostatic.studies.hysteresis.dependence import Dependence
 from scara_kinetostatic.studies.hysteresis.laws import BACKLASH, Law
-from scara_kinetostatic.studies.hysteresis.study import LoopsStudy, Record
+from scara_kinetostatic.studies.hysteresis.study import HysteresisStudy, Record
 from scara_kinetostatic.studies.hysteresis.transfer import Transfer
 
 NAME = 'loops.json'
 SCHEMA = 'scara_kinetostatic/loops/1'
 
 
-def loops_document(study: LoopsStudy) -> Document:
+def hysteresis_document(study: HysteresisStudy) -> Document:
     """The document."""
     return {
         'schema': SCHEMA,
@@ -100,7 +100,7 @@ def _dependences(found: tuple[Dependence, ...]) -> dict[str, Any]:
     return {each.variable: {'share': each.share, 'p_value': each.p_value} for each in found}
 
 
-def _transfer(each: Transfer, study: LoopsStudy) -> dict[str, Any]:
+def _transfer(each: Transfer, study: HysteresisStudy) -> dict[str, Any]:
     return {
         'source': study.records[each.record].source,
         'tension': each.tension,

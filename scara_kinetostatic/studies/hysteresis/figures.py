@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from scara_kinetostatic.render.figure import FAINT, INK, SERIES, as_svg
 from scara_kinetostatic.studies.hysteresis.choice import Score
 from scara_kinetostatic.studies.hysteresis.motion import Floats, Motion, Rows
-from scara_kinetostatic.studies.hysteresis.study import LoopsStudy, Record
+from scara_kinetostatic.studies.hysteresis.study import HysteresisStudy, Record
 from scara_kinetostatic.studies.hysteresis.transfer import SHOWN
 
 WIDTH = 920.0
@@ -71,7 +71,7 @@ def _residual(axes: Axes, motion: Motion, score: Score) -> None:
     _legend(axes)
 
 
-def transfer_picture(study: LoopsStudy, name: str) -> Markup:
+def transfer_picture(study: HysteresisStudy, name: str) -> Markup:
     """Each record as predicted from the others."""
     columns = len(study.transfers)
     figure = Figure(figsize=(WIDTH / 72, 330 / 72), dpi=72, layout='constrained')

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.studies.dial_gauge.readings import GaugeReadings
+from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.dial_gauge.reversals import PROMINENCE
 
 Floats = NDArray[np.float64]
@@ -103,7 +103,7 @@ class Motion:
         return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
 
-def motion_of(readings: GaugeReadings) -> Motion:
+def motion_of(readings: DialGaugeReadings) -> Motion:
     """The motion in a table of readings.
 
     Raises:

@@ -13,13 +13,13 @@ from scara_kinetostatic.studies.hysteresis import figures as pictures
 from scara_kinetostatic.studies.hysteresis import tables
 from scara_kinetostatic.studies.hysteresis import text as words
 from scara_kinetostatic.studies.hysteresis.choice import AMBIGUOUS, LEVEL, UNEXPLAINED
-from scara_kinetostatic.studies.hysteresis.study import LoopsStudy, Record
+from scara_kinetostatic.studies.hysteresis.study import HysteresisStudy, Record
 
 NAME = 'loops.html'
 _TEMPLATE = Path(__file__).parent / 'page.html.j2'
 
 
-def html_text(study: LoopsStudy) -> str:
+def html_text(study: HysteresisStudy) -> str:
     """The page."""
     with style():
         records = [_record(record, f'loop{k}') for k, record in enumerate(study.records)]

@@ -9,7 +9,7 @@ import numpy as np
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate
-from scara_kinetostatic.studies.dial_gauge.readings import GaugeReadings
+from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.hysteresis.choice import Choice, Score, choose, effective_count, refine_as
 from scara_kinetostatic.studies.hysteresis.fit import Fit, fit, with_std
 from scara_kinetostatic.studies.hysteresis.laws import SLIP
@@ -55,7 +55,7 @@ class Borrowed(NamedTuple):
     score: Score
 
 
-class LoopsStudy(NamedTuple):
+class HysteresisStudy(NamedTuple):
     """What all records say.
 
     Attributes:
@@ -69,7 +69,7 @@ class LoopsStudy(NamedTuple):
     transfers: tuple[Transfer, ...]
 
 
-def loops_study(tables: Sequence[GaugeReadings], tensions: Sequence[float] = ()) -> LoopsStudy:
+def hysteresis_study(tables: Sequence[DialGaugeReadings], tensions: Sequence[float] = ()) -> HysteresisStudy:
     """Closes the loop on measured loops.
 
     Args:
@@ -88,7 +88,7 @@ def loops_study(tables: Sequence[GaugeReadings], tensions: Sequence[float] = ())
         before = [record.choice.before.whole for record in records]
         slip = [_slip(record) for record in records]
         transfers = tuple(transfer(k, motions, tensions, before, slip) for k in range(len(records)))
-    return LoopsStudy(records, _borrowed(records), transfers)
+    return HysteresisStudy(records, _borrowed(records), transfers)
 
 
 def check_tensions(records: int, tensions: Sequence[float]) -> None:
@@ -107,7 +107,7 @@ def check_tensions(records: int, tensions: Sequence[float]) -> None:
         raise ParameterError('tension', problem, 'give three files or more, or leave the tensions out')
 
 
-def _record(table: GaugeReadings) -> Record:
+def _record(table: DialGaugeReadings) -> Record:
     source = table.sources[0]
     try:
         motion = motion_of(table)

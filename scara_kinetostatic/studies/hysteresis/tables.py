@@ -8,7 +8,7 @@ from scara_kinetostatic.studies.dial_gauge.text import Table, with_std
 from scara_kinetostatic.studies.hysteresis.choice import Comparison, Score
 from scara_kinetostatic.studies.hysteresis.dependence import VARIABLES
 from scara_kinetostatic.studies.hysteresis.laws import Law
-from scara_kinetostatic.studies.hysteresis.study import LoopsStudy, Record
+from scara_kinetostatic.studies.hysteresis.study import HysteresisStudy, Record
 
 PARAMETERS = {
     'zero': ('zero of the displacement', 1e3, 'mm'),
@@ -49,7 +49,7 @@ def share(part: float) -> str:
     return f'{100 * part:.0f} %' if part > 0 else 'nothing'
 
 
-def summary_table(study: LoopsStudy) -> Table:
+def summary_table(study: HysteresisStudy) -> Table:
     """Before and after, record by record: errors on sweeps not used in the fit."""
     rows = []
     for number, record in enumerate(study.records):
@@ -142,7 +142,7 @@ def _value(record: Record, law: str, name: str) -> str:
     return '' if estimate is None else with_std(estimate, PARAMETERS[name][1])
 
 
-def transfer_table(study: LoopsStudy) -> Table:
+def transfer_table(study: HysteresisStudy) -> Table:
     """Each record from the others."""
     rows = tuple(
         (study.records[each.record].source, f'{each.tension:g}', force(each.before), force(each.after),

@@ -7,7 +7,7 @@ import math
 from scara_kinetostatic.render.quantities import chance, count
 from scara_kinetostatic.studies.hysteresis.choice import AMBIGUOUS, LEVEL, NONE, UNEXPLAINED
 from scara_kinetostatic.studies.hysteresis.dependence import VARIABLES, Dependence
-from scara_kinetostatic.studies.hysteresis.study import LoopsStudy, Record
+from scara_kinetostatic.studies.hysteresis.study import HysteresisStudy, Record
 from scara_kinetostatic.studies.hysteresis.tables import (
     candidate_table,
     dependence_table,
@@ -96,7 +96,7 @@ def _chance(p_value: float) -> str:
     return text if text.startswith('below') else f'= {text}'
 
 
-def transfer_sentences(study: LoopsStudy) -> list[str]:
+def transfer_sentences(study: HysteresisStudy) -> list[str]:
     """How well that went."""
     ratios = [a / b for each in study.transfers for a, b in zip(each.slips, each.own_slips, strict=True) if b > 0]
     shown = [each.shown / each.own for each in study.transfers]
@@ -120,7 +120,7 @@ ERRORS = (
 )
 
 
-def text(study: LoopsStudy) -> str:
+def text(study: HysteresisStudy) -> str:
     """Everything, for a terminal."""
     parts = []
     for record in study.records:

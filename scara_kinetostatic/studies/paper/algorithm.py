@@ -93,7 +93,7 @@ def paper_calibrate(
     def visit(parameters: Parameters) -> _Iterate:
         o = observations
         with np.errstate(all='ignore'):
-            found = contact(parameters, o.joints, o.centers, o.radii, o.gripper, tension=True, near=measured)
+            found = contact(parameters, o.joints, o.centers, o.radii, o.gripper, tension=True, warm_start=measured)
             jacobian = contact_derivatives(parameters, o.joints, o.centers, o.radii, found, o.gripper).parameters
         residual = measured - found.force
         return _Iterate(parameters, residual, jacobian, force_error(residual))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
-from scara_kinetostatic.studies.dial_gauge.document import gauge_document
+from scara_kinetostatic.studies.dial_gauge.document import dial_gauge_document
 from scara_kinetostatic.studies.paper.printed_values import ESTIMATED, ESTIMATED_FROM_NOISE
 from scara_kinetostatic.studies.paper.reproduction import Reproduction
 from scara_kinetostatic.studies.paper.scatter import Scatter
@@ -47,7 +47,7 @@ def paper_document(r: Reproduction) -> dict[str, Any]:
             }
             for part in r.gripper
         ],
-        'gauge': gauge_document(r.gauge),
+        'gauge': dial_gauge_document(r.gauge),
     }
 
 

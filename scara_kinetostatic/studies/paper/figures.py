@@ -43,7 +43,7 @@ def trend_picture(r: Reproduction) -> Markup:
     return as_svg(figure, 'trend', 'force error over the iterations of the algorithm of the paper')
 
 
-def unseen_picture(r: Reproduction) -> Markup:
+def unidentifiable_picture(r: Reproduction) -> Markup:
     """The plane of p_ee and g_ee: with one force only their combination shows."""
     figure, (axes,) = new_figure(HALF, 380)
     p = np.array([0.75e-5, 1.75e-5])
@@ -65,7 +65,7 @@ def unseen_picture(r: Reproduction) -> Markup:
         axes.plot([x], [y], shape, ms=6, color=colour, mec=PAPER, mew=0.6)
         axes.annotate(label, (x, y), offset, textcoords='offset points', color=colour, fontsize=11)
     axes.set(xlabel='$p_{ee}$  [µm/N]', ylabel='$g_{ee}$  [µm]', xlim=(7.5, 17.5), ylim=(-40, 340))
-    return as_svg(figure, 'unseen', 'estimates of p_ee and g_ee lie on one line')
+    return as_svg(figure, 'unidentifiable', 'estimates of p_ee and g_ee lie on one line')
 
 
 def noise_picture(r: Reproduction) -> Markup:

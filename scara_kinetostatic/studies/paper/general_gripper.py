@@ -72,19 +72,19 @@ def see_parts(touches: TouchSet, cell: Cell, parameters: Parameters, noise: Nois
     o = observations
     equations = touch_equations(parameters, a.joints, o.centers, o.radii, state, o.gripper)
     entries = whiten_by(excess_derivative(state, equations, o.gripper), point.whitened.root)
-    twelve = (point.whitened.derivative * SCALES).reshape(-1, len(NAMES))
-    return tuple(_look(name, (entries @ weights).ravel(), twelve) for name, weights in PARTS.items())
+    base = (point.whitened.derivative * SCALES).reshape(-1, len(NAMES))
+    return tuple(_look(name, (entries @ weights).ravel(), base) for name, weights in PARTS.items())
 
 
-def _look(name: str, trace: Floats, twelve: Floats) -> Part:
-    found = np.linalg.lstsq(twelve, trace, rcond=1e-10)[0]
-    left = trace - twelve @ found
-    unseen = float(np.linalg.norm(left))
-    share = 1 - (unseen / float(np.linalg.norm(trace))) ** 2
+def _look(name: str, trace: Floats, base: Floats) -> Part:
+    found = np.linalg.lstsq(base, trace, rcond=1e-10)[0]
+    left = trace - base @ found
+    unidentifiable = float(np.linalg.norm(left))
+    share = 1 - (unidentifiable / float(np.linalg.norm(trace))) ** 2
     noticeable = np.abs(found) * PROBE > NOTICEABLE
     return Part(
         name,
         share,
-        1 / unseen if share < ALIAS else float('inf'),
+        1 / unidentifiable if share < ALIAS else float('inf'),
         {parameter: float(found[j] * SCALES[j]) for j, parameter in enumerate(NAMES) if noticeable[j]},
     )

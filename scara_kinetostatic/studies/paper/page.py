@@ -39,7 +39,7 @@ class Column(NamedTuple):
     one_level: bool = False
 
 
-PICTURES = ('trend', 'unseen', 'noise', 'scatter', 'efficiency')
+PICTURES = ('trend', 'unidentifiable', 'noise', 'scatter', 'efficiency')
 
 
 def html_text(r: Reproduction) -> str:
@@ -62,7 +62,7 @@ def html_text(r: Reproduction) -> str:
         scatter=_scatter(r),
         gripper=_gripper(r),
         design=question,
-        gauge_summary=gauge_html.summary(points),
+        dial_gauge_summary=gauge_html.summary(points),
         gauge=gauge,
         sums=[f'{1e6 * fixed_sum(p.as_array()):.2f}' for p in (PAPER_ACTUAL, ESTIMATED, ESTIMATED_FROM_NOISE)],
         force_error=FORCE_ERROR,

@@ -13,7 +13,7 @@ from scara_kinetostatic.studies.design.design import design
 from scara_kinetostatic.studies.design.prediction import Robot
 from scara_kinetostatic.studies.design.solution import Design
 from scara_kinetostatic.studies.dial_gauge.simulation import simulate_experiments
-from scara_kinetostatic.studies.dial_gauge.study import GaugeStudy, study
+from scara_kinetostatic.studies.dial_gauge.study import DialGaugeStudy, study
 from scara_kinetostatic.studies.paper.general_gripper import Part, see_parts
 from scara_kinetostatic.studies.paper.scatter import Comparison, compare
 from scara_kinetostatic.studies.paper.section_5_1 import (
@@ -65,7 +65,7 @@ class Reproduction(NamedTuple):
     stated: Noise
     scatter: Comparison
     gripper: tuple[Part, ...]
-    gauge: GaugeStudy
+    gauge: DialGaugeStudy
     design: Design | None
 
 

@@ -92,7 +92,7 @@ class Linear(NamedTuple):
     jacobian: Floats
     by_joints: Floats
     rank: int
-    unseen: Floats
+    unidentifiable: Floats
     seen: Floats
 
     def force_covariance(self, noise: Noise) -> Floats:
@@ -120,7 +120,7 @@ class Linear(NamedTuple):
 def linearise_at_truth(levels: tuple[float, ...] = ONE_LEVEL, turn: float = 0.0, posture: int = 1) -> Linear:
     """J_L̄ and A_Q of the exact touches."""
     o = observe(paper_touches(levels, turn=turn, posture=posture), CELL)
-    found = contact(PAPER_ACTUAL, o.joints, o.centers, o.radii, o.gripper, near=o.force)
+    found = contact(PAPER_ACTUAL, o.joints, o.centers, o.radii, o.gripper, warm_start=o.force)
     derivatives = contact_derivatives(PAPER_ACTUAL, o.joints, o.centers, o.radii, found, o.gripper)
     jacobian = (derivatives.parameters * SCALES).reshape(-1, len(NAMES))
     n = len(o.joints)

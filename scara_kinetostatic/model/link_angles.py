@@ -11,7 +11,7 @@ from scara_kinetostatic.model.state import State, next_modes
 from scara_kinetostatic.model.statics import Arm, Floats, view_arm
 
 
-class Settled(NamedTuple):
+class LinkAngles(NamedTuple):
     """A state and what was worked out on the way.
 
     Attributes:
@@ -23,14 +23,14 @@ class Settled(NamedTuple):
     arm: Arm | None
 
 
-def settle_links(
+def solve_link_angles(
     parameters: Parameters,
     joints: Floats,
     state: State,
     gripper: Gripper,
     frozen: bool = False,
     again: bool = False,
-) -> Settled:
+) -> LinkAngles:
     """One Newton step of the rows alone, then, unless frozen, the modes that the new link angles call for.
 
     Args:
@@ -43,18 +43,18 @@ def settle_links(
     """
     moved = _step_links(parameters, joints, state, gripper)
     if frozen:
-        return Settled(moved, None)
-    renewed, arm = renew_modes(parameters, joints, moved, gripper)
-    if not again or ((renewed.mode1 == state.mode1) & (renewed.mode2 == state.mode2)).all():
-        return Settled(renewed, arm)
-    moved = _step_links(parameters, joints, renewed, gripper, arm)
-    return renew_modes(parameters, joints, moved, gripper)
+        return LinkAngles(moved, None)
+    updated, arm = update_modes(parameters, joints, moved, gripper)
+    if not again or ((updated.mode1 == state.mode1) & (updated.mode2 == state.mode2)).all():
+        return LinkAngles(updated, arm)
+    moved = _step_links(parameters, joints, updated, gripper, arm)
+    return update_modes(parameters, joints, moved, gripper)
 
 
-def renew_modes(parameters: Parameters, joints: Floats, state: State, gripper: Gripper) -> Settled:
+def update_modes(parameters: Parameters, joints: Floats, state: State, gripper: Gripper) -> LinkAngles:
     """The state with the modes it calls for."""
     arm = view_arm(parameters, *state[:4], gripper)
-    return Settled(next_modes(parameters, joints, state, arm), arm)
+    return LinkAngles(next_modes(parameters, joints, state, arm), arm)
 
 
 def _step_links(

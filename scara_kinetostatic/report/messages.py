@@ -9,12 +9,12 @@ import numpy as np
 
 from scara_kinetostatic.calibration.identifiability import Combination
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.diagnosis.comparison import bends, compare
+from scara_kinetostatic.diagnosis.comparison import biases, compare
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import Unnamed
-from scara_kinetostatic.render.quantities import SCALES, count, decimals, p_equals, rank_of_twelve
+from scara_kinetostatic.render.quantities import SCALES, base_rank, count, decimals, p_equals
 from scara_kinetostatic.report.diagnosis_document import known_effects
 
 
@@ -153,7 +153,7 @@ def bent(outcome: Outcome) -> str:
     """How far what was missing had bent the twelve; empty where nothing was found."""
     if outcome.final is outcome.calibration:
         return ''
-    rows = sorted((row for row in bends(outcome) if row.sure), key=lambda row: -abs(row.in_std))
+    rows = sorted((row for row in biases(outcome) if row.sure), key=lambda row: -abs(row.in_std))
     worst = ', '.join(f'{row.name} by {abs(row.in_std):.2g} σ' for row in rows[:3])
     moved = compare(outcome).moved * 1e3
     return f'without it {worst or "nothing"} off; the tip H(L̄, Q) by {moved:.3g} mm (rms over the touches)'
@@ -183,7 +183,7 @@ def identifiability(outcome: Outcome) -> list[str]:
     """What the data determine and what not; what would cure it is said in the verdict."""
     c, found = outcome.final, outcome.final.identifiability
     free = sum(status != 'fixed' for status in c.status.values())
-    lines = [f'{rank_of_twelve(c)} of {free} free parameters are determined (condition number {found.condition:.3g}).']
+    lines = [f'{base_rank(c)} of {free} free parameters are determined (condition number {found.condition:.3g}).']
     for group in found.confounded:
         what = 'stays near the nominal one' if len(group) == 1 else 'is one choice of many'
         lines.append(f'Not determined: {" and ".join(group)}; what is shown {what}.')

@@ -8,11 +8,11 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import Effect, Floats, Parameter
-from scara_kinetostatic.model.law import Shift, Situation
+from scara_kinetostatic.model.law import Shift, TouchState
 
 
 @dataclass(frozen=True)
-class ContactLean(Effect):
+class OffNormalForce(Effect):
     """Friction as it is: in every touch the force leans from the normal by an angle of its own.
 
     A tip that creeps while the joints give way comes to rest with a tangential force of either sense and any size
@@ -25,23 +25,23 @@ class ContactLean(Effect):
         lean: standard deviation of α, rad; the coefficient of friction is larger than it.
     """
 
-    lean: float = 0.05
+    off_normal: float = 0.05
 
     name: ClassVar[str] = 'contact_friction'
     parameters: ClassVar[tuple[Parameter, ...]] = ()
-    hides_behind: ClassVar[str] = 'noise of the force sensor, if all forces are alike'
-    reveal: ClassVar[str] = 'touches at several force levels: friction grows with the force, noise does not'
-    betrays: ClassVar[str] = 'magnitude'
+    confounded_with: ClassVar[str] = 'noise of the force sensor, if all forces are alike'
+    identified_by: ClassVar[str] = 'touches at several force levels: friction grows with the force, noise does not'
+    plot_variable: ClassVar[str] = 'magnitude'
     on_object: ClassVar[bool] = True
 
     @property
-    def spread(self) -> float:
+    def off_normal_std(self) -> float:
         """The standard deviation of the lean."""
-        return self.lean
+        return self.off_normal
 
-    def shift(self, at: Situation, values: Floats) -> Shift:
-        along, across = at.radii * (np.cos(at.lean) - 1), -at.radii * np.sin(at.lean)
+    def shift(self, at: TouchState, values: Floats) -> Shift:
+        along, across = at.radii * (np.cos(at.off_normal) - 1), -at.radii * np.sin(at.off_normal)
         return Shift(place=along[:, None] * at.normal + across[:, None] * at.tangent)
 
-    def derivative(self, at: Situation, values: Floats) -> tuple[Shift, ...]:
+    def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         return ()
