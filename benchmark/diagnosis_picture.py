@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,8 +13,7 @@ from matplotlib.figure import Figure
 
 from benchmark.diagnosis_record import NAMINGS, WITHIN, Record
 from benchmark.diagnosis_tables import SHOWN
-from scara_kinetostatic.render.figure import COLOURS, FAINT, INK, LINE, SERIES, WARN, style
-from scara_kinetostatic.render.page import STYLESHEET
+from scara_kinetostatic.render.figure import FAINT, INK, LINE, SERIES, WARN, light_colours, style
 
 Pick = Callable[[Record, int], float]
 
@@ -30,7 +28,7 @@ def draw(records: Sequence[Record], path: Path) -> None:
     shown = [r for r in every if r.size == SHOWN]
     kinds = list(dict.fromkeys(_kind(r.played[0]) for r in every))
     labels = sorted({r.played[0] for r in every}, key=lambda label: (kinds.index(_kind(label)), label))[::-1]
-    palette = _light()
+    palette = light_colours()
     with style():
         mpl.rcParams.update({key: palette.get(str(value), value) for key, value in mpl.rcParams.items()})
         height = 2 * (HEIGHT_REST + HEIGHT_EACH * max(len(labels), 3))
@@ -52,13 +50,6 @@ def draw(records: Sequence[Record], path: Path) -> None:
 
 def _kind(label: str) -> str:
     return label.split('[')[0]
-
-
-def _light() -> dict[str, str]:
-    """The colours of a light page for the stand-ins of `drawing`."""
-    css = STYLESHEET.read_text(encoding='utf-8')
-    colours = dict(re.findall(r'(--[\w-]+):\s*(#[0-9a-fA-F]+)', css[: css.index('@media')]))
-    return {stand_in: colours[variable[4:-1]] for stand_in, variable in COLOURS.items()}
 
 
 def _naming(ax: Axes, records: Sequence[Record], labels: Sequence[str], palette: dict[str, str]) -> None:

@@ -9,7 +9,6 @@ this project; the first is that of the recording with which the README opens.
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,8 +21,7 @@ from scara_kinetostatic.diagnosis.effect_residual import signature
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.render.figure import style
-from scara_kinetostatic.render.page import STYLESHEET
+from scara_kinetostatic.render.figure import style, svg_file
 from scara_kinetostatic.report import cell_picture, effect_pictures
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -36,7 +34,6 @@ from scara_kinetostatic.studies.paper import figures as paper_pictures
 from scara_kinetostatic.studies.paper.reproduction import reproduce
 
 UNDECLARED = Path(__file__).parents[1] / 'bags' / 'undeclared_a.mcap'
-FONT = 'system-ui, -apple-system, Segoe UI, Noto Sans, DejaVu Sans, sans-serif'
 
 
 def main() -> int:
@@ -47,7 +44,7 @@ def main() -> int:
     out.mkdir(parents=True, exist_ok=True)
     with style():
         for name, picture in pictures():
-            (out / f'{name}.svg').write_text(standalone(picture), encoding='utf-8')
+            (out / f'{name}.svg').write_text(svg_file(picture), encoding='utf-8')
             print(out / f'{name}.svg')
     return 0
 
@@ -81,24 +78,6 @@ def missing_effect() -> Markup:
     (found,) = outcome.diagnosis.found
     titles = 'the twelve parameters alone', f'with {found.effect.label}'
     return effect_pictures.signature_picture(signature(outcome, found), 'missing', titles)
-
-
-def standalone(picture: Markup) -> str:
-    """An SVG file: the page's light colours and its type written in, on white."""
-    text = str(picture)
-    css = STYLESHEET.read_text(encoding='utf-8')
-    light = css[: css.index('@media')]
-    for name, value in re.findall(r'(--[\w-]+):\s*(#[0-9a-fA-F]+)', light):
-        text = text.replace(f'var({name})', value)
-    box = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', text)
-    assert box is not None
-    head, rest = text.split('>', 1)
-    if 'xmlns=' not in head:
-        head = head.replace(
-            '<svg', '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
-        )
-    head += f' width="{box[1]}" height="{box[2]}" font-family="{FONT}"'
-    return f'{head}><rect width="100%" height="100%" fill="#ffffff"/>{rest}\n'
 
 
 if __name__ == '__main__':

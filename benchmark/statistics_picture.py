@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,8 +15,7 @@ from benchmark.statistics_outliers import CASES, LEFT_OUT
 from benchmark.statistics_summary import COVERED, EFFICIENT, GROWTH, LEVEL
 from benchmark.statistics_tables import sizes_of
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.render.figure import COLOURS, INK, LINE, SERIES, WARN, style
-from scara_kinetostatic.render.page import STYLESHEET
+from scara_kinetostatic.render.figure import INK, LINE, SERIES, WARN, light_colours, style
 
 Part = dict[str, Any]
 Panel = Callable[[Axes, Part, dict[str, str]], None]
@@ -35,7 +33,7 @@ def draw(summary: Part, path: Path) -> None:
     shown = [(key, panel) for key, panel in panels if summary.get(key)]
     if not shown:
         return
-    palette = _light()
+    palette = light_colours()
     with style():
         mpl.rcParams.update({key: palette.get(str(value), value) for key, value in mpl.rcParams.items()})
         rows = -(-len(shown) // 2)
@@ -48,13 +46,6 @@ def draw(summary: Part, path: Path) -> None:
             ax.set_visible(False)
         figure.suptitle('Statistics of the calibration; all touches are simulated')
         figure.savefig(path)
-
-
-def _light() -> dict[str, str]:
-    """The colours of a light page for the stand-ins of `drawing`."""
-    css = STYLESHEET.read_text(encoding='utf-8')
-    colours = dict(re.findall(r'(--[\w-]+):\s*(#[0-9a-fA-F]+)', css[: css.index('@media')]))
-    return {stand_in: colours[variable[4:-1]] for stand_in, variable in COLOURS.items()}
 
 
 def _places(number: int, count: int, of: int) -> np.ndarray[Any, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from scara_kinetostatic.diagnosis.comparison import compare
 from scara_kinetostatic.diagnosis.outcome import Outcome
-from scara_kinetostatic.render.quantities import base_rank
+from scara_kinetostatic.report.parameter_rows import base_rank
 
 
 def one_line(outcome: Outcome) -> str:

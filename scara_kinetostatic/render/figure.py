@@ -12,6 +12,8 @@ import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -31,7 +33,10 @@ COLOURS = {
     WARN: 'var(--warn)',
     **{stand_in: f'var(--c{number})' for number, stand_in in enumerate(SERIES, 1)},
 }
+STYLESHEET = Path(__file__).parent / 'page.css'
+"""Of every page; its variables are the colours of the figures."""
 FONT_SIZE = 12.5
+_FONT = 'system-ui, -apple-system, Segoe UI, Noto Sans, DejaVu Sans, sans-serif'
 _PER_INCH = 72.0
 _STYLE: dict[Any, Any] = {
     'svg.fonttype': 'none',
@@ -153,3 +158,26 @@ def as_svg(figure: Figure, name: str, description: str) -> Markup:
     for stand_in, variable in COLOURS.items():
         svg = svg.replace(stand_in, variable)
     return Markup(svg)
+
+
+@cache
+def light_colours() -> dict[str, str]:
+    """Colour of the light page by stand-in, for figures outside a page; hexadecimal."""
+    css = STYLESHEET.read_text(encoding='utf-8')
+    colours = dict(re.findall(r'(--[\w-]+):\s*(#[0-9a-fA-F]+)', css[: css.index('@media')]))
+    return {stand_in: colours[variable[4:-1]] for stand_in, variable in COLOURS.items()}
+
+
+def svg_file(picture: Markup) -> str:
+    """The text of an SVG file: the colours of the light page and its type written in, on white."""
+    text = str(picture)
+    for stand_in, colour in light_colours().items():
+        text = text.replace(COLOURS[stand_in], colour)
+    box = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', text)
+    assert box is not None
+    head, rest = text.split('>', 1)
+    if 'xmlns=' not in head:
+        names = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+        head = head.replace('<svg', f'<svg {names}')
+    head += f' width="{box[1]}" height="{box[2]}" font-family="{_FONT}"'
+    return f'{head}><rect width="100%" height="100%" fill="#ffffff"/>{rest}\n'

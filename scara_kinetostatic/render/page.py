@@ -7,13 +7,12 @@ from pathlib import Path
 
 import jinja2
 
-STYLESHEET = Path(__file__).parent / 'page.css'
-"""Of every page; its variables are the colours of the figures."""
+from scara_kinetostatic.render.figure import STYLESHEET
 
 
 @cache
 def page_template(path: Path) -> jinja2.Template:
-    """The template of a page; it may include files beside it, and the stylesheet.
+    """The template of a page; it may include files beside it, the stylesheet and the macro `show_table`.
 
     Args:
         path: the template.

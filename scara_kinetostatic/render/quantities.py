@@ -5,9 +5,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
-
 
 class Scale(NamedTuple):
     """A unit with a prefix, and how many of it one SI unit is."""
@@ -32,9 +29,7 @@ SCALES = {
     'g1': _MICRO_RADIAN,
     'g2': _MICRO_RADIAN,
 }
-"""How each parameter is shown."""
-STATUS = {'estimated': '', 'fixed': 'fixed', 'confounded': 'not determined by these data'}
-"""The status of a parameter in words."""
+"""The unit in which each of the twelve parameters is shown."""
 
 
 class Shown(NamedTuple):
@@ -69,58 +64,6 @@ def shown(value: float, std: float, unit: str) -> Shown:
     if digits is None:
         return Shown(f'{value * scale.per_si:.3g}', '', scale.unit)
     return Shown(f'{value * scale.per_si:.{digits}f}', f'{std * scale.per_si:.{digits}f}', scale.unit)
-
-
-class Row(NamedTuple):
-    """One parameter, ready to print.
-
-    Attributes:
-        name: as everywhere.
-        nominal: where the calibration started.
-        value: the estimate, with the digits its uncertainty allows; in brackets where the data do not determine it.
-        std: one standard deviation, two digits; empty where there is none.
-        unit: of all three.
-        status: ``estimated``, ``fixed`` or ``confounded``.
-        description: what it is.
-    """
-
-    name: str
-    nominal: str
-    value: str
-    std: str
-    unit: str
-    status: str
-    description: str
-
-
-def parameter_rows(c: Calibration) -> list[Row]:
-    """The twelve parameters in their order."""
-    nominal, values = c.cell.nominal.as_dict(), c.parameters.as_dict()
-    return [_row(name, nominal[name], values[name], c.std_of(name), c.status[name]) for name in NAMES]
-
-
-def _row(name: str, nominal: float, value: float, std: float, status: str) -> Row:
-    unit, per_si = SCALES[name]
-    digits = decimals(std * per_si)
-    undetermined = f'({value * per_si:.2g})' if status == 'confounded' else f'{value * per_si:.6g}'
-    return Row(
-        name=name,
-        nominal=f'{nominal * per_si:.6g}',
-        value=f'{value * per_si:.{digits}f}' if digits is not None else undetermined,
-        std=f'{std * per_si:.{digits}f}' if digits is not None else '',
-        unit=unit,
-        status=status,
-        description=DESCRIPTIONS[name],
-    )
-
-
-def base_rank(c: Calibration) -> int:
-    """How many of the twelve parameters, or of their combinations, the data determine.
-
-    Every unseen direction is one confounded group; those of effects alone do not count.
-    """
-    free = sum(status != 'fixed' for status in c.status.values())
-    return free - sum(bool(set(group) & set(NAMES)) for group in c.identifiability.confounded)
 
 
 def decimals(std: float) -> int | None:

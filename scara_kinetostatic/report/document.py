@@ -12,9 +12,9 @@ from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.render.json_file import Document
-from scara_kinetostatic.render.quantities import base_rank
 from scara_kinetostatic.report.diagnosis_document import diagnosis_document
 from scara_kinetostatic.report.diagnosis_document import number as _number
+from scara_kinetostatic.report.parameter_rows import base_rank
 
 Floats = NDArray[np.float64]
 

@@ -14,8 +14,9 @@ from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import Unnamed
-from scara_kinetostatic.render.quantities import SCALES, base_rank, count, decimals, p_equals
+from scara_kinetostatic.render.quantities import SCALES, count, decimals, p_equals
 from scara_kinetostatic.report.diagnosis_document import known_effects
+from scara_kinetostatic.report.parameter_rows import base_rank
 
 
 class Verdict(NamedTuple):

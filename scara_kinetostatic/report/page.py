@@ -13,7 +13,6 @@ from scara_kinetostatic.diagnosis.comparison import compare
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.render.figure import COLOURS, mark, style
 from scara_kinetostatic.render.page import page_template
-from scara_kinetostatic.render.quantities import STATUS, parameter_rows
 from scara_kinetostatic.report import messages as words
 from scara_kinetostatic.report.cell_picture import cell_picture
 from scara_kinetostatic.report.diagnosis_html import diagnosis_context
@@ -23,6 +22,7 @@ from scara_kinetostatic.report.fit_pictures import (
     quantile_picture,
     residual_picture,
 )
+from scara_kinetostatic.report.parameter_rows import STATUS, parameter_rows
 
 NAME = 'report.html'
 _TEMPLATE = Path(__file__).parent / 'page.html.j2'

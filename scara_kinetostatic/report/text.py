@@ -8,8 +8,9 @@ from collections.abc import Iterable, Sequence
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.unnamed import Unnamed
-from scara_kinetostatic.render.quantities import STATUS, Row, parameter_rows, shown
+from scara_kinetostatic.render.quantities import shown
 from scara_kinetostatic.report import messages as words
+from scara_kinetostatic.report.parameter_rows import STATUS, Row, parameter_rows
 
 WIDTH = 100
 MOST_REJECTED = 12

@@ -14,8 +14,8 @@ from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.effects.object_radius import ObjectRadius
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.touch import Rejection
-from scara_kinetostatic.render.quantities import decimals, parameter_rows, shown
 from scara_kinetostatic.report import messages as words
+from scara_kinetostatic.report.parameter_rows import parameter_rows
 from scara_kinetostatic.report.text import MOST_REJECTED, text_report
 
 
@@ -32,14 +32,6 @@ def test_digits_follow_the_uncertainty(plain: Outcome) -> None:
     for row in parameter_rows(plain.calibration):
         assert len(row.std.strip('0.').replace('.', '')) <= 2 or float(row.std) >= 100
         assert len(row.value.partition('.')[2]) == len(row.std.partition('.')[2])
-
-
-@pytest.mark.parametrize(
-    ('std', 'expected'),
-    [(0.0015, 4), (0.094, 3), (0.81, 2), (1.2, 1), (11, 0), (851, 0), (0, None), (float('nan'), None)],
-)
-def test_decimals(std: float, expected: int | None) -> None:
-    assert decimals(std) == expected
 
 
 def test_what_is_not_determined_has_no_uncertainty(confounded: Outcome) -> None:
@@ -85,23 +77,6 @@ def test_of_many_rivals_the_first_ones_are_named(plain: Outcome) -> None:
     text = ' '.join(words.verdict(replace(plain, diagnosis=Diagnosis('ambiguous', 1e-4, rivals=rivals))).sentences)
     assert 'effect_0 or effect_1' in text
     assert f'or one of {20 - words.MOST_RIVALS} more' in text
-
-
-@pytest.mark.parametrize(
-    ('value', 'std', 'unit', 'expected'),
-    [
-        (5.19e-5, 1.07e-6, 'm', '51.9 ± 1.1 µm'),
-        (17.3061, 0.0246, '1/turn', '17.306 ± 0.025 1/turn'),
-        (9.82e-5, 1.6e-6, '1', '98.2 ± 1.6 ppm'),
-        (0.0322, 0.0023, '1', '0.0322 ± 0.0023'),
-        (-3e-8, 1e-9, 'rad/(Nm)^3', '-30.0 ± 1.0 nrad/(Nm)^3'),
-        (2e-7, float('nan'), '1/s', '0.2 ppm/s'),
-        (0.0, 0.0, 'm', '0 m'),
-        (2.5, 0.31, 'Nm', '2.50 ± 0.31 Nm'),
-    ],
-)
-def test_values_of_any_unit(value: float, std: float, unit: str, expected: str) -> None:
-    assert shown(value, std, unit).text == expected
 
 
 def test_twelve_that_do_not_settle_alone_say_so(ambiguous: Outcome) -> None:
