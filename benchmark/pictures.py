@@ -17,7 +17,6 @@ from markupsafe import Markup
 
 from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.diagnosis.effect_residual import signature
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_recordings
@@ -75,9 +74,9 @@ def missing_effect() -> Markup:
     cell = embedded_cell(UNDECLARED)
     assert cell is not None
     outcome = calibrate_recordings([UNDECLARED], cell)
-    (found,) = outcome.diagnosis.found
+    (found,), (residual,) = outcome.diagnosis.found, outcome.effect_residuals
     titles = 'the twelve parameters alone', f'with {found.effect.label}'
-    return effect_pictures.signature_picture(signature(outcome, found), 'missing', titles)
+    return effect_pictures.residual_picture(residual, 'missing', titles)
 
 
 if __name__ == '__main__':

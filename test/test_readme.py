@@ -11,7 +11,6 @@ import pytest
 from pipeline.opened import Row, outcome_of, rows
 
 from scara_kinetostatic.cli.main import build_parser
-from scara_kinetostatic.diagnosis.comparison import compare
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.render.quantities import SCALES
 from scara_kinetostatic.report.text import text_report
@@ -87,7 +86,7 @@ def test_the_other_parameters_are_off_by_no_more_than_is_said() -> None:
 def test_errors_before_and_after(name: str) -> None:
     (line,) = (line for line in README.splitlines() if line.startswith('|') and f'`bags/{name}.mcap`' in line)
     *_, force, tip = cells(line)
-    found = compare(outcome(name))
+    found = outcome(name).comparison
     sides = (found.alone, found.extended) if '→' in force else (found.extended,)
     assert ('→' in force) == (outcome(name).diagnosis.extended is not None)
     assert figures(force) == pytest.approx([side.held_out for side in sides], rel=WITHIN)

@@ -24,7 +24,6 @@ from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Point
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
-from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import NAMES
 
@@ -63,25 +62,6 @@ class Side(NamedTuple):
     tip: TipError
 
 
-class Comparison(NamedTuple):
-    """Before and after.
-
-    Attributes:
-        nominal: e_f with the nominal parameters, N.
-        alone: the twelve parameters alone.
-        extended: with what was found; the same where nothing was.
-        moved: by how far base, offsets and link lengths, bent by what was missing, displaced the tip H(L̄, Q): root
-            mean square over the touches, m.
-        moved_most: the largest such displacement.
-    """
-
-    nominal: float
-    alone: Side
-    extended: Side
-    moved: float
-    moved_most: float
-
-
 class Bias(NamedTuple):
     """How far a missing effect had bent one parameter.
 
@@ -109,20 +89,48 @@ class Bias(NamedTuple):
         return bool(np.isfinite(self.in_std)) and abs(self.shift) > self.std
 
 
-def compare(outcome: Outcome) -> Comparison:
-    """Both models of an outcome, on the touches of the final one."""
-    alone, final = outcome.calibration, outcome.final
+class Comparison(NamedTuple):
+    """Before and after.
+
+    Attributes:
+        nominal: e_f with the nominal parameters, N.
+        alone: the twelve parameters alone.
+        extended: with what was found; the same where nothing was.
+        moved: displacement of the tip H(L̄, Q) by the bias of base, offsets and link lengths: root mean square over the
+            touches, m.
+        moved_most: the largest such displacement, m.
+        biases: of the base model's parameters, in the order of `NAMES`.
+    """
+
+    nominal: float
+    alone: Side
+    extended: Side
+    moved: float
+    moved_most: float
+    biases: tuple[Bias, ...]
+
+
+def compare(alone: Calibration, final: Calibration, held_out: float, final_held_out: float) -> Comparison:
+    """Compare the base model and the final one on the touches that the final one uses.
+
+    Args:
+        alone: the base model.
+        final: the extended model; `alone` itself where nothing was found.
+        held_out: force error of `alone` on touches not used in the fit, N.
+        final_held_out: the same of `final`.
+    """
     before = replace(alone, used=final.used)
-    extended = _side(final, final, outcome.extended_held_out.force_error)
+    extended = _side(final, final, final_held_out)
     unlike = final is not alone
     joints = final.touches.joints[final.used]
     moved = np.linalg.norm(forward(alone.parameters, joints) - forward(final.parameters, joints), axis=1)
     return Comparison(
         nominal=force_error(alone.nominal_residual[final.used]),
-        alone=_side(before, final, outcome.held_out.force_error) if unlike else extended,
+        alone=_side(before, final, held_out) if unlike else extended,
         extended=extended,
         moved=float(np.sqrt(np.mean(moved**2))),
         moved_most=float(moved.max()),
+        biases=tuple(_bias(name, alone, final) for name in NAMES),
     )
 
 
@@ -170,13 +178,9 @@ def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def biases(outcome: Outcome) -> list[Bias]:
-    """The twelve parameters alone beside those of the extended model, in the order of `NAMES`."""
-    alone, final = outcome.calibration, outcome.final
-    rows = []
-    for name in NAMES:
-        before, after = getattr(alone.parameters, name), getattr(final.parameters, name)
-        std = alone.std_of(name)
-        in_std = (before - after) / std if std > 0 and np.isfinite(final.std_of(name)) else np.nan
-        rows.append(Bias(name, before, std, after, final.std_of(name), before - after, float(in_std)))
-    return rows
+def _bias(name: str, alone: Calibration, final: Calibration) -> Bias:
+    """What the missing effects made of one parameter of the base model."""
+    before, after = getattr(alone.parameters, name), getattr(final.parameters, name)
+    std, final_std = alone.std_of(name), final.std_of(name)
+    in_std = (before - after) / std if std > 0 and np.isfinite(final_std) else np.nan
+    return Bias(name, before, std, after, final_std, before - after, float(in_std))

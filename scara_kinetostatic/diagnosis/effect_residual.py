@@ -1,24 +1,26 @@
-"""Where an effect shows: what each touch says of it, over the variable that betrays it, before and after.
+"""The residual of an effect: the deviation that each touch shows, over the effect's variable, before and after.
 
-An effect moves joints, moves the place of the contact, or misreads the force. Of a unit u of that deviation
-(whitened, `diagnosis.problem`) and a residual r of a touch, the deviation that the touch itself calls for is
--u·r / u·u, with standard deviation 1/|u|: after, with r of the extended model; before, with r of the model without the
-effect and its rivals. Where nothing else was found that is the fit of the twelve parameters alone; else it
-is r - (I - B Bᵀ) X θ, with X the columns of what is taken out and B a basis of those that stay. The second part
-is what is to be expected before.
+An effect moves joints, moves the place of the contact, or is an error of the force sensor. With the whitened column u
+of a unit of that deviation (`diagnosis.linear_problem`) and the whitened residual r of a touch, the deviation estimated
+from that touch alone is -u·r / u·u, with standard deviation 1/|u|. After: r of the extended model. Before: r of
+the model without the effect and its rivals. Where nothing else was found, that is the base model; else it
+is r - (I - B Bᵀ) X θ, with X the columns of what is taken out and B an orthonormal basis of those that stay. The second
+term is the part of the deviation that is expected before.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
-from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.base import Effect, at_joint
 from scara_kinetostatic.effects.transmission_error import TransmissionError
@@ -32,7 +34,7 @@ from scara_kinetostatic.model.parameters import NAMES
 Floats = NDArray[np.float64]
 
 UNCLEAR = 4.0
-"""A touch that says so many times less of a deviation than the median one is left out."""
+"""A touch whose sensitivity |u| to the deviation is so many times smaller than the median one is left out."""
 UNITS = {'q1': 'rad', 'q2': 'rad', 'torque1': 'Nm', 'torque2': 'Nm', 'force': 'N', 'time': 's'}
 
 
@@ -40,11 +42,11 @@ class Channel(NamedTuple):
     """One way in which an effect acts on a touch.
 
     Attributes:
-        label: what deviates, with the unit shown.
+        label: the deviation, with the unit shown.
         per_si: that unit.
         shift: of one SI unit, as the equations take it.
-        reading: the same as an error of the sensor.
-        size: how far the effect moves each touch this way, (n,), SI.
+        sensor_error: the same as an error of the sensor, (n, 2).
+        size: deviation of each touch by the effect, (n,), SI.
     """
 
     label: str
@@ -54,103 +56,130 @@ class Channel(NamedTuple):
     size: Floats
 
 
-class Signature(NamedTuple):
-    """What n touches say of an effect.
+class EffectResidual(NamedTuple):
+    """The deviation by one effect that each of n touches shows, with its standard uncertainty.
 
     Attributes:
-        over: what the x axis is, with unit.
-        what: what the y axis is, with unit.
+        x_label: the variable, with unit.
+        y_label: the deviation, with unit; the unit of all deviations here.
         x: the variable, (n,).
-        before: deviation that each touch calls for without the effect and its rivals, (n,).
+        before: deviation estimated from each touch without the effect and its rivals, (n,).
         after: the same with the extended model.
-        expected: what of it the effect must leave beside the rest of the model.
-        spread_before: standard deviation of one touch without the effect, (n,).
-        spread_after: the same with it; larger if it is one that scatters.
+        expected: the part of `before` that the extended model predicts.
+        std_before: standard deviation of one touch without the effect, (n,).
+        std_after: the same with it; larger for an effect that is a scatter.
         disc: number of the disc, (n,).
         posture: +1 or -1, (n,).
     """
 
-    over: str
-    what: str
+    x_label: str
+    y_label: str
     x: Floats
     before: Floats
     after: Floats
     expected: Floats
-    spread_before: Floats
-    spread_after: Floats
+    std_before: Floats
+    std_after: Floats
     disc: NDArray[np.intp]
     posture: NDArray[np.intp]
 
 
-def signature(outcome: Outcome, item: Found) -> Signature:
-    """What the used touches say of an effect of the extended model."""
-    problem = pose_problem(outcome.final)
-    if item.effect.off_normal_std:
-        return _off_normal_residual(outcome, problem, item)
+def effect_residuals(alone: Calibration, final: Calibration, found: Sequence[Found]) -> tuple[EffectResidual, ...]:
+    """The residual of each effect of the extended model, in the order of `found`.
+
+    Args:
+        alone: the base model.
+        final: the extended model.
+        found: its effects.
+    """
+    models = _Models(alone, final, tuple(found))
+    return tuple(
+        _off_normal_residual(models, item) if item.effect.off_normal_std else _residual(models, item) for item in found
+    )
+
+
+@dataclass(frozen=True)
+class _Models:
+    """The base model and the extended model, each as a linear problem of the same touches and noise."""
+
+    alone: Calibration
+    final: Calibration
+    found: tuple[Found, ...]
+
+    @cached_property
+    def before(self) -> Problem:
+        return pose_problem(replace(self.alone, used=self.final.used, noise=self.final.noise))
+
+    @cached_property
+    def after(self) -> Problem:
+        return pose_problem(self.final)
+
+
+def _residual(models: _Models, item: Found) -> EffectResidual:
+    problem = models.after
     channels = _channels(problem, item)
     which = int(np.argmax([float(np.linalg.norm(_moved(problem, each))) for each in channels]))
     channel = channels[which]
     unit = problem.column(channel.shift, channel.sensor_error).reshape(-1, 2)
     weight = np.linalg.norm(unit, axis=1)
     kept = _touched(problem, item.effect) & (weight > np.median(weight) / UNCLEAR)
-    over, x = _over(problem, item)
+    x_label, x = _variable(problem, item)
     metadata, left = problem.touch_state.metadata, problem.point.whitened.residual
-    taken_out, alone = _taken_out(outcome, problem, item)
+    taken_out, is_only_effect = _taken_out(models, item)
     before = left + taken_out
     old = unit
-    if alone:
-        earlier = pose_problem(replace(outcome.calibration, used=outcome.final.used, noise=outcome.final.noise))
-        there = _channels(earlier, item)[which]
-        before, old = earlier.left, earlier.column(there.shift, there.sensor_error).reshape(-1, 2)
+    if is_only_effect:
+        there = _channels(models.before, item)[which]
+        before, old = models.before.left, models.before.column(there.shift, there.sensor_error).reshape(-1, 2)
 
     def deviation(column: Floats, residual: Floats) -> Floats:
         scale = np.maximum((column**2).sum(axis=1), 1e-300)
         return np.asarray(-channel.per_si * (column * residual.reshape(-1, 2)).sum(axis=1) / scale)[kept]
 
-    return Signature(
-        over=over,
-        what=channel.label,
+    return EffectResidual(
+        x_label=x_label,
+        y_label=channel.label,
         x=x[kept],
         before=deviation(old, before),
         after=deviation(unit, left),
         expected=deviation(unit, taken_out),
-        spread_before=channel.per_si / np.linalg.norm(old, axis=1)[kept],
-        spread_after=channel.per_si / weight[kept],
+        std_before=channel.per_si / np.linalg.norm(old, axis=1)[kept],
+        std_after=channel.per_si / weight[kept],
         disc=metadata.disc[kept],
         posture=metadata.posture[kept],
     )
 
 
-def _taken_out(outcome: Outcome, problem: Problem, item: Found) -> tuple[Floats, bool]:
-    """What the residual is richer by without an effect and its rivals, (n, 2), and whether nothing else was found."""
-    final, found = outcome.final, outcome.diagnosis.found
+def _taken_out(models: _Models, item: Found) -> tuple[Floats, bool]:
+    """Change of the residual where an effect and its rivals are left out, (n, 2); whether nothing else was found."""
+    final, problem = models.final, models.after
     columns = problem.point.whitened.derivative[:, :, len(NAMES) :].reshape(len(problem.left), -1)
     parts = split(final.cell.effects, final.parameters)
     amplitudes = [law.amplitudes(part) for law, part in zip(final.cell.effects, parts, strict=True)]
-    out = [other.effect == item.effect or not (other.in_every_model or item.in_every_model) for other in found]
+    out = [other.effect == item.effect or not (other.in_every_model or item.in_every_model) for other in models.found]
     gone = np.repeat(out, [len(part) for part in parts])
     base = problem.base if gone.all() else orthonormal(np.concatenate([problem.base, columns[:, ~gone]], axis=1))
     lost = columns[:, gone] @ np.concatenate(amplitudes)[gone]
     return -(lost - base @ (base.T @ lost)).reshape(-1, 2), bool(gone.all())
 
 
-def _off_normal_residual(outcome: Outcome, problem: Problem, item: Found) -> Signature:
-    """That of leaning forces: the lean of each, which has the spread of noise alone or that and the effect's own."""
-    earlier = pose_problem(replace(outcome.calibration, used=outcome.final.used, noise=outcome.final.noise))
-    radii, metadata = earlier.touch_state.radii, earlier.touch_state.metadata
-    off_normal = -1e3 * earlier.point.linear.misclosure[:, 1] / radii
-    _, l21, l22 = earlier.point.whitened.root
+def _off_normal_residual(models: _Models, item: Found) -> EffectResidual:
+    """The off-normal angle of each force: its standard deviation is that of noise alone, or of noise and friction."""
+    problem = models.before
+    radii, metadata = problem.touch_state.radii, problem.touch_state.metadata
+    angle = -1e3 * problem.point.linear.misclosure[:, 1] / radii
+    _, l21, l22 = problem.point.whitened.root
     noise = 1e3 * np.hypot(l21, l22) / radii
-    over, x = _over(problem, item)
-    return Signature(
-        over=over,
-        what='lean of the force  [mrad]',
+    x_label, x = _variable(models.after, item)
+    return EffectResidual(
+        x_label=x_label,
+        y_label='off-normal angle of the force  [mrad]',
         x=x,
-        before=off_normal,
-        after=off_normal,
-        expected=np.zeros_like(off_normal),
-        spread_before=noise,
-        spread_after=np.hypot(noise, 1e3 * item.effect.off_normal_std),
+        before=angle,
+        after=angle,
+        expected=np.zeros_like(angle),
+        std_before=noise,
+        std_after=np.hypot(noise, 1e3 * item.effect.off_normal_std),
         disc=metadata.disc,
         posture=metadata.posture,
     )
@@ -169,21 +198,21 @@ def _channels(problem: Problem, item: Found) -> list[Channel]:
     if found.joints is not None:
         for joint in (0, 1):
             unit = Shift(joints=at_joint(np.ones(n), joint))
-            channels.append(Channel(f'joint {joint + 1} deviates  [µrad]', 1e6, unit, None, found.joints[:, joint]))
+            channels.append(Channel(f'deviation of joint {joint + 1}  [µrad]', 1e6, unit, None, found.joints[:, joint]))
     if found.place is not None:
         for side, direction in (('along', at.normal), ('across', at.tangent)):
             size = (found.place * direction).sum(axis=1)
-            channels.append(Channel(f'place {side} the force  [µm]', 1e6, Shift(place=direction), None, size))
+            channels.append(Channel(f'displacement {side} the force  [µm]', 1e6, Shift(place=direction), None, size))
     if sensor_error is not None:
         along = problem.force / np.hypot(problem.force[:, 0], problem.force[:, 1])[:, None]
         for side, direction in (('along', along), ('across', np.stack([-along[:, 1], along[:, 0]], axis=-1))):
             size = (sensor_error * direction).sum(axis=1)
-            channels.append(Channel(f'reading {side} the force  [N]', 1.0, Shift(), direction, size))
+            channels.append(Channel(f'sensor error {side} the force  [N]', 1.0, Shift(), direction, size))
     return channels
 
 
 def _touched(problem: Problem, effect: Effect) -> NDArray[np.bool_]:
-    """The touches that an effect is about: those on its disc, if it has one and that is not the variable."""
+    """The touches on which an effect acts: those on its disc, if it has one and that is not the variable."""
     disc = getattr(effect, 'disc', -1)
     touched = problem.touch_state.metadata.disc
     if disc < 0 or effect.plot_variable == 'disc':
@@ -191,8 +220,8 @@ def _touched(problem: Problem, effect: Effect) -> NDArray[np.bool_]:
     return np.asarray(touched == disc)
 
 
-def _over(problem: Problem, item: Found) -> tuple[str, Floats]:
-    """The variable that betrays an effect: its name, and its values, (n,)."""
+def _variable(problem: Problem, item: Found) -> tuple[str, Floats]:
+    """The variable over which an effect is shown: its name with unit, and its values, (n,)."""
     effect, at = item.effect, problem.touch_state
     if isinstance(effect, TransmissionError):
         _, phase, cycles = (v.value for v in item.values)

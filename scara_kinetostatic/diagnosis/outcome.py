@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from scara_kinetostatic.calibration.held_out import HeldOut
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.comparison import Comparison, compare
+from scara_kinetostatic.diagnosis.effect_residual import EffectResidual, effect_residuals
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.model.touch import Rejection
 
@@ -14,15 +17,18 @@ from scara_kinetostatic.model.touch import Rejection
 class Outcome:
     """All that a calibration of recordings gives.
 
+    `comparison` and `effect_residuals` follow from the fits. Each is estimated once, when it is first read: a user of the
+    parameters alone needs neither, and a copy with another diagnosis gets its own.
+
     Attributes:
-        calibration: the twelve parameters alone, with their uncertainty.
+        calibration: the base model with its uncertainty.
         held_out: force error of that model on touches not used in the fit.
-        diagnosis: whether the model is enough, and what is missing.
+        diagnosis: whether the model is complete, and what is missing.
         extended_held_out: as `held_out`, of the model extended by what was found; the same where nothing was.
         found: touches in the recordings, rejected ones included.
         rejected: all that were not used, by index: by the detection and by the fit.
         sources: the recordings.
-        warnings: what is odd about them, one sentence each.
+        warnings: irregularities of the recordings, one sentence each.
     """
 
     calibration: Calibration
@@ -38,3 +44,14 @@ class Outcome:
     def final(self) -> Calibration:
         """The calibration to use: extended by what was found, where something was."""
         return self.diagnosis.extended or self.calibration
+
+    @cached_property
+    def comparison(self) -> Comparison:
+        """The base model and the final one on the same touches: force error, error of the tip, bias of parameters."""
+        held_out = self.held_out.force_error, self.extended_held_out.force_error
+        return compare(self.calibration, self.final, *held_out)
+
+    @cached_property
+    def effect_residuals(self) -> tuple[EffectResidual, ...]:
+        """The residual of each effect of the extended model, in the order of `diagnosis.found`."""
+        return effect_residuals(self.calibration, self.final, self.diagnosis.found)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from scara_kinetostatic.diagnosis.comparison import compare
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.report.parameter_rows import base_rank
 
 
 def one_line(outcome: Outcome) -> str:
     """What came out: touches, force error before and after, fit, what cannot be told apart, verdict, effects."""
-    result, compared = outcome.final, compare(outcome)
+    result, compared = outcome.final, outcome.comparison
     alone, extended = compared.alone, compared.extended
     parts = [
         f'{int(result.used.sum())} of {outcome.found} touches used',
@@ -37,7 +36,7 @@ def _verdict(outcome: Outcome) -> str:
 
 def details(outcome: Outcome) -> dict[str, str]:
     """The same by name."""
-    result, compared = outcome.final, compare(outcome)
+    result, compared = outcome.final, outcome.comparison
     alone, extended = compared.alone, compared.extended
     found = outcome.diagnosis.found
     return {

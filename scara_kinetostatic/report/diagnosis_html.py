@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from scara_kinetostatic.diagnosis.comparison import Bias, Comparison, Side, biases, compare
-from scara_kinetostatic.diagnosis.effect_residual import signature
+from scara_kinetostatic.diagnosis.comparison import Bias, Comparison, Side
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked
 from scara_kinetostatic.effects.registry import catalogue
@@ -14,7 +13,7 @@ from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.render.quantities import SCALES, chance, decimals, p_equals, shown
 from scara_kinetostatic.report import messages as words
 from scara_kinetostatic.report.diagnosis_document import role
-from scara_kinetostatic.report.effect_pictures import bias_picture, signature_picture
+from scara_kinetostatic.report.effect_pictures import bias_picture, residual_picture
 
 MOST_PICTURES = 3
 MOST_CURVES = 3
@@ -54,9 +53,9 @@ class CandidateRow(NamedTuple):
 
 def diagnosis_context(outcome: Outcome) -> dict[str, Any]:
     """What the template `diagnosis.html.j2` needs; to be called within `drawing.style`."""
-    d, compared = outcome.diagnosis, compare(outcome)
+    d, compared = outcome.diagnosis, outcome.comparison
     extended = outcome.final is not outcome.calibration
-    rows, table = biases(outcome), _candidates(d)
+    rows, table = compared.biases, _candidates(d)
     return {
         'd': d,
         'p_value': p_equals(d.p_value),
@@ -94,7 +93,7 @@ def _entries(outcome: Outcome) -> list[EffectEntry]:
     for number, item in enumerate(outcome.diagnosis.found):
         titles = ('without it', 'with it') if item.in_every_model else ('without the rivals', 'with all rivals')
         drawn = number < MOST_PICTURES
-        picture = signature_picture(signature(outcome, item), f'effect{number}', titles) if drawn else None
+        picture = residual_picture(outcome.effect_residuals[number], f'effect{number}', titles) if drawn else None
         note = LEANING if item.effect.off_normal_std else ''
         entries.append(EffectEntry(words.effect_name(item.effect), item.in_every_model, _values(item), note, picture))
     return entries

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.comparison import Comparison, biases, compare
+from scara_kinetostatic.diagnosis.comparison import Comparison
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES, UNITS
@@ -28,7 +28,7 @@ def as_document(outcome: Outcome) -> Document:
 
     SI units. What the data do not determine, and numbers that are not finite, are None.
     """
-    c, compared = outcome.final, compare(outcome)
+    c, compared = outcome.final, outcome.comparison
     return {
         'schema': SCHEMA,
         'version': __version__,
@@ -107,7 +107,7 @@ def _parameters(outcome: Outcome) -> Document:
                 'shift_in_std': _number(bias.in_std),
             },
         }
-        for bias in biases(outcome)
+        for bias in outcome.comparison.biases
     }
 
 

@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from scara_kinetostatic.diagnosis.comparison import Bias
-from scara_kinetostatic.diagnosis.effect_residual import Signature
+from scara_kinetostatic.diagnosis.effect_residual import EffectResidual
 from scara_kinetostatic.render.figure import FAINT, INK, LINE, PAPER, SERIES, WARN, as_svg, mark, new_figure
 
 Floats = NDArray[np.float64]
@@ -27,19 +27,19 @@ NOTABLE = 2.0
 """A shift of so many standard deviations is drawn in the warning colour."""
 
 
-def signature_picture(found: Signature, name: str, titles: tuple[str, str] = ('without it', 'with it')) -> Markup:
+def residual_picture(found: EffectResidual, name: str, titles: tuple[str, str] = ('without it', 'with it')) -> Markup:
     """The deviation that each touch calls for, without the effect and with it, on the same axes."""
     figure, axes = new_figure(WIDTH, 300, columns=2, sharey=True, sharex=True)
     x = _side_by_side(found.x)
     kinds = len(x) > 0 and len(np.unique(found.x)) <= FEW
     largest = _largest(found)
-    sides = ((found.before, found.spread_before), (found.after, found.spread_after))
+    sides = ((found.before, found.std_before), (found.after, found.std_after))
     for one, (deviation, spread), title in zip(axes, sides, titles, strict=True):
         values = np.clip(deviation, -0.97 * largest, 0.97 * largest)
         one.axhline(0, color=FAINT, lw=0.9)
         one.vlines(x, values - spread, values + spread, color=LINE, lw=1.0, zorder=1)
         _scatter(one, found, x, values)
-        one.set(title=title, xlabel=found.over, ylim=(-largest, largest))
+        one.set(title=title, xlabel=found.x_label, ylim=(-largest, largest))
         one.grid(visible=False, axis='x')
         if kinds:
             one.set_xticks(np.unique(found.x))
@@ -47,11 +47,11 @@ def signature_picture(found: Signature, name: str, titles: tuple[str, str] = ('w
             one.xaxis.set_major_locator(MaxNLocator(7))
     if found.expected.any():  # an effect that only scatters leaves no pattern
         axes[0].plot(x, found.expected, '_', ms=8, mew=1.6, color=INK, zorder=4)
-    axes[0].set(ylabel=found.what)
+    axes[0].set(ylabel=found.y_label)
     return as_svg(figure, name, 'what each touch says of the effect, without it in the model and with it')
 
 
-def _largest(found: Signature) -> float:
+def _largest(found: EffectResidual) -> float:
     """The end of the y axis: few wild touches do not stretch it."""
     size = np.abs(np.concatenate([found.before, found.after, found.expected]))
     usual = float(np.quantile(size, USUAL))
@@ -71,7 +71,7 @@ def _side_by_side(x: Floats) -> Floats:
     return np.asarray(out)
 
 
-def _scatter(axes: Axes, found: Signature, x: Floats, values: Floats) -> None:
+def _scatter(axes: Axes, found: EffectResidual, x: Floats, values: Floats) -> None:
     """Touches by disc (colour and shape) and posture (full: left, hollow: right)."""
     for number in np.unique(found.disc):
         look = mark(int(number))

@@ -9,7 +9,6 @@ import numpy as np
 
 from scara_kinetostatic.calibration.identifiability import Combination
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.diagnosis.comparison import biases, compare
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
@@ -123,7 +122,7 @@ def group_names(d: Diagnosis, group: Sequence[str]) -> str:
 
 def force_errors(outcome: Outcome) -> str:
     """e_f before, after, and on touches not used."""
-    compared = compare(outcome)
+    compared = outcome.comparison
     alone, extended, folds = compared.alone, compared.extended, outcome.extended_held_out.folds
     if outcome.final is outcome.calibration:
         return (
@@ -139,7 +138,7 @@ def force_errors(outcome: Outcome) -> str:
 
 def tip_errors(outcome: Outcome) -> str:
     """The error of the tip in mm, before and after, on touches not used, and what noise alone gives."""
-    compared = compare(outcome)
+    compared = outcome.comparison
     (a, a_out, _), (e, e_out, noise_alone) = (1e3 * np.array(side.tip) for side in compared[1:3])
     noise_text = f'noise alone gives {noise_alone:.3g} mm'
     if outcome.final is outcome.calibration:
@@ -154,9 +153,9 @@ def bent(outcome: Outcome) -> str:
     """How far what was missing had bent the twelve; empty where nothing was found."""
     if outcome.final is outcome.calibration:
         return ''
-    rows = sorted((row for row in biases(outcome) if row.sure), key=lambda row: -abs(row.in_std))
+    rows = sorted((row for row in outcome.comparison.biases if row.sure), key=lambda row: -abs(row.in_std))
     worst = ', '.join(f'{row.name} by {abs(row.in_std):.2g} σ' for row in rows[:3])
-    moved = compare(outcome).moved * 1e3
+    moved = outcome.comparison.moved * 1e3
     return f'without it {worst or "nothing"} off; the tip H(L̄, Q) by {moved:.3g} mm (rms over the touches)'
 
 

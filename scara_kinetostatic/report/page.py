@@ -9,7 +9,6 @@ import numpy as np
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.comparison import compare
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.render.figure import COLOURS, mark, style
 from scara_kinetostatic.render.page import page_template
@@ -62,7 +61,7 @@ def html_text(outcome: Outcome) -> str:
 
 def _facts(outcome: Outcome) -> list[tuple[str, str, str]]:
     """The four numbers at the top: value, unit, what it is."""
-    c, compared = outcome.final, compare(outcome)
+    c, compared = outcome.final, outcome.comparison
     alone, extended = compared.alone, compared.extended
     errors, held_out = [compared.nominal, alone.force_error], [alone.held_out]
     chi_square, steps = [alone.reduced_chi_square], 'nominal → calibrated'

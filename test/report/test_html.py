@@ -8,7 +8,6 @@ from xml.etree import ElementTree
 
 import pytest
 
-from scara_kinetostatic.diagnosis.comparison import biases, compare
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.report.page import html_text
 
@@ -144,7 +143,7 @@ def test_an_effect_is_shown_with_all_about_it(extended_pages: dict[str, str], gr
     assert 'script' not in parse(page).metadata
     (item,) = grown.diagnosis.found
     assert item.effect.label in text
-    compared = compare(grown)
+    compared = grown.comparison
     for side in (compared.alone, compared.extended):
         cells = (f'{side.force_error:.3g}', f'{side.held_out:.3g}', f'{1e3 * side.tip.fitted:.3g}')
         assert ''.join(f'<td class="n">{cell}</td>' for cell in cells) in page
@@ -152,7 +151,7 @@ def test_an_effect_is_shown_with_all_about_it(extended_pages: dict[str, str], gr
     assert page.count('<svg') == 5 + 2
     assert re.search(r'<tr class="found"><td>object_radius', page)
     assert re.search(r'<tr class="refuted"><td>', page)
-    (l2,) = (bias for bias in biases(grown) if bias.name == 'l2')
+    (l2,) = (bias for bias in compared.biases if bias.name == 'l2')
     assert f'{l2.in_std:+.1f}'.replace('-', '−') in text
     assert 'nan' not in text.lower().split()
 
@@ -177,4 +176,4 @@ def test_what_has_no_name_is_described(extended_pages: dict[str, str]) -> None:
 def test_of_a_scatter_it_is_said_that_nothing_predicts_it(rough: Outcome) -> None:
     page = html_text(rough)
     assert 'it does not remove it' in words_of(page)
-    assert 'lean of the force' in page
+    assert 'off-normal angle of the force' in page

@@ -8,7 +8,6 @@ from dataclasses import replace
 import pytest
 
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.diagnosis.comparison import compare
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.effects.object_radius import ObjectRadius
@@ -60,7 +59,7 @@ def test_a_fit_that_did_not_converge_says_so(plain: Outcome) -> None:
 def test_effects_have_their_lines(grown: Outcome, ambiguous: Outcome, unnamed: Outcome) -> None:
     text = text_report(grown)
     (item,) = grown.diagnosis.found
-    compared = compare(grown)
+    compared = grown.comparison
     assert f'beyond the twelve parameters\n  {item.effect.label}\n    radius  ' in text
     joined = ' '.join(text.split())
     alone, extended = compared.alone, compared.extended
