@@ -39,9 +39,9 @@ def write(path: Path, seconds: float, rate: float) -> int:
     """Write the recording; how many messages it has."""
     from scara_kinetostatic.bags.bag_writer import JOINTS, WRENCH
     from scara_kinetostatic.bags.encoding import channels, joint_state_messages, wrench_messages
-    from scara_kinetostatic.bags.mcap_writer import McapPiece
+    from scara_kinetostatic.bags.mcap_writer import McapWriter
 
-    piece, random = McapPiece(path, channels(CELL)), np.random.default_rng(0)
+    file, random = McapWriter(path, channels(CELL)), np.random.default_rng(0)
     count = round(seconds * rate)
     for first in range(0, count, PORTION):
         places = np.arange(first, min(first + PORTION, count))
@@ -51,9 +51,9 @@ def write(path: Path, seconds: float, rate: float) -> int:
         wrenches = wrench_messages(later, 10 * random.standard_normal((len(places), 2)), 'tool0')
         rows = zip(stamp.tolist(), joints, later.tolist(), wrenches, strict=True)
         for joint_time, joint, wrench_time, wrench in rows:
-            piece.write(JOINTS, joint, joint_time)
-            piece.write(WRENCH, wrench, wrench_time)
-    piece.finish(path.name)
+            file.write(JOINTS, joint, joint_time)
+            file.write(WRENCH, wrench, wrench_time)
+    file.finish(path.name)
     return 2 * count
 
 

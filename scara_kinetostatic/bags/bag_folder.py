@@ -1,8 +1,7 @@
 """A rosbag2 folder: `metadata.yaml` and the files it lists.
 
-The files are the truth and the metadata only their order: a folder whose
-metadata is lost or broken is read all the same, with a warning. Pieces that a
-killed collector left unlisted are read, too, see `recording.bag_writer`.
+A folder whose metadata is missing or damaged is read as well, its files in the order of their names, with a warning.
+So are the files that follow the last listed one by their number, which a killed recorder leaves (see `bag_writer`).
 """
 
 from __future__ import annotations
@@ -24,7 +23,8 @@ MAX_METADATA = 1 << 24
 MAX_DEPTH = 32
 """Levels of nesting in the metadata; rosbag2 writes eight at most."""
 _STORED = re.compile(r'.+\.(mcap|db3)(\.zstd)?\Z')
-_PIECE = re.compile(r'\.?(?P<stem>.+_piece)_(?P<number>[0-9]+)\.mcap(\.part)?\Z')
+_NUMBERED = re.compile(r'\.?(?P<stem>.+)_(?P<number>[0-9]+)\.mcap(\.part)?\Z')
+"""A file of a split recording, `<stem>_<number>.mcap`, or hidden and with `.part` while it is being written."""
 
 
 class BagFolder:
@@ -79,14 +79,14 @@ class BagFolder:
         self.warnings += source.warnings
 
     def _read_left_over(self, path: Path, wanted: Collection[str]) -> Iterator[Batch]:
-        """What a file that a kill left behind holds; that it breaks off is no news."""
+        """The messages of a file that the metadata does not list; that it ends early is expected and not reported."""
         count = 0
         with suppress(RecordingError), reading(path):
             for batch in self._open_file(path).batches(wanted):
                 count += len(batch.start)
                 yield batch
         if count:
-            self.warnings.append(f'{count} messages after the last checkpoint were recovered from {path.name}')
+            self.warnings.append(f'{count} messages recovered from {path.name}, which {METADATA} does not list')
 
     def _compare_counts(self, wanted: Collection[str]) -> None:
         """Whether as much was read as the metadata counts; a damaged database loses messages without a word."""
@@ -124,11 +124,11 @@ class BagFolder:
         return sorted(files, key=_natural)
 
     def _left_over_files(self) -> list[Path]:
-        """The pieces that follow the last listed one, closed or not."""
-        last = _PIECE.match(self._files[-1].name) if self._files else None
+        """The files that follow the last listed one by their number, complete or not."""
+        last = _NUMBERED.match(self._files[-1].name) if self._files else None
         if last is None:
             return []
-        matches = [(file, _PIECE.match(file.name)) for file in self._entries()]
+        matches = [(file, _NUMBERED.match(file.name)) for file in self._entries()]
         following = [
             file
             for file, match in matches
@@ -145,16 +145,6 @@ class BagFolder:
         ]
         remedy = f'did you mean {inside[0]}?' if inside else f'expected {METADATA} and .mcap or .db3 files'
         return RecordingError(self.path, 'no recording in this folder', remedy)
-
-
-def finished_files(path: str | Path) -> frozenset[str]:
-    """Names of the files of a folder, drafts apart; a writer adds to them, and takes them away only once others hold
-    what was in them. Empty if it is no folder.
-    """
-    try:
-        return frozenset(item.name for item in Path(path).iterdir() if not item.name.startswith('.'))
-    except (OSError, ValueError):
-        return frozenset()
 
 
 def _contents(metadata: Path) -> tuple[list[str], dict[str, int]]:

@@ -1,10 +1,9 @@
-"""A `.mcap` file, whole or not.
+"""A `.mcap` file, complete or cut off.
 
-A whole file is read by its index, so that chunks without the wanted topics
-(camera images, say) are never touched. A file without an index, because its
-writer was killed or the end is lost, is read from the front as far as it goes.
-A damaged chunk costs that chunk and a warning, not the recording. Whatever the
-checksums and the counts of the file show to be damaged or missing is told.
+A complete file is read by its index, so that chunks without the wanted topics (camera images, say) are skipped. A
+file without an index, because its writer was killed or its end is lost, is read from the start as far as it is valid.
+Of a damaged file everything but the damaged chunks is read. Every damage that the checksums and message counts of the
+file show becomes a warning.
 """
 
 from __future__ import annotations
@@ -26,8 +25,17 @@ from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.summary import Summary
 
 from scara_kinetostatic.bags.decompression import decompress
-from scara_kinetostatic.bags.mcap_checksum import MAGIC, data_is_whole, index_is_whole
-from scara_kinetostatic.bags.mcap_records import CHUNK, RECORD, SCHEMA, Loose, batch_of, walk
+from scara_kinetostatic.bags.mcap_records import (
+    CHUNK,
+    MAGIC,
+    RECORD,
+    SCHEMA,
+    MessageBuffer,
+    chunk_records,
+    data_is_intact,
+    message_batch,
+    summary_is_intact,
+)
 from scara_kinetostatic.bags.messages import Batch, Batches, Topic, ros2_type, ros_topic
 
 _SMALL = 1 << 26
@@ -84,7 +92,7 @@ class McapFile:
         """The index at the end of the file, if it serves; and whether what there is of it is sound."""
         summary = None
         try:
-            sound = index_is_whole(stream)
+            sound = summary_is_intact(stream)
             stream.seek(0)
             if sound:
                 summary = SeekingReader(stream, record_size_limit=self._limit).get_summary()
@@ -123,7 +131,7 @@ class McapFile:
             yield from self._chunk(chunk, index.chunk_start_offset, wanted)
 
     def _from_front(self, stream: IO[bytes], wanted: Collection[str]) -> Iterator[Batch]:
-        loose = Loose()
+        loose = MessageBuffer()
         offset = len(MAGIC)
         records = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=self._limit).records
         try:
@@ -142,17 +150,17 @@ class McapFile:
                     self._statistics = record
                 offset = stream.tell()
         except CRCValidationError:
-            yield from loose.rest()
+            yield from loose.flush()
             self._data_damaged()
         except _DAMAGE:
-            yield from loose.rest()
+            yield from loose.flush()
             self.warnings.append(
                 f'{self.path.name} breaks off after {offset} bytes (writer killed, or copy not complete): '
                 'read as far as it goes'
             )
             yield from self._torn_chunk(stream, offset, wanted)
         else:
-            yield from loose.rest()
+            yield from loose.flush()
 
     def _torn_chunk(self, stream: IO[bytes], offset: int, wanted: Collection[str]) -> Iterator[Batch]:
         """What can be had of a chunk whose end is missing."""
@@ -186,8 +194,8 @@ class McapFile:
 
     def _messages(self, data: bytes, offset: int, wanted: Collection[str]) -> Iterator[Batch]:
         """The messages in the bytes of one chunk; what does not look like a record ends it."""
-        found = walk(data)
-        sound = found.whole
+        found = chunk_records(data)
+        sound = found.complete
         for opcode, content in found.definitions:
             sound &= self._define(opcode, content)
         starts: dict[Topic, list[int]] = {}
@@ -197,7 +205,7 @@ class McapFile:
             if topic is not None and topic.name in wanted:
                 starts.setdefault(topic, []).extend(places)
         for topic, places in starts.items():
-            yield batch_of(topic, data, places)
+            yield message_batch(topic, data, places)
         if not sound and not self.warnings:
             self.warnings.append(f'{self.path.name}: the chunk at byte {offset} is damaged: read as far as it goes')
 
@@ -234,7 +242,7 @@ class McapFile:
                     f'{self.path.name}: its index counts {expected} messages of {topic}, read were {self._read[topic]}'
                 )
         worth_it = self._stream is None and (self._limit < _SMALL or 2 * self._bytes_read > self._limit)
-        if worth_it and not data_is_whole(stream):
+        if worth_it and not data_is_intact(stream):
             self._data_damaged()
 
     def _data_damaged(self) -> None:

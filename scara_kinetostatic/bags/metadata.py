@@ -14,7 +14,7 @@ _NONE_YET = (1 << 63) - 1
 """Starting time of a recording without messages."""
 
 
-class Piece(NamedTuple):
+class FileInfo(NamedTuple):
     """One file of a recording.
 
     Attributes:
@@ -30,18 +30,18 @@ class Piece(NamedTuple):
     counts: tuple[int, ...]
 
 
-def metadata_text(channels: Sequence[Channel], pieces: Sequence[Piece], storage: str = 'mcap') -> str:
+def metadata_text(channels: Sequence[Channel], files: Sequence[FileInfo], storage: str = 'mcap') -> str:
     """The file's content.
 
     Args:
-        channels: the topics, in the order of the counts of the pieces.
-        pieces: the files, in the order of recording.
+        channels: the topics, in the order of the counts of the files.
+        files: the files, in the order of recording.
         storage: `mcap` or `sqlite3`.
     """
-    filled = [piece for piece in pieces if sum(piece.counts)]
-    start = min((piece.start for piece in filled), default=_NONE_YET)
-    end = max((piece.end for piece in filled), default=_NONE_YET)
-    totals = [sum(piece.counts[number] for piece in pieces) for number in range(len(channels))]
+    filled = [info for info in files if sum(info.counts)]
+    start = min((info.start for info in filled), default=_NONE_YET)
+    end = max((info.end for info in filled), default=_NONE_YET)
+    totals = [sum(info.counts[number] for info in files) for number in range(len(channels))]
     lines = [
         'rosbag2_bagfile_information:',
         '  version: 9',
@@ -53,9 +53,9 @@ def metadata_text(channels: Sequence[Channel], pieces: Sequence[Piece], storage:
         '  compression_format: ""',
         '  compression_mode: ""',
         '  relative_file_paths:',
-        *(f'    - {_quoted(piece.name)}' for piece in pieces),
+        *(f'    - {_quoted(info.name)}' for info in files),
         '  files:',
-        *(line for piece in pieces for line in _file(piece)),
+        *(line for info in files for line in _file(info)),
         '  custom_data: ~',
         '  ros_distro: jazzy',
     ]
@@ -105,11 +105,11 @@ def _topic(channel: Channel, count: int) -> list[str]:
     ]
 
 
-def _file(piece: Piece) -> list[str]:
-    count = sum(piece.counts)
+def _file(info: FileInfo) -> list[str]:
+    count = sum(info.counts)
     return [
-        f'    - path: {_quoted(piece.name)}',
-        *_span(piece.start if count else _NONE_YET, piece.end if count else _NONE_YET, '      '),
+        f'    - path: {_quoted(info.name)}',
+        *_span(info.start if count else _NONE_YET, info.end if count else _NONE_YET, '      '),
         f'      message_count: {count}',
     ]
 

@@ -8,12 +8,9 @@ be mended is a `RecordingError` that says what to do.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
-from typing import TypeVar
 
-from scara_kinetostatic.bags.bag_folder import finished_files
 from scara_kinetostatic.bags.clock import counted, on_one_clock
 from scara_kinetostatic.bags.decoding import Decoder, Samples, decode_string
 from scara_kinetostatic.bags.decompression import decompress_messages
@@ -25,8 +22,6 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 _ENCODINGS = ('cdr', 'ros1')
-_ATTEMPTS = 5
-_T = TypeVar('_T')
 
 
 def read_streams(path: str | Path, cell: Cell) -> Streams:
@@ -42,10 +37,6 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
     Raises:
         RecordingError: there is no such recording, it cannot be read, or it lacks what is needed.
     """
-    return _steadily(path, lambda: _streams(path, cell))
-
-
-def _streams(path: str | Path, cell: Cell) -> Streams:
     types = {cell.sensor.joint_states: JOINT_STATE, cell.sensor.wrench: WRENCH_STAMPED}
     decoders = {cell.sensor.joint_states: Decoder(cell.joint_names), cell.sensor.wrench: Decoder()}
     with reading(path):
@@ -71,31 +62,12 @@ def embedded_cell(path: str | Path) -> Cell | None:
         RecordingError: there is no such recording, or it cannot be read.
         CellError: what the recording carries is no cell description.
     """
-    return _steadily(path, lambda: _cell(path))
-
-
-def _cell(path: str | Path) -> Cell | None:
     with reading(path), closing(open_recording(path).batches({CELL_TOPIC})) as batches:
         for batch in batches:
             if batch.topic.msgtype == STRING and batch.topic.encoding in _ENCODINGS:
                 text = decode_string(next(decompress_messages(batch)).payload(0), batch.topic.encoding)
                 return parse_cell(text, f'{path}: {CELL_TOPIC}')
     return None
-
-
-def _steadily(path: str | Path, read: Callable[[], _T]) -> _T:
-    """What `read` gives; again where a collector took files away meanwhile. That it added some does not matter."""
-    for _ in range(_ATTEMPTS):
-        before = finished_files(path)
-        try:
-            result = read()
-        except RecordingError:
-            if before <= finished_files(path):
-                raise
-        else:
-            if before <= finished_files(path):
-                return result
-    return read()
 
 
 def _nothing_usable(

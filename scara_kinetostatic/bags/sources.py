@@ -12,8 +12,8 @@ import zstandard
 
 from scara_kinetostatic.bags.bag_folder import BagFolder
 from scara_kinetostatic.bags.decompression import ZSTD_MAGIC, unpack
-from scara_kinetostatic.bags.mcap_checksum import MAGIC as MCAP_MAGIC
 from scara_kinetostatic.bags.mcap_file import McapFile
+from scara_kinetostatic.bags.mcap_records import MAGIC as MCAP_MAGIC
 from scara_kinetostatic.bags.messages import Batches, Source, Topic, reading
 from scara_kinetostatic.errors import RecordingError
 

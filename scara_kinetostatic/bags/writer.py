@@ -19,8 +19,8 @@ from rosbags.typesys import Stores, get_typestore
 from scara_kinetostatic.bags.bag_folder import METADATA
 from scara_kinetostatic.bags.bag_writer import CELL, JOINTS, WRENCH, BagWriter
 from scara_kinetostatic.bags.encoding import channels, joint_state_messages, string_message, wrench_messages
-from scara_kinetostatic.bags.mcap_writer import McapPiece
-from scara_kinetostatic.bags.metadata import Piece, metadata_text
+from scara_kinetostatic.bags.mcap_writer import McapWriter
+from scara_kinetostatic.bags.metadata import FileInfo, metadata_text
 from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.files.atomic import all_or_nothing, fresh_folder, replace_text
 from scara_kinetostatic.files.cell_file import dump_cell
@@ -72,8 +72,8 @@ def write_streams(
         else:
             made.mkdir()
             name = f'{path.name}_0.mcap'
-            piece = _write_mcap(made / name, name, streams, cell, with_cell, compression is not None)
-            replace_text(made / METADATA, metadata_text(channels(cell), [piece]))
+            info = _write_mcap(made / name, name, streams, cell, with_cell, compression is not None)
+            replace_text(made / METADATA, metadata_text(channels(cell), [info]))
 
 
 def _messages(streams: Streams, cell: Cell, with_cell: bool, *, ros1: bool = False) -> Iterator[_Message]:
@@ -90,14 +90,14 @@ def _messages(streams: Streams, cell: Cell, with_cell: bool, *, ros1: bool = Fal
         yield _Message(which, payloads[place], log_time)
 
 
-def _write_mcap(path: Path, name: str, streams: Streams, cell: Cell, with_cell: bool, compress: bool) -> Piece:
-    piece = McapPiece(path, channels(cell), compress=compress)
+def _write_mcap(path: Path, name: str, streams: Streams, cell: Cell, with_cell: bool, compress: bool) -> FileInfo:
+    file = McapWriter(path, channels(cell), compress=compress)
     try:
         for message in _messages(streams, cell, with_cell):
-            piece.write(*message)
-        return piece.finish(name)
+            file.write(*message)
+        return file.finish(name)
     except BaseException:
-        piece.discard()
+        file.discard()
         raise
 
 
