@@ -27,6 +27,7 @@ class AnisotropicBacklash(LinearEffect):
     )
     identified_by: ClassVar[str] = 'forces from all directions seen from link 2, at several levels, small ones too'
     plot_variable: ClassVar[str] = 'direction_from_link2'
+    statement: ClassVar[str] = 'the backlash of the gripper depends on the direction of the force'
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         along = (at.normal * at.link2).sum(axis=1)

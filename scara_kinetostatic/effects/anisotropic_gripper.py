@@ -28,6 +28,7 @@ class AnisotropicGripper(LinearEffect):
     )
     identified_by: ClassVar[str] = 'forces from all directions seen from link 2, in both elbow postures'
     plot_variable: ClassVar[str] = 'direction_from_link2'
+    statement: ClassVar[str] = 'the gripper also yields across the force'
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         along = at.link2

@@ -9,6 +9,7 @@ To add an effect of your own, write a class like those beside this file and `reg
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -71,6 +72,9 @@ class Effect(ABC):
         searched: name of the parameter over which `trials` is a grid, such as a frequency; empty if there is none.
         runs_off: whether it runs to large values beside a rival that is nearly the same, instead of sharing with it.
         scaled_by: names of those of the twelve parameters that the shift is proportional to.
+        statement: what it says of the cell, a clause in which ``{target}`` stands for the target, such as
+            ``{target} is not where the cell description says``; empty for one made of the label.
+        is_physical: whether it has a physical meaning; else it is a fitted curve, whose coefficients have none.
     """
 
     target: str | None = None
@@ -84,6 +88,8 @@ class Effect(ABC):
     grid_parameter: ClassVar[str] = ''
     diverges_with_alias: ClassVar[bool] = False
     scaled_by: ClassVar[tuple[str, ...]] = ()
+    statement: ClassVar[str] = ''
+    is_physical: ClassVar[bool] = True
 
     @property
     def off_normal_std(self) -> float:
@@ -94,6 +100,27 @@ class Effect(ABC):
     def label(self) -> str:
         """Name and target, such as ``encoder_gain[joint1]``."""
         return f'{self.name}[{self.target}]' if self.target else self.name
+
+    @property
+    def description(self) -> str:
+        """What deviates and over what, of an effect without a physical meaning; else empty."""
+        return ''
+
+    @property
+    def title(self) -> str:
+        """How a report names it: its label, or what it describes."""
+        return f'a fitted curve ({self.description})' if self.description else self.label
+
+    @property
+    def finding(self) -> str:
+        """What is said where it is found, a clause: ``disc_2 is not where the cell description says``."""
+        target = re.sub(r'^(joint|link)(?=[12]$)', r'\1 ', self.target or '')
+        return self.statement.format(target=target) if self.statement else f'there is {self.title}'
+
+    @property
+    def subject(self) -> str:
+        """What it is about, the middle part of the names of its ROS parameters: the target, or ``all``."""
+        return self.target or 'all'
 
     @property
     def labels(self) -> tuple[str, ...]:

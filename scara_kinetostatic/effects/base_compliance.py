@@ -29,6 +29,7 @@ class BaseCompliance(LinearEffect):
     )
     identified_by: ClassVar[str] = 'forces in all directions of the base frame, with the arm turned many ways'
     plot_variable: ClassVar[str] = 'direction'
+    statement: ClassVar[str] = 'the base yields under the force'
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         x, y = at.force.T

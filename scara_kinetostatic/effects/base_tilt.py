@@ -41,6 +41,7 @@ class BaseTilt(LinearEffect):
         'touches all over the workspace in both elbow postures; a level shows the tilt itself'
     )
     plot_variable: ClassVar[str] = 'angle'
+    statement: ClassVar[str] = 'the base is tilted, so that gravity loads the joints'
     scaled_by: ClassVar[tuple[str, ...]] = ('p1', 'p2')
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:

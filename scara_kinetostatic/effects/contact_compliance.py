@@ -47,6 +47,11 @@ class ContactCompliance(LinearEffect):
         """That of one disc, by number and name."""
         return cls(target=name, disc=disc)
 
+    @property
+    def finding(self) -> str:
+        """One disc that yields, or all."""
+        return f'{self.target or "the surface of the discs"} yields under the force'
+
     def alternative_laws(self) -> tuple[ContactCompliance, ...]:
         return tuple(replace(self, exponent=exponent) for exponent in OTHERS)
 

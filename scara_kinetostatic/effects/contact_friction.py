@@ -62,6 +62,7 @@ class ContactFriction(Effect):
         'touches that slide in both senses: press beyond the force and let it down, every other time'
     )
     plot_variable: ClassVar[str] = 'slide'
+    statement: ClassVar[str] = 'friction between tip and disc turns the contact force, in the sense of the slide'
     on_object: ClassVar[bool] = True
 
     def shift(self, at: TouchState, values: Floats) -> Shift:

@@ -21,6 +21,7 @@ class EncoderGain(JointEffect):
     confounded_with: ClassVar[str] = 'the offset of the joint, if its angle hardly varies; a torque that grows with it'
     identified_by: ClassVar[str] = 'touches over the whole range of the joint, in both elbow postures'
     plot_variable: ClassVar[str] = 'angle'
+    statement: ClassVar[str] = 'the encoder of {target} has a gain error'
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (-at.joints[:, self.joint],)

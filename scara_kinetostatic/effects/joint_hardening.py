@@ -30,6 +30,7 @@ class JointHardening(JointEffect):
     confounded_with: ClassVar[str] = 'compliance and backlash of the joint, if its torques are alike in size'
     identified_by: ClassVar[str] = 'touches with torques on the joint from small to large, in three or more steps'
     plot_variable: ClassVar[str] = 'torque'
+    statement: ClassVar[str] = 'the compliance of {target} depends on the torque'
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]

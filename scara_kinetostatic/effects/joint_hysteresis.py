@@ -27,6 +27,7 @@ class JointHysteresis(JointEffect):
         'touches reached from both sides: press beyond the force and let it down, every other time'
     )
     plot_variable: ClassVar[str] = 'approach'
+    statement: ClassVar[str] = '{target} has hysteresis beyond its backlash'
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (np.sign(at.metadata.approach[:, self.joint]),)

@@ -53,6 +53,7 @@ class LinkBending(LinearEffect):
     )
     identified_by: ClassVar[str] = 'touches in which the torques of the two joints differ much, also in sign'
     plot_variable: ClassVar[str] = 'link1_torque'
+    statement: ClassVar[str] = '{target} bends'
 
     @classmethod
     def of(cls, link: int) -> LinkBending:

@@ -29,6 +29,7 @@ class ObjectPosition(DiscEffect):
     )
     identified_by: ClassVar[str] = 'touches all round three or more discs, in both elbow postures'
     plot_variable: ClassVar[str] = 'place'
+    statement: ClassVar[str] = '{target} is not where the cell description says'
 
     def places(self, at: TouchState) -> tuple[Floats, ...]:
         return tuple(-np.broadcast_to(unit, at.normal.shape) for unit in np.eye(2))

@@ -32,6 +32,7 @@ class OffNormalForce(Effect):
     confounded_with: ClassVar[str] = 'noise of the force sensor, if all forces are alike'
     identified_by: ClassVar[str] = 'touches at several force levels: friction grows with the force, noise does not'
     plot_variable: ClassVar[str] = 'magnitude'
+    statement: ClassVar[str] = 'friction between tip and disc turns the contact force, by another angle in each touch'
     on_object: ClassVar[bool] = True
 
     @property

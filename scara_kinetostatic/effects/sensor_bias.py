@@ -22,6 +22,7 @@ class SensorBias(SensorEffect):
     confounded_with: ClassVar[str] = 'the places of the discs, if each is touched from one side or with one force only'
     identified_by: ClassVar[str] = 'touches from all sides of the discs, some of them with little force'
     plot_variable: ClassVar[str] = 'direction'
+    statement: ClassVar[str] = 'the force sensor has a zero offset'
 
     def sensor_error(self, force: Floats, values: Floats) -> Floats:
         return np.broadcast_to(np.asarray(values, dtype=float), force.shape)

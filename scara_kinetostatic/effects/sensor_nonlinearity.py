@@ -27,6 +27,7 @@ class SensorNonlinearity(SensorEffect):
     )
     identified_by: ClassVar[str] = 'touches at many force levels, from very small to large, at many places'
     plot_variable: ClassVar[str] = 'magnitude'
+    statement: ClassVar[str] = 'the gain of the force sensor depends on the force'
     diverges_with_alias: ClassVar[bool] = True
 
     def sensor_error(self, force: Floats, values: Floats) -> Floats:

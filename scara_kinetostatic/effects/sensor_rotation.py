@@ -23,6 +23,7 @@ class SensorRotation(SensorEffect):
         'touches that slide in both senses: press beyond the force and let it down, every other time'
     )
     plot_variable: ClassVar[str] = 'direction'
+    statement: ClassVar[str] = 'the force sensor is rotated about its axis'
 
     def sensor_error(self, force: Floats, values: Floats) -> Floats:
         c, s = np.cos(values[0]) - 1, np.sin(values[0])

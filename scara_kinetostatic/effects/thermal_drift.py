@@ -21,6 +21,7 @@ class LinkGrowth(LinearEffect):
     confounded_with: ClassVar[str] = 'places, postures or forces that change in the same order as time goes on'
     identified_by: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
     plot_variable: ClassVar[str] = 'time'
+    statement: ClassVar[str] = 'the links grow with time'
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         reach = at.parameters.l1 * at.link1 + at.parameters.l2 * at.link2
@@ -39,6 +40,7 @@ class ZeroDrift(JointEffect):
     confounded_with: ClassVar[str] = 'places, postures or forces that change in the same order as time goes on'
     identified_by: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
     plot_variable: ClassVar[str] = 'time'
+    statement: ClassVar[str] = 'the zero of {target} drifts with time'
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (-at.metadata.time,)

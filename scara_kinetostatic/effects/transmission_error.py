@@ -49,6 +49,7 @@ class TransmissionError(Effect):
         'touches at many different angles of the joint, unevenly spaced, in both elbow postures'
     )
     plot_variable: ClassVar[str] = 'angle'
+    statement: ClassVar[str] = 'the transmission of {target} has a periodic error'
     grid_parameter: ClassVar[str] = 'cycles'
     diverges_with_alias: ClassVar[bool] = True
 

@@ -71,6 +71,7 @@ class Unnamed(LinearEffect):
     identified_by: ClassVar[str] = 'touches in which this variable changes while all others stay'
     plot_variable: ClassVar[str] = 'angle'
     diverges_with_alias: ClassVar[bool] = True
+    is_physical: ClassVar[bool] = False
 
     @property
     def label(self) -> str:
@@ -82,6 +83,16 @@ class Unnamed(LinearEffect):
         """What deviates, and over what, in words."""
         where = f' on {self.target}' if self.disc >= 0 else ''
         return f'{CHANNELS[self.channel]}{where}, depending on {VARIABLES[self.variable]}'
+
+    @property
+    def finding(self) -> str:
+        """What is described, without a cause."""
+        return f'{self.description}, cause unknown'
+
+    @property
+    def subject(self) -> str:
+        """Channel and variable, such as ``joint1_over_q2``."""
+        return f'{self.channel}_over_{self.variable}{f"_of_{self.target}" if self.target else ""}'
 
     @property
     def on_object(self) -> bool:  # type: ignore[override]

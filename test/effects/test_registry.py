@@ -89,3 +89,15 @@ def test_two_of_one_label_are_refused():
             catalogue(CELL)
     finally:
         unregister(again)
+
+
+def test_every_effect_says_what_it_means_of_the_cell() -> None:
+    for effect in catalogue(CELL):
+        assert effect.is_physical
+        assert effect.title == effect.label
+        assert '{' not in effect.finding
+        assert not effect.finding.startswith('there is'), effect.label
+        if effect.target in ('joint1', 'link1'):
+            assert f'{effect.target[:-1]} 1' in effect.finding
+        elif effect.target:
+            assert effect.target in effect.finding.replace('joint 2', 'joint2').replace('link 2', 'link2')
