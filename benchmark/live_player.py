@@ -21,8 +21,8 @@ from sensor_msgs.msg import JointState
 
 from scara_kinetostatic.bags.encoding import joint_state_messages, wrench_messages
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
-from scara_kinetostatic.nodes.qos import RELIABLE_STREAM
+from scara_kinetostatic.nodes.declare import EXAMPLE_CELL
+from scara_kinetostatic.nodes.stream_subscription import RELIABLE_STREAM
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import simulate_streams

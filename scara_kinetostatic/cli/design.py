@@ -120,7 +120,7 @@ def _write(folder: Path, found: Design) -> list[str]:
 def design_texts(found: Design) -> dict[str, str]:
     """What goes into each file of a design, by name: both plans, the numbers, the page."""
     from scara_kinetostatic.render.json_file import json_text
-    from scara_kinetostatic.simulation.plan_writer import dump_plan
+    from scara_kinetostatic.simulation.plan_file import dump_plan
     from scara_kinetostatic.studies.design import document as design_document
     from scara_kinetostatic.studies.design import page as design_html
     from scara_kinetostatic.studies.design.text import choice_sentences

@@ -29,10 +29,9 @@ from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN, Condition, DiagnosticsPublisher
-from scara_kinetostatic.nodes.qos import LATCHED
-from scara_kinetostatic.nodes.results import ResultParameters
+from scara_kinetostatic.nodes.results import ResultParameters, details, one_line
 from scara_kinetostatic.nodes.runtime import run
-from scara_kinetostatic.nodes.summary import details, one_line
+from scara_kinetostatic.nodes.stream_subscription import LATCHED
 from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.report.effect_parameters import effect_parameters
 

@@ -25,14 +25,13 @@ from std_srvs.srv import Trigger
 
 from scara_kinetostatic.errors import ParameterError, ScaraKinetostaticError
 from scara_kinetostatic.nodes import declare
-from scara_kinetostatic.nodes.cell_parameter import cell_or_example
 from scara_kinetostatic.nodes.conversion import Sample, UnusableMessageError, joint_sample, wrench_sample
+from scara_kinetostatic.nodes.declare import cell_or_example
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN, Condition, DiagnosticsPublisher
-from scara_kinetostatic.nodes.qos import LATCHED
 from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.session import Session, Stream
 from scara_kinetostatic.nodes.stream_monitor import StreamMonitor
-from scara_kinetostatic.nodes.stream_subscription import StreamSubscription
+from scara_kinetostatic.nodes.stream_subscription import LATCHED, StreamSubscription
 
 POLL = 0.1
 """Between two looks for finished touches, s."""

@@ -22,9 +22,9 @@ from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.nodes import conversion, declare
 from scara_kinetostatic.nodes.declare import Range
 from scara_kinetostatic.nodes.playback import Playback
-from scara_kinetostatic.nodes.qos import LATCHED, RELIABLE_STREAM
 from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.simulator_settings import declare_simulator
+from scara_kinetostatic.nodes.stream_subscription import LATCHED, RELIABLE_STREAM
 from scara_kinetostatic.simulation.streams import simulate_streams
 
 TICK = 0.01

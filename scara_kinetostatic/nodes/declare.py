@@ -13,7 +13,12 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 
 from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.files.cell_file import load_cell
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
+from scara_kinetostatic.model.parameters import PAPER_NOMINAL
 
+EXAMPLE_CELL = Cell(nominal=PAPER_NOMINAL, discs=PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
+"""The cell of figure 3, the same as `config/cell.yaml`."""
 _KINDS = {
     str: 'a string',
     list: 'a list of strings',
@@ -75,6 +80,19 @@ def whole(node: Node, name: str, default: int, description: str, bounds: Range, 
     span = IntegerRange(from_value=int(bounds.low), to_value=int(bounds.high), step=1)
     descriptor = ParameterDescriptor(description=description, read_only=read_only, integer_range=[span])
     return int(_declare(node, name, int(default), descriptor))
+
+
+def cell_or_example(node: Node) -> Cell:
+    """Declares the parameter `cell` and reads the file that it names; the example cell if it is empty.
+
+    Raises:
+        CellError: the file cannot be read, or its content is not valid.
+    """
+    path = text(node, 'cell', '', 'cell description (YAML file); empty: the example cell of figure 3')
+    if path:
+        return load_cell(place('cell', path))
+    node.get_logger().warning('no cell given, taking the example cell of figure 3; set the parameter cell')
+    return EXAMPLE_CELL
 
 
 def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> Any:

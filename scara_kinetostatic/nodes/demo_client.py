@@ -26,10 +26,10 @@ from scara_kinetostatic.errors import InputError, UnsupportedDataError
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
+from scara_kinetostatic.nodes.declare import EXAMPLE_CELL
 from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain
-from scara_kinetostatic.nodes.qos import LATCHED
 from scara_kinetostatic.nodes.results import DEVIATION, VALUE
+from scara_kinetostatic.nodes.stream_subscription import LATCHED
 
 START_UP = 30.0
 """Longest wait for the nodes to find each other, s."""

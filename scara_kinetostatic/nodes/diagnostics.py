@@ -9,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from scara_kinetostatic.nodes.qos import DIAGNOSTICS
+from scara_kinetostatic.nodes.stream_subscription import DIAGNOSTICS
 
 OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN

@@ -13,8 +13,7 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, PAPER_ACTUAL, PAPER_NOMINAL, UNITS, Parameters
 from scara_kinetostatic.nodes import declare
-from scara_kinetostatic.nodes.cell_parameter import cell_or_example
-from scara_kinetostatic.nodes.declare import Range
+from scara_kinetostatic.nodes.declare import Range, cell_or_example
 from scara_kinetostatic.simulation.chosen_effects import parse_effect, with_effects
 from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, Plan, default_plan
 from scara_kinetostatic.simulation.plan_file import load_plan

@@ -7,12 +7,47 @@ from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, qos_policy_name_from_kind
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_policy_name_from_kind,
+)
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from scara_kinetostatic.nodes.qos import BEST_EFFORT_STREAM, RELIABLE_STREAM
-from scara_kinetostatic.nodes.sequence import SequenceMonitor
+from scara_kinetostatic.nodes.stream_monitor import SequenceMonitor
+
+STREAM_DEPTH = 5000
+"""Samples held while the other side is busy: 5 s at 1 kHz."""
+
+RELIABLE_STREAM = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=STREAM_DEPTH,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""Joint states and wrenches, both ends."""
+
+BEST_EFFORT_STREAM = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=STREAM_DEPTH,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""The same for a driver that offers no more."""
+
+LATCHED = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""The last value, also for whoever comes later."""
+
+DIAGNOSTICS = 10
+"""Depth of `/diagnostics`, as everywhere in ROS."""
 
 MOST_AT_ONCE = 200
 """Messages taken in one go, so that services and timers get their turn."""

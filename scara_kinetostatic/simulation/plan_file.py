@@ -12,6 +12,7 @@ which may be left out, is the part of the force by which the press first goes be
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,9 @@ from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, REACH_MARGIN, Pl
 KEYS = ('disc', 'angle_deg', 'posture', 'force')
 PRELOAD = 'preload'
 POSTURES = {'left': 1, 'right': -1, 1: 1, -1: -1}
+POSTURE_NAMES = {1: 'left', -1: 'right'}
+DIGITS = 9
+"""Decimals of angles in degrees, forces in N and preload in a written plan: far below what an arm can do."""
 EXAMPLE = 'write {disc: NAME, angle_deg: 30, posture: left, force: 25}'
 LARGEST_FORCE = 10_000.0
 
@@ -94,3 +98,29 @@ def _number(entry: dict[str, Any], key: str, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         raise PlanError(where, f'{key}: expected a number, got {value!r}')
     return float(value)
+
+
+def dump_plan(plan: Plan, cell: Cell, remarks: tuple[str, ...] = ()) -> str:
+    """The plan as YAML, one touch per line, in the order of time.
+
+    Args:
+        plan: the touches.
+        cell: names the discs.
+        remarks: lines of comment at the top.
+    """
+    lines = [f'# {" ".join(remark.split())}' for remark in remarks]
+    columns = (plan.disc, plan.angle, plan.posture, plan.force, plan.preload)
+    for disc, angle, posture, force, preload in zip(*columns, strict=True):
+        # a string of JSON is one of YAML, whatever the name holds
+        name = json.dumps(cell.discs[disc].name, ensure_ascii=False)
+        more = f', preload: {_decimal(preload)}' if preload > 0 else ''
+        side = POSTURE_NAMES[int(posture)]
+        lines.append(
+            f'- {{disc: {name}, angle_deg: {_decimal(np.degrees(angle))}, posture: {side}, '
+            f'force: {_decimal(force)}{more}}}'
+        )
+    return '\n'.join(lines) + '\n'
+
+
+def _decimal(value: float) -> str:
+    return np.format_float_positional(round(float(value), DIGITS), trim='-')

@@ -10,8 +10,7 @@ from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.plan_file import parse_plan
-from scara_kinetostatic.simulation.plan_writer import dump_plan
+from scara_kinetostatic.simulation.plan_file import dump_plan, parse_plan
 
 QUICK = ['--accuracy', '2.5e-5', '--per-disc', '9', '--levels', '10', '40', '--discs', '0']
 

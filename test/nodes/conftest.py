@@ -16,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions  # noqa: E402
 
 from scara_kinetostatic.files.cell_file import dump_cell  # noqa: E402
 from scara_kinetostatic.nodes.calibrator import PatientExecutor  # noqa: E402
-from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL  # noqa: E402
+from scara_kinetostatic.nodes.declare import EXAMPLE_CELL  # noqa: E402
 from scara_kinetostatic.nodes.demo_client import DemoClient  # noqa: E402
 from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain  # noqa: E402
 

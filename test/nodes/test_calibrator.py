@@ -20,11 +20,11 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 from scara_kinetostatic.nodes import calibrator as module
 from scara_kinetostatic.nodes.calibrator import Calibrator
-from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
+from scara_kinetostatic.nodes.declare import EXAMPLE_CELL
 from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK
 from scara_kinetostatic.nodes.processes import NodeProcesses
-from scara_kinetostatic.nodes.qos import LATCHED
+from scara_kinetostatic.nodes.stream_subscription import LATCHED
 from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams

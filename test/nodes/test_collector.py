@@ -19,14 +19,14 @@ from std_srvs.srv import Trigger
 
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.nodes import conversion, session
-from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.conversion import Sample
+from scara_kinetostatic.nodes.declare import EXAMPLE_CELL
 from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN
 from scara_kinetostatic.nodes.processes import NodeProcesses
-from scara_kinetostatic.nodes.qos import RELIABLE_STREAM
 from scara_kinetostatic.nodes.stream_monitor import StreamMonitor
+from scara_kinetostatic.nodes.stream_subscription import RELIABLE_STREAM
 from scara_kinetostatic.touches.detection import find_touches
 
 WAIT = 15.0

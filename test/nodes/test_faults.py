@@ -20,14 +20,14 @@ from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.nodes import conversion, stream_subscription
 from scara_kinetostatic.nodes.calibrator import Calibrator
-from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.conversion import Sample
+from scara_kinetostatic.nodes.declare import EXAMPLE_CELL
 from scara_kinetostatic.nodes.demo_client import DemoClient
-from scara_kinetostatic.nodes.qos import RELIABLE_STREAM
-from scara_kinetostatic.nodes.sequence import SequenceMonitor
 from scara_kinetostatic.nodes.session import Stream
+from scara_kinetostatic.nodes.stream_monitor import SequenceMonitor
+from scara_kinetostatic.nodes.stream_subscription import RELIABLE_STREAM
 
 WAIT = 15.0
 NOBODY = '~nobody_of_that_name/recordings'

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import scara_kinetostatic
 from scara_kinetostatic.files.cell_file import load_cell
-from scara_kinetostatic.nodes.cell_parameter import EXAMPLE_CELL
+from scara_kinetostatic.nodes.declare import EXAMPLE_CELL
 
 ROOT = Path(__file__).parents[2]
 NAME = 'scara_kinetostatic'

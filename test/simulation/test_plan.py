@@ -12,8 +12,7 @@ from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Disc
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
 from scara_kinetostatic.simulation.plan import CLEARANCE, REACH_MARGIN, Plan, default_plan
-from scara_kinetostatic.simulation.plan_file import load_plan, parse_plan
-from scara_kinetostatic.simulation.plan_writer import dump_plan
+from scara_kinetostatic.simulation.plan_file import dump_plan, load_plan, parse_plan
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS)
 

@@ -9,7 +9,7 @@ import numpy as np
 from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.simulation.plan_writer import POSTURES
+from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES
 from scara_kinetostatic.studies.design.solution import Choice, Design, Placed
 from scara_kinetostatic.studies.design.study import BAND, Row
 from scara_kinetostatic.studies.design.workspace import TipStd
@@ -28,7 +28,7 @@ def design_document(design: Design) -> dict[str, Any]:
             'accuracy': q.accuracy,
             'of': 'loaded tip' if q.under_load else 'free tip',
             'levels': list(q.levels),
-            'postures': [POSTURES[posture] for posture in q.postures],
+            'postures': [POSTURE_NAMES[posture] for posture in q.postures],
             'load': q.load,
             'region': [_number(value) for value in q.region],
             'touches_compared': q.number,
@@ -83,7 +83,12 @@ def _choice(choice: Choice, cell: Cell) -> dict[str, Any]:
 def _plan(plan: Plan, cell: Cell) -> list[dict[str, Any]]:
     rows = zip(plan.disc, np.degrees(plan.angle), plan.posture, plan.force, strict=True)
     return [
-        {'disc': cell.discs[d].name, 'angle_deg': round(float(a), 9), 'posture': POSTURES[int(s)], 'force': float(f)}
+        {
+            'disc': cell.discs[d].name,
+            'angle_deg': round(float(a), 9),
+            'posture': POSTURE_NAMES[int(s)],
+            'force': float(f),
+        }
         for d, a, s, f in rows
     ]
 
