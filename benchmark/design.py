@@ -29,9 +29,9 @@ from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMIN
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.studies.design.design import design
+from scara_kinetostatic.studies.design.optimal_design import design
 from scara_kinetostatic.studies.design.prediction import Robot, predict
-from scara_kinetostatic.studies.design.solution import Design, Question
+from scara_kinetostatic.studies.design.result import Design, Question
 from scara_kinetostatic.studies.design.workspace import Tip, free_tip, make_workspace, tip_std
 
 NOISE = Noise(joint=1e-5, force=0.3)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scara_kinetostatic.studies.dial_gauge.analysis import analyse
+from scara_kinetostatic.studies.dial_gauge.point_analysis import analyse
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2
 from scara_kinetostatic.studies.dial_gauge.simulation import DialGaugeTruth, simulate_experiments
 

@@ -15,7 +15,6 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-from scara_kinetostatic.studies.hysteresis.choice import LEVEL, NONE, UNEXPLAINED, Choice, choose
 from scara_kinetostatic.studies.hysteresis.dependence import anything_left, dependences
 from scara_kinetostatic.studies.hysteresis.fit import fit
 from scara_kinetostatic.studies.hysteresis.laws import (
@@ -27,9 +26,10 @@ from scara_kinetostatic.studies.hysteresis.laws import (
     SOFTENING,
     VISCOUS,
     Law,
+    played,
 )
+from scara_kinetostatic.studies.hysteresis.model_selection import LEVEL, NONE, UNEXPLAINED, Choice, choose
 from scara_kinetostatic.studies.hysteresis.motion import Motion
-from scara_kinetostatic.studies.hysteresis.simulation import played
 
 NOISE = 100.0
 CORRELATIONS = (0.0, 0.9)

@@ -23,11 +23,11 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from scara_kinetostatic.studies.dial_gauge.loops import LoopAnalysis, Sense, analyse_loops
+from scara_kinetostatic.studies.dial_gauge.analysis import sense_name
+from scara_kinetostatic.studies.dial_gauge.loop_analysis import LoopAnalysis, Sense, analyse_loops
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.dial_gauge.reversals import find_sweeps
 from scara_kinetostatic.studies.dial_gauge.statistics import agreement
-from scara_kinetostatic.studies.dial_gauge.study import sense_name
 from scara_kinetostatic.studies.dial_gauge.table_file import load_readings
 
 QUANTITIES = {'gap': (1e6, 'µm'), 'compliance': (1e9, 'nm/N')}

@@ -12,7 +12,7 @@ from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.studies.design.prediction import Robot
-    from scara_kinetostatic.studies.design.solution import Design, Question
+    from scara_kinetostatic.studies.design.result import Design, Question
 
 PLAN, SPARE_PLAN = 'plan.yaml', 'plan_spare.yaml'
 DESCRIPTION = """\
@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     question, robot = _question(args), _robot(args)
     from scara_kinetostatic.render.json_file import json_text
     from scara_kinetostatic.studies.design import document as design_document
-    from scara_kinetostatic.studies.design.design import design
+    from scara_kinetostatic.studies.design.optimal_design import design
     from scara_kinetostatic.studies.design.text import text
 
     with progress() as tell:
@@ -135,7 +135,7 @@ def design_texts(found: Design) -> dict[str, str]:
 
 
 def _question(args: argparse.Namespace) -> Question:
-    from scara_kinetostatic.studies.design.solution import Question
+    from scara_kinetostatic.studies.design.result import Question
     from scara_kinetostatic.studies.design.workspace import Region
 
     for option, values in (('--region', args.region), ('--disc-radius', args.disc_radius)):

@@ -74,9 +74,9 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: there is no reversal, or there are too few rows.
     """
     from scara_kinetostatic.render.json_file import json_text
+    from scara_kinetostatic.studies.dial_gauge.analysis import study
     from scara_kinetostatic.studies.dial_gauge.document import dial_gauge_document
-    from scara_kinetostatic.studies.dial_gauge.lines import ZERO_BAND
-    from scara_kinetostatic.studies.dial_gauge.study import study
+    from scara_kinetostatic.studies.dial_gauge.run_fit import ZERO_BAND
     from scara_kinetostatic.studies.dial_gauge.text import text
 
     band = ZERO_BAND if args.zero_band is None else args.zero_band

@@ -56,8 +56,8 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: there are too few reversals.
     """
     from scara_kinetostatic.render.json_file import json_text
+    from scara_kinetostatic.studies.hysteresis.analysis import check_tensions, hysteresis_study
     from scara_kinetostatic.studies.hysteresis.document import NAME, hysteresis_document
-    from scara_kinetostatic.studies.hysteresis.study import check_tensions, hysteresis_study
     from scara_kinetostatic.studies.hysteresis.text import text
 
     check_tensions(len(args.tables), args.tension)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from scara_kinetostatic.studies.hysteresis.laws import sine
 from scara_kinetostatic.studies.hysteresis.motion import Motion, cut
-from scara_kinetostatic.studies.hysteresis.simulation import sine
 
 TRUTH = {'zero': 0.001, 'compliance': 1e-6, 'half_gap': 2e-3, 'force_zero': 50.0}
 SLIP_POSITIVE, SLIP_NEGATIVE = 8e3, 6e3

@@ -8,8 +8,8 @@ import pytest
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Disc, Noise
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.studies.design.discs import FORBIDDEN, judge, map_of_one_more, place_discs
-from scara_kinetostatic.studies.design.layout import Touching, clash, spread_over
+from scara_kinetostatic.studies.design.disc_layout import Touching, clash, spread_over
+from scara_kinetostatic.studies.design.disc_placement import FORBIDDEN, judge, map_of_one_more, place_discs
 from scara_kinetostatic.studies.design.prediction import Robot, exact_plan
 from scara_kinetostatic.studies.design.workspace import Region, free_tip, make_workspace
 

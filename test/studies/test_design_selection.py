@@ -10,14 +10,13 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.studies.design.bound import find_bound
-from scara_kinetostatic.studies.design.check import check, largest_of_sets, random_sets
-from scara_kinetostatic.studies.design.design import design
+from scara_kinetostatic.studies.design.candidates import PRIOR, candidate_plan, make_pool, pack
 from scara_kinetostatic.studies.design.exchange import improve, largest_variance, with_each
-from scara_kinetostatic.studies.design.pool import PRIOR, candidate_plan, make_pool, pack
+from scara_kinetostatic.studies.design.lower_bound import find_bound
+from scara_kinetostatic.studies.design.optimal_design import design
 from scara_kinetostatic.studies.design.prediction import Robot, exact_plan, predict
-from scara_kinetostatic.studies.design.selection import best_set, smallest_set
-from scara_kinetostatic.studies.design.solution import Question
+from scara_kinetostatic.studies.design.result import Question
+from scara_kinetostatic.studies.design.selection import best_set, check, largest_of_sets, random_sets, smallest_set
 from scara_kinetostatic.studies.design.workspace import free_tip, make_workspace, tip_std
 
 NOISE = Noise(joint=1e-5, force=0.3)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.studies.dial_gauge.analysis import analyse
+from scara_kinetostatic.studies.dial_gauge.point_analysis import analyse
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2, TIP, DialGaugeReadings, join
 from scara_kinetostatic.studies.dial_gauge.result import DialGaugeAnalysis
 from scara_kinetostatic.studies.dial_gauge.simulation import (

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.studies.dial_gauge.loops import LoopAnalysis, analyse_loops
+from scara_kinetostatic.studies.dial_gauge.analysis import LOOPS, POINTS, study
+from scara_kinetostatic.studies.dial_gauge.loop_analysis import LoopAnalysis, analyse_loops
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
-from scara_kinetostatic.studies.dial_gauge.study import LOOPS, POINTS, study
 
 RATE, PERIOD = 512.0, 2.0
 SLIP, INSIDE, UNLOADING, COMPLIANCE, GAP = 10e3, 0.0, 2e-7, 4e-7, 2.5e-3

@@ -8,7 +8,7 @@ from studies.hysteresis import SLIP_NEGATIVE, SLIP_POSITIVE, TRUTH, slipping
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
-from scara_kinetostatic.studies.hysteresis.choice import choose, effective_count, p_better
+from scara_kinetostatic.studies.hysteresis.analysis import check_tensions, hysteresis_study
 from scara_kinetostatic.studies.hysteresis.dependence import anything_left, dependences
 from scara_kinetostatic.studies.hysteresis.fit import fit
 from scara_kinetostatic.studies.hysteresis.laws import (
@@ -19,10 +19,10 @@ from scara_kinetostatic.studies.hysteresis.laws import (
     SLIP_NO_GAP,
     SOFTENING,
     VISCOUS,
+    played,
     refined,
 )
-from scara_kinetostatic.studies.hysteresis.simulation import played
-from scara_kinetostatic.studies.hysteresis.study import check_tensions, hysteresis_study
+from scara_kinetostatic.studies.hysteresis.model_selection import choose, effective_count, p_better
 
 NOISE = 50.0
 SLIPS = {'slip_positive': SLIP_POSITIVE, 'slip_negative': SLIP_NEGATIVE}

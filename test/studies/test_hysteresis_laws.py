@@ -17,10 +17,11 @@ from scara_kinetostatic.studies.hysteresis.laws import (
     SLIP,
     SLIP_NO_GAP,
     _Spring,
+    played,
     refined,
+    sine,
 )
 from scara_kinetostatic.studies.hysteresis.motion import cut, motion_of, repeatability
-from scara_kinetostatic.studies.hysteresis.simulation import played, sine
 
 SLIPS = {'slip_positive': SLIP_POSITIVE, 'slip_negative': SLIP_NEGATIVE}
 VALUES = {**TRUTH, **SLIPS, 'start': 0.0}

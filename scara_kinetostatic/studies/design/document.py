@@ -10,8 +10,8 @@ from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES
-from scara_kinetostatic.studies.design.solution import Choice, Design, Placed
-from scara_kinetostatic.studies.design.study import BAND, Row
+from scara_kinetostatic.studies.design.result import Choice, Design, Placed
+from scara_kinetostatic.studies.design.sensitivity import BAND, Row
 from scara_kinetostatic.studies.design.workspace import TipStd
 
 NAME = 'design.json'

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.studies.design.pool import Pool, pack
+from scara_kinetostatic.studies.design.candidates import Pool, pack
 
 Floats = NDArray[np.float64]
 

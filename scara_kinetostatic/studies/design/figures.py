@@ -1,17 +1,26 @@
-"""Pictures of the design study: accuracy by the number of touches, proofs of the set, radii and places of discs."""
+"""Pictures of the design study: accuracy by the number of touches, proofs of the set, radii and places of discs.
+
+Maps of the design study: the tip over the workspace, the chosen touches, one more disc, discs placed anew.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import NDArray
 
-from scara_kinetostatic.render.figure import FAINT, INK, PAPER, SERIES, WARN, as_svg, mark, new_figure
-from scara_kinetostatic.studies.design.solution import Design
+from scara_kinetostatic.model.cell import Disc
+from scara_kinetostatic.render.figure import FAINT, INK, LINE, PAPER, SERIES, WARN, as_svg, mark, new_figure
+from scara_kinetostatic.studies.design.document import best_place
+from scara_kinetostatic.studies.design.result import Choice, Design
+from scara_kinetostatic.studies.design.workspace import free_tip, loaded_tip, make_workspace, reach, tip_std
 
 Floats = NDArray[np.float64]
 
@@ -104,3 +113,116 @@ def random_picture(design: Design) -> Markup:
     axes.xaxis.set_major_formatter(lambda value, _: f'{value:g}')
     axes.set_xlim(0.8 * base, edges[-1] * 1.1)
     return as_svg(figure, 'random', 'distribution of the largest standard deviation of the tip over random sets')
+
+
+WIDTH, HALF = 920.0, 450.0
+MICRO = 1e6
+FINE = (24, 120)
+"""Radii and angles of a map."""
+COLOURS = 'viridis_r'
+ARROW = 0.16
+"""Length of the largest force, m."""
+
+
+def tip_picture(design: Design) -> Markup:
+    """The standard deviation of the tip over the workspace after the smallest set, posture by posture."""
+    figure = Figure(figsize=(WIDTH / 72, 430 / 72), dpi=72, layout='constrained')
+    axes = figure.subplots(1, 2, sharey=True)
+    robot, q = design.robot, design.question
+    workspace = make_workspace(robot, q.region, *FINE)
+    tip = loaded_tip(robot, workspace, q.load) if q.under_load else free_tip(robot, workspace)
+    places = MICRO * tip_std(tip, design.smallest.row.prediction).places
+    low, high = float(places.min()), float(places.max())
+    for k, name in enumerate(('posture left', 'posture right')):
+        values = np.full(workspace.mask.shape, np.nan)
+        values[workspace.mask] = places[k]
+        angle = np.append(workspace.angles, 2 * np.pi)
+        x, y = (workspace.radii[:, None] * turn(angle) for turn in (np.cos, np.sin))
+        base = (robot.cell.nominal.x0, robot.cell.nominal.y0)
+        values = np.concatenate([values, values[:, :1]], axis=1)
+        drawn = axes[k].pcolormesh(
+            x + base[0], y + base[1], np.ma.masked_invalid(values), shading='gouraud', cmap=COLOURS, vmin=low,
+            vmax=high, rasterized=True,
+        )  # fmt: skip
+        _discs(axes[k], robot.cell.discs, INK)
+        axes[k].set(aspect='equal', xlabel='x  [m]', title=name)
+        axes[k].grid(visible=False)
+        axes[k].plot(*base, 'o', ms=6, mfc=PAPER, mec=INK)
+    axes[0].set(ylabel='y  [m]')
+    figure.colorbar(drawn, ax=axes, label='std of the tip  [µm]', shrink=0.85).outline.set_visible(False)
+    return as_svg(figure, 'tip', 'standard deviation of the tip over the workspace, both postures')
+
+
+def plan_picture(choice: Choice, design: Design, name: str) -> Markup:
+    """The chosen touches from above: arrows as long as the forces, filled heads for the left posture."""
+    figure, (axes,) = new_figure(HALF, 400)
+    cell, plan = design.robot.cell, choice.plan
+    contact, normal = plan.contact(cell), plan.normal()
+    for number, disc in enumerate(cell.discs):
+        look = mark(number)
+        axes.add_patch(Circle((disc.x, disc.y), disc.radius, facecolor=look.colour, alpha=0.13, lw=0))
+        axes.add_patch(Circle((disc.x, disc.y), disc.radius, fill=False, edgecolor=look.colour, lw=1.2))
+        axes.text(disc.x, disc.y, disc.name, ha='center', va='center', color=INK).set_parse_math(False)
+        for k in np.flatnonzero(plan.disc == number):
+            aside = 0.005 * plan.posture[k] * np.array([-normal[k, 1], normal[k, 0]])
+            head = contact[k] + aside
+            tail = head + ARROW * plan.force[k] / plan.force.max() * normal[k]
+            axes.plot(*np.stack([head, tail]).T, color=look.colour, lw=1.1, alpha=0.8)
+            fill = look.colour if plan.posture[k] > 0 else PAPER
+            axes.plot(*head, look.shape, ms=5.5, mfc=fill, mec=look.colour, mew=1.2, zorder=3)
+    base = (cell.nominal.x0, cell.nominal.y0)
+    axes.plot(*base, 'o', ms=7, mfc=PAPER, mec=INK, mew=1.4)
+    axes.annotate('base', base, (9, 4), textcoords='offset points', color=FAINT)
+    axes.set(aspect='equal', xlabel='x  [m]', ylabel='y  [m]')
+    return as_svg(figure, name, 'the chosen touches from above')
+
+
+def one_more_picture(design: Design) -> Markup:
+    """Where one more disc would help most."""
+    figure, (axes,) = new_figure(HALF, 400)
+    m, cell = design.map, design.robot.cell
+    shown = MICRO * np.ma.masked_invalid(m.largest)
+    drawn = axes.pcolormesh(m.x, m.y, shown, shading='nearest', cmap=COLOURS, rasterized=True)
+    _discs(axes, cell.discs, INK)
+    best = best_place(design)
+    if best is not None:
+        axes.add_patch(Circle(best[:2], m.radius, fill=False, edgecolor=SERIES[1], lw=2.0))
+        axes.plot(*best[:2], '+', ms=9, color=SERIES[1], mew=2)
+    axes.plot(cell.nominal.x0, cell.nominal.y0, 'o', ms=6, mfc=PAPER, mec=INK)
+    axes.set(aspect='equal', xlabel='x of its centre  [m]', ylabel='y  [m]')
+    axes.grid(visible=False)
+    figure.colorbar(drawn, ax=axes, label='largest std of the tip  [µm]', shrink=0.85).outline.set_visible(False)
+    return as_svg(figure, 'one_more', 'largest standard deviation of the tip by the place of one more disc')
+
+
+def placed_picture(design: Design) -> Markup:
+    """The best layouts of one disc, two and three."""
+    layouts = [placed for placed in design.placed if placed.row is not None]
+    figure = Figure(figsize=(WIDTH / 72, (WIDTH / max(2, len(layouts)) + 24) / 72), dpi=72, layout='constrained')
+    axes = figure.subplots(1, len(layouts), sharey=True, squeeze=False)[0]
+    nominal = design.robot.cell.nominal
+    base = (nominal.x0, nominal.y0)
+    least, most = reach(design.robot)
+    discs = [disc for placed in layouts for disc in placed.layout.discs]
+    wide = 1.05 * max(most, *(max(abs(d.x - base[0]), abs(d.y - base[1])) + d.radius for d in discs))
+    for one, placed in zip(axes, layouts, strict=True):
+        for radius in (least, most):
+            one.add_patch(Circle(base, radius, fill=False, edgecolor=LINE, lw=1.0))
+        for number, disc in enumerate(placed.layout.discs):
+            colour = mark(number).colour
+            one.add_patch(Circle((disc.x, disc.y), disc.radius, facecolor=colour, alpha=0.2, lw=0))
+            one.add_patch(Circle((disc.x, disc.y), disc.radius, fill=False, edgecolor=colour, lw=1.4))
+        one.plot(*base, 'o', ms=6, mfc=PAPER, mec=INK)
+        largest = placed.row.free.largest if placed.row else np.inf
+        said = f'{MICRO * largest:.3g} µm' if np.isfinite(largest) else 'tip not determined'
+        number = len(placed.layout.discs)
+        one.set(aspect='equal', xlabel='x  [m]', title=f'{number} disc{"s" if number > 1 else ""}: {said}')
+        one.set_xlim(base[0] - wide, base[0] + wide)
+        one.set_ylim(base[1] - wide, base[1] + wide)
+    axes[0].set(ylabel='y  [m]')
+    return as_svg(figure, 'placed', 'best layouts of one disc, two and three')
+
+
+def _discs(axes: Axes, discs: Iterable[Disc], colour: str) -> None:
+    for disc in discs:
+        axes.add_patch(Circle((disc.x, disc.y), disc.radius, fill=False, edgecolor=colour, lw=1.1))

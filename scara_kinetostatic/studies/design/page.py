@@ -8,9 +8,8 @@ from scara_kinetostatic import __version__
 from scara_kinetostatic.render.figure import COLOURS, mark, style
 from scara_kinetostatic.render.page import page_template
 from scara_kinetostatic.studies.design import figures as pictures
-from scara_kinetostatic.studies.design import maps
 from scara_kinetostatic.studies.design import text as words
-from scara_kinetostatic.studies.design.solution import Design
+from scara_kinetostatic.studies.design.result import Design
 
 NAME = 'design.html'
 _TEMPLATE = Path(__file__).parent / 'page.html.j2'
@@ -23,11 +22,11 @@ def html_text(design: Design) -> str:
             'number': pictures.number_picture(design),
             'without': pictures.without_picture(design),
             'random': pictures.random_picture(design),
-            'tip': maps.tip_picture(design),
-            'smallest': maps.plan_picture(design.smallest, design, 'smallest'),
-            'spare': maps.plan_picture(design.spare, design, 'spare'),
-            'one_more': maps.one_more_picture(design),
-            'placed': maps.placed_picture(design) if any(placed.row for placed in design.placed) else None,
+            'tip': pictures.tip_picture(design),
+            'smallest': pictures.plan_picture(design.smallest, design, 'smallest'),
+            'spare': pictures.plan_picture(design.spare, design, 'spare'),
+            'one_more': pictures.one_more_picture(design),
+            'placed': pictures.placed_picture(design) if any(placed.row for placed in design.placed) else None,
         }
     discs = design.robot.cell.discs
     looks = [mark(number) for number in range(len(discs))]

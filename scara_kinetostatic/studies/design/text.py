@@ -9,8 +9,8 @@ import numpy as np
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.render.quantities import SCALES, count
 from scara_kinetostatic.studies.design.document import best_place
-from scara_kinetostatic.studies.design.solution import Choice, Design
-from scara_kinetostatic.studies.design.study import Row
+from scara_kinetostatic.studies.design.result import Choice, Design
+from scara_kinetostatic.studies.design.sensitivity import Row
 from scara_kinetostatic.studies.dial_gauge.text import Table
 
 TITLES = {

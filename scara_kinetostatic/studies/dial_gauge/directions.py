@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate
-from scara_kinetostatic.studies.dial_gauge.statistics import Agreement, agreement
+from scara_kinetostatic.studies.dial_gauge.statistics import Agreement, Estimate, agreement
 
 Floats = NDArray[np.float64]
 

@@ -9,13 +9,12 @@ import numpy as np
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.render.json_file import Document
+from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeStudy, LoopRecord, sense_name
 from scara_kinetostatic.studies.dial_gauge.directions import DirectionMap
-from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate
-from scara_kinetostatic.studies.dial_gauge.loops import Sense
+from scara_kinetostatic.studies.dial_gauge.loop_analysis import Sense
 from scara_kinetostatic.studies.dial_gauge.result import Part, Run
 from scara_kinetostatic.studies.dial_gauge.reversals import Reversal
-from scara_kinetostatic.studies.dial_gauge.statistics import Agreement
-from scara_kinetostatic.studies.dial_gauge.study import DialGaugeStudy, LoopRecord, sense_name
+from scara_kinetostatic.studies.dial_gauge.statistics import Agreement, Estimate
 
 NAME = 'gauge.json'
 SCHEMA = 'scara_kinetostatic/gauge/1'

@@ -13,10 +13,10 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from scara_kinetostatic.render.figure import FAINT, INK, LINE, PAPER, SERIES, WARN, as_svg, new_figure
+from scara_kinetostatic.studies.dial_gauge.analysis import LoopRecord, sense_name
 from scara_kinetostatic.studies.dial_gauge.directions import DirectionMap
-from scara_kinetostatic.studies.dial_gauge.loops import Sense
+from scara_kinetostatic.studies.dial_gauge.loop_analysis import Sense
 from scara_kinetostatic.studies.dial_gauge.result import Part, Run
-from scara_kinetostatic.studies.dial_gauge.study import LoopRecord, sense_name
 
 Floats = NDArray[np.float64]
 

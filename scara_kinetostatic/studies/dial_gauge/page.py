@@ -10,9 +10,9 @@ from scara_kinetostatic.render.figure import style
 from scara_kinetostatic.render.page import page_template
 from scara_kinetostatic.studies.dial_gauge import figures as pictures
 from scara_kinetostatic.studies.dial_gauge import text as words
+from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeStudy, LoopRecord, sense_name
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER
 from scara_kinetostatic.studies.dial_gauge.result import DialGaugeAnalysis, Part, Run
-from scara_kinetostatic.studies.dial_gauge.study import DialGaugeStudy, LoopRecord, sense_name
 
 NAME = 'gauge.html'
 _TEMPLATE = Path(__file__).parent / 'page.html.j2'

@@ -1,4 +1,7 @@
-"""What gauge experiments give: runs, parts of the robot, all of it."""
+"""What gauge experiments give: runs, parts of the robot, all of it.
+
+What a reader of gauge experiments should know, in words.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.studies.dial_gauge.checks import Check
 from scara_kinetostatic.studies.dial_gauge.directions import DirectionMap
-from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate
-from scara_kinetostatic.studies.dial_gauge.lines import RunFit
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, DialGaugeReadings
+from scara_kinetostatic.studies.dial_gauge.run_checks import Check
+from scara_kinetostatic.studies.dial_gauge.run_fit import RunFit
+from scara_kinetostatic.studies.dial_gauge.statistics import Estimate, agreement
 
 
 class Run(NamedTuple):
@@ -114,3 +117,60 @@ class DialGaugeAnalysis(NamedTuple):
 def called(part: str, direction: float) -> str:
     """What to call a part, and the direction (rad, NaN for none) in which it was loaded."""
     return part if np.isnan(direction) else f'{part} at {np.degrees(direction):g} deg'
+
+
+_PLAUSIBLE = (1e-8, 1e-2)
+"""Compliances outside, m/N, are hardly those of a robot, rather a wrong unit."""
+_MEANING = {
+    'senses': 'the slopes of the two senses differ by {value:.3g} ± {std:.2g} µm/N',
+    'hysteresis': 'the displacement is {value:.3g} ± {std:.2g} µm larger while the load is removed: friction or creep',
+    'curvature': 'the lines are bent by {value:.3g} ± {std:.2g} µm: one slope does not describe them',
+    'zero_drift': "the gauge's zero moves by {value:.3g} ± {std:.2g} µm per cycle; "
+    'if it moves steadily, half of that is in the gap',
+    'gap_repeats': 'the gap scatters by {value:.3g} µm between cycles; its uncertainty includes that',
+    'slope_repeats': 'the slope scatters by {value:.3g} µm/N between cycles; its uncertainty includes that',
+}
+
+
+def run_warnings(run: Run) -> list[str]:
+    """What a reader should know of one run, one sentence each."""
+    found = [
+        f'{run.name}: {_MEANING[check.name].format(value=1e6 * check.value, std=1e6 * check.std)}'
+        for check in run.alarms
+    ]
+    if run.outliers:
+        lines = [str(line) for line in run.readings.line[list(run.outliers)].tolist() if line]
+        where = f'line{"s" * (len(lines) > 1)} {", ".join(lines)}' if lines else f'{len(run.outliers)} rows'
+        found.append(f'{run.source}: {where}: far off the straight line of {run.name}; look for a slip of the pen')
+    if not _PLAUSIBLE[0] < run.fit.compliance.value < _PLAUSIBLE[1]:
+        found.append(f'{run.name}: a compliance of {run.fit.compliance.value:.2g} m/N; are the units and signs right?')
+    if run.gap.value < -4 * run.gap.std:
+        found.append(f'{run.name}: the gap is negative; does the displacement count positive along the positive force?')
+    return found + [f'{run.name}: {run.note}'] * bool(run.note)
+
+
+def part_warnings(parts: tuple[Part, ...], level: float) -> list[str]:
+    """What a reader should know of runs of one part together; `level` is the share of each test in the alarms."""
+    found = []
+    for part in parts:
+        maps = (('compliance', part.compliance_map), ('gap', part.gap_map))
+        for what, each in maps:
+            if each is not None and each.ellipse is not None and each.ellipse.p_value < level:
+                chance = f'p = {each.ellipse.p_value:.2g}'
+                found.append(f'{part.name}: the {what} over the direction is no ellipse ({chance})')
+        if len(part.runs) > 1 and part.compliance_map is None:
+            found += _disagreements(part, level)
+    return found
+
+
+def _disagreements(part: Part, level: float) -> list[str]:
+    """Runs of one part, no map, that do not agree."""
+    dof = np.array([run.fit.degrees_of_freedom for run in part.runs], dtype=float)
+    quantities = {'compliance': [run.compliance for run in part.runs], 'gap': [run.gap for run in part.runs]}
+    found = []
+    for what, estimates in quantities.items():
+        values = np.array(estimates)
+        test = agreement(values[:, 0], values[:, 1], dof)
+        if test.p_value < level:
+            found.append(f'{part.name}: the runs do not agree on the {what} (p = {test.p_value:.2g})')
+    return found

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
-from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate
+from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
 
 Floats = NDArray[np.float64]
 

@@ -20,7 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.studies.dial_gauge.columns import (
+from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, LINK, TIP, DialGaugeReadings
+from scara_kinetostatic.studies.dial_gauge.table_columns import (
     CHOICES,
     NEEDED,
     Column,
@@ -29,7 +30,6 @@ from scara_kinetostatic.studies.dial_gauge.columns import (
     read_heading,
     read_number,
 )
-from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, LINK, TIP, DialGaugeReadings
 
 MAX_BYTES = 64 * 2**20
 _SHOWN = 5

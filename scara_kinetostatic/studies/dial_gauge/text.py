@@ -7,13 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.render.quantities import chance, count, decimals
+from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeStudy, LoopRecord, sense_name
 from scara_kinetostatic.studies.dial_gauge.directions import DirectionMap
-from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate
-from scara_kinetostatic.studies.dial_gauge.loops import Sense
+from scara_kinetostatic.studies.dial_gauge.loop_analysis import Sense
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER
 from scara_kinetostatic.studies.dial_gauge.result import DialGaugeAnalysis, Part, Run
-from scara_kinetostatic.studies.dial_gauge.statistics import Agreement
-from scara_kinetostatic.studies.dial_gauge.study import DialGaugeStudy, LoopRecord, sense_name
+from scara_kinetostatic.studies.dial_gauge.statistics import Agreement, Estimate
 
 TITLES = {'gripper': 'Gripper', 'joint1': 'Joint 1', 'joint2': 'Joint 2'}
 SYMBOLS = {'gripper': ('p_ee', 'g_ee'), 'joint1': ('p1', 'g1'), 'joint2': ('p2', 'g2')}

@@ -7,12 +7,12 @@ from typing import Any
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.render.json_file import Document
-from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate
-from scara_kinetostatic.studies.hysteresis.choice import Comparison, Score
+from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
+from scara_kinetostatic.studies.hysteresis.analysis import HysteresisStudy, Record
 from scara_kinetostatic.studies.hysteresis.dependence import Dependence
 from scara_kinetostatic.studies.hysteresis.laws import BACKLASH, Law
-from scara_kinetostatic.studies.hysteresis.study import HysteresisStudy, Record
-from scara_kinetostatic.studies.hysteresis.transfer import Transfer
+from scara_kinetostatic.studies.hysteresis.leave_one_out import Transfer
+from scara_kinetostatic.studies.hysteresis.model_selection import Comparison, Score
 
 NAME = 'loops.json'
 SCHEMA = 'scara_kinetostatic/loops/1'

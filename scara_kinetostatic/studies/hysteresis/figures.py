@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from scara_kinetostatic.render.figure import FAINT, INK, SERIES, as_svg
-from scara_kinetostatic.studies.hysteresis.choice import Score
+from scara_kinetostatic.studies.hysteresis.analysis import HysteresisStudy, Record
+from scara_kinetostatic.studies.hysteresis.leave_one_out import SHOWN
+from scara_kinetostatic.studies.hysteresis.model_selection import Score
 from scara_kinetostatic.studies.hysteresis.motion import Floats, Motion, Rows
-from scara_kinetostatic.studies.hysteresis.study import HysteresisStudy, Record
-from scara_kinetostatic.studies.hysteresis.transfer import SHOWN
 
 WIDTH = 920.0
 MILLI, KILO = 1e3, 1e-3

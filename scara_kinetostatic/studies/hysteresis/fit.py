@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate
+from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
 from scara_kinetostatic.studies.hysteresis.laws import Law, Parameter, Refinement, Values, refined
 from scara_kinetostatic.studies.hysteresis.motion import Floats, Motion, Rows
 

@@ -12,8 +12,8 @@ from scara_kinetostatic.studies.dial_gauge.text import Table
 from scara_kinetostatic.studies.hysteresis import figures as pictures
 from scara_kinetostatic.studies.hysteresis import tables
 from scara_kinetostatic.studies.hysteresis import text as words
-from scara_kinetostatic.studies.hysteresis.choice import AMBIGUOUS, LEVEL, UNEXPLAINED
-from scara_kinetostatic.studies.hysteresis.study import HysteresisStudy, Record
+from scara_kinetostatic.studies.hysteresis.analysis import HysteresisStudy, Record
+from scara_kinetostatic.studies.hysteresis.model_selection import AMBIGUOUS, LEVEL, UNEXPLAINED
 
 NAME = 'loops.html'
 _TEMPLATE = Path(__file__).parent / 'page.html.j2'

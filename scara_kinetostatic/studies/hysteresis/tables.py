@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from scara_kinetostatic.render.quantities import chance
-from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate
+from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
 from scara_kinetostatic.studies.dial_gauge.text import Table, with_std
-from scara_kinetostatic.studies.hysteresis.choice import Comparison, Score
+from scara_kinetostatic.studies.hysteresis.analysis import HysteresisStudy, Record
 from scara_kinetostatic.studies.hysteresis.dependence import VARIABLES
 from scara_kinetostatic.studies.hysteresis.laws import Law
-from scara_kinetostatic.studies.hysteresis.study import HysteresisStudy, Record
+from scara_kinetostatic.studies.hysteresis.model_selection import Comparison, Score
 
 PARAMETERS = {
     'zero': ('zero of the displacement', 1e3, 'mm'),

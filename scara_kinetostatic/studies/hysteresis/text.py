@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from scara_kinetostatic.render.quantities import chance, count
-from scara_kinetostatic.studies.hysteresis.choice import AMBIGUOUS, LEVEL, NONE, UNEXPLAINED
+from scara_kinetostatic.studies.hysteresis.analysis import HysteresisStudy, Record
 from scara_kinetostatic.studies.hysteresis.dependence import VARIABLES, Dependence
-from scara_kinetostatic.studies.hysteresis.study import HysteresisStudy, Record
+from scara_kinetostatic.studies.hysteresis.model_selection import AMBIGUOUS, LEVEL, NONE, UNEXPLAINED
 from scara_kinetostatic.studies.hysteresis.tables import (
     candidate_table,
     dependence_table,

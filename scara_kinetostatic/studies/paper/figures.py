@@ -9,15 +9,16 @@ from matplotlib.ticker import MaxNLocator
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.render.figure import FAINT, INK, LINE, PAPER, SERIES, as_svg, new_figure
-from scara_kinetostatic.studies.paper.printed_values import (
+from scara_kinetostatic.studies.paper.reproduction import Reproduction
+from scara_kinetostatic.studies.paper.section_5_1 import (
     ESTIMATED,
     ESTIMATED_FROM_NOISE,
     FORCE,
     FORCE_ERROR,
     FORCE_ERROR_RANGE,
+    expected_force_error,
+    fixed_sum,
 )
-from scara_kinetostatic.studies.paper.reproduction import Reproduction
-from scara_kinetostatic.studies.paper.section_5_1 import expected_force_error, fixed_sum
 
 WIDTH, HALF = 920.0, 450.0
 SMALLEST = 1e-13

@@ -13,19 +13,18 @@ from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, UNITS, Para
 from scara_kinetostatic.render.figure import style
 from scara_kinetostatic.render.page import page_template
 from scara_kinetostatic.studies.design import figures as design_pictures
-from scara_kinetostatic.studies.design import maps as design_maps
 from scara_kinetostatic.studies.design import text as design_text
-from scara_kinetostatic.studies.design.solution import Design
+from scara_kinetostatic.studies.design.result import Design
 from scara_kinetostatic.studies.dial_gauge import page as gauge_html
 from scara_kinetostatic.studies.paper import figures as paper_pictures
-from scara_kinetostatic.studies.paper.printed_values import (
+from scara_kinetostatic.studies.paper.reproduction import Reproduction
+from scara_kinetostatic.studies.paper.section_5_1 import (
     ESTIMATED,
     ESTIMATED_FROM_NOISE,
     FORCE_ERROR,
     FORCE_ERROR_FROM_NOISE,
+    fixed_sum,
 )
-from scara_kinetostatic.studies.paper.reproduction import Reproduction
-from scara_kinetostatic.studies.paper.section_5_1 import fixed_sum
 
 NAME = 'paper.html'
 _TEMPLATE = Path(__file__).parent / 'page.html.j2'
@@ -159,5 +158,5 @@ def _design(design: Design) -> dict[str, Any]:
         'asked': design_text.asked(design),
         'sentences': [*design_text.choice_sentences(design.smallest, design), *design_text.disc_sentences(design)],
         'number': design_pictures.number_picture(design),
-        'tip': design_maps.tip_picture(design),
+        'tip': design_pictures.tip_picture(design),
     }

@@ -9,13 +9,13 @@ from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.studies.design.design import design
+from scara_kinetostatic.studies.design.optimal_design import design
 from scara_kinetostatic.studies.design.prediction import Robot
-from scara_kinetostatic.studies.design.solution import Design
+from scara_kinetostatic.studies.design.result import Design
+from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeStudy, study
 from scara_kinetostatic.studies.dial_gauge.simulation import simulate_experiments
-from scara_kinetostatic.studies.dial_gauge.study import DialGaugeStudy, study
 from scara_kinetostatic.studies.paper.general_gripper import Part, see_parts
-from scara_kinetostatic.studies.paper.scatter import Comparison, compare
+from scara_kinetostatic.studies.paper.monte_carlo import Comparison, compare
 from scara_kinetostatic.studies.paper.section_5_1 import (
     ONE_LEVEL,
     THREE_LEVELS,

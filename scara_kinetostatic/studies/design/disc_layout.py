@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.simulation.plan import BASE_MARGIN, CLEARANCE
-from scara_kinetostatic.studies.design.pool import LEAST_ARM, PRIOR, pack
+from scara_kinetostatic.studies.design.candidates import LEAST_ARM, PRIOR, pack
 from scara_kinetostatic.studies.design.prediction import Robot, exact_touches
 from scara_kinetostatic.studies.design.workspace import Tip, reach
 

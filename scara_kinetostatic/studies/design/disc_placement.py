@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
 from scara_kinetostatic.model.cell import Disc
-from scara_kinetostatic.studies.design.layout import (
+from scara_kinetostatic.studies.design.disc_layout import (
     LEAST_SHARE,
     Touching,
     clash,

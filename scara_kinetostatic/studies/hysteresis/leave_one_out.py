@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.studies.hysteresis.choice import rms
 from scara_kinetostatic.studies.hysteresis.fit import Fit, predict, refit
 from scara_kinetostatic.studies.hysteresis.laws import Values
+from scara_kinetostatic.studies.hysteresis.model_selection import rms
 from scara_kinetostatic.studies.hysteresis.motion import Floats, Motion
 
 SHOWN = 3

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.studies.design.check import Check
-from scara_kinetostatic.studies.design.discs import Layout, Map
-from scara_kinetostatic.studies.design.pool import PER_DISC
+from scara_kinetostatic.studies.design.candidates import PER_DISC
+from scara_kinetostatic.studies.design.disc_placement import Layout, Map
 from scara_kinetostatic.studies.design.prediction import Robot
-from scara_kinetostatic.studies.design.study import Curve, Row
+from scara_kinetostatic.studies.design.selection import Check
+from scara_kinetostatic.studies.design.sensitivity import Curve, Row
 from scara_kinetostatic.studies.design.workspace import Region, Workspace
 
 EVERYWHERE = Region()

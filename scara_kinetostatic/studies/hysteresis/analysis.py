@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
-from scara_kinetostatic.studies.hysteresis.choice import Choice, Score, choose, effective_count, refine_as
+from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
 from scara_kinetostatic.studies.hysteresis.fit import Fit, fit, with_std
 from scara_kinetostatic.studies.hysteresis.laws import SLIP
+from scara_kinetostatic.studies.hysteresis.leave_one_out import Transfer, transfer
+from scara_kinetostatic.studies.hysteresis.model_selection import Choice, Score, choose, effective_count, refine_as
 from scara_kinetostatic.studies.hysteresis.motion import Motion, motion_of, repeatability
-from scara_kinetostatic.studies.hysteresis.transfer import Transfer, transfer
 
 FEWEST_RECORDS = 3
 """One to predict, and two for a line over the tension."""

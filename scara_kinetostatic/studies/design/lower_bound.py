@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.studies.design.pool import PRIOR, Pool
+from scara_kinetostatic.studies.design.candidates import PRIOR, Pool
 
 Floats = NDArray[np.float64]
 

@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate, Solution
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
-from scara_kinetostatic.studies.dial_gauge.statistics import between_variance
+from scara_kinetostatic.studies.dial_gauge.statistics import Estimate, Solution, between_variance
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -13,15 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.studies.design.bound import Bound, find_bound
-from scara_kinetostatic.studies.design.check import check
-from scara_kinetostatic.studies.design.discs import Layout, Map, map_of_one_more, place_discs
-from scara_kinetostatic.studies.design.layout import Touching
-from scara_kinetostatic.studies.design.pool import Pool, candidate_plan, make_pool
+from scara_kinetostatic.studies.design.candidates import Pool, candidate_plan, make_pool
+from scara_kinetostatic.studies.design.disc_layout import Touching
+from scara_kinetostatic.studies.design.disc_placement import Layout, Map, map_of_one_more, place_discs
+from scara_kinetostatic.studies.design.lower_bound import Bound, find_bound
 from scara_kinetostatic.studies.design.prediction import Robot, predict
-from scara_kinetostatic.studies.design.selection import Selection, smallest_set
-from scara_kinetostatic.studies.design.solution import Choice, Design, Placed, Question
-from scara_kinetostatic.studies.design.study import (
+from scara_kinetostatic.studies.design.result import Choice, Design, Placed, Question
+from scara_kinetostatic.studies.design.selection import Selection, check, smallest_set
+from scara_kinetostatic.studies.design.sensitivity import (
     Row,
     Tips,
     row_of_discs,

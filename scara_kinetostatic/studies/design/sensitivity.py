@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.studies.design.bound import Bound
-from scara_kinetostatic.studies.design.check import largest_of_sets, random_sets
-from scara_kinetostatic.studies.design.layout import clash
-from scara_kinetostatic.studies.design.pool import Pool, candidate_plan
+from scara_kinetostatic.studies.design.candidates import Pool, candidate_plan
+from scara_kinetostatic.studies.design.disc_layout import clash
+from scara_kinetostatic.studies.design.lower_bound import Bound
 from scara_kinetostatic.studies.design.prediction import Prediction, Robot, predict
-from scara_kinetostatic.studies.design.selection import best_set
+from scara_kinetostatic.studies.design.selection import best_set, largest_of_sets, random_sets
 from scara_kinetostatic.studies.design.workspace import Tip, TipStd, tip_std
 
 Floats = NDArray[np.float64]

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate
 from scara_kinetostatic.studies.dial_gauge.reversals import (
     Line,
     Reversal,
@@ -32,7 +31,7 @@ from scara_kinetostatic.studies.dial_gauge.reversals import (
     fit_pair,
     pooled,
 )
-from scara_kinetostatic.studies.dial_gauge.statistics import Agreement, agreement
+from scara_kinetostatic.studies.dial_gauge.statistics import Agreement, Estimate, agreement
 
 Floats = NDArray[np.float64]
 Window = tuple[float, float]

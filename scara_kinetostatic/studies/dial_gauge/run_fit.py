@@ -26,10 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.studies.dial_gauge import checks as gauge_checks
-from scara_kinetostatic.studies.dial_gauge.checks import Check
-from scara_kinetostatic.studies.dial_gauge.line_fit import Estimate, Solution, find_step, solve
+from scara_kinetostatic.studies.dial_gauge import run_checks as gauge_checks
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
+from scara_kinetostatic.studies.dial_gauge.run_checks import Check
+from scara_kinetostatic.studies.dial_gauge.statistics import Estimate, Solution, find_step, solve
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
