@@ -45,17 +45,6 @@ NEAR = 0.03
 STEPS = 25
 CLOSE = 0.9
 """So near to a strength that cannot be played, as a part of it, the search does not go."""
-SIGN = {
-    'contact_friction': 1.0,
-    'contact_compliance': 1.0,
-    'joint_hysteresis': 1.0,
-    'link_bending': 1.0,
-    'joint_hardening': -1.0,
-}
-"""Effects whose parameter is of one sign. A joint can only soften so much: one that hardens by rate > 0 gives way the
-less the larger the torque before it shows, beyond c = √(p / 3 rate); up to there it raises the reduced chi-square by
-0.03 to 0.06, by 0.4 at most (joint 2 of the soft robot)."""
-CYCLES = (1.0, 110.0)
 
 
 class Setup(NamedTuple):
@@ -118,17 +107,7 @@ def seed_of(*words: object) -> int:
 def direction(effect: Effect, seed: int) -> Played:
     """An effect in a random way that a robot may have, of plausible size."""
     random = np.random.default_rng([seed, seed_of(effect.label)])
-    scales = np.array(effect.scales)
-    if effect.name == 'transmission_error':
-        values = np.array([scales[0], random.uniform(0, 2 * np.pi), random.uniform(*CYCLES)])
-    elif effect.name == 'base_tilt':  # both moments point downhill
-        angle, (first, second) = random.uniform(0, 2 * np.pi), random.uniform(0.3, 1.0, 2)
-        downhill = np.array([np.cos(angle), np.sin(angle)])
-        values = scales * np.concatenate([first * downhill, second * downhill])
-    else:
-        unit = random.standard_normal(len(scales))
-        values = scales * unit / np.linalg.norm(unit)
-    return Played((effect,), (SIGN[effect.name] * np.abs(values) if effect.name in SIGN else values,))
+    return Played((effect,), (effect.random_values(random),))
 
 
 def play(setup: Setup, played: Played, noise: Noise = NOISE, seed: int = 0) -> TouchSet:

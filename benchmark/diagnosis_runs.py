@@ -20,7 +20,6 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.registry import catalogue, find
-from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES, Parameters
@@ -137,7 +136,7 @@ def _judge(record: Record, found: Diagnosis, before: Calibration) -> None:
     record.rivals = found.rivals
     expected = [ALIAS.get(label, label) for label in record.played]
     naming: dict[str, str] = {}
-    unnamed = all(isinstance(item.effect, Unnamed) for item in found.found if item.in_every_model) and not found.rivals
+    unnamed = all(not item.effect.is_physical for item in found.found if item.in_every_model) and not found.rivals
     for label, wanted in zip(record.played, expected, strict=True):
         if any(wanted in group for group in found.rivals):
             naming[label] = RIVALS
@@ -178,10 +177,7 @@ def _value_z(found: Diagnosis, played: Played) -> float:
             if item.effect.label != effect.label or len(item.values) != len(values):
                 continue
             estimate, std = (np.array([getattr(row, name) for row in item.values]) for name in ('value', 'std'))
-            if effect.name == 'transmission_error':
-                turn = estimate[1] + (np.pi if estimate[0] < 0 else 0.0) - values[1]
-                estimate = np.array([abs(estimate[0]), values[1] + (turn + np.pi) % (2 * np.pi) - np.pi, estimate[2]])
-            largest += (np.abs(estimate - values) / np.where(std > 0, std, np.nan)).tolist()
+            largest += (np.abs(effect.difference(estimate, values)) / np.where(std > 0, std, np.nan)).tolist()
     return float(np.nanmax(largest)) if np.isfinite(largest).any() else np.nan
 
 

@@ -36,6 +36,7 @@ class OvalDisc(DiscEffect):
         Parameter('a', 'm', 1e-3, 'radius along x beyond the mean; as much less along y'),
         Parameter('b', 'm', 1e-3, 'radius at 45° beyond the mean'),
     )
+    statement: ClassVar[str] = '{target} is oval'
     confounded_with: ClassVar[str] = 'nothing, if the disc is touched all round'
     identified_by: ClassVar[str] = 'touches all round the disc'
     plot_variable: ClassVar[str] = 'direction'
@@ -53,6 +54,7 @@ class Leak(JointEffect):
 
     name: ClassVar[str] = 'joint_leak'
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('k', '1', 1e-2, 'angle of joint 1 per angle of joint 2'),)
+    statement: ClassVar[str] = 'joint 2 turns joint 1'
     confounded_with: ClassVar[str] = 'nothing, if the elbow moves far'
     identified_by: ClassVar[str] = 'touches over the whole range of joint 2'
     plot_variable: ClassVar[str] = 'angle'
@@ -76,6 +78,7 @@ class Cable(JointEffect):
 
     name: ClassVar[str] = 'cable'
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('k', 'Nm/rad^power', 10.0, 'torque on joint 2'),)
+    statement: ClassVar[str] = 'a cable pulls at {target}'
     confounded_with: ClassVar[str] = 'the gain of the encoder, if it is linear'
     identified_by: ClassVar[str] = 'touches over the whole range of joint 2'
     plot_variable: ClassVar[str] = 'angle'

@@ -10,7 +10,6 @@ term is the part of the deviation that is expected before.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,11 +21,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
 from scara_kinetostatic.diagnosis.result import Found
-from scara_kinetostatic.effects.base import Effect, at_joint
-from scara_kinetostatic.effects.transmission_error import TransmissionError
-from scara_kinetostatic.effects.unnamed import ANGLES, Unnamed, variable
-from scara_kinetostatic.effects.unnamed import VARIABLES as UNNAMED
-from scara_kinetostatic.effects.variables import VARIABLES
+from scara_kinetostatic.effects.base import at_joint
 from scara_kinetostatic.model.extension import split
 from scara_kinetostatic.model.law import Shift
 from scara_kinetostatic.model.parameters import NAMES
@@ -35,7 +30,6 @@ Floats = NDArray[np.float64]
 
 UNCLEAR = 4.0
 """A touch whose sensitivity |u| to the deviation is so many times smaller than the median one is left out."""
-UNITS = {'q1': 'rad', 'q2': 'rad', 'torque1': 'Nm', 'torque2': 'Nm', 'force': 'N', 'time': 's'}
 
 
 class Channel(NamedTuple):
@@ -122,7 +116,7 @@ def _residual(models: _Models, item: Found) -> EffectResidual:
     channel = channels[which]
     unit = problem.column(channel.shift, channel.sensor_error).reshape(-1, 2)
     weight = np.linalg.norm(unit, axis=1)
-    kept = _touched(problem, item.effect) & (weight > np.median(weight) / UNCLEAR)
+    kept = item.effect.acts_on(problem.touch_state) & (weight > np.median(weight) / UNCLEAR)
     x_label, x = _variable(problem, item)
     metadata, left = problem.touch_state.metadata, problem.point.whitened.residual
     taken_out, is_only_effect = _taken_out(models, item)
@@ -211,28 +205,7 @@ def _channels(problem: Problem, item: Found) -> list[Channel]:
     return channels
 
 
-def _touched(problem: Problem, effect: Effect) -> NDArray[np.bool_]:
-    """The touches on which an effect acts: those on its disc, if it has one and that is not the variable."""
-    disc = getattr(effect, 'disc', -1)
-    touched = problem.touch_state.metadata.disc
-    if disc < 0 or effect.plot_variable == 'disc':
-        return np.ones(len(touched), dtype=bool)
-    return np.asarray(touched == disc)
-
-
 def _variable(problem: Problem, item: Found) -> tuple[str, Floats]:
     """The variable over which an effect is shown: its name with unit, and its values, (n,)."""
-    effect, at = item.effect, problem.touch_state
-    if isinstance(effect, TransmissionError):
-        _, phase, cycles = (v.value for v in item.values)
-        angle = np.degrees(cycles * at.joints[:, effect.joint] - phase)
-        return f'phase of the wave, {cycles:.4g} per turn of joint {effect.joint + 1}  [°]', (angle + 180) % 360 - 180
-    if isinstance(effect, Unnamed):
-        values = variable(at, effect.variable)
-        if effect.variable in ANGLES:
-            return f'{UNNAMED[effect.variable]}  [°]', np.degrees((values + np.pi) % (2 * np.pi) - np.pi)
-        return f'{UNNAMED[effect.variable]}  [{UNITS[effect.variable]}]', values
-    joint = {'joint1': 0, 'joint2': 1}.get(effect.target or '')
-    over = VARIABLES[effect.plot_variable]
-    title = re.sub(r' \(([^()]*)\)$', r'  [\1]', over.title(joint))
-    return title, np.asarray(over.values(at, joint), dtype=float)
+    axis = item.effect.plot_axis(problem.touch_state, np.array([v.value for v in item.values]))
+    return axis.title + (f'  [{axis.unit}]' if axis.unit else ''), axis.values

@@ -16,7 +16,7 @@ from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, score_subsets
 from scara_kinetostatic.diagnosis.refit import effect_values, fit_with
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.unnamed import unnamed_effects
+from scara_kinetostatic.effects.unnamed import empirical_effects
 from scara_kinetostatic.errors import UnsupportedDataError
 
 ROUNDS = 6
@@ -210,7 +210,7 @@ def all_candidates(
     fitted = {effect.label: values for effect, (values, _) in pairs if isinstance(effect, Effect) and len(values)}
     discs = [disc.name for disc in latest.cell.discs]
     return gather(
-        problem, [*effects, *unnamed_effects(problem.touch_state, discs, problem.one_level)], fitted, together
+        problem, [*effects, *empirical_effects(problem.touch_state, discs, problem.one_level)], fitted, together
     )
 
 

@@ -1,1 +1,39 @@
-"""Physical effects that the twelve parameters lack, one file each; `registry` lists them."""
+"""Physical effects that the base model lacks, one file each; `registry` lists them.
+
+To write one, derive from `JointEffect`, `DiscEffect`, `SensorEffect`, `LinearEffect` or `Effect`.
+"""
+
+from scara_kinetostatic.effects.base import (
+    DiscEffect,
+    Effect,
+    JointEffect,
+    LinearEffect,
+    Parameter,
+    SensorEffect,
+    Trial,
+    at_joint,
+)
+from scara_kinetostatic.effects.registry import catalogue, find, register, unregister
+from scara_kinetostatic.effects.unnamed import empirical_effects
+from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis
+from scara_kinetostatic.model.law import Shift, TouchState
+
+__all__ = [
+    'VARIABLES',
+    'DiscEffect',
+    'Effect',
+    'JointEffect',
+    'LinearEffect',
+    'Parameter',
+    'PlotAxis',
+    'SensorEffect',
+    'Shift',
+    'TouchState',
+    'Trial',
+    'at_joint',
+    'catalogue',
+    'empirical_effects',
+    'find',
+    'register',
+    'unregister',
+]

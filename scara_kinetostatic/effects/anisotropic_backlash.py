@@ -11,7 +11,7 @@ from scara_kinetostatic.model.law import Shift, TouchState
 
 @dataclass(frozen=True)
 class AnisotropicBacklash(LinearEffect):
-    """The gripper has more play one way than another: d = -(a cos 2χ + b sin 2χ) n.
+    """The gripper has more backlash in one direction than in another: d = -(a cos 2χ + b sin 2χ) n.
 
     χ is the angle of the force from link 2. That the tip slides aside in a gap that is not round only turns the
     force by some milliradians; it is left out.
@@ -19,15 +19,16 @@ class AnisotropicBacklash(LinearEffect):
 
     name: ClassVar[str] = 'anisotropic_backlash'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('a', 'm', 1e-3, 'backlash along link 2 beyond the mean; as much less across it'),
-        Parameter('b', 'm', 1e-3, 'backlash at 45° to link 2 beyond the mean'),
+        Parameter('a', 'm', 1e-3, 'backlash along link 2 beyond the mean; as much less across it', typical=4e-5),
+        Parameter('b', 'm', 1e-3, 'backlash at 45° to link 2 beyond the mean', typical=-3e-5),
     )
+    statement: ClassVar[str] = 'the backlash of the gripper depends on the direction of the force'
     confounded_with: ClassVar[str] = (
         'an anisotropic compliance of the gripper, and g_ee and g2, if there is one force level or few directions'
     )
-    identified_by: ClassVar[str] = 'forces from all directions seen from link 2, at several levels, small ones too'
+    identified_by: ClassVar[str] = 'forces from all directions relative to link 2, at several levels, small ones too'
     plot_variable: ClassVar[str] = 'direction_from_link2'
-    statement: ClassVar[str] = 'the backlash of the gripper depends on the direction of the force'
+    order: ClassVar[int] = 10
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         along = (at.normal * at.link2).sum(axis=1)

@@ -1,4 +1,4 @@
-"""A gripper that gives way aside."""
+"""A gripper whose compliance couples along and across link 2."""
 
 from __future__ import annotations
 
@@ -14,21 +14,24 @@ class AnisotropicGripper(LinearEffect):
     """The compliance of the gripper couples along and across link 2: d = -coupling (F·v w + F·w v), w = R90 v.
 
     v is the direction of link 2, the coupling is p12 = p21 of P in its frame. That P differs along and across,
-    p11 - p22, cannot be seen: it is another p_ee and p2. So is all of P where the arm has
+    p11 - p22, cannot be identified: it is another p_ee and p2. So is all of P where the arm has
     one link angle only. The lever arms' change, of second order, is left out.
     """
 
     name: ClassVar[str] = 'anisotropic_gripper'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('coupling', 'm/N', 1e-5, 'p12 in the frame of link 2: yield across it per force along it'),
+        Parameter(
+            'coupling', 'm/N', 1e-5, 'p12 in the frame of link 2: yield across it per force along it', typical=1e-6
+        ),
     )
-    confounded_with: ClassVar[str] = (
-        'p_ee, p1 and p2, if the forces come from few directions seen from link 2; '
-        'the difference p11 - p22 hides in p_ee and p2 always'
-    )
-    identified_by: ClassVar[str] = 'forces from all directions seen from link 2, in both elbow postures'
-    plot_variable: ClassVar[str] = 'direction_from_link2'
     statement: ClassVar[str] = 'the gripper also yields across the force'
+    confounded_with: ClassVar[str] = (
+        'p_ee, p1 and p2, if the forces come from few directions relative to link 2; '
+        'the difference p11 - p22 is always part of p_ee and p2'
+    )
+    identified_by: ClassVar[str] = 'forces from all directions relative to link 2, in both elbow postures'
+    plot_variable: ClassVar[str] = 'direction_from_link2'
+    order: ClassVar[int] = 9
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         along = at.link2

@@ -1,26 +1,38 @@
-"""What a physical effect is: the one interface behind which each of them stands.
+"""What a physical effect is: the interface of all effects, and the usual cases to derive from.
 
 An effect says what it does to a touch (`model.law`): δ, an angle between actuator and link beside the
 law of the joint (6); d, a displacement of tip or object beside (7) and (11); e, an error of the force sensor. Most
-effects are linear in their parameters: such a one only names its `basis`, the shift per unit of each parameter.
+effects are linear in their parameters: such a one defines only its `basis`, the shift per unit of each parameter.
 
-To add an effect of your own, write a class like those beside this file and `register` it.
+All that is known of an effect stands in its class: nothing elsewhere asks which effect it is. A class that names itself
+and forgets something is refused when it is defined.
+
+To add an effect to this package, put its file beside this one: the registry finds it. To add one from a package of
+your own, see `registry`.
 """
 
 from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from math import isfinite
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.law import Shift, TouchState
 
 Floats = NDArray[np.float64]
+
+LAST = 1000
+"""`Effect.order` of a class that does not say."""
+WORDS = ('name', 'statement', 'confounded_with', 'identified_by', 'plot_variable')
+"""Texts that every effect must have."""
 
 
 class Parameter(NamedTuple):
@@ -28,10 +40,12 @@ class Parameter(NamedTuple):
 
     Attributes:
         name: as in the results.
-        unit: SI.
-        scale: plausible size; in units of it the fit is scaled.
+        unit: SI; ``1`` for a pure number.
+        scale: largest plausible size; the fit is scaled by it.
         meaning: in a few words.
         start: where the estimation begins.
+        typical: a value that matters, for examples and tests; None for a tenth of the scale.
+        sign: +1 or -1 where only one sign is physical or can be simulated, else 0.
     """
 
     name: str
@@ -39,6 +53,8 @@ class Parameter(NamedTuple):
     scale: float
     meaning: str
     start: float = 0.0
+    typical: float | None = None
+    sign: int = 0
 
 
 class Trial(NamedTuple):
@@ -46,7 +62,7 @@ class Trial(NamedTuple):
 
     Attributes:
         columns: shift per unit of each coefficient.
-        readings: error of the sensor per unit of each coefficient, (n, 2) each, sensor's frame; empty if none.
+        sensor_errors: error of the sensor per unit of each coefficient, (n, 2) each, sensor's frame; empty if none.
         values: from the coefficients found to values of the effect's parameters.
         place: where among the trials of the effect it stands, such as a frequency.
     """
@@ -59,28 +75,40 @@ class Trial(NamedTuple):
 
 @dataclass(frozen=True)
 class Effect(ABC):
-    """A physical effect that the twelve parameters lack.
+    """A physical effect that the base model lacks.
+
+    Required of a class:
+
+    Attributes:
+        name: of the kind of effect, as in the results; letters, digits and ``_``.
+        parameters: what is to be estimated.
+        statement: what its presence says of the cell, a clause; ``{target}`` stands for the target.
+        confounded_with: what it cannot be told from, and when.
+        identified_by: the touches that determine it.
+        plot_variable: the variable over which its residual is plotted, a key of `variables.VARIABLES`.
+
+    Optional:
 
     Attributes:
         target: the joint (``joint1``), link or disc it is about; None if it is about the whole cell.
-        name: of the kind of effect, as in the results.
-        parameters: what is to be estimated.
-        hides_behind: what it cannot be told from, and when.
-        reveal: the touches that bring it to light.
-        betrays: the variable over which its residual is best looked at, a key of `variables.VARIABLES`.
-        on_object: whether `place` belongs to the object rather than to the robot.
-        searched: name of the parameter over which `trials` is a grid, such as a frequency; empty if there is none.
-        runs_off: whether it runs to large values beside a rival that is nearly the same, instead of sharing with it.
-        scaled_by: names of those of the twelve parameters that the shift is proportional to.
-        statement: what it says of the cell, a clause in which ``{target}`` stands for the target, such as
-            ``{target} is not where the cell description says``; empty for one made of the label.
-        is_physical: whether it has a physical meaning; else it is a fitted curve, whose coefficients have none.
+        on_object: whether `Shift.place` belongs to the object rather than to the robot.
+        grid_parameter: the parameter over which `trials` is a grid, such as a frequency; empty if there is none.
+        diverges_with_alias: whether it runs to large values beside a rival that is nearly the same, instead of
+            sharing with it.
+        scaled_by: names of those base parameters that the shift is proportional to.
+        is_physical: whether it has a physical meaning; else it is a fitted curve.
+        is_linear: whether the shift is linear in the parameters.
+        order: place in the catalogue, the smallest first; equal ones by module and class name.
+
+    Raises:
+        TypeError: when a class is defined that lacks one of these; names the class and the attribute.
     """
 
     target: str | None = None
 
     name: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]
+    statement: ClassVar[str]
     confounded_with: ClassVar[str]
     identified_by: ClassVar[str]
     plot_variable: ClassVar[str]
@@ -88,13 +116,31 @@ class Effect(ABC):
     grid_parameter: ClassVar[str] = ''
     diverges_with_alias: ClassVar[bool] = False
     scaled_by: ClassVar[tuple[str, ...]] = ()
-    statement: ClassVar[str] = ''
     is_physical: ClassVar[bool] = True
+    is_linear: ClassVar[bool] = False
+    order: ClassVar[int] = LAST
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        missing = [name for name in dir(cls) if getattr(getattr(cls, name, None), '__isabstractmethod__', False)]
+        if 'name' in vars(cls) or not missing:
+            _check_class(cls, missing)
+
+    @classmethod
+    def instances(cls, cell: Cell) -> Iterable[Effect]:
+        """The effects of this kind that a cell may have: one for the whole cell, each joint or each disc."""
+        return [cls()]
 
     @property
     def off_normal_std(self) -> float:
-        """Standard deviation of the lean of the force, if the effect lets it differ from touch to touch, rad."""
+        """Standard deviation of the off-normal angle of the force, if the effect lets it differ from touch to touch,
+        rad.
+        """
         return 0.0
+
+    def with_off_normal_std(self, std: float) -> Effect:
+        """The same effect with another `off_normal_std`; itself where it has none."""
+        return self
 
     @property
     def label(self) -> str:
@@ -102,8 +148,13 @@ class Effect(ABC):
         return f'{self.name}[{self.target}]' if self.target else self.name
 
     @property
+    def labels(self) -> tuple[str, ...]:
+        """Each parameter's name behind the effect's."""
+        return tuple(f'{self.label}.{parameter.name}' for parameter in self.parameters)
+
+    @property
     def description(self) -> str:
-        """What deviates and over what, of an effect without a physical meaning; else empty."""
+        """What deviates depending on what, of an effect without a physical meaning; else empty."""
         return ''
 
     @property
@@ -115,7 +166,7 @@ class Effect(ABC):
     def finding(self) -> str:
         """What is said where it is found, a clause: ``disc_2 is not where the cell description says``."""
         target = re.sub(r'^(joint|link)(?=[12]$)', r'\1 ', self.target or '')
-        return self.statement.format(target=target) if self.statement else f'there is {self.title}'
+        return self.statement.format(target=target)
 
     @property
     def subject(self) -> str:
@@ -123,13 +174,8 @@ class Effect(ABC):
         return self.target or 'all'
 
     @property
-    def labels(self) -> tuple[str, ...]:
-        """Each parameter's name behind the effect's."""
-        return tuple(f'{self.label}.{parameter.name}' for parameter in self.parameters)
-
-    @property
     def grid_parameter_index(self) -> int:
-        """Place of the parameter `searched` among `parameters`."""
+        """Place of `grid_parameter` among `parameters`."""
         return [parameter.name for parameter in self.parameters].index(self.grid_parameter)
 
     @property
@@ -141,6 +187,11 @@ class Effect(ABC):
     def start(self) -> tuple[float, ...]:
         """Where the estimation begins."""
         return tuple(parameter.start for parameter in self.parameters)
+
+    @property
+    def typical(self) -> tuple[float, ...]:
+        """Values that matter, for examples and tests."""
+        return tuple(p.scale / 10 if p.typical is None else p.typical for p in self.parameters)
 
     @abstractmethod
     def shift(self, at: TouchState, values: Floats) -> Shift:
@@ -155,22 +206,30 @@ class Effect(ABC):
         return None
 
     def sensor_error_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
-        """The derivatives of `reading`, one per parameter."""
+        """The derivatives of `sensor_error`, one per parameter."""
         return ()
 
     def amplitudes(self, values: Floats) -> Floats:
-        """The values (k,), zero where they say how the effect is rather than how strong: what its derivatives,
-        times these, add up to is the effect to first order.
+        """The values (k,), zero where they are the form of the effect, such as a phase, rather than its size: what its
+        derivatives, times these, add up to is the effect to first order.
         """
         return values
 
     def is_plausible(self, values: Floats) -> bool:
-        """Whether fitted values (k,) still describe this effect, and not something that it was bent to."""
+        """Whether fitted values (k,) still describe this effect."""
         return True
 
     def alternative_laws(self) -> tuple[Effect, ...]:
         """The same effect by other laws, just as plausible, that few touches do not tell from this one."""
         return ()
+
+    def undetermined_constant(self, at: TouchState, values: Floats) -> tuple[str, float] | None:
+        """A constant that could be added to the effect without a change of the fit, as a base parameter takes it up.
+
+        Returns:
+            Name of that parameter and a plausible size of the constant, in its unit; None if there is none.
+        """
+        return None
 
     def trials(self, at: TouchState, force: Floats) -> Sequence[Trial]:
         """The ways in which it may be present in these touches; `force` is in the sensor's frame, (n, 2), N."""
@@ -181,10 +240,71 @@ class Effect(ABC):
         """Further trials, up to `width` steps on both sides of one of `trials`, where these are a grid."""
         return ()
 
+    def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
+        """The touches whose residual is to be plotted, (n,): of an effect of one disc, those on it."""
+        return np.ones(len(at.magnitude), dtype=bool)
+
+    def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
+        """What its residual is plotted over, at n touches, for values (k,) of the parameters."""
+        return VARIABLES[self.plot_variable].axis(at)
+
+    def random_values(self, random: np.random.Generator) -> Floats:
+        """Values (k,) of plausible size in a random direction, for simulations."""
+        scales, signs = np.array(self.scales), np.array([parameter.sign for parameter in self.parameters])
+        unit = random.standard_normal(len(scales))
+        values = scales * unit / np.linalg.norm(unit)
+        return np.where(signs == 0, values, signs * np.abs(values))
+
+    def difference(self, values: Floats, others: Floats) -> Floats:
+        """`values` less `others`, (k,), where several values may mean the same, such as phases."""
+        return values - others
+
+
+def _check_class(cls: type[Effect], abstract: Sequence[str]) -> None:
+    """Refuse a kind of effect of which something is missing.
+
+    Raises:
+        TypeError: names the class and the attribute.
+    """
+    where = f'{cls.__module__}.{cls.__qualname__}'
+    if abstract:
+        raise TypeError(f'effect {where}: the method {abstract[0]!r} is missing')
+    for word in WORDS:
+        text = getattr(cls, word, None)
+        if not isinstance(text, str) or not text.strip():
+            raise TypeError(f'effect {where}: {word!r} is missing, expected a text, got {text!r}')
+    if not cls.name.isidentifier():
+        raise TypeError(f"effect {where}: 'name': expected letters, digits and _, got {cls.name!r}")
+    if cls.plot_variable not in VARIABLES:
+        known = ', '.join(VARIABLES)
+        raise TypeError(f"effect {where}: 'plot_variable': expected one of {known}, got {cls.plot_variable!r}")
+    if '{' in cls.statement.replace('{target}', ''):
+        raise TypeError(f"effect {where}: 'statement': only {{target}} may stand in braces, got {cls.statement!r}")
+    parameters = getattr(cls, 'parameters', None)
+    if isinstance(parameters, property):
+        return
+    if not isinstance(parameters, tuple) or not all(isinstance(item, Parameter) for item in parameters):
+        raise TypeError(f"effect {where}: 'parameters' is missing, expected a tuple of Parameter, got {parameters!r}")
+    for parameter in parameters:
+        _check_parameter(parameter, f"effect {where}: 'parameters': {parameter.name!r}")
+    if cls.grid_parameter and cls.grid_parameter not in [parameter.name for parameter in parameters]:
+        raise TypeError(f"effect {where}: 'grid_parameter': no parameter is called {cls.grid_parameter!r}")
+
+
+def _check_parameter(parameter: Parameter, where: str) -> None:
+    for word in ('name', 'unit', 'meaning'):
+        text = getattr(parameter, word)
+        if not isinstance(text, str) or not text.strip():
+            raise TypeError(f'{where}: {word!r} is missing, got {text!r}')
+    if not (isfinite(parameter.scale) and parameter.scale > 0):
+        raise TypeError(f"{where}: 'scale': expected a plausible size above 0, got {parameter.scale!r}")
+
 
 @dataclass(frozen=True)
 class LinearEffect(Effect):
     """An effect that is linear in its parameters."""
+
+    is_linear: ClassVar[bool] = True
 
     @abstractmethod
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
@@ -210,10 +330,18 @@ class SensorEffect(Effect):
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         return tuple(Shift() for _ in self.parameters)
 
+    @abstractmethod
+    def sensor_error(self, force: Floats, values: Floats) -> Floats:
+        """The error e for true forces (n, 2) in the sensor's frame, N."""
+
+    @abstractmethod
+    def sensor_error_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
+        """The derivatives of `sensor_error`, one per parameter."""
+
 
 @dataclass(frozen=True)
 class JointEffect(LinearEffect):
-    """A linear effect of one joint: δ of that joint alone.
+    """A linear effect of one joint: δ of that joint alone. The catalogue has one for each joint.
 
     Attributes:
         joint: 0 or 1.
@@ -226,6 +354,10 @@ class JointEffect(LinearEffect):
         """The effect of joint 0 or 1."""
         return cls(target=f'joint{joint + 1}', joint=joint)
 
+    @classmethod
+    def instances(cls, cell: Cell) -> Iterable[Effect]:
+        return [cls.of(joint) for joint in (0, 1)]
+
     @abstractmethod
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         """δ of the joint per unit of each parameter, (n,) each, rad."""
@@ -233,10 +365,13 @@ class JointEffect(LinearEffect):
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         return tuple(Shift(joints=at_joint(angle, self.joint)) for angle in self.angles(at))
 
+    def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
+        return VARIABLES[self.plot_variable].axis(at, self.joint)
+
 
 @dataclass(frozen=True)
 class DiscEffect(LinearEffect):
-    """A linear effect of one disc.
+    """A linear effect of one disc. The catalogue has one for each disc.
 
     Attributes:
         disc: its number in the cell.
@@ -250,6 +385,10 @@ class DiscEffect(LinearEffect):
         """The effect of one disc, by number and name."""
         return cls(target=name, disc=disc)
 
+    @classmethod
+    def instances(cls, cell: Cell) -> Iterable[Effect]:
+        return [cls.of(number, disc.name) for number, disc in enumerate(cell.discs)]
+
     @abstractmethod
     def places(self, at: TouchState) -> tuple[Floats, ...]:
         """Each d per unit of its parameter, as if every touch were on this disc, (n, 2) each, m."""
@@ -257,6 +396,9 @@ class DiscEffect(LinearEffect):
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         touched = (at.metadata.disc == self.disc)[:, None]
         return tuple(Shift(place=place * touched) for place in self.places(at))
+
+    def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
+        return np.asarray((at.metadata.disc == self.disc) | (self.plot_variable == 'disc'))
 
 
 def at_joint(angle: Floats, joint: int) -> Floats:

@@ -21,15 +21,19 @@ class BaseCompliance(LinearEffect):
 
     name: ClassVar[str] = 'base_compliance'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('excess', 'm/N', 1e-5, 'yield along x beyond the mean of x and y; as much less along y'),
-        Parameter('coupling', 'm/N', 1e-5, 'yield along y per force along x'),
+        Parameter(
+            'excess', 'm/N', 1e-5, 'yield along x beyond the mean of x and y; as much less along y', typical=1e-6
+        ),
+        Parameter('coupling', 'm/N', 1e-5, 'yield along y per force along x', typical=-2e-6),
     )
+    statement: ClassVar[str] = 'the base yields under the force'
     confounded_with: ClassVar[str] = (
-        'the compliances of gripper and joints, if the arm hardly turns; its mean over all directions in p_ee always'
+        'the compliances of gripper and joints, if the arm hardly turns; '
+        'its mean over all directions is always part of p_ee'
     )
     identified_by: ClassVar[str] = 'forces in all directions of the base frame, with the arm turned many ways'
     plot_variable: ClassVar[str] = 'direction'
-    statement: ClassVar[str] = 'the base yields under the force'
+    order: ClassVar[int] = 12
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         x, y = at.force.T

@@ -28,11 +28,12 @@ class BaseTilt(LinearEffect):
 
     name: ClassVar[str] = 'base_tilt'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('m1_x', 'Nm', 10.0, 'static moment along link 1 times gravity along x'),
-        Parameter('m1_y', 'Nm', 10.0, 'static moment along link 1 times gravity along y'),
-        Parameter('m2_x', 'Nm', 10.0, 'static moment along link 2 times gravity along x'),
-        Parameter('m2_y', 'Nm', 10.0, 'static moment along link 2 times gravity along y'),
+        Parameter('m1_x', 'Nm', 10.0, 'static moment along link 1 times gravity along x', typical=2.0),
+        Parameter('m1_y', 'Nm', 10.0, 'static moment along link 1 times gravity along y', typical=-1.0),
+        Parameter('m2_x', 'Nm', 10.0, 'static moment along link 2 times gravity along x', typical=0.8),
+        Parameter('m2_y', 'Nm', 10.0, 'static moment along link 2 times gravity along y', typical=-0.4),
     )
+    statement: ClassVar[str] = 'the base is tilted, so that gravity loads the joints'
     confounded_with: ClassVar[str] = (
         'a transmission error of joint 1 of one cycle per turn, which m1 alone exactly is; the base position and the '
         'offsets, if there is one elbow posture'
@@ -41,8 +42,14 @@ class BaseTilt(LinearEffect):
         'touches all over the workspace in both elbow postures; a level shows the tilt itself'
     )
     plot_variable: ClassVar[str] = 'angle'
-    statement: ClassVar[str] = 'the base is tilted, so that gravity loads the joints'
+    order: ClassVar[int] = 13
     scaled_by: ClassVar[tuple[str, ...]] = ('p1', 'p2')
+
+    def random_values(self, random: np.random.Generator) -> Floats:
+        """Of plausible size, both moments pointing downhill."""
+        angle, (first, second) = random.uniform(0, 2 * np.pi), random.uniform(0.3, 1.0, 2)
+        downhill = np.array([np.cos(angle), np.sin(angle)])
+        return np.array(self.scales) * np.concatenate([first * downhill, second * downhill])
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         first = [-at.parameters.p1 * torque for torque in _torques(at.link1)]

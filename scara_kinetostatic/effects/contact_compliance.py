@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from scara_kinetostatic.effects.base import LinearEffect, Parameter
+from scara_kinetostatic.effects.base import Effect, LinearEffect, Parameter
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.law import Shift, TouchState
 
 HERTZ = 2 / 3
@@ -32,14 +35,16 @@ class ContactCompliance(LinearEffect):
 
     name: ClassVar[str] = 'contact_compliance'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('yield', 'm/N^(2/3)', 1e-3, 'depth of the tip in the disc under 1 N'),
+        Parameter('yield', 'm/N^(2/3)', 1e-3, 'depth of the tip in the disc under 1 N', typical=1e-5, sign=1),
     )
+    statement: ClassVar[str] = '{target} yields under the force'
     confounded_with: ClassVar[str] = (
         'p_ee and g_ee together, if all discs are soft and the force levels few: f^(2/3) is nearly a straight line; '
         'the radius of a soft disc, if it is touched with one force only'
     )
     identified_by: ClassVar[str] = 'touches of every disc at many force levels, very small ones above all'
     plot_variable: ClassVar[str] = 'magnitude'
+    order: ClassVar[int] = 14
     on_object: ClassVar[bool] = True
 
     @classmethod
@@ -47,10 +52,19 @@ class ContactCompliance(LinearEffect):
         """That of one disc, by number and name."""
         return cls(target=name, disc=disc)
 
+    @classmethod
+    def instances(cls, cell: Cell) -> Iterable[Effect]:
+        """One of all discs, and one of each where there are two or more."""
+        discs = enumerate(cell.discs) if len(cell.discs) > 1 else ()
+        return [cls(), *(cls.of(number, disc.name) for number, disc in discs)]
+
     @property
     def finding(self) -> str:
         """One disc that yields, or all."""
-        return f'{self.target or "the surface of the discs"} yields under the force'
+        return super().finding if self.target else 'the surface of the discs yields under the force'
+
+    def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
+        return super().acts_on(at) if self.disc is None else np.asarray(at.metadata.disc == self.disc)
 
     def alternative_laws(self) -> tuple[ContactCompliance, ...]:
         return tuple(replace(self, exponent=exponent) for exponent in OTHERS)

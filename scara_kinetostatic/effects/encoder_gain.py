@@ -17,11 +17,14 @@ class EncoderGain(JointEffect):
     """
 
     name: ClassVar[str] = 'encoder_gain'
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('gain', '1', 1e-2, 'true angle over reported, less 1'),)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter('gain', '1', 1e-2, 'true angle over reported, less 1', typical=1e-3),
+    )
+    statement: ClassVar[str] = 'the encoder of {target} has a gain error'
     confounded_with: ClassVar[str] = 'the offset of the joint, if its angle hardly varies; a torque that grows with it'
     identified_by: ClassVar[str] = 'touches over the whole range of the joint, in both elbow postures'
     plot_variable: ClassVar[str] = 'angle'
-    statement: ClassVar[str] = 'the encoder of {target} has a gain error'
+    order: ClassVar[int] = 5
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (-at.joints[:, self.joint],)

@@ -13,21 +13,22 @@ from scara_kinetostatic.model.law import TouchState
 
 @dataclass(frozen=True)
 class JointHysteresis(JointEffect):
-    """Coulomb friction in the transmission: the link stays behind the actuator by δ = width · sense of approach.
+    """Coulomb friction in the transmission: the link lags the actuator by δ = width · sense of approach.
 
-    The friction torque τ winds the spring up beside the load, so that width = p τ.
+    The friction torque τ acts on the spring beside the load, so that width = p τ.
     """
 
     name: ClassVar[str] = 'joint_hysteresis'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('width', 'rad', 1e-3, 'by which the link stays behind, half the width of the loop'),
+        Parameter('width', 'rad', 1e-3, 'lag of the link, half the width of the loop', typical=1e-4, sign=1),
     )
+    statement: ClassVar[str] = '{target} has hysteresis beyond its backlash'
     confounded_with: ClassVar[str] = 'the backlash of the joint, if it always moves on in the sense of its torque'
     identified_by: ClassVar[str] = (
         'touches reached from both sides: press beyond the force and let it down, every other time'
     )
     plot_variable: ClassVar[str] = 'approach'
-    statement: ClassVar[str] = '{target} has hysteresis beyond its backlash'
+    order: ClassVar[int] = 8
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (np.sign(at.metadata.approach[:, self.joint]),)

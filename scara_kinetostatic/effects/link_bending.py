@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import LinearEffect, Parameter
+from scara_kinetostatic.effects.base import Effect, LinearEffect, Parameter
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.law import Shift, TouchState
 
 HINGES = (0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.75, 0.8)
@@ -27,14 +29,14 @@ class LinkBending(LinearEffect):
 
         δ1 = k (c1 / 3 + c2 / 6),   δ2 = k (c1 / 6 + c2 / 3).
 
-    The parts c1 / 3 and c2 / 3 are another p1 and p2; only the coupling of the joints, c / 6, is new.
+    The parts c1 / 3 and c2 / 3 are another p1 and p2; only the coupling of the joints, c / 6, is independent of them.
 
     Where the link is no even beam, only the parts for c1 in δ1 and c2 in δ2 differ. A hinge at the part s of its
     length, an elastic flange or a soft section, gives
 
         δ1 = k' ((1 - s)² c1 + s (1 - s) c2),   δ2 = k' (s (1 - s) c1 + s² c2).
 
-    *Link 2* ends in the tip: M = 0, P l2 = c2, and δ2 = k c2 / 3. That is another p2, exactly: it can never be seen.
+    *Link 2* ends in the tip: M = 0, P l2 = c2, and δ2 = k c2 / 3. That is another p2, exactly: it cannot be identified.
 
     Attributes:
         link: 0 or 1.
@@ -46,19 +48,24 @@ class LinkBending(LinearEffect):
 
     name: ClassVar[str] = 'link_bending'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('compliance', 'rad/Nm', 1e-3, 'length over bending stiffness, l / EI'),
+        Parameter('compliance', 'rad/Nm', 1e-3, 'length over bending stiffness, l / EI', typical=1e-5, sign=1),
     )
+    statement: ClassVar[str] = '{target} bends'
     confounded_with: ClassVar[str] = (
-        'p1 and p2, if the torques of the joints are nearly in proportion; bending of link 2 hides in p2 always'
+        'p1 and p2, if the torques of the joints are nearly in proportion; bending of link 2 is always part of p2'
     )
     identified_by: ClassVar[str] = 'touches in which the torques of the two joints differ much, also in sign'
     plot_variable: ClassVar[str] = 'link1_torque'
-    statement: ClassVar[str] = '{target} bends'
+    order: ClassVar[int] = 11
 
     @classmethod
     def of(cls, link: int) -> LinkBending:
         """That of link 0 or 1."""
         return cls(target=f'link{link + 1}', link=link)
+
+    @classmethod
+    def instances(cls, cell: Cell) -> Iterable[Effect]:
+        return [cls.of(link) for link in (0, 1)]
 
     def alternative_laws(self) -> tuple[LinkBending, ...]:
         return () if self.link else tuple(replace(self, hinge=hinge) for hinge in HINGES)

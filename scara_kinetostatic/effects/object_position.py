@@ -21,15 +21,16 @@ class ObjectPosition(DiscEffect):
 
     name: ClassVar[str] = 'object_position'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('x', 'm', 1e-3, 'true place of the centre less the stated one, x'),
-        Parameter('y', 'm', 1e-3, 'true place of the centre less the stated one, y'),
+        Parameter('x', 'm', 1e-3, 'true place of the centre less the stated one, x', typical=1e-4),
+        Parameter('y', 'm', 1e-3, 'true place of the centre less the stated one, y', typical=-2e-4),
     )
+    statement: ClassVar[str] = '{target} is not where the cell description says'
     confounded_with: ClassVar[str] = (
         'x0, y0 and theta1, if there is one disc; another disc, if the move changes the distance to that one only'
     )
     identified_by: ClassVar[str] = 'touches all round three or more discs, in both elbow postures'
     plot_variable: ClassVar[str] = 'place'
-    statement: ClassVar[str] = '{target} is not where the cell description says'
+    order: ClassVar[int] = 15
 
     def places(self, at: TouchState) -> tuple[Floats, ...]:
         return tuple(-np.broadcast_to(unit, at.normal.shape) for unit in np.eye(2))

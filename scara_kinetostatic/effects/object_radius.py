@@ -14,11 +14,14 @@ class ObjectRadius(DiscEffect):
     """The disc is larger by `radius` than stated: d = radius · n."""
 
     name: ClassVar[str] = 'object_radius'
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('radius', 'm', 1e-3, 'true radius less the stated one'),)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter('radius', 'm', 1e-3, 'true radius less the stated one', typical=1e-4),
+    )
+    statement: ClassVar[str] = '{target} has another radius than the cell description says'
     confounded_with: ClassVar[str] = 'g_ee, if there is one disc: all radii larger is a smaller backlash of the gripper'
     identified_by: ClassVar[str] = 'touches of two or more discs, all round each'
     plot_variable: ClassVar[str] = 'disc'
-    statement: ClassVar[str] = '{target} has another radius than the cell description says'
+    order: ClassVar[int] = 16
 
     def places(self, at: TouchState) -> tuple[Floats, ...]:
         return (at.normal,)

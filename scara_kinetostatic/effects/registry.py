@@ -1,82 +1,57 @@
-"""The list of effects: those built in, instantiated for a cell, and those that a user adds.
+"""The catalogue of effects: those of this package, those of other packages, and those registered by a program.
 
-One of your own is in every catalogue after ``register(lambda cell: [MyEffect()])``.
+Three sources, in this order:
+
+- **Built in**: every class in a module beside this one that names itself, in the order of `Effect.order`. A file more
+  is an effect more.
+- **Entry points** of the group ``scara_kinetostatic.effects``: an installed package offers effects to the command, the
+  nodes and every program, without a change here. In its ``pyproject.toml``::
+
+      [project.entry-points."scara_kinetostatic.effects"]
+      stiffness_ripple = "stiffness_ripple:StiffnessRipple"
+
+  The value is a class derived from `Effect`, whose `Effect.instances` say for which joints or discs of a cell it is
+  there, or a function from a cell to effects. An entry that cannot be loaded, offers something else, or uses a label
+  that is taken, is left out with one warning that names its package.
+- `register`: the same for one process, as in a notebook or a test.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import logging
+import pkgutil
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from inspect import isclass
+from typing import NamedTuple
 
-from scara_kinetostatic.effects.anisotropic_backlash import AnisotropicBacklash
-from scara_kinetostatic.effects.anisotropic_gripper import AnisotropicGripper
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.base_compliance import BaseCompliance
-from scara_kinetostatic.effects.base_tilt import BaseTilt
-from scara_kinetostatic.effects.contact_compliance import ContactCompliance
-from scara_kinetostatic.effects.contact_friction import ContactFriction
-from scara_kinetostatic.effects.encoder_gain import EncoderGain
-from scara_kinetostatic.effects.joint_hardening import JointHardening
-from scara_kinetostatic.effects.joint_hysteresis import JointHysteresis
-from scara_kinetostatic.effects.link_bending import LinkBending
-from scara_kinetostatic.effects.object_position import ObjectPosition
-from scara_kinetostatic.effects.object_radius import ObjectRadius
-from scara_kinetostatic.effects.sensor_bias import SensorBias
-from scara_kinetostatic.effects.sensor_nonlinearity import SensorNonlinearity
-from scara_kinetostatic.effects.sensor_rotation import SensorRotation
-from scara_kinetostatic.effects.thermal_drift import LinkGrowth, ZeroDrift
-from scara_kinetostatic.effects.transmission_error import TransmissionError
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Cell
 
 Factory = Callable[[Cell], Iterable[Effect]]
 """From a cell to the effects of a kind that it may have."""
 
-
-def each_joint(of: Callable[[int], Effect]) -> Factory:
-    """One effect for each joint, or link."""
-    return lambda cell: [of(joint) for joint in (0, 1)]
-
-
-def each_disc(of: Callable[[int, str], Effect]) -> Factory:
-    """One effect for each disc."""
-    return lambda cell: [of(number, disc.name) for number, disc in enumerate(cell.discs)]
-
-
-def each_of_several_discs(of: Callable[[int, str], Effect]) -> Factory:
-    """One effect for each disc where there are two or more: of one, it is that of all."""
-    return lambda cell: each_disc(of)(cell) if len(cell.discs) > 1 else []
-
-
-BUILT_IN: tuple[Factory, ...] = (
-    lambda cell: [ContactFriction(reference=cell.nominal)],
-    lambda cell: [SensorRotation()],
-    lambda cell: [SensorBias()],
-    lambda cell: [SensorNonlinearity()],
-    each_joint(EncoderGain.of),
-    each_joint(TransmissionError.of),
-    each_joint(JointHardening.of),
-    each_joint(JointHysteresis.of),
-    lambda cell: [AnisotropicGripper()],
-    lambda cell: [AnisotropicBacklash()],
-    each_joint(LinkBending.of),
-    lambda cell: [BaseCompliance()],
-    lambda cell: [BaseTilt()],
-    lambda cell: [ContactCompliance()],
-    each_of_several_discs(ContactCompliance.of),
-    each_disc(ObjectPosition.of),
-    each_disc(ObjectRadius.of),
-    lambda cell: [LinkGrowth()],
-    each_joint(ZeroDrift.of),
-)
-"""What comes with the package."""
+GROUP = 'scara_kinetostatic.effects'
+"""Entry points of this group offer effects."""
+_LOG = logging.getLogger('scara_kinetostatic')
 _registered: list[Factory] = []
 
 
+class _Plugin(NamedTuple):
+    """What an entry point offers, and how messages name it."""
+
+    where: str
+    factory: Factory
+
+
 def register(factory: Factory) -> Factory:
-    """Add effects of one's own to every catalogue from now on; the same factory counts once.
+    """Add effects to every catalogue of this process from now on; the same factory counts once.
 
     Args:
-        factory: from a cell to effects.
+        factory: from a cell to effects, such as ``MyEffect.instances``.
 
     Returns:
         The factory, so that this can stand above it as a decorator.
@@ -93,20 +68,21 @@ def unregister(factory: Factory) -> None:
 
 
 def catalogue(cell: Cell) -> tuple[Effect, ...]:
-    """All effects that a cell may have: those built in, then those registered.
+    """All effects that a cell may have: built in, of other packages, registered.
 
     Raises:
-        ParameterError: two effects have the same label.
+        ParameterError: a registered effect has a label that is taken.
     """
-    effects = tuple(effect for factory in (*BUILT_IN, *_registered) for effect in factory(cell))
-    labels = set[str]()
-    for effect in effects:
-        if effect.label in labels:
+    effects = {effect.label: effect for kind in built_in() for effect in kind.instances(cell)}
+    for plugin in _plugins():
+        effects |= _offered(plugin, cell, effects)
+    for effect in (effect for factory in _registered for effect in factory(cell)):
+        if effect.label in effects:
             raise ParameterError(
                 f'effect {effect.label!r}', 'there are two of this name', 'give one another name or target'
             )
-        labels.add(effect.label)
-    return effects
+        effects[effect.label] = effect
+    return tuple(effects.values())
 
 
 def find(cell: Cell, label: str) -> Effect:
@@ -119,3 +95,75 @@ def find(cell: Cell, label: str) -> Effect:
     if label not in effects:
         raise ParameterError(f'effect {label!r}', 'no such effect', f'the effects of this cell are {" ".join(effects)}')
     return effects[label]
+
+
+@cache
+def built_in() -> tuple[type[Effect], ...]:
+    """The classes of this package that name themselves, in the order of the catalogue."""
+    package = __name__.rpartition('.')[0]
+    places = import_module(package).__path__
+    modules = [import_module(f'{package}.{module.name}') for module in pkgutil.iter_modules(places)]
+    kinds = [
+        kind
+        for module in modules
+        for kind in vars(module).values()
+        if isclass(kind) and issubclass(kind, Effect) and 'name' in vars(kind) and kind.__module__ == module.__name__
+    ]
+    return tuple(sorted(kinds, key=lambda kind: (kind.order, kind.__module__, kind.__name__)))
+
+
+@cache
+def _plugins() -> tuple[_Plugin, ...]:
+    """What the entry points offer, by package and name; those that cannot be loaded are left out with a warning."""
+    points = sorted(entry_points(group=GROUP), key=lambda point: (_package(point), point.name))
+    return tuple(plugin for point in points for plugin in _loaded(point))
+
+
+def _loaded(point: EntryPoint) -> Iterator[_Plugin]:
+    where = f'{_package(point)}: the effect {point.name!r} ({point.value})'
+    try:
+        offered = point.load()
+    except BaseException as error:  # whatever the code of others does, SystemExit included
+        if isinstance(error, (KeyboardInterrupt, MemoryError)):
+            raise
+        _warn(where, f'cannot be loaded: {_text(error)}')
+        return
+    if isclass(offered) and issubclass(offered, Effect):
+        yield _Plugin(where, offered.instances)
+    elif callable(offered) and not isclass(offered):
+        yield _Plugin(where, offered)
+    else:
+        _warn(where, f'expected a class derived from Effect or a function from a cell to effects, got {offered!r:.80}')
+
+
+def _offered(plugin: _Plugin, cell: Cell, taken: dict[str, Effect]) -> dict[str, Effect]:
+    """The effects of an entry point by label; none, with a warning, where something is wrong with them."""
+    try:
+        effects = list(plugin.factory(cell))
+        for effect in effects:
+            if not isinstance(effect, Effect):
+                raise TypeError(f'expected effects, got {effect!r:.80}')
+        found = {effect.label: effect for effect in effects}
+    except Exception as error:
+        _warn(plugin.where, f'cannot be used: {_text(error)}')
+        return {}
+    twice = [label for label in found if label in taken]
+    if twice or len(found) < len(effects):
+        _warn(plugin.where, f'uses the label {(twice or list(found))[0]!r}, which is taken')
+        return {}
+    return found
+
+
+@cache
+def _warn(where: str, problem: str) -> None:
+    """One line, once per process."""
+    _LOG.warning('%s', ' '.join(f'{where} {problem}; it is left out'.split()))
+
+
+def _text(error: BaseException) -> str:
+    return f'{type(error).__name__}: {error}'
+
+
+def _package(point: EntryPoint) -> str:
+    """The distribution of an entry point, such as ``stiffness-ripple 1.0``."""
+    return f'{point.dist.name} {point.dist.version}' if point.dist is not None else 'an unknown package'

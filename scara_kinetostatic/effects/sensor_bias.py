@@ -16,13 +16,14 @@ class SensorBias(SensorEffect):
 
     name: ClassVar[str] = 'sensor_bias'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('x', 'N', 3.0, 'reported too much along x of the sensor'),
-        Parameter('y', 'N', 3.0, 'reported too much along y of the sensor'),
+        Parameter('x', 'N', 3.0, 'reported too much along x of the sensor', typical=1.0),
+        Parameter('y', 'N', 3.0, 'reported too much along y of the sensor', typical=-0.7),
     )
+    statement: ClassVar[str] = 'the force sensor has a zero offset'
     confounded_with: ClassVar[str] = 'the places of the discs, if each is touched from one side or with one force only'
     identified_by: ClassVar[str] = 'touches from all sides of the discs, some of them with little force'
     plot_variable: ClassVar[str] = 'direction'
-    statement: ClassVar[str] = 'the force sensor has a zero offset'
+    order: ClassVar[int] = 3
 
     def sensor_error(self, force: Floats, values: Floats) -> Floats:
         return np.broadcast_to(np.asarray(values, dtype=float), force.shape)

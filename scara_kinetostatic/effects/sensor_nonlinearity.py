@@ -14,20 +14,21 @@ from scara_kinetostatic.effects.base import Floats, Parameter, SensorEffect
 class SensorNonlinearity(SensorEffect):
     """The sensor reports (1 + rate · ‖F‖) F: its gain grows with the force, or falls, e = rate ‖F‖ F.
 
-    A gain that is wrong alike at all forces scales all compliances and can never be seen.
+    A gain that is wrong alike at all forces scales all compliances and can never be identified.
     """
 
     name: ClassVar[str] = 'sensor_nonlinearity'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('rate', '1/N', 3e-2, 'part of the force reported too much, per newton of it'),
+        Parameter('rate', '1/N', 3e-2, 'part of the force reported too much, per newton of it', typical=1e-3),
     )
+    statement: ClassVar[str] = 'the gain of the force sensor depends on the force'
     confounded_with: ClassVar[str] = (
         'the compliances, if all forces are alike; the law of the contact and the hardening of joints, if the force '
         'levels are few'
     )
     identified_by: ClassVar[str] = 'touches at many force levels, from very small to large, at many places'
     plot_variable: ClassVar[str] = 'magnitude'
-    statement: ClassVar[str] = 'the gain of the force sensor depends on the force'
+    order: ClassVar[int] = 4
     diverges_with_alias: ClassVar[bool] = True
 
     def sensor_error(self, force: Floats, values: Floats) -> Floats:

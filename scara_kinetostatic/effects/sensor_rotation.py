@@ -1,4 +1,4 @@
-"""A force sensor that is mounted askew."""
+"""A force sensor that is mounted at another angle than stated."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ class SensorRotation(SensorEffect):
 
     name: ClassVar[str] = 'sensor_rotation'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('angle', 'rad', 0.05, 'by which reported forces are turned'),
+        Parameter('angle', 'rad', 0.05, 'by which reported forces are turned', typical=0.05),
     )
+    statement: ClassVar[str] = 'the force sensor is rotated about its axis'
     confounded_with: ClassVar[str] = 'contact friction, if the tip slides the same way in all touches'
     identified_by: ClassVar[str] = (
         'touches that slide in both senses: press beyond the force and let it down, every other time'
     )
     plot_variable: ClassVar[str] = 'direction'
-    statement: ClassVar[str] = 'the force sensor is rotated about its axis'
+    order: ClassVar[int] = 2
 
     def sensor_error(self, force: Floats, values: Floats) -> Floats:
         c, s = np.cos(values[0]) - 1, np.sin(values[0])

@@ -1,4 +1,4 @@
-"""Drift with time: links that grow as they warm up, joints whose zero creeps."""
+"""Drift with time: links that grow as they warm up, joints whose zero drifts."""
 
 from __future__ import annotations
 
@@ -17,11 +17,14 @@ class LinkGrowth(LinearEffect):
     """
 
     name: ClassVar[str] = 'thermal_drift'
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('rate', '1/s', 1e-5, 'growth of the links, per length'),)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter('rate', '1/s', 1e-5, 'growth of the links, per length', typical=1e-6),
+    )
+    statement: ClassVar[str] = 'the links grow with time'
     confounded_with: ClassVar[str] = 'places, postures or forces that change in the same order as time goes on'
     identified_by: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
     plot_variable: ClassVar[str] = 'time'
-    statement: ClassVar[str] = 'the links grow with time'
+    order: ClassVar[int] = 17
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         reach = at.parameters.l1 * at.link1 + at.parameters.l2 * at.link2
@@ -30,17 +33,20 @@ class LinkGrowth(LinearEffect):
 
 @dataclass(frozen=True)
 class ZeroDrift(JointEffect):
-    """The zero of a joint creeps with time t since the start of the recording: δ = -rate t.
+    """The zero of a joint drifts with time t since the start of the recording: δ = -rate t.
 
     The true angle is q + rate t: it is as if the offset theta of the joint grew.
     """
 
     name: ClassVar[str] = 'thermal_drift'
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('rate', 'rad/s', 1e-5, 'growth of the true angle'),)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter('rate', 'rad/s', 1e-5, 'growth of the true angle', typical=1e-6),
+    )
+    statement: ClassVar[str] = 'the zero of {target} drifts with time'
     confounded_with: ClassVar[str] = 'places, postures or forces that change in the same order as time goes on'
     identified_by: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
     plot_variable: ClassVar[str] = 'time'
-    statement: ClassVar[str] = 'the zero of {target} drifts with time'
+    order: ClassVar[int] = 18
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (-at.metadata.time,)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
@@ -10,12 +10,16 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import Effect, Floats, Parameter, Trial, at_joint
+from scara_kinetostatic.effects.variables import PlotAxis
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.law import Shift, TouchState
 
 LOWEST, HIGHEST = 1.0, 120.0
-"""Frequencies that are looked for, cycles per turn of the joint."""
+"""Frequencies searched, cycles per turn of the joint."""
+RANDOM_CYCLES = (1.0, 110.0)
+"""Frequencies of `random_values`, cycles per turn of the joint."""
 BARELY = 0.9
-"""Part of the lowest frequency that a fit may end at."""
+"""Part of the lowest frequency below which a fit is not plausible."""
 GRID = 0.75
 """Step of the grid times the standard deviation σ of the joint's angles, rad: a wave half a step off a frequency of the
 grid keeps 1 - (GRID/2)² = 86 % of its power or more, as the phases along the angles differ by GRID/2 at one σ."""
@@ -37,10 +41,11 @@ class TransmissionError(Effect):
 
     name: ClassVar[str] = 'transmission_error'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('amplitude', 'rad', 1e-3, 'by which the angle errs at most'),
-        Parameter('phase', 'rad', 1.0, 'cycles times the angle at which it errs most'),
-        Parameter('cycles', '1/turn', 1.0, 'waves per turn of the joint', LOWEST),
+        Parameter('amplitude', 'rad', 1e-3, 'largest error of the angle', typical=1e-4),
+        Parameter('phase', 'rad', 1.0, 'cycles times the angle at which the error is largest', typical=0.7),
+        Parameter('cycles', '1/turn', 1.0, 'waves per turn of the joint', LOWEST, 7.3),
     )
+    statement: ClassVar[str] = 'the transmission of {target} has a periodic error'
     confounded_with: ClassVar[str] = (
         'x0, y0, the offsets and the link lengths, if there are few cycles per turn and one elbow posture only; '
         'other frequencies, if the angles are evenly spaced'
@@ -49,7 +54,7 @@ class TransmissionError(Effect):
         'touches at many different angles of the joint, unevenly spaced, in both elbow postures'
     )
     plot_variable: ClassVar[str] = 'angle'
-    statement: ClassVar[str] = 'the transmission of {target} has a periodic error'
+    order: ClassVar[int] = 6
     grid_parameter: ClassVar[str] = 'cycles'
     diverges_with_alias: ClassVar[bool] = True
 
@@ -57,6 +62,10 @@ class TransmissionError(Effect):
     def of(cls, joint: int) -> TransmissionError:
         """That of joint 0 or 1."""
         return cls(target=f'joint{joint + 1}', joint=joint)
+
+    @classmethod
+    def instances(cls, cell: Cell) -> Iterable[Effect]:
+        return [cls.of(joint) for joint in (0, 1)]
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
         amplitude, phase, cycles = values
@@ -89,6 +98,22 @@ class TransmissionError(Effect):
         places = trial.place + step * np.linspace(-width, width, FINER)
         return [self._trial(angle, float(place)) for place in np.maximum(places, LOWEST)]
 
+    def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
+        """The phase of the wave."""
+        _, phase, cycles = values
+        angle = np.degrees(cycles * at.joints[:, self.joint] - phase)
+        title = f'phase of the wave, {cycles:.4g} per turn of joint {self.joint + 1}'
+        return PlotAxis(title, '°', np.asarray((angle + 180) % 360 - 180))
+
+    def random_values(self, random: np.random.Generator) -> Floats:
+        """The plausible amplitude, with any phase and frequency."""
+        return np.array([self.scales[0], random.uniform(0, 2 * np.pi), random.uniform(*RANDOM_CYCLES)])
+
+    def difference(self, values: Floats, others: Floats) -> Floats:
+        """A negative amplitude is half a turn of the phase."""
+        turn = values[1] + (np.pi if values[0] < 0 else 0.0) - others[1]
+        return np.array([abs(values[0]) - others[0], (turn + np.pi) % (2 * np.pi) - np.pi, values[2] - others[2]])
+
     def _trial(self, angle: Floats, cycles: float) -> Trial:
         waves = np.cos(cycles * angle), np.sin(cycles * angle)
         columns = tuple(Shift(joints=at_joint(wave, self.joint)) for wave in waves)
@@ -97,10 +122,10 @@ class TransmissionError(Effect):
 
 def frequencies(angle: Floats) -> Floats:
     """The frequencies to try for a joint's angles (n,), rad: a grid over which no wave is lost, cycles per turn."""
-    span, off_normal_std = float(np.ptp(angle)), float(np.std(angle))
-    if off_normal_std == 0.0:
+    span, std = float(np.ptp(angle)), float(np.std(angle))
+    if std == 0.0:
         return np.array([LOWEST])
-    step = min(GRID / off_normal_std, LARGEST_GRID / span)
+    step = min(GRID / std, LARGEST_GRID / span)
     return np.linspace(LOWEST, HIGHEST, int(np.ceil((HIGHEST - LOWEST) / step)) + 1)
 
 

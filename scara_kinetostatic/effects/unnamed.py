@@ -1,42 +1,48 @@
-"""Structure without a name: a smooth function of whatever the residual depends on.
+"""Empirical curves: smooth functions of whatever the residual depends on, without a physical name.
 
 What no physical effect of the list explains is still described, by what it depends on, and corrected by a
-function fitted to it. Such a term says that something is there and how large it is, not what it is.
+function fitted to it. Such a term says where the model deviates and by how much, not why.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scara_kinetostatic.effects.base import Effect, Floats, LinearEffect, Parameter, at_joint
+from scara_kinetostatic.effects.variables import PlotAxis
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.law import Shift, TouchState
 
 WAVES = 3
+"""Highest order of the waves over an angle."""
 POWERS = 4
+"""Highest power over any other variable."""
 FEW = 3
 """Powers of a curve over a joint's angle that few parameters describe, such as what a cable does."""
 BEYOND = 1.05
-"""Half ranges from the middle beyond which a fitted curve stays flat: it knows nothing of what lies there."""
+"""Half ranges from the middle beyond which a fitted curve is constant: no touch lies there."""
 PLACE_WAVES = (2, 3, 4)
-"""Once around a disc is a displaced centre."""
+"""Orders of the waves around a disc; the first would be a displaced centre."""
 JOINTS = ('q1', 'q2')
-"""Angles that do not come round: a curve over them may have a slope."""
+"""Angles that are not periodic: a curve over them may have a slope."""
 ANGLES = (*JOINTS, 'direction', 'direction_from_link2')
 JOINT_CHANNELS = ('joint1', 'joint2')
-VARIABLES = {
-    'q1': 'the angle of joint 1',
-    'q2': 'the angle of joint 2',
-    'torque1': 'the torque of joint 1',
-    'torque2': 'the torque of joint 2',
-    'force': 'the size of the force',
-    'direction': 'the direction of the force',
-    'direction_from_link2': 'the direction of the force seen from link 2',
-    'time': 'time',
+CURVE_VARIABLES = {
+    'q1': ('the angle of joint 1', 'rad'),
+    'q2': ('the angle of joint 2', 'rad'),
+    'torque1': ('the torque of joint 1', 'Nm'),
+    'torque2': ('the torque of joint 2', 'Nm'),
+    'force': ('the size of the force', 'N'),
+    'direction': ('the direction of the force', 'rad'),
+    'direction_from_link2': ('the direction of the force relative to link 2', 'rad'),
+    'time': ('time', 's'),
 }
+"""What a curve may depend on: in words, and the unit."""
 CHANNELS = {
     'joint1': 'joint 1 deviates by an angle',
     'joint2': 'joint 2 deviates by an angle',
@@ -44,15 +50,18 @@ CHANNELS = {
     'across': 'the tip deviates across the force',
     'reading': 'the sensor deviates by a force',
 }
+"""Where a curve may act, in words."""
+CONSTANT = {'joint1': 'theta1', 'joint2': 'theta2', 'along': 'g_ee'}
+"""The base parameter that a constant in a channel is."""
 
 
 @dataclass(frozen=True)
 class Unnamed(LinearEffect):
-    """A smooth deviation over one variable.
+    """A smooth deviation depending on one variable.
 
     Attributes:
         channel: where it acts, a key of `CHANNELS`.
-        variable: what it depends on, a key of `VARIABLES`.
+        variable: what it depends on, a key of `CURVE_VARIABLES`.
         middle: of the variable in the touches.
         half: half its range there.
         disc: number of the disc if it acts there alone; -1 for all.
@@ -67,11 +76,17 @@ class Unnamed(LinearEffect):
     powers: int = 0
 
     name: ClassVar[str] = 'unnamed'
+    statement: ClassVar[str] = 'the model deviates, cause unknown'
     confounded_with: ClassVar[str] = 'anything that depends on the same variable'
     identified_by: ClassVar[str] = 'touches in which this variable changes while all others stay'
     plot_variable: ClassVar[str] = 'angle'
     diverges_with_alias: ClassVar[bool] = True
     is_physical: ClassVar[bool] = False
+
+    @classmethod
+    def instances(cls, cell: Cell) -> Iterable[Effect]:
+        """None: which curves are possible depends on the touches, see `empirical_effects`."""
+        return []
 
     @property
     def label(self) -> str:
@@ -80,9 +95,9 @@ class Unnamed(LinearEffect):
 
     @property
     def description(self) -> str:
-        """What deviates, and over what, in words."""
+        """What deviates depending on what."""
         where = f' on {self.target}' if self.disc >= 0 else ''
-        return f'{CHANNELS[self.channel]}{where}, depending on {VARIABLES[self.variable]}'
+        return f'{CHANNELS[self.channel]}{where}, depending on {CURVE_VARIABLES[self.variable][0]}'
 
     @property
     def finding(self) -> str:
@@ -133,6 +148,25 @@ class Unnamed(LinearEffect):
             return slope + [wave(k * value) for k in self._orders() for wave in (np.cos, np.sin)]
         return [z**k for k in range(1, (self.powers or POWERS) + 1)]
 
+    def undetermined_constant(self, at: TouchState, values: Floats) -> tuple[str, float] | None:
+        """A curve may be raised by a constant: in a joint that is its offset, along the force the gripper's backlash.
+        The root mean square of the curve over the touches is taken as the size.
+        """
+        if self.disc >= 0 or self.channel not in CONSTANT:
+            return None
+        return CONSTANT[self.channel], float(np.sqrt(np.mean((np.stack(self.functions(at), axis=-1) @ values) ** 2)))
+
+    def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
+        return np.asarray((at.metadata.disc == self.disc) | (self.disc < 0))
+
+    def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
+        """The variable that it depends on; angles in degrees."""
+        title, unit = CURVE_VARIABLES[self.variable]
+        value = variable(at, self.variable)
+        if self.variable in ANGLES:
+            return PlotAxis(title, '°', np.degrees((value + np.pi) % (2 * np.pi) - np.pi))
+        return PlotAxis(title, unit, value)
+
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         parts = self.functions(at)
         if self.disc >= 0:
@@ -144,7 +178,7 @@ class Unnamed(LinearEffect):
 
 
 def variable(at: TouchState, name: str) -> Floats:
-    """A key of `VARIABLES` at n touches, (n,); SI units."""
+    """A key of `CURVE_VARIABLES` at n touches, (n,); SI units."""
     direction = np.arctan2(at.normal[:, 1], at.normal[:, 0])
     values: dict[str, Floats] = {
         'q1': at.joints[:, 0],
@@ -159,15 +193,15 @@ def variable(at: TouchState, name: str) -> Floats:
     return values[name]
 
 
-def unnamed_effects(at: TouchState, discs: Sequence[str], one_level: bool = False) -> Iterator[Effect]:
-    """All that residuals of these touches could depend on.
+def empirical_effects(at: TouchState, discs: Sequence[str], one_level: bool = False) -> Iterator[Effect]:
+    """All curves that could describe the residuals of these touches.
 
     Args:
         at: the touches.
         discs: names of the cell's discs.
         one_level: whether all forces are the same but for their noise; then nothing can depend on their size.
     """
-    names = [name for name in VARIABLES if not (one_level and name == 'force')]
+    names = [name for name in CURVE_VARIABLES if not (one_level and name == 'force')]
     for channel in ('joint1', 'joint2', 'along', 'across'):
         for name in names:
             value = variable(at, name)

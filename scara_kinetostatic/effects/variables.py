@@ -1,4 +1,4 @@
-"""What the residual can be looked at over: the closed set of variables that `Effect.betrays` names."""
+"""The variables over which a residual can be plotted: what `Effect.plot_variable` names."""
 
 from __future__ import annotations
 
@@ -7,27 +7,72 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from scara_kinetostatic.effects.base import Floats
-from scara_kinetostatic.effects.contact_friction import slide
 from scara_kinetostatic.model.law import TouchState
+from scara_kinetostatic.model.parameters import Parameters
+
+Floats = NDArray[np.float64]
+
+STICKING = 0.1
+"""A tip that comes within this angle of the normal sticks, as a usual coefficient of friction has it, rad."""
+
+
+class PlotAxis(NamedTuple):
+    """The x axis of a plot of residuals.
+
+    Attributes:
+        title: what it is, in words.
+        unit: of the values; empty where they have none.
+        values: one per touch, (n,).
+    """
+
+    title: str
+    unit: str
+    values: Floats
 
 
 class Variable(NamedTuple):
     """A property of touches.
 
     Attributes:
-        label: in words, with the unit; ``{joint}`` stands for the joint's number.
+        label: in words; ``{joint}`` stands for the joint's number.
+        unit: of the values; empty where they have none.
         values: from touches and a joint, 0 or 1 or None, to values (n,). A variable of a joint takes joint 1 for
-            None; the others do not look at it.
+            None; the others do not depend on it.
     """
 
     label: str
+    unit: str
     values: Callable[[TouchState, int | None], Floats]
 
-    def title(self, joint: int | None = None) -> str:
-        """The label, the joint named."""
-        return self.label.format(joint=(joint or 0) + 1)
+    def axis(self, at: TouchState, joint: int | None = None) -> PlotAxis:
+        """The variable at n touches, of a joint where it is one of a joint."""
+        title = self.label.format(joint=(joint or 0) + 1)
+        return PlotAxis(title, self.unit, np.asarray(self.values(at, joint), dtype=float))
+
+
+def slide(at: TouchState, reference: Parameters | None = None) -> Floats:
+    """How far the last movement in contact drags the tip aside, (n,): +1 or -1, or between where the tip sticks.
+
+    It is the part along t of the movement J ΔQ, divided by the whole movement and by `STICKING`, limited to ±1. Both
+    the movement and t = R90 n are those of the rigid tip at the measured angles.
+
+    Args:
+        at: the touches.
+        reference: L̄ by which the tip is placed; None for that of the touches.
+    """
+    p = reference or at.parameters
+    links = at.joints + np.array([p.theta1, p.theta2])
+    first, second = links[:, 0], links.sum(axis=1)
+    x2, y2 = p.l2 * np.cos(second), p.l2 * np.sin(second)
+    x1, y1 = p.l1 * np.cos(first) + x2, p.l1 * np.sin(first) + y2
+    turn1, turn2 = at.metadata.press.T
+    move_x, move_y = -y1 * turn1 - y2 * turn2, x1 * turn1 + x2 * turn2
+    inward_x, inward_y = at.centers[:, 0] - p.x0 - x1, at.centers[:, 1] - p.y0 - y1
+    size = np.hypot(inward_x, inward_y) * np.hypot(move_x, move_y)
+    aside = (inward_x * move_y - inward_y * move_x) / np.where(size > 0, size, 1.0)
+    return np.asarray(np.clip(aside / STICKING, -1.0, 1.0))
 
 
 def _of_joint(pairs: Callable[[TouchState], Floats]) -> Callable[[TouchState, int | None], Floats]:
@@ -51,19 +96,19 @@ def _from_link2(at: TouchState) -> Floats:
 
 VARIABLES = MappingProxyType(
     {
-        'angle': Variable('angle of joint {joint} (rad)', _of_joint(lambda at: at.joints)),
-        'torque': Variable('torque of joint {joint} (Nm)', _of_joint(lambda at: at.torques)),
-        'link1_torque': Variable('bending moment in the middle of link 1 (Nm)', _middle),
-        'magnitude': Variable('force (N)', lambda at, _: at.magnitude),
-        'direction': Variable('direction of the force (rad)', lambda at, _: _angle(at.normal)),
-        'direction_from_link2': Variable('direction of the force from link 2 (rad)', lambda at, _: _from_link2(at)),
-        'place': Variable('place on the disc (rad)', lambda at, _: _angle(-at.normal)),
-        'disc': Variable('number of the disc', lambda at, _: at.metadata.disc.astype(float) + 1),
-        'time': Variable('time (s)', lambda at, _: at.metadata.time),
+        'angle': Variable('angle of joint {joint}', 'rad', _of_joint(lambda at: at.joints)),
+        'torque': Variable('torque of joint {joint}', 'Nm', _of_joint(lambda at: at.torques)),
+        'link1_torque': Variable('bending moment in the middle of link 1', 'Nm', _middle),
+        'magnitude': Variable('force', 'N', lambda at, _: at.magnitude),
+        'direction': Variable('direction of the force', 'rad', lambda at, _: _angle(at.normal)),
+        'direction_from_link2': Variable('direction of the force from link 2', 'rad', lambda at, _: _from_link2(at)),
+        'place': Variable('place on the disc', 'rad', lambda at, _: _angle(-at.normal)),
+        'disc': Variable('number of the disc', '', lambda at, _: at.metadata.disc.astype(float) + 1),
+        'time': Variable('time', 's', lambda at, _: at.metadata.time),
         'approach': Variable(
-            'sense in which joint {joint} came to rest', _of_joint(lambda at: np.sign(at.metadata.approach))
+            'sense in which joint {joint} came to rest', '', _of_joint(lambda at: np.sign(at.metadata.approach))
         ),
-        'slide': Variable('sense in which the tip slid along the disc', lambda at, _: slide(at)),
+        'slide': Variable('sense in which the tip slid along the disc', '', lambda at, _: slide(at)),
     }
 )
-"""By name; the keys are what `Effect.betrays` may say."""
+"""By name; the keys are what `Effect.plot_variable` may be."""

@@ -50,8 +50,9 @@ class Cable(JointEffect):
 
     name: ClassVar[str] = 'cable'
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('k', 'Nm/rad^2', 1.0, 'torque on joint 2'),)
-    confounded_with: ClassVar[str] = ''
-    identified_by: ClassVar[str] = ''
+    statement: ClassVar[str] = 'a cable pulls at joint 2'
+    confounded_with: ClassVar[str] = 'the gain of the encoder'
+    identified_by: ClassVar[str] = 'the whole range of the joint'
     plot_variable: ClassVar[str] = 'angle'
 
     def angles(self, at):

@@ -145,6 +145,7 @@ def test_a_bending_link_2_is_never_accepted():
 class OvalDisc(DiscEffect):
     name: ClassVar[str] = 'oval_disc'
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('size', 'm', 1e-4, 'half the difference of its axes'),)
+    statement: ClassVar[str] = '{target} is not round'
     confounded_with: ClassVar[str] = 'nothing'
     identified_by: ClassVar[str] = 'touches all round'
     plot_variable: ClassVar[str] = 'place'
@@ -158,6 +159,7 @@ class OvalDisc(DiscEffect):
 class JointCoupling(JointEffect):
     name: ClassVar[str] = 'joint_coupling'
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('part', '1', 1e-4, 'of joint 2 in joint 1'),)
+    statement: ClassVar[str] = 'joint 2 turns joint 1'
     confounded_with: ClassVar[str] = 'nothing'
     identified_by: ClassVar[str] = 'both postures'
     plot_variable: ClassVar[str] = 'angle'

@@ -24,26 +24,6 @@ from scara_kinetostatic.simulation.streams import simulate_touches
 
 EFFECTS = catalogue(CELL)
 LABELS = [effect.label for effect in EFFECTS]
-SIZES = {
-    'contact_friction': (0.1,),
-    'sensor_rotation': (0.05,),
-    'sensor_bias': (1.0, -0.7),
-    'sensor_nonlinearity': (1e-3,),
-    'encoder_gain': (1e-3,),
-    'transmission_error': (1e-4, 0.7, 7.3),
-    'joint_hardening': (1e-9,),  # less than the compliance of the joint up to 60 Nm
-    'joint_hysteresis': (1e-4,),
-    'anisotropic_gripper': (1e-6,),
-    'anisotropic_backlash': (4e-5, -3e-5),
-    'link_bending': (1e-5,),
-    'base_compliance': (1e-6, -2e-6),
-    'base_tilt': (2.0, -1.0, 0.8, -0.4),
-    'contact_compliance': (1e-5,),
-    'object_position': (1e-4, -2e-4),
-    'object_radius': (1e-4,),
-    'thermal_drift': (1e-6,),
-}
-"""Values that would matter, by the effect's name."""
 
 
 class Scene(NamedTuple):
@@ -65,7 +45,7 @@ class Scene(NamedTuple):
 
 def plausible(effect: Effect) -> np.ndarray:
     """Values of an effect's parameters, of a size that would matter."""
-    return np.array(SIZES[effect.name])
+    return np.array(effect.typical)
 
 
 def random_scene(seed: int, n: int = 200, parameters: Parameters = PAPER_ACTUAL) -> Scene:

@@ -30,6 +30,7 @@ def example(tmp_path, monkeypatch):
     module = importlib.util.module_from_spec(spec)
     monkeypatch.setitem(sys.modules, 'stiffness_ripple', module)
     spec.loader.exec_module(module)
+    registry.register(module.StiffnessRipple.instances)
     return module
 
 

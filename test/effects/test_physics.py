@@ -12,7 +12,7 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.base_compliance import BaseCompliance
 from scara_kinetostatic.effects.base_tilt import BaseTilt
 from scara_kinetostatic.effects.contact_compliance import ContactCompliance
-from scara_kinetostatic.effects.contact_friction import STICKING, ContactFriction, slide
+from scara_kinetostatic.effects.contact_friction import ContactFriction
 from scara_kinetostatic.effects.encoder_gain import EncoderGain
 from scara_kinetostatic.effects.joint_hardening import JointHardening
 from scara_kinetostatic.effects.joint_hysteresis import JointHysteresis
@@ -22,6 +22,7 @@ from scara_kinetostatic.effects.object_radius import ObjectRadius
 from scara_kinetostatic.effects.sensor_bias import SensorBias
 from scara_kinetostatic.effects.sensor_rotation import SensorRotation
 from scara_kinetostatic.effects.thermal_drift import LinkGrowth, ZeroDrift
+from scara_kinetostatic.effects.variables import STICKING, slide
 from scara_kinetostatic.model.contact import Contact, contact
 from scara_kinetostatic.model.extension import Extension
 from scara_kinetostatic.model.gripper import Gripper

@@ -51,13 +51,14 @@ def test_variables_have_one_value_per_touch():
     at = random_scene(0, 30).touch_state(EFFECTS[0], np.zeros(1))
     for variable in VARIABLES.values():
         for joint in (None, 0, 1):
-            values = variable.values(at, joint)
-            assert values.shape == (30,)
-            assert np.isfinite(values).all()
-            assert np.ptp(values) > 0
-            assert '{' not in variable.title(joint)
-    np.testing.assert_array_equal(VARIABLES['torque'].values(at, 1), at.torques[:, 1])
-    assert VARIABLES['torque'].title(1) == 'torque of joint 2 (Nm)'
+            axis = variable.axis(at, joint)
+            assert axis.values.shape == (30,)
+            assert np.isfinite(axis.values).all()
+            assert np.ptp(axis.values) > 0
+            assert '{' not in axis.title
+    title, unit, values = VARIABLES['torque'].axis(at, 1)
+    np.testing.assert_array_equal(values, at.torques[:, 1])
+    assert (title, unit) == ('torque of joint 2', 'Nm')
 
 
 def test_no_such_effect():

@@ -24,6 +24,7 @@ class OvalDisc(DiscEffect):
         Parameter('cosine', 'm', 1e-4, 'half the difference of the radii along x and y'),
         Parameter('sine', 'm', 1e-4, 'the same along the diagonals'),
     )
+    statement: ClassVar[str] = '{target} is not round'
     confounded_with: ClassVar[str] = 'nothing'
     identified_by: ClassVar[str] = 'touches all around the disc'
     plot_variable: ClassVar[str] = 'place'
