@@ -1,4 +1,4 @@
-"""From recordings to the outcome: what the command and the calibrator node both run."""
+"""From recordings or touches to the outcome: the one path of command, calibrator node and Python interface."""
 
 from __future__ import annotations
 
@@ -16,55 +16,16 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.outcome import Outcome
+from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.touches.detection import Detection, find_touches
 
-HOPELESS = 0.5
-"""Force error, as a part of the force, beyond which a fit is none, settled or not."""
+LARGEST_FORCE_ERROR = 0.5
+"""Force error of the final model, as a part of the mean force, beyond which there is no result."""
 Progress = Callable[[str, float], None]
-"""Called with what is being done and how much of all is done, 0 to 1."""
-
-
-def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress | None = None) -> Detection:
-    """The touches of several recordings, numbered on from one to the next.
-
-    Raises:
-        RecordingError: a recording cannot be read.
-    """
-    parts: list[Detection] = []
-    found = 0
-    for number, path in enumerate(paths):
-        _tell(progress, f'reading {path}', number / len(paths))
-        streams = read_streams(path, cell)
-        part = _renumbered(find_touches(streams, cell), found)
-        said = (*streams.warnings, *part.warnings)
-        parts.append(replace(part, warnings=tuple(_with_source(path, text, paths) for text in said)))
-        found += part.found
-    _tell(progress, f'{found} touches found', 1.0)
-    return Detection(
-        touches=TouchSet.concatenate([part.touches for part in parts]),
-        rejected=tuple(item for part in parts for item in part.rejected),
-        found=found,
-        warnings=tuple(text for part in parts for text in part.warnings),
-        episodes=tuple(item for part in parts for item in part.episodes),
-        start=parts[0].start,
-        contradiction=next((part.contradiction for part in parts if part.contradiction), ''),
-    )
-
-
-def _renumbered(part: Detection, first: int) -> Detection:
-    return replace(
-        part,
-        touches=part.touches.replace(index=part.touches.index + first),
-        rejected=tuple(replace(item, index=item.index + first) for item in part.rejected),
-        episodes=tuple(replace(item, index=item.index + first) for item in part.episodes),
-    )
-
-
-def _with_source(path: str | Path, text: str, paths: Sequence[str | Path]) -> str:
-    return text if len(paths) == 1 or text.startswith(str(path)) else f'{path}: {text}'
+"""Called with the step that begins and the part of the work that is done, 0 to 1."""
 
 
 def calibrate_recordings(
@@ -80,93 +41,154 @@ def calibrate_recordings(
         paths: the recordings.
         cell: the cell.
         fixed: parameters to hold, by name.
-        progress: told what is being done.
+        progress: called at each step.
 
     Raises:
         RecordingError: a recording cannot be read.
         CellError: the forces contradict the cell's sensor sign or frame.
-        UnsupportedDataError: no touches, too few, or a fit that does not settle.
+        UnsupportedDataError: no touches, too few, or a fit that does not converge.
         ParameterError: `fixed` names no parameter.
     """
     detection = gather_touches(paths, cell, progress)
+    return calibrate_touches(detection, cell, fixed=fixed, sources=paths, progress=progress)
+
+
+def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress | None = None) -> Detection:
+    """The touches of several recordings, numbered on from one to the next.
+
+    Raises:
+        RecordingError: a recording cannot be read.
+    """
+    parts: list[Detection] = []
+    found = 0
+    for number, path in enumerate(paths):
+        _report(progress, f'reading {path}', number / len(paths))
+        streams = read_streams(path, cell)
+        part = find_touches(streams, cell).renumbered(found)
+        warnings = (*streams.warnings, *part.warnings)
+        parts.append(replace(part, warnings=tuple(_with_source(path, text, paths) for text in warnings)))
+        found += part.found
+    _report(progress, f'{found} touches found', 1.0)
+    return Detection(
+        touches=TouchSet.concatenate([part.touches for part in parts]),
+        rejected=tuple(item for part in parts for item in part.rejected),
+        found=found,
+        warnings=tuple(text for part in parts for text in part.warnings),
+        episodes=tuple(item for part in parts for item in part.episodes),
+        start=parts[0].start,
+        contradiction=next((part.contradiction for part in parts if part.contradiction), ''),
+    )
+
+
+def _with_source(path: str | Path, text: str, paths: Sequence[str | Path]) -> str:
+    return text if len(paths) == 1 or text.startswith(str(path)) else f'{path}: {text}'
+
+
+def calibrate_touches(
+    touches: Detection | TouchSet,
+    cell: Cell,
+    *,
+    fixed: Mapping[str, float] | None = None,
+    sources: Sequence[str | Path] = (),
+    progress: Progress | None = None,
+) -> Outcome:
+    """Calibrate touches, diagnose, predict held-out touches.
+
+    Args:
+        touches: as detected in recordings, or as they come from elsewhere.
+        cell: the cell.
+        fixed: parameters to hold, by name.
+        sources: the files that the touches come from; messages name them.
+        progress: called at each step.
+
+    Raises:
+        CellError: the forces contradict the cell's sensor sign or frame.
+        UnsupportedDataError: no touches, too few, or a fit that does not converge.
+        ParameterError: `fixed` names no parameter.
+    """
+    detection = Detection(touches, found=len(touches)) if isinstance(touches, TouchSet) else touches
+    names = ', '.join(map(str, sources)) or 'these touches'
     if detection.contradiction:
         raise CellError('sensor.frame, sensor.sign', detection.contradiction, 'correct the cell description')
     if not len(detection.touches):
-        raise UnsupportedDataError(_no_touches(paths, detection), 'see what `inspect` says about the recording')
-    _tell(progress, f'fitting {len(detection.touches)} touches', 0.0)
-    calibration = _calibrated(paths, detection, cell, fixed)
-    _tell(progress, 'looking for what the model lacks', 0.3)
-    diagnosis = diagnose(calibration)
-    _tell(progress, 'predicting held-out touches', 0.8)
-    final = _converged(diagnosis.extended or calibration, paths)
+        raise UnsupportedDataError(f'{names}: {_no_touches(detection)}', 'see what `inspect` says about the recording')
+    calibration, diagnosis = _fit_and_diagnose(detection, cell, fixed, names, progress)
+    _report(progress, 'predicting held-out touches', 0.8)
+    final = diagnosis.extended or calibration
+    _check_converged(final, names)
     held_out = held_out_force_error(replace(calibration, used=final.used))
     extended_held_out = held_out if final is calibration else held_out_force_error(final)
-    _tell(progress, 'done', 1.0)
-    rejected = sorted((*detection.rejected, *final.rejected), key=lambda item: item.index)
+    _report(progress, 'done', 1.0)
     return Outcome(
         calibration=calibration,
         held_out=held_out,
         diagnosis=diagnosis,
         extended_held_out=extended_held_out,
         found=detection.found,
-        rejected=tuple(rejected),
-        sources=tuple(str(path) for path in paths),
+        rejected=tuple(sorted((*detection.rejected, *final.rejected), key=lambda item: item.index)),
+        sources=tuple(map(str, sources)),
         warnings=detection.warnings,
     )
 
 
-def _calibrated(
-    paths: Sequence[str | Path], detection: Detection, cell: Cell, fixed: Mapping[str, float] | None
-) -> Calibration:
-    """The calibration of the twelve; what is wrong with the data is told with their name.
+def _fit_and_diagnose(
+    detection: Detection, cell: Cell, fixed: Mapping[str, float] | None, names: str, progress: Progress | None
+) -> tuple[Calibration, Diagnosis]:
+    """The base model's fit and its diagnosis.
 
-    Where nothing can be said with the noise estimated, the fit is that at the usual noise, if it leads to a missing
-    effect: its own sigmas say how badly it fits.
+    An effect so large that, taken for noise, it hides everything leaves no fit where the noise is to be estimated. Then
+    the base model is fitted with the usual noise, and that fit is kept if the diagnosis explains it.
     """
-    names = ', '.join(str(path) for path in paths)
+    _report(progress, f'fitting {len(detection.touches)} touches', 0.0)
     try:
-        return calibrate(detection.touches, cell, fixed=fixed)
+        calibration = calibrate(detection.touches, cell, fixed=fixed)
     except UnsupportedDataError as error:
-        trouble = UnsupportedDataError(f'{names}: {error.problem}{_lost(detection)}', error.remedy)
+        unsupported = UnsupportedDataError(f'{names}: {error.problem}{_rejections(detection)}', error.remedy)
         if cell.noise is not None:
-            raise trouble from error
-    try:  # an effect so large that, taken for noise, it hides everything
+            raise unsupported from error
+    else:
+        _report(progress, 'diagnosing the model', 0.3)
+        return calibration, diagnose(calibration)
+    try:
         usual = calibrate(detection.touches, replace(cell, noise=USUAL_NOISE), fixed=fixed)
     except UnsupportedDataError:
-        raise trouble from None
+        raise unsupported from None
     calibration = replace(usual, cell=replace(usual.cell, noise=None))
-    if diagnose(calibration).verdict != 'explained':
-        raise trouble
-    return calibration
+    _report(progress, 'diagnosing the model', 0.3)
+    diagnosis = diagnose(calibration)
+    if diagnosis.verdict != 'explained':
+        raise unsupported
+    return calibration, diagnosis
 
 
-def _lost(detection: Detection) -> str:
-    """What became of the other touches, where most of those found cannot be used."""
+def _rejections(detection: Detection) -> str:
+    """Why most touches were rejected, where most of those found cannot be used."""
     if len(detection.rejected) <= len(detection.touches):
         return ''
-    first, lost = detection.rejected[0], len(detection.rejected)
-    return f'; {lost} of {detection.found} found were rejected, the first, touch {first.index}: {first.reason}'
+    first, rejected = detection.rejected[0], len(detection.rejected)
+    return f'; {rejected} of {detection.found} found were rejected, the first, touch {first.index}: {first.reason}'
 
 
-def _converged(found: Calibration, paths: Sequence[str | Path]) -> Calibration:
-    """The calibration of the final model, if it is one."""
-    size = float(np.hypot(found.force[:, 0], found.force[:, 1]).mean())
-    if found.termination is not Termination.CONVERGED or found.force_error > HOPELESS * size:
-        names = ', '.join(str(path) for path in paths)
+def _check_converged(final: Calibration, names: str) -> None:
+    """Check that the final model is a result.
+
+    Raises:
+        UnsupportedDataError: its fit did not converge, or the force error is as large as the forces.
+    """
+    force = float(np.hypot(final.force[:, 0], final.force[:, 1]).mean())
+    if final.termination is not Termination.CONVERGED or final.force_error > LARGEST_FORCE_ERROR * force:
         raise UnsupportedDataError(
-            f'{names}: the fit does not settle, at a force error of {found.force_error:.3g} N',
+            f'{names}: the fit does not converge; its force error is {final.force_error:.3g} N',
             'check the places of the discs, the names and units of the joints, frame, sign and axes of the sensor',
         )
-    return found
 
 
-def _no_touches(paths: Sequence[str | Path], detection: Detection) -> str:
-    names = ', '.join(str(path) for path in paths)
+def _no_touches(detection: Detection) -> str:
     if not detection.found:
-        return f'{names}: no contact anywhere in the recording'
-    return f'{names}: none of {detection.found} touches can be used: {detection.rejected[0].reason}'
+        return 'no contact found'
+    return f'none of {detection.found} touches can be used: {detection.rejected[0].reason}'
 
 
-def _tell(progress: Progress | None, what: str, part: float) -> None:
+def _report(progress: Progress | None, step: str, part: float) -> None:
     if progress is not None:
-        progress(what, part)
+        progress(step, part)

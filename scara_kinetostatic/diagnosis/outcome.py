@@ -17,8 +17,8 @@ from scara_kinetostatic.model.touch import Rejection
 class Outcome:
     """All that a calibration of recordings gives.
 
-    `comparison` and `effect_residuals` follow from the fits. Each is estimated once, when it is first read: a user of the
-    parameters alone needs neither, and a copy with another diagnosis gets its own.
+    `comparison` and `effect_residuals` follow from the fits. Each is estimated once, when it is first read: a user of
+    the parameters alone needs neither, and a copy with another diagnosis gets its own.
 
     Attributes:
         calibration: the base model with its uncertainty.

@@ -10,7 +10,7 @@ recording run this same code.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -68,6 +68,15 @@ class Detection:
     episodes: tuple[Episode, ...] = field(default=(), repr=False)
     start: int = 0
     contradiction: str = ''
+
+    def renumbered(self, first: int) -> Detection:
+        """The same with the touches numbered from `first`."""
+        return replace(
+            self,
+            touches=self.touches.replace(index=self.touches.index + first),
+            rejected=tuple(replace(item, index=item.index + first) for item in self.rejected),
+            episodes=tuple(replace(item, index=item.index + first) for item in self.episodes),
+        )
 
 
 def find_touches(streams: Streams, cell: Cell) -> Detection:

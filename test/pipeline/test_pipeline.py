@@ -1,4 +1,4 @@
-"""From recordings to the outcome: what cannot be calibrated is told with the recording's name."""
+"""From recordings or touches to the outcome; messages on data that cannot be calibrated name the recording."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from scara_kinetostatic import pipeline
 from scara_kinetostatic.bags.writer import write_streams
+from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
-from scara_kinetostatic.pipeline import calibrate_recordings
+from scara_kinetostatic.pipeline import calibrate_recordings, calibrate_touches, gather_touches
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.streams import simulate_streams
+from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 
@@ -23,7 +25,7 @@ def test_a_mirrored_sensor_gives_no_result(tmp_path):
     streams = simulate_streams(CELL, PAPER_ACTUAL, default_plan(CELL), seed=3)
     mirrored = replace(streams.wrench, force=streams.wrench.force * [1, -1])
     write_streams(tmp_path / 'mirror.mcap', replace(streams, wrench=mirrored), CELL)
-    with pytest.raises(UnsupportedDataError, match=r'mirror\.mcap: the fit does not settle'):
+    with pytest.raises(UnsupportedDataError, match=r'mirror\.mcap: the fit does not converge'):
         calibrate_recordings([tmp_path / 'mirror.mcap'], CELL)
 
 
@@ -46,16 +48,38 @@ def test_two_recordings_are_calibrated_together(tmp_path):
     assert np.abs(errors / outcome.calibration.std).max() < 5
 
 
+def test_touches_from_elsewhere_give_the_same_outcome_as_those_of_a_recording(tmp_path):
+    write_streams(tmp_path / 'one', simulate_streams(CELL, PAPER_ACTUAL, default_plan(CELL)), CELL)
+    detection = gather_touches([tmp_path / 'one'], CELL)
+    recorded = calibrate_touches(detection, CELL, sources=[tmp_path / 'one'])
+    given = calibrate_touches(detection.touches, CELL)
+    assert given.sources == ()
+    assert given.found == len(detection.touches) == recorded.found
+    assert given.final.parameters == recorded.final.parameters
+    assert given.diagnosis.verdict == recorded.diagnosis.verdict == 'none'
+
+
+def test_too_few_touches_from_elsewhere_name_no_file():
+    few = simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL).select(np.arange(4)), CELL.noise)
+    with pytest.raises(UnsupportedDataError, match=r'^these touches: 4 touches'):
+        calibrate_touches(few, CELL)
+    with pytest.raises(UnsupportedDataError, match=r'^empty\.csv: no contact found'):
+        calibrate_touches(few.select(np.arange(0)), CELL, sources=['empty.csv'])
+
+
 @pytest.mark.parametrize(
     ('label', 'values'), [('object_position[disc_2]', (5e-3, 2e-3)), ('encoder_gain[joint2]', (0.01,))]
 )
-def test_an_effect_so_large_that_it_hides_everything_is_found_with_unknown_noise(label, values, tmp_path):
+def test_an_effect_so_large_that_it_hides_everything_is_found_with_unknown_noise(label, values, tmp_path, monkeypatch):
+    diagnosed = []
+    monkeypatch.setattr(pipeline, 'diagnose', lambda c: diagnosed.append(c) or diagnose(c))
     cell = replace(CELL, noise=None)
     robot = PAPER_ACTUAL.replace(extra=values)
     built = replace(CELL, effects=(find(CELL, label),))
     streams = simulate_streams(built, robot, default_plan(CELL, per_disc=14), seed=4)
     write_streams(tmp_path / 'large.mcap', streams, cell)
     outcome = calibrate_recordings([tmp_path / 'large.mcap'], cell)
+    assert len(diagnosed) == 1
     assert outcome.diagnosis.verdict == 'explained'
     assert [item.effect.label for item in outcome.diagnosis.found] == [label]
     assert outcome.final.noise_source == 'estimated'
