@@ -1,0 +1,148 @@
+"""Effects of other packages: found by their entry points; one that is broken is left out with one line."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from calibration.studies import CELL
+
+from scara_kinetostatic.cli.main import main
+from scara_kinetostatic.effects import registry
+from scara_kinetostatic.effects.registry import GROUP, catalogue, find
+
+ROOT = Path(__file__).parents[2]
+EFFECT = '''
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from scara_kinetostatic.effects import JointEffect, Parameter
+
+
+@dataclass(frozen=True)
+class StiffnessRipple(JointEffect):
+    name: ClassVar[str] = '{name}'
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter('a', 'rad/Nm', 1e-4, 'compliance beyond the mean'),)
+    statement: ClassVar[str] = 'the compliance of {{target}} varies with its angle'
+    confounded_with: ClassVar[str] = 'the compliance of the joint, if its angle hardly varies'
+    identified_by: ClassVar[str] = 'large torques at many angles of the joint'
+    plot_variable: ClassVar[str] = 'angle'
+
+    def angles(self, at):
+        return (np.cos(2 * at.joints[:, self.joint]) * at.torques[:, self.joint],)
+
+
+def some(cell):
+    return [StiffnessRipple.of(0)]
+
+
+def numbers(cell):
+    return [1, 2]
+
+
+def fails(cell):
+    raise RuntimeError('no such cell')
+'''
+
+
+@pytest.fixture(autouse=True)
+def _forgets_plugins():
+    yield
+    for cached in (registry._plugins, registry._warn):
+        cached.cache_clear()
+
+
+@pytest.fixture
+def site(tmp_path, monkeypatch):
+    """A folder on `sys.path` as `pip install` leaves it; packages are added by `install`."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def install(package: str, module: str, code: str, value: str) -> Path:
+        (tmp_path / f'{module}.py').write_text(code, encoding='utf-8')
+        info = tmp_path / f'{package}-1.0.dist-info'
+        info.mkdir()
+        (info / 'METADATA').write_text(f'Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n', encoding='utf-8')
+        (info / 'entry_points.txt').write_text(f'[{GROUP}]\nripple = {module}:{value}\n', encoding='utf-8')
+        for cached in (registry._plugins, registry._warn):
+            cached.cache_clear()
+        monkeypatch.delitem(sys.modules, module, raising=False)
+        return tmp_path
+
+    yield install
+    for name in [name for name, module in sys.modules.items() if str(tmp_path) in str(getattr(module, '__file__', ''))]:
+        del sys.modules[name]
+
+
+def test_an_installed_package_offers_its_effects(site, caplog):
+    before = len(catalogue(CELL))
+    site('ripple', 'ripple_one', EFFECT.format(name='stiffness_ripple'), 'StiffnessRipple')
+    labels = [effect.label for effect in catalogue(CELL)]
+    assert labels[before:] == ['stiffness_ripple[joint1]', 'stiffness_ripple[joint2]']
+    assert find(CELL, 'stiffness_ripple[joint2]').finding == 'the compliance of joint 2 varies with its angle'
+    assert not caplog.records
+
+
+def test_a_function_may_offer_them(site):
+    site('ripple', 'ripple_two', EFFECT.format(name='stiffness_ripple'), 'some')
+    assert [effect.label for effect in catalogue(CELL)][-1] == 'stiffness_ripple[joint1]'
+
+
+@pytest.mark.parametrize(
+    ('code', 'value', 'problem'),
+    [
+        ('import nothing_of_this_name', 'Effect', 'ModuleNotFoundError'),
+        ('raise SystemExit(3)', 'Effect', 'SystemExit: 3'),
+        ('Effect: int = 3 +', 'Effect', 'SyntaxError'),
+        ('', 'Effect', 'AttributeError'),
+        ('Effect = 3', 'Effect', 'expected a class derived from Effect or a function from a cell to effects, got 3'),
+        ('class Effect: pass', 'Effect', 'expected a class derived from Effect'),
+        (EFFECT.format(name='stiffness_ripple').replace('    plot_variable', '    plot_over'), 'some', 'plot_variable'),
+        (EFFECT.format(name='stiffness_ripple'), 'numbers', 'expected effects, got 1'),
+        (EFFECT.format(name='stiffness_ripple'), 'fails', 'RuntimeError: no such cell'),
+        (EFFECT.format(name='encoder_gain'), 'some', "uses the label 'encoder_gain[joint1]', which is taken"),
+    ],
+)
+def test_a_broken_one_is_one_line_that_names_its_package_and_the_rest_works(site, caplog, code, value, problem):
+    before = catalogue(CELL)
+    site('broken-ripple', 'ripple_broken', code, value)
+    site('good-ripple', 'ripple_good', EFFECT.format(name='good_ripple'), 'StiffnessRipple')
+    for _ in range(2):
+        found = catalogue(CELL)
+    assert found[: len(before)] == before
+    assert [effect.label for effect in found[len(before) :]] == ['good_ripple[joint1]', 'good_ripple[joint2]']
+    assert len(caplog.records) == 1
+    line = caplog.records[0].getMessage()
+    assert line.startswith('broken-ripple 1.0: ')
+    assert problem in line
+    assert 'left out' in line
+    assert '\n' not in line
+
+
+def test_the_command_finds_it(site, tmp_path, capsys):
+    site('ripple', 'ripple_command', EFFECT.format(name='stiffness_ripple'), 'StiffnessRipple')
+    options = ['--per-disc', '3', '--joint-rate', '20', '--wrench-rate', '25']
+    out = str(tmp_path / 'recording')
+    assert main(['simulate', '--out', out, '--effect', 'stiffness_ripple[joint2]:a=2e-5', *options]) == 0
+    assert main(['simulate', '--out', out, '--effect', 'stiffness_ripple[joint2]:b=2e-5', *options]) == 2
+    assert 'stiffness_ripple[joint2] are a (rad/Nm; compliance beyond the mean)' in capsys.readouterr().err
+
+
+def test_a_broken_one_is_a_line_on_stderr_of_a_process(site):
+    place = site('broken-ripple', 'ripple_broken', 'import nothing_of_this_name', 'Effect')
+    code = (
+        'from scara_kinetostatic.effects import catalogue\n'
+        'from scara_kinetostatic.model.cell import PAPER_DISCS, Cell\n'
+        'from scara_kinetostatic.model.parameters import PAPER_NOMINAL\n'
+        'print(len(catalogue(Cell(PAPER_NOMINAL, PAPER_DISCS))))'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code],
+        capture_output=True, text=True, check=True, cwd=ROOT, env={'PYTHONPATH': f'{ROOT}:{place}', 'PATH': ''},
+    )  # fmt: skip
+    assert int(done.stdout) == len(catalogue(CELL))
+    assert done.stderr.count('\n') == 1
+    assert done.stderr.startswith('broken-ripple 1.0: the effect')
