@@ -1,0 +1,157 @@
+"""The table and the catalogue of effects, made from their classes; a picture of each, made by a simulated calibration."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from common import MarkdownDirective, code, table
+from docutils import nodes
+from sphinx.application import Sphinx
+
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.diagnosis.diagnose import diagnose
+from scara_kinetostatic.diagnosis.effect_residual import signature
+from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.effects.variables import VARIABLES
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.render.figure import style
+from scara_kinetostatic.report.effect_pictures import signature_picture
+from scara_kinetostatic.simulation.chosen_effects import parse_effect, with_effects
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
+
+CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
+SHOWN = {
+    'contact_friction': 'contact_friction:coefficient=0.06',
+    'sensor_rotation': 'sensor_rotation:angle=0.04',
+    'sensor_bias': 'sensor_bias:x=1.5,y=-1',
+    'sensor_nonlinearity': 'sensor_nonlinearity:rate=0.008',
+    'encoder_gain': 'encoder_gain[joint2]:gain=1e-4',
+    'transmission_error': 'transmission_error[joint1]:amplitude=2e-4,phase=0.7,cycles=7.3',
+    'joint_hardening': 'joint_hardening[joint1]:rate=1.5e-7',
+    'joint_hysteresis': 'joint_hysteresis[joint1]:width=8e-5',
+    'anisotropic_gripper': 'anisotropic_gripper:coupling=1e-6',
+    'anisotropic_backlash': 'anisotropic_backlash:a=4e-5,b=-3e-5',
+    'link_bending': 'link_bending[link1]:compliance=1.5e-4',
+    'base_compliance': 'base_compliance:excess=1e-6,coupling=-1e-6',
+    'base_tilt': 'base_tilt:m1_x=15,m1_y=-8,m2_x=9,m2_y=-5',
+    'contact_compliance': 'contact_compliance[disc_2]:yield=5e-6',
+    'object_position': 'object_position[disc_2]:x=7e-5,y=4e-5',
+    'object_radius': 'object_radius[disc_2]:radius=5e-5',
+    'thermal_drift': 'thermal_drift[joint1]:rate=1e-6',
+}
+"""What is simulated for the picture of each; an effect without an entry is shown without a picture."""
+
+
+def kinds() -> Iterator[list[Effect]]:
+    """The effects of the example cell, one list for each name, in the order of the catalogue."""
+    by_name: dict[str, list[Effect]] = {}
+    for effect in catalogue(CELL):
+        by_name.setdefault(effect.name, []).append(effect)
+    yield from by_name.values()
+
+
+class EffectTable(MarkdownDirective):
+    """One row for each effect."""
+
+    def markdown(self) -> str:
+        rows = []
+        for kind in kinds():
+            first = kind[0]
+            about = ', '.join(dict.fromkeys(code(effect.target or '') or 'the cell' for effect in kind))
+            names = ', '.join(dict.fromkeys(f'{code(p.name)} {p.unit}' for e in kind for p in e.parameters))
+            link = f'[{code(first.name)}](catalogue.md#{first.name.replace("_", "-")})'
+            rows.append((link, summary(first), about, names))
+        return table(('effect', 'what it is', 'target', 'parameters'), rows)
+
+
+class EffectCatalogue(MarkdownDirective):
+    """A section for each effect."""
+
+    def markdown(self) -> str:
+        return '\n\n'.join(self.section(kind) for kind in kinds())
+
+    def section(self, kind: list[Effect]) -> str:
+        """Heading, description, facts and parameters of the effects of one name, and the picture."""
+        first = kind[0]
+        parts = [f'({first.name.replace("_", "-")})=\n## {first.name}']
+        for described in dict.fromkeys(type(effect) for effect in kind):
+            parts.append(description(described))
+        target = ', '.join(effect.target or '' for effect in kind if effect.target)
+        facts = [
+            ('Targets in this cell', ', '.join(code(one) for one in target.split(', ')) if target else 'none: it is of the whole cell'),
+            ('Confounded with', first.confounded_with),
+            ('Identified by', first.identified_by),
+            ('Plot variable', variable_of(first)),
+        ]
+        if first.grid_parameter:
+            facts.append(('Searched on a grid', code(first.grid_parameter)))
+        others = [parameter.unit for law in first.alternative_laws() for parameter in law.parameters]
+        if others:
+            facts.append(('Alternative laws', f'{len(first.alternative_laws())} others, with parameters in {", ".join(others)}'))
+        parts.append('\n'.join(f':{name}: {value}' for name, value in facts))
+        rows = dict.fromkeys(
+            (code(p.name), p.unit, f'{p.scale:.2g}', p.meaning) for effect in kind for p in effect.parameters
+        )
+        parts.append(table(('parameter', 'unit', 'plausible size', 'meaning'), rows))
+        if first.name in SHOWN:
+            parts.append(f'```{{effect-picture}} {first.name}\n```')
+        return '\n\n'.join(parts)
+
+
+class EffectPicture(MarkdownDirective):
+    """The deviation that each touch implies, before and after the effect is in the model."""
+
+    def run(self) -> list[nodes.Node]:
+        name = self.arguments[0]
+        shown = SHOWN[name]
+        chosen = parse_effect(shown, CELL)
+        cell, robot = with_effects(CELL, PAPER_ACTUAL, [chosen])
+        touches = simulate_touches(cell, robot, default_plan(CELL, per_disc=18, preload=0.3))
+        outcome = diagnose(calibrate(touches, CELL))
+        label = shown.split(':')[0]
+        found = {item.effect.label: item for item in outcome.diagnosis.found}
+        result = nodes.container(classes=['effect-picture'])
+        if label in found:
+            with style():
+                picture = signature_picture(signature(outcome, found[label]), f'effect-{name}')
+            result += nodes.raw('', str(picture), format='html')
+        others = ', '.join(found) or 'nothing'
+        verdict = outcome.diagnosis.verdict.value
+        caption = f'Simulated with `--effect \'{shown}\'`. Verdict `{verdict}`; in the extended model: {others}.'
+        paragraph = nodes.container()
+        self.state.nested_parse([caption], self.content_offset, paragraph)
+        return [result, *paragraph.children]
+
+
+def summary(effect: Effect) -> str:
+    """The first line of the module that defines the effect, without the full stop."""
+    module = inspect.getmodule(type(effect))
+    return (module.__doc__ or '').strip().splitlines()[0].rstrip('.')
+
+
+def description(kind: type[Effect]) -> str:
+    """The docstring of a class up to its attributes, as Markdown."""
+    text = inspect.cleandoc(kind.__doc__ or '')
+    text = re.split(r'\n\s*(?:Attributes|Args):', text)[0]
+    return re.sub(r'``([^`]+)``', r'`\1`', text).strip()
+
+
+def variable_of(effect: Effect) -> str:
+    """What the residual is drawn over."""
+    variable = VARIABLES.get(effect.plot_variable)
+    joint = getattr(effect, 'joint', None)
+    return variable.title(joint) if variable else effect.plot_variable
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Registers the directives."""
+    app.add_directive('effect-table', EffectTable)
+    app.add_directive('effect-catalogue', EffectCatalogue)
+    app.add_directive('effect-picture', EffectPicture)
+    return {'parallel_read_safe': True, 'parallel_write_safe': True}

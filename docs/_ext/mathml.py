@@ -1,0 +1,41 @@
+"""Equations as MathML, which browsers draw by themselves: no script, no web font, no LaTeX."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from docutils import nodes
+from latex2mathml.converter import convert
+from sphinx.application import Sphinx
+from sphinx.util.math import get_node_equation_number
+from sphinx.writers.html5 import HTML5Translator
+
+
+def visit_inline(self: HTML5Translator, node: nodes.math) -> None:
+    """An equation in a line of text."""
+    self.body.append(_mathml(node.astext(), 'inline'))
+    raise nodes.SkipNode
+
+
+def visit_block(self: HTML5Translator, node: nodes.math_block) -> None:
+    """An equation on a line of its own, with its number if it has a label."""
+    self.body.append(self.starttag(node, 'div', CLASS='equation'))
+    self.body.append(_mathml(node.astext(), 'block'))
+    if node['number']:
+        number = get_node_equation_number(self, node)
+        self.body.append(f'<span class="eqno">({number})')
+        self.add_permalink_ref(node, 'Link to this equation')
+        self.body.append('</span>')
+    self.body.append('</div>')
+    raise nodes.SkipNode
+
+
+def _mathml(latex: str, display: str) -> str:
+    return str(convert(latex, display=display))
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Registers the renderer with the HTML builders."""
+    app.add_html_math_renderer('mathml', (visit_inline, None), (visit_block, None))  # type: ignore[arg-type]
+    app.connect('config-inited', lambda _, config: setattr(config, 'html_math_renderer', 'mathml'))
+    return {'parallel_read_safe': True, 'parallel_write_safe': True}

@@ -1,0 +1,67 @@
+"""The tables of the node reference, made from what the nodes declare when they start."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from command_reference import escape
+from common import MarkdownDirective, code, table
+from sphinx.application import Sphinx
+
+
+@cache
+def nodes_declared() -> dict[str, Any]:
+    """What `node_record.py` finds, in a process of its own."""
+    script = Path(__file__).with_name('node_record.py')
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f'{script.name} failed:\n{done.stderr}')
+    return dict(json.loads(done.stdout))
+
+
+class NodeInterfaces(MarkdownDirective):
+    """The topics and services of a node."""
+
+    def markdown(self) -> str:
+        found = nodes_declared()[self.arguments[0]]['interfaces']
+        rows = dict.fromkeys((code(one['name']), one['role'], code(one['type'])) for one in found)
+        return table(('name', 'role', 'type'), rows)
+
+
+class NodeParameters(MarkdownDirective):
+    """The parameters of a node; those that are results are named by their beginning only."""
+
+    def markdown(self) -> str:
+        rows = []
+        for name, one in nodes_declared()[self.arguments[0]]['parameters'].items():
+            if not one['result']:
+                rows.append((code(name), escape(one['description']), default(one), limits(one), changeable(one)))
+        return table(('parameter', 'meaning', 'default', 'range', 'at runtime'), rows)
+
+
+def default(one: dict[str, Any]) -> str:
+    """The default value of a parameter."""
+    value = one['default']
+    return code(f'{value:.6g}' if isinstance(value, float) else json.dumps(value))
+
+
+def limits(one: dict[str, Any]) -> str:
+    """The range of a number."""
+    return '{:g} … {:g}'.format(*one['range']) if one['range'] else ''
+
+
+def changeable(one: dict[str, Any]) -> str:
+    """Whether it may be set while the node runs."""
+    return 'fixed' if one['read_only'] else 'settable'
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Registers the directives."""
+    app.add_directive('node-interfaces', NodeInterfaces)
+    app.add_directive('node-parameters', NodeParameters)
+    return {'parallel_read_safe': True, 'parallel_write_safe': True}
