@@ -251,10 +251,10 @@ def _ranking(found: Search, calibration: Calibration) -> tuple[Ranked, ...]:
     ranked = []
     for score in score_singles(found.problem, found.scored_subsets):
         label = score.candidate.effect.label
-        role = 'found' if label in found.in_every_model else 'rival' if label in rivals else 'refuted'
+        role = 'found' if label in found.in_every_model else 'rival' if label in rivals else 'rejected'
         bias, place = undetected_bias(found.problem, score.candidate, std)
         scores = score.p_value, score.share, score.gain, score.held_out
         ranked.append(Ranked(score.candidate.effect, role, *scores, score.independent_part, bias, NAMES[place]))
     for item in found.scored_subsets.candidate_set.unidentifiable:
-        ranked.append(Ranked(item.effect, 'unseen', np.nan, 0.0, 0.0, 0.0, item.independent_part))
+        ranked.append(Ranked(item.effect, 'unidentifiable', np.nan, 0.0, 0.0, 0.0, item.independent_part))
     return tuple(ranked)

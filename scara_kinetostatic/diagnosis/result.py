@@ -41,7 +41,7 @@ class Ranked(NamedTuple):
 
     Attributes:
         effect: the effect.
-        role: ``found``, ``rival``, ``refuted`` or ``unseen``.
+        role: ``found``, ``rival``, ``rejected`` or ``unidentifiable``.
         p_value: of "it is not there", the search over its frequencies counted; NaN if it cannot show.
         share: part of the residual's sum of squares that it explains.
         gain: twice the logarithm of its odds against no effect, all prices paid.
@@ -91,3 +91,13 @@ class Diagnosis:
     remaining_p_value: float = 1.0
     ranking: tuple[Ranked, ...] = ()
     advice: str = ''
+
+    def effects_by_label(self) -> dict[str, Effect]:
+        """All effects in the ranking and in the extended model, by label."""
+        ranked = {item.effect.label: item.effect for item in self.ranking}
+        return ranked | {item.effect.label: item.effect for item in self.found}
+
+    def role_of(self, item: Ranked) -> str:
+        """The role of a candidate; it is a rival only where `rivals` names it."""
+        named = any(item.effect.label in group for group in self.rivals)
+        return 'rejected' if item.role == 'rival' and not named else item.role

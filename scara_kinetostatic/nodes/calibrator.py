@@ -33,7 +33,7 @@ from scara_kinetostatic.nodes.results import ResultParameters, details, one_line
 from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.stream_subscription import LATCHED
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.report.effect_parameters import effect_parameters
+from scara_kinetostatic.report.parameter_file import effect_parameters
 
 THREADS = 3
 """One calibrates, one refuses a second call, one serves parameters and timers."""

@@ -19,8 +19,8 @@ from rclpy.parameter import Parameter
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, UNITS
-from scara_kinetostatic.report import effect_parameters
-from scara_kinetostatic.report.effect_parameters import EffectParameter
+from scara_kinetostatic.report import parameter_file
+from scara_kinetostatic.report.parameter_file import EffectParameter
 from scara_kinetostatic.report.parameter_rows import base_rank
 
 VALUE = 'calibrated'
@@ -30,7 +30,7 @@ DECLARED = {
     **{f'{DEVIATION}.{name}': f'{DESCRIPTIONS[name]}, standard deviation, {UNITS[name]}' for name in NAMES},
 }
 """Names and descriptions: first the values, then their standard deviations, each in the order of `NAMES`."""
-EFFECTS = (f'{effect_parameters.VALUE}.', f'{effect_parameters.DEVIATION}.')
+EFFECTS = (f'{parameter_file.EFFECTS}.', f'{parameter_file.EFFECTS_STD}.')
 """How the names of effects' parameters begin."""
 
 

@@ -1,6 +1,6 @@
-"""The outcome of a calibration for people and programs.
+"""The report of a calibration: `calibration.json`, `calibration.yaml`, `report.html` and the text for a terminal.
 
-`document` (the result as data) <- `json_file`; `parameter_file` (ROS parameters);
-`quantities` (numbers and units as people read them) <- `words` (what they mean) <- `text` (terminal)
-and `html` (page, with `figures`); `write` puts the files in place, all or nothing.
+It reads an `Outcome` and estimates nothing. `document` makes the JSON, `parameter_file` the ROS parameters, `text` the
+terminal's text, `page` with `diagnosis_section` and the pictures the page. `messages` has the sentences that text and
+page share; `write` writes the files.
 """

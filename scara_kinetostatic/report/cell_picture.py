@@ -37,7 +37,7 @@ def cell_picture(c: Calibration) -> Markup:
 
 
 def _arm(c: Calibration) -> tuple[Floats, Floats, Floats]:
-    """Tip and elbow at each touch, (n, 2), and the base, (2,); deflections are too small to be seen."""
+    """Tip and elbow at each touch, (n, 2), and the base, (2,), without deflections."""
     p, q = c.parameters, c.touches.joints
     base = np.array([p.x0, p.y0])
     angle = q[:, 0] + p.theta1
@@ -63,7 +63,7 @@ def _draw_discs(axes: Axes, c: Calibration) -> None:
 
 
 def _draw_arms(axes: Axes, c: Calibration, tip: Floats, elbow: Floats, base: Floats, arm: float) -> None:
-    """All arms as a faint trace, one of each posture in full, in front of the farthest disc, where it hides least."""
+    """All arms as a faint trace, one of each posture in full, in front of the farthest disc, where it covers least."""
     touched = np.unique(c.touches.disc)
     farthest = touched[np.argmax(np.linalg.norm(c.cell.centers[touched] - base, axis=1))]
     lines = np.stack([np.broadcast_to(base, tip.shape), elbow, tip], axis=1)

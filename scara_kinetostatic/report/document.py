@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.comparison import Comparison
+from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.outcome import Outcome
+from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
+from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.render.json_file import Document
-from scara_kinetostatic.report.diagnosis_document import diagnosis_document
-from scara_kinetostatic.report.diagnosis_document import number as _number
 from scara_kinetostatic.report.parameter_rows import base_rank
 
 Floats = NDArray[np.float64]
@@ -28,7 +31,7 @@ def as_document(outcome: Outcome) -> Document:
 
     SI units. What the data do not determine, and numbers that are not finite, are None.
     """
-    c, compared = outcome.final, outcome.comparison
+    c = outcome.final
     return {
         'schema': SCHEMA,
         'version': __version__,
@@ -40,7 +43,7 @@ def as_document(outcome: Outcome) -> Document:
         'covariance_extended': _covariance(c, c.extra_std),
         'touches': _touches(outcome),
         'noise': {'joint': c.noise.joint, 'force': c.noise.force, 'source': c.noise_source},
-        **_errors(outcome, compared),
+        **_errors(outcome),
         'fit': {
             'chi_square': _number(c.chi_square),
             'degrees_of_freedom': c.degrees_of_freedom,
@@ -48,12 +51,18 @@ def as_document(outcome: Outcome) -> Document:
             'termination': c.termination.name.lower(),
         },
         'identifiability': _identifiability(c),
-        'diagnosis': diagnosis_document(outcome.diagnosis),
+        'diagnosis': _diagnosis(outcome.diagnosis),
     }
 
 
-def _errors(outcome: Outcome, compared: Comparison) -> Document:
-    """The twelve parameters alone and the extended model, on the same touches."""
+def _number(value: float) -> float | None:
+    """A number as JSON has it: None where it is not finite."""
+    return float(value) if math.isfinite(value) else None
+
+
+def _errors(outcome: Outcome) -> Document:
+    """Errors of the base model and of the extended model on the same touches."""
+    compared = outcome.comparison
     alone, extended = compared.alone, compared.extended
     return {
         'force_error': {
@@ -75,7 +84,7 @@ def _errors(outcome: Outcome, compared: Comparison) -> Document:
             'extended': _number(extended.tip.fitted),
             'held_out': {'calibrated': _number(alone.tip.held_out), 'extended': _number(extended.tip.held_out)},
             'noise': _number(extended.tip.noise),
-            'moved': {'rms': _number(compared.moved), 'largest': _number(compared.moved_most)},
+            'bias': {'rms': _number(compared.moved), 'largest': _number(compared.moved_most)},
         },
     }
 
@@ -100,11 +109,11 @@ def _parameters(outcome: Outcome) -> Document:
             'std': _number(bias.std),
             'unit': UNITS[bias.name],
             'status': c.status[bias.name],
-            'twelve_alone': {
+            'base_model': {
                 'value': bias.alone,
                 'std': _number(bias.alone_std),
-                'shift': bias.shift,
-                'shift_in_std': _number(bias.in_std),
+                'bias': bias.shift,
+                'bias_in_std': _number(bias.in_std),
             },
         }
         for bias in outcome.comparison.biases
@@ -112,7 +121,7 @@ def _parameters(outcome: Outcome) -> Document:
 
 
 def _covariance(c: Calibration, extra_std: Floats | None = None) -> Document:
-    """Of the twelve, and of the effects' parameters if their standard deviations are given; only what is estimated."""
+    """Of the twelve parameters, and of the effects' if their standard deviations are given; estimated ones only."""
     names = [name for name in NAMES if c.status[name] == 'estimated']
     places = [NAMES.index(name) for name in names]
     labels = [label for law in c.cell.effects for label in law.labels]
@@ -139,7 +148,7 @@ def _touches(outcome: Outcome) -> Document:
                 'joints': t.joints[k].tolist(),
                 'force': c.force[k].tolist(),
                 'residual': c.residual[k].tolist(),
-                'residual_alone': before.residual[k].tolist(),
+                'residual_base_model': before.residual[k].tolist(),
                 'nominal_residual': before.nominal_residual[k].tolist(),
                 'distance': _number(c.standardized[k]),
                 'used': bool(c.used[k]),
@@ -150,7 +159,7 @@ def _touches(outcome: Outcome) -> Document:
 
 
 def _identifiability(c: Calibration) -> Document:
-    """That of the twelve; groups in which none of them is stand apart."""
+    """That of the twelve parameters; groups of effects' parameters alone have a key of their own."""
     found = c.identifiability
     own = [group for group in found.confounded if set(group) & set(NAMES)]
     return {
@@ -164,3 +173,63 @@ def _identifiability(c: Calibration) -> Document:
         ],
         'advice': found.advice,
     }
+
+
+def _diagnosis(d: Diagnosis) -> Document:
+    """Verdict, effects, rivals, and the evidence for them."""
+    effects = d.effects_by_label()
+    return {
+        'verdict': d.verdict,
+        'p_value': _number(d.p_value),
+        'effects': [_found(item) for item in d.found if item.in_every_model],
+        'rivals': [[_name_and_target(effects, label)['name'] for label in group] for group in d.rivals],
+        'rival_effects': [[_rival(d, effects, label) for label in group] for group in d.rivals],
+        'remaining_p_value': _number(d.remaining_p_value),
+        'advice': d.advice,
+        'dependences': _dependences(d.dependences),
+        'remaining_dependences': _dependences(d.remaining),
+        'candidates': [_candidate(item, d.role_of(item)) for item in d.ranking],
+    }
+
+
+def _name_and_target(effects: Mapping[str, Effect], label: str) -> Document:
+    """Name and target of an effect by its label; a description where it has no physical meaning."""
+    if label not in effects:
+        return {'name': label.partition('[')[0], 'target': None}
+    return _named(effects[label])
+
+
+def _named(effect: Effect) -> Document:
+    named: Document = {'name': effect.name, 'target': effect.target}
+    return named | {'description': effect.description} if effect.description else named
+
+
+def _values(values: Sequence[Value]) -> Document:
+    return {v.name: {'value': _number(v.value), 'std': _number(v.std), 'unit': v.unit} for v in values}
+
+
+def _found(item: Found) -> Document:
+    return _named(item.effect) | {'in_every_model': item.in_every_model, 'parameters': _values(item.values)}
+
+
+def _rival(d: Diagnosis, effects: Mapping[str, Effect], label: str) -> Document:
+    """One of several effects that the data do not distinguish; parameters None where the extended model lacks it."""
+    values = next((_values(item.values) for item in d.found if item.effect.label == label), None)
+    return _name_and_target(effects, label) | {'parameters': values}
+
+
+def _candidate(item: Ranked, role: str) -> Document:
+    return _named(item.effect) | {
+        'role': role,
+        'p_value': _number(item.p_value),
+        'share': _number(item.share),
+        'gain': _number(item.gain),
+        'held_out': _number(item.held_out),
+        'independent_part': _number(item.independent_part),
+        'undetected_bias': _number(item.undetected_bias),
+        'biased_parameter': item.biased_parameter or None,
+    }
+
+
+def _dependences(dependences: Sequence[Dependence]) -> list[Document]:
+    return [{'name': each.name, 'p_value': _number(each.p_value), 'share': _number(each.share)} for each in dependences]

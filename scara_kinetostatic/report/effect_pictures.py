@@ -1,4 +1,4 @@
-"""Pictures of what the model lacks: where an effect shows, before and after, and how far it had bent the twelve."""
+"""Pictures of model errors: the residual of an effect before and after, and the bias of the base model."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ Floats = NDArray[np.float64]
 
 WIDTH = 920.0
 FEW = 6
-"""A variable with so few values is one of kinds: its touches are drawn side by side."""
-NEXT = 0.3
-"""How far aside, as a part of the distance between kinds."""
-USUAL = 0.97
-"""This part of the touches must be seen at full size."""
+"""A variable with so few values is a category: its touches are drawn side by side."""
+_ASIDE = 0.3
+"""How far aside, as a part of the distance between categories."""
+_WITHIN = 0.97
+"""This part of the touches lies within the scale."""
 NOTABLE = 2.0
-"""A shift of so many standard deviations is drawn in the warning colour."""
+"""A bias of so many standard deviations is drawn in the warning colour."""
 
 
 def residual_picture(found: EffectResidual, name: str, titles: tuple[str, str] = ('without it', 'with it')) -> Markup:
-    """The deviation that each touch calls for, without the effect and with it, on the same axes."""
+    """The deviation by an effect, estimated from each touch, without it in the model and with it, on the same axes."""
     figure, axes = new_figure(WIDTH, 300, columns=2, sharey=True, sharex=True)
     x = _side_by_side(found.x)
     kinds = len(x) > 0 and len(np.unique(found.x)) <= FEW
@@ -48,13 +48,13 @@ def residual_picture(found: EffectResidual, name: str, titles: tuple[str, str] =
     if found.expected.any():  # an effect that only scatters leaves no pattern
         axes[0].plot(x, found.expected, '_', ms=8, mew=1.6, color=INK, zorder=4)
     axes[0].set(ylabel=found.y_label)
-    return as_svg(figure, name, 'what each touch says of the effect, without it in the model and with it')
+    return as_svg(figure, name, 'deviation by the effect, estimated from each touch, without it and with it')
 
 
 def _largest(found: EffectResidual) -> float:
-    """The end of the y axis: few wild touches do not stretch it."""
+    """The end of the y axis: single outliers do not change it."""
     size = np.abs(np.concatenate([found.before, found.after, found.expected]))
-    usual = float(np.quantile(size, USUAL))
+    usual = float(np.quantile(size, _WITHIN))
     return max(1.1 * min(float(size.max()), 1.6 * usual), 1e-9)
 
 
@@ -67,7 +67,7 @@ def _side_by_side(x: Floats) -> Floats:
     out = x.copy()
     for number in range(len(kinds)):
         members = np.flatnonzero(which == number)
-        out[members] += apart * NEXT * np.linspace(-1, 1, len(members) + 2)[1:-1]
+        out[members] += apart * _ASIDE * np.linspace(-1, 1, len(members) + 2)[1:-1]
     return np.asarray(out)
 
 
@@ -84,7 +84,7 @@ def _scatter(axes: Axes, found: EffectResidual, x: Floats, values: Floats) -> No
 
 
 def bias_picture(rows: Sequence[Bias]) -> Markup:
-    """How far the missing effect had moved each of the twelve, in standard deviations of the fit without it."""
+    """Bias of each parameter of the base model, in standard deviations of that model."""
     figure, (axes,) = new_figure(WIDTH, 300)
     places = np.arange(len(rows))
     shifts = np.array([row.in_std for row in rows])
@@ -98,9 +98,9 @@ def bias_picture(rows: Sequence[Bias]) -> Markup:
             axes.plot(place, shift, 'o', ms=6, mfc=colour, mec=PAPER, mew=0.8)
             axes.plot([place + 0.16] * 2, [shift - std, shift + std], color=FAINT, lw=1.0)
     axes.set_xticks(places, [row.name for row in rows])
-    axes.set(ylabel='moved by  [σ]')
+    axes.set(ylabel='bias  [σ]')
     largest = float(np.nanmax(np.abs(shifts) + np.minimum(spread, 3.0), initial=1.5)) * 1.1
     axes.set_ylim(-largest, largest)
     axes.grid(visible=False, axis='x')
     axes.tick_params(axis='x', labelcolor=INK, length=0)
-    return as_svg(figure, 'bends', 'shift of each parameter by the missing effect in standard deviations')
+    return as_svg(figure, 'bias', 'bias of each parameter of the base model in standard deviations')

@@ -57,7 +57,7 @@ def residual_picture(c: Calibration) -> Markup:
 
 
 def quantile_picture(c: Calibration) -> Markup:
-    """The touches' distances against what chance would give, in standard deviations."""
+    """The touches' distances against their expected quantiles, in standard deviations."""
     figure, (axes,) = new_figure(HALF, 400, margins=Margins())
     used = np.flatnonzero(c.used)
     order = used[np.argsort(c.standardized[used])]
@@ -74,10 +74,10 @@ def quantile_picture(c: Calibration) -> Markup:
     end = float(max(expected[-1], c.standardized[order].max(initial=0.0))) * 1.06
     axes.plot([0, end], [0, end], color=FAINT, lw=0.9)
     axes.plot(expected, c.standardized[order], 'o', ms=4, mfc=SERIES[0], mec=PAPER, mew=0.4)
-    axes.set(xlabel='expected distance  [σ]', ylabel='distance of the touch  [σ]')
+    axes.set(xlabel='expected  [σ]', ylabel='residual of the touch  [σ]')
     axes.set_xlim(0, float(expected[-1]) * 1.06)
     axes.set_ylim(0, max(end, float(high[-1]) * 1.03))
-    return as_svg(figure, 'quantiles', 'distances of the touches against those expected by chance')
+    return as_svg(figure, 'quantiles', 'residuals of the touches against their expected quantiles')
 
 
 def correlation_picture(c: Calibration) -> Markup | None:

@@ -1,4 +1,4 @@
-"""What an outcome means, in plain words; the terminal and the page say the same."""
+"""The outcome in sentences; the terminal and the page say the same."""
 
 from __future__ import annotations
 
@@ -10,21 +10,18 @@ import numpy as np
 from scara_kinetostatic.calibration.identifiability import Combination
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.outcome import Outcome
-from scara_kinetostatic.diagnosis.result import Diagnosis
-from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.unnamed import Unnamed
+from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.render.quantities import SCALES, count, decimals, p_equals
-from scara_kinetostatic.report.diagnosis_document import known_effects
 from scara_kinetostatic.report.parameter_rows import base_rank
 
 
 class Verdict(NamedTuple):
-    """The answer to "may I use these numbers?".
+    """The verdict on model and fit in words.
 
     Attributes:
         level: ``good``, ``caution`` or ``bad``.
-        headline: a few words.
-        sentences: what stands behind it.
+        headline: one clause.
+        sentences: the reasons, and what to do.
     """
 
     level: str
@@ -32,31 +29,38 @@ class Verdict(NamedTuple):
     sentences: tuple[str, ...]
 
 
-HIDDEN = (
-    'An error common to all radii, the radius of the tip for instance: it is, exactly, backlash of the gripper, g_ee.',
-    'All discs displaced together: that is x0 and y0. Turned together about the base, it is close to theta1.',
-    'A wrong gain of the force sensor: it scales all three compliances by one factor.',
-    'A gripper stiffer along link 2 than across it, or a link 2 that bends: to first order, another p_ee and p2.',
-    'Friction in a transmission that comes to every touch from the same side: it looks like backlash.',
+NEVER_IDENTIFIABLE = (
+    'An error common to all radii, such as that of the radius of the tip: exactly equivalent to backlash of the '
+    'gripper, g_ee.',
+    'A displacement of all discs together: equivalent to x0 and y0. A rotation of all discs about the base: nearly '
+    'equivalent to theta1.',
+    'A gain error of the force sensor: equivalent to one factor on all compliances.',
+    'A gripper that is stiffer along link 2 than across it, or bending of link 2: to first order equivalent to other '
+    'values of p_ee and p2.',
+    'Friction in a transmission that is always approached from the same side: equivalent to backlash.',
 )
-"""What no set of such touches can show, whatever their number."""
+"""Errors that touches of this kind cannot show, whatever their number, and the parameters they change."""
 MOST_RIVALS = 4
-"""Of so many rivals the names are told; of the others how many there are."""
-UNSEEN_JOINT_NOISE = 1e-6
-"""An estimate below this is none: it moves the force by less than a tenth of what sensors resolve, rad."""
+"""Of a group of rivals so many are named; of the others only the number is given."""
+MOST_BIASES = 3
+"""So many biased parameters are named."""
+LEAST_JOINT_NOISE = 1e-6
+"""An estimated joint noise below this is not determined: it changes the force by less than a tenth of what sensors
+resolve, rad.
+"""
 
 
 def verdict(outcome: Outcome) -> Verdict:
     """The verdict in words."""
-    level, headline, sentences = _fit(outcome)
+    level, headline, sentences = _model(outcome.diagnosis)
     c, d = outcome.final, outcome.diagnosis
     if c is not outcome.calibration and outcome.calibration.termination is not Termination.CONVERGED:
-        sentences.append('The fit of the twelve alone does not settle; what is said of it is where it ended.')
+        sentences.append('The fit of the base model did not converge; its values are those of the last iteration.')
     if d.advice:
         sentences.append(sentence(d.advice))
     groups = c.identifiability.confounded
     if groups and level == 'good':
-        level, headline = 'caution', 'The fit is sound, but these data do not determine every parameter'
+        level, headline = 'caution', 'The fit is good, but these data do not determine every parameter'
     if groups:
         sentences.append(sentence(c.identifiability.advice))
     if c.termination is not Termination.CONVERGED:
@@ -65,128 +69,124 @@ def verdict(outcome: Outcome) -> Verdict:
     return Verdict(level, headline, tuple(sentences))
 
 
-def _fit(outcome: Outcome) -> tuple[str, str, list[str]]:
-    d = outcome.diagnosis
+def _model(d: Diagnosis) -> tuple[str, str, list[str]]:
+    """Level, headline and sentences on whether the model is complete."""
     p = p_equals(d.p_value)
     if d.verdict == 'none':
-        text = f'Nothing is left in the residuals that these touches could show beyond noise ({p}).'
-        return 'good', 'The twelve-parameter model explains these touches', [text]
-    first = f'The twelve parameters alone do not explain the touches ({p})'
+        return 'good', 'The base model explains these touches', [f'No model error detected ({p} for the base model).']
+    lack = f'The base model does not explain the touches ({p})'
     if d.verdict == 'explained':
-        text = f'{first}; with {effect_names(d)} added they do.'
-        return 'caution', 'Something beyond the twelve parameters was found, and explains the rest', [text]
+        headline = f'Model error found and corrected: {"; ".join(item.effect.finding for item in d.found)}'
+        return 'caution', headline, [f'{lack}; extended by {_names(d.found)} it does.']
     if d.verdict == 'ambiguous':
         which = '; '.join(group_names(d, group) for group in d.rivals)
-        headline = 'Something is missing in the model, and it could be one of several things'
-        return 'caution', headline, [f'{first}; these data cannot say what does: {which}.', *_union(d)]
-    headline = 'Something is left that the model does not describe'
+        headline = 'Model error found, but these data cannot distinguish its possible causes'
+        return 'caution', headline, [f'{lack}. Possible causes: {which}.', *_rivals_in_model(d)]
     if d.extended is None:
-        return 'bad', headline, [f'{first}.']
-    return 'bad', headline, [f'{first}. Added to the model: {effect_names(d)}.', *_union(d)]
+        return 'bad', 'Model error found, cause unknown', [f'{lack}.']
+    curve = any(item.in_every_model and not item.effect.is_physical for item in d.found)
+    rest = 'cause unknown; described by a fitted curve' if curve else 'only partly explained'
+    return (
+        'bad',
+        f'Model error found, {rest}',
+        [f'{lack}. Added to the model: {_names(d.found)}.', *_rivals_in_model(d)],
+    )
 
 
-def _union(d: Diagnosis) -> list[str]:
-    """What rivals do in the extended model."""
+def _rivals_in_model(d: Diagnosis) -> list[str]:
+    """How rivals enter the extended model."""
     if not d.rivals or d.extended is None:
         return []
     held = {item.effect.label for item in d.found}
     if all(label in held for group in d.rivals for label in group):
         return [
-            'The extended model holds the rivals together, so that the twelve parameters are right whichever it is; '
-            'the values of the rivals themselves are not.'
+            'The extended model contains all of them, so that the twelve parameters are valid whichever is present; '
+            'the values of these effects themselves are not.'
         ]
     return [
-        'The extended model holds one rival, or some of them; the standard deviations of the twelve parameters are '
-        'widened so that they cover the others, those of the rivals themselves are not.'
+        'The extended model contains one or some of them; the standard deviations of the twelve parameters cover the '
+        'others as well, those of the effects do not.'
     ]
 
 
-def effect_names(d: Diagnosis) -> str:
-    """The effects in the extended model, in one phrase."""
-    return ', '.join(effect_name(item.effect) for item in d.found)
-
-
-def effect_name(effect: Effect) -> str:
-    """The label, or what deviates over what where there is no name."""
-    return f'a fitted curve ({effect.description})' if isinstance(effect, Unnamed) else effect.label
+def _names(found: Sequence[Found]) -> str:
+    return ', '.join(item.effect.title for item in found)
 
 
 def group_names(d: Diagnosis, group: Sequence[str]) -> str:
     """Rivals in one phrase, the first ones by name."""
-    known = known_effects(d)
-    names = [effect_name(known[label]) if label in known else label for label in group[:MOST_RIVALS]]
+    effects = d.effects_by_label()
+    names = [effects[label].title if label in effects else label for label in group[:MOST_RIVALS]]
     if len(group) > MOST_RIVALS:
         names.append(f'one of {len(group) - MOST_RIVALS} more')
     return ' or '.join(names)
 
 
 def force_errors(outcome: Outcome) -> str:
-    """e_f before, after, and on touches not used."""
+    """The force error e_f before and after, in the fit and on held-out touches."""
     compared = outcome.comparison
-    alone, extended, folds = compared.alone, compared.extended, outcome.extended_held_out.folds
+    base, extended, folds = compared.alone, compared.extended, outcome.extended_held_out.folds
     if outcome.final is outcome.calibration:
         return (
-            f'{compared.nominal:.3g} N with the nominal parameters, {alone.force_error:.3g} N calibrated, '
-            f'{alone.held_out:.3g} N on touches left out of the fit ({folds} folds)'
+            f'{compared.nominal:.3g} N with the nominal parameters, {base.force_error:.3g} N calibrated; '
+            f'{base.held_out:.3g} N on held-out touches ({folds} folds)'
         )
     return (
-        f'{compared.nominal:.3g} N with the nominal parameters, {alone.force_error:.3g} N with the twelve alone, '
-        f'{extended.force_error:.3g} N extended; on touches left out of the fit ({folds} folds) '
-        f'{alone.held_out:.3g} N and {extended.held_out:.3g} N'
+        f'{compared.nominal:.3g} N with the nominal parameters, {base.force_error:.3g} N with the base model, '
+        f'{extended.force_error:.3g} N with the extended model; on held-out touches ({folds} folds) '
+        f'{base.held_out:.3g} N and {extended.held_out:.3g} N'
     )
 
 
 def tip_errors(outcome: Outcome) -> str:
-    """The error of the tip in mm, before and after, on touches not used, and what noise alone gives."""
+    """The error of the tip in mm before and after, in the fit and on held-out touches, and that by noise."""
     compared = outcome.comparison
-    (a, a_out, _), (e, e_out, noise_alone) = (1e3 * np.array(side.tip) for side in compared[1:3])
-    noise_text = f'noise alone gives {noise_alone:.3g} mm'
+    (a, a_out, _), (e, e_out, noise_alone) = (1e3 * np.array(side.tip) for side in (compared.alone, compared.extended))
+    expected = f'{noise_alone:.3g} mm is expected from noise'
     if outcome.final is outcome.calibration:
-        return f'{a:.3g} mm from the circle it touches, {a_out:.3g} mm on touches left out; {noise_text}'
+        return f'{a:.3g} mm from the circle of contact (rms), {a_out:.3g} mm on held-out touches; {expected}'
     return (
-        f'{a:.3g} mm from the circle it touches with the twelve alone, {e:.3g} mm extended; on touches left out '
-        f'{a_out:.3g} mm and {e_out:.3g} mm; {noise_text}'
+        f'{a:.3g} mm from the circle of contact (rms) with the base model, {e:.3g} mm with the extended model; on '
+        f'held-out touches {a_out:.3g} mm and {e_out:.3g} mm; {expected}'
     )
 
 
-def bent(outcome: Outcome) -> str:
-    """How far what was missing had bent the twelve; empty where nothing was found."""
+def bias(outcome: Outcome) -> str:
+    """By how much the base model's parameters and tip are biased; empty where no model error was found."""
     if outcome.final is outcome.calibration:
         return ''
     rows = sorted((row for row in outcome.comparison.biases if row.sure), key=lambda row: -abs(row.in_std))
-    worst = ', '.join(f'{row.name} by {abs(row.in_std):.2g} σ' for row in rows[:3])
-    moved = outcome.comparison.moved * 1e3
-    return f'without it {worst or "nothing"} off; the tip H(L̄, Q) by {moved:.3g} mm (rms over the touches)'
+    worst = ', '.join(f'{row.name} by {abs(row.in_std):.2g} σ' for row in rows[:MOST_BIASES])
+    tip = f'the tip by {outcome.comparison.moved * 1e3:.3g} mm (rms over the touches)'
+    return f'ignoring it would bias {f"{worst} and " if worst else ""}{tip}'
 
 
 def fit_quality(outcome: Outcome) -> str:
     """Chi-square in words."""
     c = outcome.final
-    return (
-        f'{c.chi_square:.1f} over {count(c.degrees_of_freedom, "degree", "degrees")} of freedom, '
-        f'{c.reduced_chi_square:.2f} each; 1 where model and noise are right'
-    )
+    freedom = count(c.degrees_of_freedom, 'degree', 'degrees')
+    return f'{c.chi_square:.1f} for {freedom} of freedom; reduced {c.reduced_chi_square:.2f}, expected 1'
 
 
 def noise(outcome: Outcome) -> str:
-    """Noise levels and where they come from."""
+    """Noise levels and their source."""
     c = outcome.final
     force = f'{c.noise.force:.3g} N per force component'
     if c.noise_source == 'given':
-        return f'{c.noise.joint * 1e6:.3g} µrad per joint and {force}, as the cell description gives them'
-    if c.noise.joint < UNSEEN_JOINT_NOISE:
-        return f'{force}, estimated from the residuals; that of the joints does not show beside it'
+        return f'{c.noise.joint * 1e6:.3g} µrad per joint and {force}, given by the cell description'
+    if c.noise.joint < LEAST_JOINT_NOISE:
+        return f'{force}, estimated from the residuals; the joint noise is too small to be estimated'
     return f'{c.noise.joint * 1e6:.3g} µrad per joint and {force}, estimated from the residuals'
 
 
 def identifiability(outcome: Outcome) -> list[str]:
-    """What the data determine and what not; what would cure it is said in the verdict."""
+    """Which parameters the data determine; the verdict says which touches would determine the others."""
     c, found = outcome.final, outcome.final.identifiability
     free = sum(status != 'fixed' for status in c.status.values())
     lines = [f'{base_rank(c)} of {free} free parameters are determined (condition number {found.condition:.3g}).']
     for group in found.confounded:
-        what = 'stays near the nominal one' if len(group) == 1 else 'is one choice of many'
-        lines.append(f'Not determined: {" and ".join(group)}; what is shown {what}.')
+        values = 'the value shown is near the nominal one' if len(group) == 1 else 'other values fit as well'
+        lines.append(f'Not determined: {" and ".join(group)}; {values}.')
     return lines + [_combination(item) for item in found.combinations]
 
 
@@ -194,11 +194,11 @@ def _combination(item: Combination) -> str:
     unit, per_si = SCALES[item.text.split()[0]]
     value, std = item.value * per_si, item.std * per_si
     digits = decimals(std) or 0
-    return f'Determined all the same: {item.text} = {value:.{digits}f} ± {std:.{digits}f} {unit} (factors in SI units).'
+    return f'Determined is the combination {item.text} = {value:.{digits}f} ± {std:.{digits}f} {unit} (factors in SI).'
 
 
 def sentence(text: str) -> str:
-    """With a capital (unless it starts with a name) and a full stop."""
+    """The text with a capital, unless it starts with a name, and a full stop."""
     text = text.strip()
     first = text.split(' ', 1)[0]
     if first.isalpha() and first.islower():

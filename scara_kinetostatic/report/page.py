@@ -12,9 +12,9 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.render.figure import COLOURS, mark, style
 from scara_kinetostatic.render.page import page_template
-from scara_kinetostatic.report import messages as words
+from scara_kinetostatic.report import messages
 from scara_kinetostatic.report.cell_picture import cell_picture
-from scara_kinetostatic.report.diagnosis_html import diagnosis_context
+from scara_kinetostatic.report.diagnosis_section import diagnosis_context
 from scara_kinetostatic.report.fit_pictures import (
     correlation_picture,
     error_picture,
@@ -28,7 +28,7 @@ _TEMPLATE = Path(__file__).parent / 'page.html.j2'
 
 
 def html_text(outcome: Outcome) -> str:
-    """The page."""
+    """The page as HTML."""
     c = outcome.final
     with style():
         diagnosis = diagnosis_context(outcome)
@@ -43,14 +43,14 @@ def html_text(outcome: Outcome) -> str:
         outcome=outcome,
         c=c,
         version=__version__,
-        verdict=words.verdict(outcome),
+        verdict=messages.verdict(outcome),
         rows=parameter_rows(c),
         status=STATUS,
         facts=_facts(outcome),
-        identifiability=words.identifiability(outcome),
-        hidden=words.HIDDEN,
-        noise=words.noise(outcome),
-        fit_quality=words.fit_quality(outcome),
+        identifiability=messages.identifiability(outcome),
+        never_identifiable=messages.NEVER_IDENTIFIABLE,
+        noise=messages.noise(outcome),
+        fit_quality=messages.fit_quality(outcome),
         legend=_legend(c),
         largest_force=f'{np.hypot(c.force[:, 0], c.force[:, 1]).max():.1f}',
         touches=_touches(c),
@@ -67,12 +67,12 @@ def _facts(outcome: Outcome) -> list[tuple[str, str, str]]:
     chi_square, steps = [alone.reduced_chi_square], 'nominal → calibrated'
     if c is not outcome.calibration:
         errors, held_out = [*errors, extended.force_error], [*held_out, extended.held_out]
-        chi_square, steps = [*chi_square, extended.reduced_chi_square], 'nominal → twelve alone → extended'
+        chi_square, steps = [*chi_square, extended.reduced_chi_square], 'nominal → base model → extended'
     folds = outcome.extended_held_out.folds
     return [
         (' → '.join(f'{value:.3g}' for value in errors), 'N', f'mean force error, {steps}'),
-        (' → '.join(f'{value:.3g}' for value in held_out), 'N', f'on touches left out of the fit, {folds} folds'),
-        (' → '.join(f'{value:.2f}' for value in chi_square), '', 'chi-square per degree of freedom; 1 is right'),
+        (' → '.join(f'{value:.3g}' for value in held_out), 'N', f'force error on held-out touches, {folds} folds'),
+        (' → '.join(f'{value:.2f}' for value in chi_square), '', 'reduced chi-square, expected 1'),
         (f'{int(c.used.sum())} / {outcome.found}', '', 'touches used / found'),
     ]
 
@@ -89,7 +89,7 @@ def _touches(c: Calibration) -> list[dict[str, Any]]:
     t = c.touches
     magnitude = np.hypot(c.force[:, 0], c.force[:, 1])
     angle = np.degrees(np.arctan2(c.force[:, 1], c.force[:, 0]))
-    left = np.hypot(c.residual[:, 0], c.residual[:, 1])
+    residual = np.hypot(c.residual[:, 0], c.residual[:, 1])
     return [
         {
             'index': int(t.index[k]),
@@ -98,7 +98,7 @@ def _touches(c: Calibration) -> list[dict[str, Any]]:
             'posture': 'left' if t.posture[k] > 0 else 'right',
             'force': f'{magnitude[k]:.2f}',
             'direction': f'{angle[k]:.1f}',
-            'residual': f'{left[k]:.2f}',
+            'residual': f'{residual[k]:.2f}',
             'distance': f'{c.standardized[k]:.1f}',
             'used': bool(c.used[k]),
         }

@@ -1,22 +1,64 @@
 """`calibration.yaml`: the result as ROS parameters, for `--params-file`.
 
-The names are those of the node `calibrator`: `calibrated.<name>` and `calibrated_std.<name>`, and for what was
-found beyond the twelve `effects.<name>.<target>.<parameter>` and `effects_std…`. A standard deviation that the
-data do not determine is `.nan`.
+The names are those of the node `calibrator`: `calibrated.<name>` and `calibrated_std.<name>`, and for the effects
+that were found `effects.<name>.<target>.<parameter>` and `effects_std…`. An effect without a target has `all` there, a
+fitted curve its channel and variable; whatever is not a letter, a digit or `_` becomes `_`. A standard deviation that
+the data do not determine is `.nan`.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from itertools import groupby
+from typing import NamedTuple
 
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.outcome import Outcome
+from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, UNITS
-from scara_kinetostatic.report.effect_parameters import DEVIATION, VALUE, EffectParameter, effect_parameters
 
 NAME = 'calibration.yaml'
+EFFECTS, EFFECTS_STD = 'effects', 'effects_std'
+_NOT_ALLOWED = re.compile(r'[^A-Za-z0-9_]+')
+
+
+class EffectParameter(NamedTuple):
+    """One parameter of one effect.
+
+    Attributes:
+        path: name of the effect, target, name of the parameter; unique.
+        value: estimate.
+        std: standard deviation; NaN where the data do not determine it.
+        unit: of both.
+        meaning: in a few words.
+    """
+
+    path: tuple[str, str, str]
+    value: float
+    std: float
+    unit: str
+    meaning: str
+
+
+def effect_parameters(found: Sequence[Found]) -> list[EffectParameter]:
+    """All parameters of the effects found, effect by effect."""
+    rows: list[EffectParameter] = []
+    taken: set[tuple[str, str]] = set()
+    for item in found:
+        name, target = _word(item.effect.name), _word(item.effect.subject)
+        number, place = 1, (name, target)
+        while place in taken:
+            number += 1
+            place = (name, f'{target}_{number}')
+        taken.add(place)
+        rows += [EffectParameter((*place, _word(v.name)), v.value, v.std, v.unit, v.meaning) for v in item.values]
+    return rows
+
+
+def _word(text: str) -> str:
+    return _NOT_ALLOWED.sub('_', text)
 
 
 def parameter_text(outcome: Outcome) -> str:
@@ -32,8 +74,8 @@ def parameter_text(outcome: Outcome) -> str:
         *(f'      {name}: {_real(value)}  # {_meaning(name, c)}' for name, value in c.parameters.as_dict().items()),
         '    calibrated_std:',
         *(f'      {name}: {_real(c.std_of(name))}' for name in NAMES),
-        *_effects(VALUE, effects, lambda item: f'{_real(item.value)}  # {_comment(f"{item.unit}, {item.meaning}")}'),
-        *_effects(DEVIATION, effects, lambda item: _real(item.std)),
+        *_effects(EFFECTS, effects, lambda item: f'{_real(item.value)}  # {_comment(f"{item.unit}, {item.meaning}")}'),
+        *_effects(EFFECTS_STD, effects, lambda item: _real(item.std)),
     ]
     return '\n'.join(lines) + '\n'
 

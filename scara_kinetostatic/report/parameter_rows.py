@@ -9,7 +9,7 @@ from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
 from scara_kinetostatic.render.quantities import SCALES, decimals
 
 STATUS = {'estimated': '', 'fixed': 'fixed', 'confounded': 'not determined by these data'}
-"""The status of a parameter in words."""
+"""Notes on the status of a parameter."""
 
 
 class Row(NamedTuple):
@@ -58,7 +58,7 @@ def _row(name: str, nominal: float, value: float, std: float, status: str) -> Ro
 def base_rank(c: Calibration) -> int:
     """How many of the twelve parameters, or of their combinations, the data determine.
 
-    Every unseen direction is one confounded group; those of effects alone do not count.
+    Each confounded group is one unidentifiable direction; groups of effects' parameters alone do not count.
     """
     free = sum(status != 'fixed' for status in c.status.values())
     return free - sum(bool(set(group) & set(NAMES)) for group in c.identifiability.confounded)

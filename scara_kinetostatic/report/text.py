@@ -1,4 +1,4 @@
-"""The outcome on a terminal."""
+"""The outcome as text for a terminal."""
 
 from __future__ import annotations
 
@@ -7,20 +7,23 @@ from collections.abc import Iterable, Sequence
 
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Found
-from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.render.quantities import shown
-from scara_kinetostatic.report import messages as words
+from scara_kinetostatic.render.table import Table
+from scara_kinetostatic.report import messages
 from scara_kinetostatic.report.parameter_rows import STATUS, Row, parameter_rows
 
 WIDTH = 100
+"""Of a line, characters."""
 MOST_REJECTED = 12
+"""So many rejected touches are listed."""
+_INDENT = 13
 
 
 def text_report(outcome: Outcome) -> str:
-    """The table of parameters and what to think of it."""
-    verdict = words.verdict(outcome)
-    lines = [f'{verdict.headline}.', *_wrapped(verdict.sentences, '  '), '']
-    lines += _table(parameter_rows(outcome.final))
+    """Verdict, parameters, effects, errors, rejected touches."""
+    verdict = messages.verdict(outcome)
+    lines = [*_wrapped([f'{verdict.headline}.'], ''), *_wrapped(verdict.sentences, '  '), '']
+    lines += _parameters(parameter_rows(outcome.final))
     lines += _effects(outcome.diagnosis.found)
     lines += ['', *_facts(outcome)]
     lines += _rejected(outcome)
@@ -29,31 +32,29 @@ def text_report(outcome: Outcome) -> str:
     return '\n'.join(lines) + '\n'
 
 
-def _table(rows: list[Row]) -> list[str]:
-    width = {
-        field: max(len(getattr(row, field)) for row in rows) for field in ('name', 'nominal', 'value', 'std', 'unit')
-    }
-    value, std = max(width['value'], 10), max(width['std'], 3)
-    nominal = max(width['nominal'], 7)
-    head = f'{"":{width["name"]}}  {"nominal":>{nominal}}  {"calibrated":>{value}}   {"std":<{std}}'
-    lines = [head.rstrip()]
-    for row in rows:
-        sign = '±' if row.std else ' '
-        note = f'{row.unit:{width["unit"]}}  {STATUS[row.status] or row.description}'
-        numbers = f'{row.nominal:>{nominal}}  {row.value:>{value}} {sign} {row.std:<{std}}'
-        lines.append(f'{row.name:{width["name"]}}  {numbers}  {note}'.rstrip())
-    return lines
+def _parameters(rows: Sequence[Row]) -> list[str]:
+    cells = tuple(
+        (
+            row.name,
+            row.nominal,
+            f'{row.value} ± {row.std}' if row.std else row.value,
+            row.unit,
+            STATUS[row.status] or row.description,
+        )
+        for row in rows
+    )
+    return Table(('', 'nominal', 'calibrated ± 1 σ', '', ''), ('',) * 5, cells).lines()
 
 
 def _effects(found: Sequence[Found]) -> list[str]:
-    """What the extended model has beyond the twelve."""
-    lines = ['', 'beyond the twelve parameters'] if found else []
+    """The effects of the extended model with their values; those of a fitted curve have no meaning by themselves."""
+    lines = ['', 'added to the base model'] if found else []
     for item in found:
-        lines += _wrapped(
-            [words.effect_name(item.effect) + ('' if item.in_every_model else ', or a rival of it')], '  '
-        )
-        if not isinstance(item.effect, Unnamed):
-            lines += [f'    {v.name}  {shown(v.value, v.std, v.unit).text}  {v.meaning}'[:WIDTH] for v in item.values]
+        note = '' if item.in_every_model else ' (one of several possible causes)'
+        lines += _wrapped([item.effect.title + note], '  ')
+        if item.effect.is_physical and item.values:
+            rows = tuple((f'    {v.name}', shown(v.value, v.std, v.unit).text, v.meaning) for v in item.values)
+            lines += [line[:WIDTH] for line in Table(('',) * 3, ('',) * 3, rows).lines()[1:]]
     return lines
 
 
@@ -61,16 +62,16 @@ def _facts(outcome: Outcome) -> list[str]:
     c = outcome.final
     facts = {
         'touches': f'{int(c.used.sum())} used of {outcome.found} found',
-        'force error': words.force_errors(outcome),
-        'tip error': words.tip_errors(outcome),
-        'bent': words.bent(outcome),
-        'chi-square': words.fit_quality(outcome),
-        'noise': words.noise(outcome),
-        'determined': ' '.join(words.identifiability(outcome)),
+        'force error': messages.force_errors(outcome),
+        'tip error': messages.tip_errors(outcome),
+        'bias': messages.bias(outcome),
+        'chi-square': messages.fit_quality(outcome),
+        'noise': messages.noise(outcome),
+        'determined': ' '.join(messages.identifiability(outcome)),
     }
     lines = []
     for name, text in ((name, text) for name, text in facts.items() if text):
-        lines += textwrap.wrap(text, WIDTH, initial_indent=f'{name:13}', subsequent_indent=' ' * 13)
+        lines += textwrap.wrap(text, WIDTH, initial_indent=f'{name:{_INDENT}}', subsequent_indent=' ' * _INDENT)
     return lines
 
 

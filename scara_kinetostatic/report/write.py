@@ -1,4 +1,4 @@
-"""The three files of a result, put in place all or nothing."""
+"""Writes the three files of a result, all or none."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ class WrittenFiles(NamedTuple):
 def write_results(outcome: Outcome, folder: str | Path) -> WrittenFiles:
     """Write `calibration.yaml`, `calibration.json` and `report.html` into a folder.
 
-    Everything is drafted first, in a hidden folder inside; then each file takes its
-    place in one step. If anything goes wrong, Ctrl-C included, all is as before.
+    All files are written to a hidden folder inside first and then renamed. If anything fails, Ctrl-C included, the
+    folder is as before.
 
     Args:
         outcome: the result.

@@ -106,7 +106,7 @@ def test_identifiers_are_unique_and_found(page: str, extended_pages: dict[str, s
 def test_everything_is_said(page: str, nasty: Outcome) -> None:
     text = words_of(page)
     c = nasty.calibration
-    assert 'The twelve-parameter model explains these touches' in text
+    assert 'The base model explains these touches' in text
     assert f'{c.force_error_nominal:.3g} → {c.force_error:.3g} N' in text
     assert '2 of 37 touches were not used' in text
     assert 'disagrees with the other touches' in text
@@ -120,7 +120,7 @@ def test_what_is_not_determined_is_marked(confounded: Outcome) -> None:
     page = html_text(confounded)
     text = words_of(page)
     assert 'these data do not determine every parameter' in text
-    assert 'Determined all the same: g_ee + ' in text
+    assert 'Determined is the combination g_ee + ' in text
     assert page.count('class="confounded') == 2
     assert page.count('class="fixed') == 1
 
@@ -131,10 +131,10 @@ def test_the_same_outcome_gives_the_same_page(page: str, nasty: Outcome) -> None
 
 def test_nothing_missing_is_said_with_what_was_tested(page: str) -> None:
     text = words_of(page)
-    assert 'Is anything missing? Not as far as these touches can show: p = ' in text
-    assert 'Effects that these touches cannot show at all' in text
+    assert 'Is the model complete? No model error detected: p = ' in text
+    assert 'Effects that these touches cannot identify' in text
     assert 'bending of link 2 hides in p2 always' in text
-    assert 'Error before and after' not in text
+    assert 'Errors of both models' not in text
 
 
 def test_an_effect_is_shown_with_all_about_it(extended_pages: dict[str, str], grown: Outcome) -> None:
@@ -150,7 +150,7 @@ def test_an_effect_is_shown_with_all_about_it(extended_pages: dict[str, str], gr
     assert f'{1e6 * item.values[0].value:.1f} ± {1e6 * item.values[0].std:.1f} µm' in text
     assert page.count('<svg') == 5 + 2
     assert re.search(r'<tr class="found"><td>object_radius', page)
-    assert re.search(r'<tr class="refuted"><td>', page)
+    assert re.search(r'<tr class="rejected"><td>', page)
     (l2,) = (bias for bias in compared.biases if bias.name == 'l2')
     assert f'{l2.in_std:+.1f}'.replace('-', '−') in text
     assert 'nan' not in text.lower().split()
@@ -158,10 +158,10 @@ def test_an_effect_is_shown_with_all_about_it(extended_pages: dict[str, str], gr
 
 def test_rivals_stand_side_by_side(extended_pages: dict[str, str]) -> None:
     page, text = extended_pages['ambiguous'], words_of(extended_pages['ambiguous'])
-    assert 'it could be one of several things' in text
-    assert 'the twelve parameters are right whichever it is' in text
-    assert text.count('one of several rivals') == 2
-    assert 'These touches cannot tell apart: sensor_rotation, contact_friction' in text
+    assert 'these data cannot distinguish its possible causes' in text
+    assert 'the twelve parameters are valid whichever is present' in text
+    assert text.count('one of several possible causes') == 2
+    assert 'These touches cannot distinguish: sensor_rotation, contact_friction' in text
     assert page.count('<tr class="rival">') == 2
     assert page.count('<tr class="found">') == 0
 

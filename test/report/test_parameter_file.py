@@ -13,8 +13,7 @@ from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Found, Value
 from scara_kinetostatic.effects.object_radius import ObjectRadius
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.report.effect_parameters import effect_parameters
-from scara_kinetostatic.report.parameter_file import parameter_text
+from scara_kinetostatic.report.parameter_file import effect_parameters, parameter_text
 
 
 @pytest.mark.parametrize('which', ['plain', 'confounded', 'nasty'])

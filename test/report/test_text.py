@@ -13,13 +13,13 @@ from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.effects.object_radius import ObjectRadius
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.touch import Rejection
-from scara_kinetostatic.report import messages as words
+from scara_kinetostatic.report import messages
 from scara_kinetostatic.report.parameter_rows import parameter_rows
 from scara_kinetostatic.report.text import MOST_REJECTED, text_report
 
 
 def test_every_parameter_with_its_uncertainty(plain: Outcome) -> None:
-    lines = {line.split()[0]: line for line in text_report(plain).splitlines() if '±' in line and 'mean' not in line}
+    lines = {line.split()[0]: line for line in text_report(plain).splitlines() if '±' in line and 'σ' not in line}
     rows = parameter_rows(plain.calibration)
     assert set(lines) == {row.name for row in rows}
     for row in rows:
@@ -60,29 +60,29 @@ def test_effects_have_their_lines(grown: Outcome, ambiguous: Outcome, unnamed: O
     text = text_report(grown)
     (item,) = grown.diagnosis.found
     compared = grown.comparison
-    assert f'beyond the twelve parameters\n  {item.effect.label}\n    radius  ' in text
+    assert f'added to the base model\n  {item.effect.label}\n    radius  ' in text
     joined = ' '.join(text.split())
     alone, extended = compared.alone, compared.extended
-    assert f'{alone.force_error:.3g} N with the twelve alone, {extended.force_error:.3g} N extended' in joined
+    assert f'{alone.force_error:.3g} N with the base model, {extended.force_error:.3g} N with the extended' in joined
     assert f'{alone.held_out:.3g} N and {extended.held_out:.3g} N' in joined
     assert f'{1e3 * alone.tip.fitted:.3g} mm from the circle' in joined
-    assert re.search(r'without it l2 by [\d.]+ σ, ', joined)
-    assert 'sensor_rotation, or a rival of it' in text_report(ambiguous)
+    assert re.search(r'bias ignoring it would bias l2 by [\d.]+ σ, ', joined)
+    assert 'sensor_rotation (one of several possible causes)' in text_report(ambiguous)
     assert 'a fitted curve (joint 1 deviates' in ' '.join(text_report(unnamed).split())
 
 
 def test_of_many_rivals_the_first_ones_are_named(plain: Outcome) -> None:
     rivals = (tuple(f'effect_{number}' for number in range(20)),)
-    text = ' '.join(words.verdict(replace(plain, diagnosis=Diagnosis('ambiguous', 1e-4, rivals=rivals))).sentences)
+    text = ' '.join(messages.verdict(replace(plain, diagnosis=Diagnosis('ambiguous', 1e-4, rivals=rivals))).sentences)
     assert 'effect_0 or effect_1' in text
-    assert f'or one of {20 - words.MOST_RIVALS} more' in text
+    assert f'or one of {20 - messages.MOST_RIVALS} more' in text
 
 
-def test_twelve_that_do_not_settle_alone_say_so(ambiguous: Outcome) -> None:
-    assert 'alone does not settle' not in ' '.join(text_report(ambiguous).split())
+def test_a_base_model_that_did_not_converge_says_so(ambiguous: Outcome) -> None:
+    assert 'fit of the base model did not converge' not in ' '.join(text_report(ambiguous).split())
     lost = replace(ambiguous, calibration=replace(ambiguous.calibration, termination=Termination.ITERATION_LIMIT))
-    assert text_report(lost).startswith('Something is missing in the model')
-    assert 'alone does not settle' in ' '.join(text_report(lost).split())
+    assert text_report(lost).startswith('Model error found, but these data cannot distinguish')
+    assert 'fit of the base model did not converge' in ' '.join(text_report(lost).split())
 
 
 def test_lines_fit_a_terminal(request: pytest.FixtureRequest) -> None:
@@ -94,7 +94,7 @@ def test_lines_fit_a_terminal(request: pytest.FixtureRequest) -> None:
 @pytest.mark.parametrize(
     ('diagnosis', 'level', 'expected'),
     [
-        (Diagnosis('none', 0.5), 'good', 'Nothing is left'),
+        (Diagnosis('none', 0.5), 'good', 'No model error detected'),
         (Diagnosis('unexplained', 1e-60, advice='the residual depends on q1'), 'bad', '(p < 1e-12)'),
         (Diagnosis('explained', 1e-9, found=(Found(ObjectRadius.of(1, 'd2'), (), True),)), 'caution', '[d2]'),
         (Diagnosis('ambiguous', 1e-4, rivals=(('contact_friction', 'sensor_rotation'),)), 'caution', 'or sensor'),
@@ -102,21 +102,28 @@ def test_lines_fit_a_terminal(request: pytest.FixtureRequest) -> None:
 )
 def test_every_verdict_has_its_words(plain: Outcome, diagnosis: Diagnosis, level: str, expected: str) -> None:
     outcome = replace(plain, diagnosis=diagnosis)
-    verdict = words.verdict(outcome)
+    verdict = messages.verdict(outcome)
     assert verdict.level == level
     assert expected in ' '.join(verdict.sentences)
-    assert ('The twelve-parameter model explains' in verdict.headline) == (level == 'good')
-    assert text_report(outcome).startswith(verdict.headline)
+    assert ('The base model explains' in verdict.headline) == (level == 'good')
+    assert ' '.join(text_report(outcome).split()).startswith(verdict.headline)
+
+
+def test_the_headline_says_what_an_effect_means(plain: Outcome) -> None:
+    found = tuple(Found(ObjectRadius.of(1, name), (), True) for name in ('d2', 'd3'))
+    headline = messages.verdict(replace(plain, diagnosis=Diagnosis('explained', 1e-9, found=found))).headline
+    which = (f'{name} has another radius than the cell description says' for name in ('d2', 'd3'))
+    assert headline == f'Model error found and corrected: {"; ".join(which)}'
 
 
 @pytest.mark.parametrize(
     ('joint', 'source', 'expected'),
     [
-        (1e-5, 'given', '10 µrad per joint and 0.3 N per force component, as the cell description gives them'),
+        (1e-5, 'given', '10 µrad per joint and 0.3 N per force component, given by the cell description'),
         (1e-5, 'estimated', '10 µrad per joint and 0.3 N per force component, estimated from the residuals'),
-        (1e-8, 'estimated', 'that of the joints does not show beside it'),
+        (1e-8, 'estimated', 'the joint noise is too small to be estimated'),
     ],
 )
 def test_noise_in_words(plain: Outcome, joint: float, source: str, expected: str) -> None:
     calibration = replace(plain.calibration, noise=Noise(joint, 0.3), noise_source=source)
-    assert expected in words.noise(replace(plain, calibration=calibration))
+    assert expected in messages.noise(replace(plain, calibration=calibration))
