@@ -138,7 +138,7 @@ def test_a_bending_link_2_is_never_accepted():
     before, found = examined('link_bending[link2]', (1e-5,))
     assert found.verdict == 'none'
     assert before.reduced_chi_square < 1.3
-    assert [item.role for item in found.ranking if item.effect.label == 'link_bending[link2]'] == ['unseen']
+    assert [item.role for item in found.ranking if item.effect.label == 'link_bending[link2]'] == ['unidentifiable']
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,7 @@ def test_scores_pay_for_parameters_and_for_the_search():
 
 
 def test_the_bend_is_that_of_a_fit():
-    """An effect just large enough to be found bends the twelve by as much as `hidden_bend` says."""
+    """An effect just large enough to be found bends the twelve by as much as `undetected_bias` says."""
     fit = calibrate(play(), CELL)
     problem = pose_problem(fit)
     (candidate,) = gather(problem, [effect('encoder_gain[joint1]')]).candidates
@@ -102,4 +102,4 @@ def test_everything_in_the_catalogue_is_ranked_once():
     assert best.effect.label == 'encoder_gain[joint1]'
     assert best.role == 'found'
     assert best.held_out > 50
-    assert all(item.undetected_bias >= 0 for item in found.ranking if item.role != 'unseen')
+    assert all(item.undetected_bias >= 0 for item in found.ranking if item.role != 'unidentifiable')
