@@ -63,6 +63,19 @@ class Batch(NamedTuple):
             length,
         )
 
+    @classmethod
+    def concatenate(cls, batches: Sequence[Batch]) -> Batch:
+        """One batch of the messages of several, in turn, all of one topic."""
+        sizes = [len(batch.buffer) for batch in batches]
+        offsets = np.cumsum([0, *sizes[:-1]])
+        return cls(
+            batches[0].topic,
+            np.concatenate([batch.log_time for batch in batches]),
+            np.concatenate([batch.buffer for batch in batches]),
+            np.concatenate([batch.start + offset for batch, offset in zip(batches, offsets, strict=True)]),
+            np.concatenate([batch.length for batch in batches]),
+        )
+
     def payload(self, index: int) -> bytes:
         """The bytes of one message."""
         start = int(self.start[index])
@@ -108,6 +121,8 @@ def reading(path: str | Path) -> Iterator[None]:
 
 def printable(text: str) -> str:
     """The text with a mark for everything that would disturb a terminal; names in damaged files hold anything."""
+    if text.isprintable():
+        return text
     return ''.join(letter if letter.isprintable() else '\ufffd' for letter in text)
 
 

@@ -1,4 +1,9 @@
-"""New folders and files that appear whole or not at all, and never over another."""
+"""Atomic writing: a new file or folder, or a set of replaced files, appears completely or not at all.
+
+Everything is written into a hidden folder beside its place first, seen to the disk (fsync) and then renamed, which the
+file system does in one step. New things never replace anything: `all_or_nothing`. Files that may exist are replaced by
+`replace_text`, one, and `write_texts`, several together.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +19,13 @@ from scara_kinetostatic.errors import OutputError, ScaraKinetostaticError
 
 @contextmanager
 def writing(path: str | Path) -> Iterator[None]:
-    """What goes wrong inside leaves as an `OutputError`.
+    """Turns what goes wrong inside into an `OutputError`.
+
+    Args:
+        path: what is being written, for the message.
 
     Raises:
-        OutputError: the place cannot be written.
+        OutputError: it cannot be written.
     """
     try:
         yield
@@ -30,57 +38,39 @@ def writing(path: str | Path) -> Iterator[None]:
 
 @contextmanager
 def all_or_nothing(path: Path) -> Iterator[Path]:
-    """A hidden folder beside `path`; what is put into it under the name of `path` appears there at the end.
+    """Makes a new file or folder that appears in one step when the block ends.
 
     Args:
-        path: the file or folder to be made; must not exist.
+        path: the file or folder, which must not exist; the folders above it are made.
 
     Yields:
-        The hidden folder. It is gone afterwards, in any case.
+        A hidden folder beside `path`, removed afterwards. The block makes the file or folder in it, under the name
+        of `path`.
 
     Raises:
-        OutputError: `path` exists, or cannot be written.
+        OutputError: `path` exists, or cannot be written; nothing of it is left.
     """
     with writing(path):
         if path.exists() or path.is_symlink():
-            raise OutputError(path, 'exists already and is never overwritten', 'choose another name')
+            raise _exists(path)
         if not path.name:
-            raise OutputError(path, 'has no name', 'give the name of something new')
+            raise OutputError(path, 'has no name', 'give the name of a new file or folder')
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except (FileExistsError, NotADirectoryError) as error:
             raise OutputError(path, f'{error.filename} is not a folder', 'choose another place') from error
-        workshop = path.parent / f'.{path.name}.{os.getpid()}.{time.monotonic_ns()}.new'
-        try:
-            workshop.mkdir()
-            yield workshop
-            _appear(workshop / path.name, path)
+        with _hidden_folder(path.parent, path.name) as hidden:
+            yield hidden
+            _appear(hidden / path.name, path)
             sync_folder(path.parent)
-        finally:
-            shutil.rmtree(workshop, ignore_errors=True)
-
-
-def _appear(made: Path, path: Path) -> None:
-    """Put something new in its place, in one step, unless something is there by now."""
-    try:
-        if made.is_dir():
-            if path.exists():  # an empty folder would be replaced silently
-                raise FileExistsError
-            made.rename(path)
-        else:
-            os.link(made, path)
-    except OSError as error:
-        if not path.exists():
-            raise
-        raise OutputError(path, 'exists already and is never overwritten', 'choose another name') from error
 
 
 def fresh_folder(parent: str | Path, stem: str) -> Path:
-    """A name for a new folder that nothing has yet, `<stem>_<date>-<time>` as `ros2 bag record` does it.
+    """A path for a new folder that does not exist, `<stem>_<date>-<time>` as `ros2 bag record` names it.
 
     Args:
-        parent: where it is to be.
-        stem: first part of the name.
+        parent: the folder in which it is to be.
+        stem: first part of its name.
     """
     base = Path(parent) / time.strftime(f'{stem}_%Y_%m_%d-%H_%M_%S')
     number, path = 1, base
@@ -91,22 +81,44 @@ def fresh_folder(parent: str | Path, stem: str) -> Path:
 
 
 def replace_text(path: Path, text: str) -> None:
-    """Put a new text in place of a file in one step; a reader sees the old one or the new one.
+    """Writes a file, new or in place of a former one, in one step; a reader sees either the old text or the new one.
 
     Raises:
-        OSError: it cannot be written; the old one stays.
+        OSError: it cannot be written; the former file stays.
     """
     draft = path.with_name(f'.{path.name}.new')
-    with draft.open('w', encoding='utf-8') as stream:
-        stream.write(text)
-        stream.flush()
-        os.fsync(stream.fileno())
+    _write(draft, text)
     draft.replace(path)
     sync_folder(path.parent)
 
 
+def write_texts(folder: str | Path, texts: Mapping[str, str]) -> None:
+    """Writes files into a folder, all or none.
+
+    Args:
+        folder: the folder, made if it does not exist.
+        texts: the content of each file by its name; former files of these names are replaced.
+
+    Raises:
+        OutputError: the folder cannot be written; it is as it was before.
+    """
+    folder = Path(folder)
+    with writing(folder):
+        if folder.is_file():
+            raise OutputError(folder, 'cannot be written: it is a file, not a folder', 'choose another folder')
+        with _made(folder), _hidden_folder(folder, 'results') as hidden:
+            for name, text in texts.items():
+                _write(hidden / name, text)
+            _exchange(hidden, folder, list(texts))
+            sync_folder(folder)
+
+
 def sync_folder(folder: Path) -> None:
-    """See the names in a folder to the disk."""
+    """Waits until the names in a folder are on the disk.
+
+    Raises:
+        OSError: the folder cannot be read, or the disk fails.
+    """
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -114,39 +126,27 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def write_texts(folder: str | Path, texts: Mapping[str, str]) -> None:
-    """Write files into a folder, all or nothing.
-
-    Args:
-        folder: made if it is not there.
-        texts: what goes into each file, by name; former files of these names are replaced.
-
-    Raises:
-        OutputError: the folder cannot be written.
-    """
-    folder = Path(folder)
-    with _writing(folder):
-        if folder.is_file():
-            raise OutputError(folder, 'cannot be written: it is a file, not a folder', 'choose another folder')
-    with _writing(folder), _made(folder), _workshop(folder) as workshop:
-        for name, text in texts.items():
-            _write(workshop / name, text)
-        _exchange(workshop, folder, list(texts))
+def _write(path: Path, text: str) -> None:
+    with path.open('w', encoding='utf-8', errors='backslashreplace') as stream:
+        stream.write(text)
+        stream.flush()
+        os.fsync(stream.fileno())
 
 
 @contextmanager
-def _writing(folder: Path) -> Iterator[None]:
+def _hidden_folder(parent: Path, name: str) -> Iterator[Path]:
+    """A hidden folder for drafts, removed with all that is left in it."""
+    hidden = parent / f'.{name}.{os.getpid()}.{time.monotonic_ns()}.new'
     try:
-        yield
-    except OSError as error:
-        place = error.filename2 or error.filename or folder
-        reason = error.strerror or type(error).__name__
-        raise OutputError(place, f'cannot be written: {reason}', 'choose another folder, or make room there') from error
+        hidden.mkdir()
+        yield hidden
+    finally:
+        shutil.rmtree(hidden, ignore_errors=True)
 
 
 @contextmanager
 def _made(folder: Path) -> Iterator[None]:
-    """Makes the folder and those above it; takes back what it made if something goes wrong inside."""
+    """Makes the folder and those above it; removes what it made if the block fails."""
     missing = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -158,26 +158,24 @@ def _made(folder: Path) -> Iterator[None]:
         raise
 
 
-@contextmanager
-def _workshop(folder: Path) -> Iterator[Path]:
-    workshop = folder / f'.results.{os.getpid()}.{time.monotonic_ns()}.new'
+def _appear(made: Path, path: Path) -> None:
+    """Moves something new to its place in one step, unless another program has put something there meanwhile."""
     try:
-        workshop.mkdir()
-        yield workshop
-    finally:
-        shutil.rmtree(workshop, ignore_errors=True)
+        if made.is_dir():
+            if path.exists():  # `rename` would silently replace an empty folder
+                raise FileExistsError
+            made.rename(path)
+        else:
+            os.link(made, path)
+    except OSError as error:
+        if not path.exists():
+            raise
+        raise _exists(path) from error
 
 
-def _write(path: Path, text: str) -> None:
-    with path.open('w', encoding='utf-8', errors='backslashreplace') as stream:
-        stream.write(text)
-        stream.flush()
-        os.fsync(stream.fileno())
-
-
-def _exchange(workshop: Path, folder: Path, names: list[str]) -> None:
-    """Put the drafts in place; if one of them does not get there, all former files come back."""
-    former = workshop / 'former'
+def _exchange(drafts: Path, folder: Path, names: list[str]) -> None:
+    """Moves drafts to their places; if one of them fails, all former files are put back."""
+    former = drafts / 'former'
     former.mkdir()
     for name in names:
         if (folder / name).is_dir():
@@ -186,11 +184,15 @@ def _exchange(workshop: Path, folder: Path, names: list[str]) -> None:
             shutil.copy2(folder / name, former / name)
     try:
         for name in names:
-            (workshop / name).replace(folder / name)
+            (drafts / name).replace(folder / name)
     except BaseException:
         for name in names:
             if (former / name).exists():
                 (former / name).replace(folder / name)
-            elif not (workshop / name).exists():
+            elif not (drafts / name).exists():
                 (folder / name).unlink(missing_ok=True)
         raise
+
+
+def _exists(path: Path) -> OutputError:
+    return OutputError(path, 'exists already and is never overwritten', 'choose another name')

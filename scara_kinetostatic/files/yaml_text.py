@@ -1,14 +1,14 @@
-"""YAML as data and nothing else: the one loader for every file a user writes.
+"""Safe YAML: the one parser of all YAML files.
 
-Stricter than `yaml.safe_load`, so that a slip is an error and not a surprise:
+Both functions refuse tags, anchors and aliases (no file here needs them, and nested aliases grow without bound), and
+limit the depth of nesting. `parse_yaml`, for files that a user writes, is also stricter than `yaml.safe_load`:
 
-- a key given twice is an error (YAML silently keeps the last one);
-- tags, anchors and aliases are refused (nothing here needs them, and nested
-  aliases grow without bound);
-- numbers as everybody writes them: `1e-5` is a number (YAML 1.1 wants
-  `1.0e-5`), `010` is ten (not eight), `1:30` is a string (not ninety), and
-  `on`, `off`, `yes`, `no` are strings;
-- size and depth are limited.
+- a key given twice is an error (`yaml.safe_load` keeps the last one);
+- numbers follow the core schema of YAML 1.2: `1e-5` is a number (YAML 1.1 requires `1.0e-5`), `010` is ten (not
+  eight), `1:30` is a string (not ninety), and so are `on`, `off`, `yes`, `no`;
+- the size is limited.
+
+`parse_strings`, for files that programs write, leaves every scalar as text.
 """
 
 from __future__ import annotations
@@ -23,28 +23,17 @@ import yaml
 from scara_kinetostatic.errors import InputError
 
 MAX_BYTES = 256 * 1024
-MAX_DEPTH = 16
+"""Largest file that a user writes, bytes."""
+MAX_DEPTH = 32
+"""Deepest nesting; a cell description has 4 levels, the metadata of a recording 8."""
+_StringLoader = getattr(yaml, 'CBaseLoader', yaml.BaseLoader)
+"""Leaves scalars as text; in C where PyYAML has been built with it."""
 
 Problem = type[InputError]
 
 
 class _Loader(yaml.SafeLoader):
-    """Safe loader with the core schema of YAML 1.2 and no tags, anchors, aliases or repeated keys."""
-
-    depth = 0
-
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        event = self.peek_event()  # type: ignore[no-untyped-call]
-        if isinstance(event, yaml.AliasEvent) or getattr(event, 'anchor', None) is not None:
-            raise yaml.MarkedYAMLError(problem='anchors and aliases are not allowed', problem_mark=event.start_mark)
-        if getattr(event, 'tag', None) is not None:
-            raise yaml.MarkedYAMLError(problem=f'the tag {event.tag!r} is not allowed', problem_mark=event.start_mark)
-        self.depth += 1
-        if self.depth > MAX_DEPTH:
-            raise yaml.MarkedYAMLError(problem=f'nested deeper than {MAX_DEPTH}', problem_mark=event.start_mark)
-        node: yaml.Node | None = super().compose_node(parent, index)
-        self.depth -= 1
-        return node
+    """Safe loader with the core schema of YAML 1.2 and without repeated keys."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         mapping: dict[Hashable, Any] = {}
@@ -122,14 +111,56 @@ def parse_yaml(text: str, where: str | Path, problem: Problem) -> Any:
         raise problem(where, f'expected at most {MAX_BYTES // 1024} KiB of YAML, got {len(text)} characters')
     loader = None
     try:
+        _check_events(text, yaml.BaseLoader)
         loader = _Loader(text)
         return loader.get_single_data()
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        line = f'line {mark.line + 1}: ' if mark else ''
-        raise problem(where, f'not valid YAML: {line}{error.problem or error.context}') from error
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise problem(where, f'not valid YAML: {error}') from error
+        raise problem(where, f'not valid YAML: {_reason(error)}') from error
     finally:
         if loader is not None:
             loader.dispose()
+
+
+def parse_strings(text: str) -> Any:
+    """The one document in a YAML text, as dicts, lists and strings.
+
+    Args:
+        text: the YAML.
+
+    Raises:
+        ValueError: the text is not valid, with the line.
+    """
+    try:
+        _check_events(text, _StringLoader)
+        return yaml.load(text, Loader=_StringLoader)
+    except yaml.YAMLError as error:
+        raise ValueError(_reason(error)) from error
+
+
+def _check_events(text: str, loader: Any) -> None:
+    """Refuses tags, anchors, aliases and deep nesting before anything is built: the loaders recurse at every level.
+
+    Raises:
+        yaml.YAMLError: one of these is there, or the text is not valid.
+    """
+    depth = 0
+    for event in yaml.parse(text, Loader=loader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        problem = ''
+        if isinstance(event, yaml.AliasEvent) or getattr(event, 'anchor', None) is not None:
+            problem = 'anchors and aliases are not allowed'
+        elif getattr(event, 'tag', None) is not None:
+            problem = f'the tag {event.tag!r} is not allowed'
+        elif depth > MAX_DEPTH:
+            problem = f'nested deeper than {MAX_DEPTH}'
+        if problem:
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
+
+
+def _reason(error: Exception) -> str:
+    """What is wrong, with the line where it is known."""
+    if not isinstance(error, yaml.MarkedYAMLError):
+        return str(error)
+    mark = error.problem_mark or error.context_mark
+    line = f'line {mark.line + 1}: ' if mark else ''
+    return f'{line}{error.problem or error.context}'

@@ -305,25 +305,23 @@ DIGITS = 'big: ' + ':'.join(200_000 * ['59']) + '\n'
 
 
 @pytest.mark.parametrize(
-    ('head', 'warning'),
+    ('head', 'reason'),
     [
-        (DEEP, ('metadata.yaml cannot be read (nested deeper than 32): the files of the folder were read in order',)),
-        (
-            'a0: &a0 {x: 1}\n' + MERGED,
-            ('metadata.yaml cannot be read (aliases are not allowed): the files of the folder were read in order',),
-        ),
-        (DIGITS, ()),
+        (DEEP, 'line 1: nested deeper than 32'),
+        ('a0: &a0 {x: 1}\n' + MERGED, 'line 1: anchors and aliases are not allowed'),
+        (DIGITS, ''),
     ],
 )
 def test_metadata_that_would_take_the_stack_or_all_time(
-    tmp_path: Path, cell: Cell, streams: Streams, head: str, warning: tuple[str, ...]
+    tmp_path: Path, cell: Cell, streams: Streams, head: str, reason: str
 ) -> None:
     write_streams(tmp_path / 'bag', streams, cell)
     metadata = tmp_path / 'bag/metadata.yaml'
     metadata.write_text(head + ('' if head is DEEP else metadata.read_text()))
     read = read_streams(tmp_path / 'bag', cell)
     assert_same(read, streams)
-    assert read.warnings == warning
+    warning = f'metadata.yaml cannot be read ({reason}): the files of the folder were read in order'
+    assert read.warnings == ((warning,) if reason else ())
 
 
 class _WithoutAliases(yaml.SafeDumper):

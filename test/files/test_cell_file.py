@@ -167,7 +167,7 @@ def test_round_trip(nominal, joint_names, disc_name, sensor, noise, gripper_sign
         ('a: *x', 'anchors and aliases are not allowed'),
         ('!!python/object/apply:os.system [ls]', 'is not allowed'),
         ('? [a, b]\n: 1', 'a key must be a word'),
-        ('[' * 100_000, 'nested deeper than 16'),
+        ('[' * 100_000, 'nested deeper than 32'),
         (CONTRACT + '#' * 300_000, 'expected at most 256 KiB'),
     ],
 )
