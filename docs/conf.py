@@ -54,5 +54,7 @@ html_copy_source = False
 html_show_sourcelink = False
 html_theme_options = {
     'navigation_with_keys': True,
-    'light_css_variables': {'font-stack': 'system-ui, -apple-system, "Segoe UI", "Noto Sans", "DejaVu Sans", sans-serif'},
+    'light_css_variables': {
+        'font-stack': 'system-ui, -apple-system, "Segoe UI", "Noto Sans", "DejaVu Sans", sans-serif'
+    },
 }

@@ -84,7 +84,10 @@ class EffectCatalogue(MarkdownDirective):
             parts.append(description(described))
         target = ', '.join(effect.target or '' for effect in kind if effect.target)
         facts = [
-            ('Targets in this cell', ', '.join(code(one) for one in target.split(', ')) if target else 'none: it is of the whole cell'),
+            (
+                'Targets in this cell',
+                ', '.join(code(one) for one in target.split(', ')) if target else 'none: it is of the whole cell',
+            ),
             ('Confounded with', first.confounded_with),
             ('Identified by', first.identified_by),
             ('Plot variable', variable_of(first)),
@@ -93,7 +96,9 @@ class EffectCatalogue(MarkdownDirective):
             facts.append(('Searched on a grid', code(first.grid_parameter)))
         others = [parameter.unit for law in first.alternative_laws() for parameter in law.parameters]
         if others:
-            facts.append(('Alternative laws', f'{len(first.alternative_laws())} others, with parameters in {", ".join(others)}'))
+            facts.append(
+                ('Alternative laws', f'{len(first.alternative_laws())} others, with parameters in {", ".join(others)}')
+            )
         parts.append('\n'.join(f':{name}: {value}' for name, value in facts))
         rows = dict.fromkeys(
             (code(p.name), p.unit, f'{p.scale:.2g}', p.meaning) for effect in kind for p in effect.parameters
@@ -123,7 +128,7 @@ class EffectPicture(MarkdownDirective):
             result += nodes.raw('', str(picture), format='html')
         others = ', '.join(found) or 'nothing'
         verdict = outcome.diagnosis.verdict.value
-        caption = f'Simulated with `--effect \'{shown}\'`. Verdict `{verdict}`; in the extended model: {others}.'
+        caption = f"Simulated with `--effect '{shown}'`. Verdict `{verdict}`; in the extended model: {others}."
         paragraph = nodes.container()
         self.state.nested_parse([caption], self.content_offset, paragraph)
         return [result, *paragraph.children]

@@ -146,15 +146,16 @@ def _check_events(text: str, loader: Any) -> None:
     depth = 0
     for event in yaml.parse(text, Loader=loader):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        problem = ''
+        problem, tag = '', getattr(event, 'tag', None)
         if isinstance(event, yaml.AliasEvent) or getattr(event, 'anchor', None) is not None:
             problem = 'anchors and aliases are not allowed'
-        elif getattr(event, 'tag', None) is not None:
-            problem = f'the tag {event.tag!r} is not allowed'
+        elif tag is not None:
+            problem = f'the tag {tag!r} is not allowed'
         elif depth > MAX_DEPTH:
             problem = f'nested deeper than {MAX_DEPTH}'
         if problem:
-            raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
+            mark: Any = event.start_mark
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
 
 
 def _reason(error: Exception) -> str:

@@ -14,7 +14,7 @@ from scara_kinetostatic.effects import registry
 from scara_kinetostatic.effects.registry import GROUP, catalogue, find
 
 ROOT = Path(__file__).parents[2]
-EFFECT = '''
+EFFECT = """
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -46,7 +46,7 @@ def numbers(cell):
 
 def fails(cell):
     raise RuntimeError('no such cell')
-'''
+"""
 
 
 @pytest.fixture(autouse=True)
