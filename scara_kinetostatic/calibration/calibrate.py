@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.build_result import build_result
 from scara_kinetostatic.calibration.estimate import WarmStart, check_number, estimate
 from scara_kinetostatic.calibration.plausibility import check_plausible
 from scara_kinetostatic.calibration.prediction import observe
-from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.result import Calibration, build_result
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.effect_law import EffectLaw
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.touch import Rejection, TouchSet
-
-Floats = NDArray[np.float64]
 
 FAINTEST = 3.0
 """A force below so many standard deviations of its noise has no direction to speak of."""
@@ -26,34 +25,43 @@ NO_FORCE = 1e-6
 
 
 def calibrate(
-    touches: TouchSet, cell: Cell, *, fixed: Mapping[str, float] | None = None, warm_start: WarmStart | None = None
+    touches: TouchSet,
+    cell: Cell,
+    effects: Sequence[EffectLaw] = (),
+    *,
+    start: ExtendedModel | None = None,
+    fixed: Mapping[str, float] | None = None,
+    warm_start: WarmStart | None = None,
 ) -> Calibration:
-    """Estimate L̄ from touches.
+    """Estimate L̄, and the parameters of effects along with it, from touches.
 
     Args:
         touches: what the sensor measured, in the sensor's frame.
-        cell: the cell; its noise, if given, is taken as true; the parameters of its effects are estimated
-            along with the twelve.
+        cell: the cell; its noise, if given, is taken as true.
+        effects: effects that extend the base model.
+        start: where to begin, its effects being those of the fit; by default the nominal values and the start values
+            of `effects`.
         fixed: parameters to hold, by name, at these values.
-        near: an earlier fit of the same touches, without those it left out; saves the search.
+        warm_start: an earlier fit of the same touches close to this one, with the same effects; the coarse stage is
+            then left out.
 
     Returns:
-        The calibration. Parameters that the data cannot tell apart are held, together,
-        as near to their nominal values as the data allow, and marked ``confounded``. Touches with
-        hardly any force, and readings that come twice, are rejected before the fit: they are
-        in `rejected`, not in `touches`.
+        The calibration. Parameters that the data cannot separate are held, together, as near to their nominal values
+        as the data allow, and marked ``confounded``. Touches with hardly any force, and repeated readings, are
+        rejected before the fit: they are in `rejected`, not in `touches`.
 
     Raises:
         ParameterError: `fixed` names no parameter, gives a senseless value, or leaves nothing free; a
-            touch names no disc of the cell.
+            touch names no disc of the cell; `start` or `warm_start` has other effects.
         UnsupportedDataError: too few touches for the free parameters, touches so much
-            alike that they determine less than half of them, or a fit that runs away.
+            alike that they determine less than half of them, or a fit that diverges.
         CellError: the forces contradict the cell's sensor sign or frame.
     """
     fixed = dict(fixed or {})
-    start = _start(cell, fixed)
-    names = [*NAMES, *('effect' for _ in start.extra)]
-    free = np.array([j for j, name in enumerate(names) if name not in fixed], dtype=np.intp)
+    start = _start(cell, effects, start, fixed)
+    if warm_start is not None and warm_start.model.effects != start.effects:
+        raise ParameterError('warm start', 'its effects are not those of the fit', 'give the same effects')
+    free = np.array([j for j, name in enumerate(start.names) if name not in fixed], dtype=np.intp)
     touches, left_out = _leave_out(touches, cell)
     check_number(len(touches), len(free), [item.reason for item in left_out])
     observations = observe(touches, cell)
@@ -61,21 +69,25 @@ def calibrate(
     try:
         found = estimate(observations, cell, start, free, warm_start)
     except np.linalg.LinAlgError as error:
-        problem = 'the fit ran away to where the model is not defined'
+        problem = 'the fit diverged to where the model is not defined'
         raise UnsupportedDataError(problem, 'check the nominal values, the discs and the sensor in the cell') from error
     return build_result(touches, cell, start, fixed, observations, found, left_out)
 
 
-def _start(cell: Cell, fixed: Mapping[str, float]) -> Parameters:
+def _start(
+    cell: Cell, effects: Sequence[EffectLaw], start: ExtendedModel | None, fixed: Mapping[str, float]
+) -> ExtendedModel:
     for name in fixed:
         if name not in NAMES:
             raise ParameterError(f'fixed parameter {name!r}', 'no such parameter', f'the names are {" ".join(NAMES)}')
     if len(fixed) == len(NAMES):
         raise ParameterError('fixed parameters', 'all twelve are fixed', 'leave one free at least')
-    start = cell.nominal.replace(**fixed)
-    if not start.extra:
-        start = start.replace(extra=tuple(value for law in cell.effects for value in law.start))
-    start.check_physical('fixed parameters' if fixed else 'nominal')
+    if start is None:
+        start = ExtendedModel.at_start(cell.nominal, effects)
+    elif effects and start.effects != tuple(effects):
+        raise ParameterError('start', 'its effects are not those of the fit', 'give the same effects')
+    start = start.replace(**fixed)
+    start.parameters.check_physical('fixed parameters' if fixed else 'nominal')
     return start
 
 
@@ -97,7 +109,7 @@ def _leave_out(touches: TouchSet, cell: Cell) -> tuple[TouchSet, list[Rejection]
     return touches.select(kept), [Rejection(int(touches.index[k]), reason) for k, reason in sorted(reasons.items())]
 
 
-def _earlier_twins(rows: Floats) -> NDArray[np.intp]:
+def _earlier_twins(rows: Floats) -> Indices:
     """For each row the first one that is the same to the last bit, itself if there is none before, (n,)."""
     if len(np.unique(rows[:, 0])) == len(rows):  # as nearly always
         return np.arange(len(rows))

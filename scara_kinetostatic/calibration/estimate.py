@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration import outliers, steps
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Observations, first_guess
@@ -24,10 +23,9 @@ from scara_kinetostatic.calibration.solver import (
 )
 from scara_kinetostatic.calibration.variance import estimate_noise
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
-from scara_kinetostatic.model.parameters import Parameters
-
-Floats = NDArray[np.float64]
+from scara_kinetostatic.model.extended_model import ExtendedModel
 
 USUAL_NOISE = Noise(joint=1e-5, force=0.3)
 """Where the noise is to be estimated, the first guess."""
@@ -46,17 +44,17 @@ class WarmStart(NamedTuple):
     """An earlier fit that is close to the one wanted.
 
     Attributes:
-        parameters: L̄, with start values of effects that are new.
+        model: where to begin; the effects are those to be fitted.
         noise: σ_q and σ_f.
         used: touches that took part, (n,).
     """
 
-    parameters: Parameters
+    model: ExtendedModel
     noise: Noise
-    used: NDArray[np.bool_]
+    used: Mask
 
 
-class Estimate(NamedTuple):
+class Estimation(NamedTuple):
     """Where the rounds of the estimation ended.
 
     Attributes:
@@ -70,7 +68,7 @@ class Estimate(NamedTuple):
     """
 
     fit: Fit
-    used: NDArray[np.bool_]
+    used: Mask
     noise: Noise
     subspace: Subspace
     unidentifiable: Floats
@@ -99,7 +97,7 @@ def check_number(touches: int, parameters: int, left_out: Sequence[str] = ()) ->
         raise UnsupportedDataError(problem, remedy)
 
 
-def _check_left(good: NDArray[np.bool_], parameters: int, noise: Noise) -> None:
+def _check_left(good: Mask, parameters: int, noise: Noise) -> None:
     """Whether the touches that fit are enough."""
     if int(good.sum()) < parameters // 2 + 1:
         raise UnsupportedDataError(
@@ -122,34 +120,34 @@ def check_rank(unidentifiable: Floats) -> None:
 def estimate(
     observations: Observations,
     cell: Cell,
-    start: Parameters,
-    free: NDArray[np.intp],
+    start: ExtendedModel,
+    free: Indices,
     warm_start: WarmStart | None = None,
-) -> Estimate:
+) -> Estimation:
     """Coarse, robust, then final rounds until noise, bad touches and unseen directions stay as they are.
 
     Args:
         observations: the touches.
         cell: whose noise is taken as true, if given.
-        start: L̄ to start from; fixed parameters at their values.
+        start: the model to start from; fixed parameters at their values.
         free: positions of the others, (k,).
-        near: an earlier fit close by, from which no coarse stage is needed.
+        warm_start: an earlier fit close by, from which no coarse stage is needed.
 
     Raises:
         UnsupportedDataError: too few touches for the free parameters, or touches so much alike
             that they determine less than half of them.
     """
-    scales = scales_of(observations)
+    scales = scales_of(start)
     basis = np.zeros((len(scales), len(free)))
     basis[free, np.arange(len(free))] = scales[free]
     everything = subspace = Subspace(start.as_array(), basis)
     unidentifiable = np.empty((len(free), 0))
-    parameters, adjusted, noise, used, iterations = _begin(observations, cell, everything, warm_start)
+    model, adjusted, noise, used, iterations = _begin(observations, cell, start, everything, warm_start)
     stage = ROBUST if warm_start is None else FINAL
     limits = 0
     for number in range(ROUNDS + 1):
-        fit = minimise(observations, parameters, adjusted, subspace, noise, stage, used)
-        parameters, adjusted, iterations = fit.point.parameters, fit.point.adjusted, iterations + fit.iterations
+        fit = minimise(observations, model, adjusted, subspace, noise, stage, used)
+        model, adjusted, iterations = fit.point.model, fit.point.adjusted, iterations + fit.iterations
         distance = outliers.studentised(fit.point.whitened, covariance_of_fit(fit, subspace), used)
         updated = noise if cell.noise else _update_noise(fit.point, used, subspace, noise)
         good = outliers.find_good(distance)
@@ -178,37 +176,37 @@ def estimate(
         if _differ(now_unidentifiable, unidentifiable, number):
             check_rank(now_unidentifiable)
             subspace, unidentifiable = restrict(everything, now_unidentifiable), now_unidentifiable
-            parameters = subspace.project(parameters)
+            model = subspace.project(model)
         used, noise, stage = good, updated, FINAL
         _check_left(good, subspace.basis.shape[1], noise)
-    return Estimate(fit, used, noise, subspace, unidentifiable, distance, iterations)
+    return Estimation(fit, used, noise, subspace, unidentifiable, distance, iterations)
 
 
 def _begin(
-    observations: Observations, cell: Cell, everything: Subspace, warm_start: WarmStart | None
-) -> tuple[Parameters, Adjusted, Noise, NDArray[np.bool_], int]:
+    observations: Observations, cell: Cell, start: ExtendedModel, everything: Subspace, warm_start: WarmStart | None
+) -> tuple[ExtendedModel, Adjusted, Noise, Mask, int]:
     """Where the rounds begin: L̄, adjusted observations, noise, touches that count, steps so far."""
     if warm_start is not None:
         noise = cell.noise or warm_start.noise
         return (
-            warm_start.parameters,
-            project(observations, warm_start.parameters, noise).adjusted,
+            warm_start.model,
+            project(observations, warm_start.model, noise).adjusted,
             noise,
             warm_start.used,
             0,
         )
-    noise, start = cell.noise or USUAL_NOISE, Parameters.from_array(everything.origin)
+    noise = cell.noise or USUAL_NOISE
     fit = minimise(observations, start, first_guess(observations, start), everything, noise, COARSE)
     used = np.ones(len(observations.joints), dtype=bool)
-    return fit.point.parameters, turn_radial(observations, fit.point), noise, used, fit.iterations
+    return fit.point.model, turn_radial(observations, fit.point), noise, used, fit.iterations
 
 
-def _only(good: NDArray[np.bool_], observations: Observations, point: Point) -> tuple[Observations, Point]:
+def _only(good: Mask, observations: Observations, point: Point) -> tuple[Observations, Point]:
     """The good touches; without a copy where all are."""
     return (observations, point) if good.all() else (observations.select(good), select(point, good))
 
 
-def _update_noise(point: Point, used: NDArray[np.bool_], subspace: Subspace, noise: Noise) -> Noise:
+def _update_noise(point: Point, used: Mask, subspace: Subspace, noise: Noise) -> Noise:
     """The noise levels that the residuals of good touches call for."""
     good = used & outliers.find_good(point.distance)
     if good.sum() > subspace.basis.shape[1] // 2 + 1:
@@ -237,7 +235,7 @@ def _differ(now: Floats, before: Floats, number: int) -> bool:
     return number < SETTLING and float(np.abs(now - before @ (before.T @ now)).max(initial=0.0)) > SAME_DIRECTION
 
 
-def _same(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> bool:
+def _same(a: Mask, b: Mask) -> bool:
     return bool((a == b).all())
 
 

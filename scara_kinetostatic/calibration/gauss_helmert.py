@@ -28,26 +28,32 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.sensor_errors import sensor_error_columns, true_force_derivative
 from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, by_touch
+from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Noise, SensorFrame
-from scara_kinetostatic.model.extended import (
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_equations import (
+    ContactProblem,
     all_derivatives,
     extended_equations,
     extended_link_angles,
     off_normal_derivative,
 )
-from scara_kinetostatic.model.extension import ContactProblem, Extension
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.link_angles import LinkAngles, solve_link_angles
-from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2, Parameters
+from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2
+from scara_kinetostatic.model.sensor_error import (
+    has_sensor_error,
+    reported_force,
+    sensor_error_columns,
+    true_force,
+    true_force_derivative,
+)
 from scara_kinetostatic.model.state import State, free_state
 from scara_kinetostatic.model.statics import Arm
-
-Floats = NDArray[np.float64]
 
 GROSS = 200.0
 """A touch whose squared distance is beyond this keeps its observations as measured."""
@@ -63,7 +69,7 @@ class Observations(NamedTuple):
         radii: its radius, (n,), m.
         frame: the sensor's frame.
         gripper: the form of (7).
-        extension: effects beyond the twelve parameters; None without.
+        metadata: what effects need to know besides; None where there are no effects.
     """
 
     joints: Floats
@@ -72,31 +78,22 @@ class Observations(NamedTuple):
     radii: Floats
     frame: SensorFrame
     gripper: Gripper
-    extension: Extension | None = None
+    metadata: TouchMetadata | None = None
 
     def select(self, which: Any) -> Observations:
         """The touches that a mask, a slice or an array of positions picks."""
-        extension = None if self.extension is None else self.extension.select(which)
+        metadata = None if self.metadata is None else self.metadata.select(which)
         return self._replace(
             joints=self.joints[which],
             force=self.force[which],
             centers=self.centers[which],
             radii=self.radii[which],
-            extension=extension,
+            metadata=metadata,
         )
 
     def contact_problem(self, joints: Floats, off_normal: Floats | None = None) -> ContactProblem:
         """The touches at joint angles (n, 2), rad, and leans (n,), rad, as the equations take them."""
-        return ContactProblem(joints, self.centers, self.radii, self.gripper, self.extension, off_normal)
-
-    @property
-    def off_normal_std(self) -> float:
-        """Standard deviation of the lean of the force, rad."""
-        return 0.0 if self.extension is None else self.extension.off_normal_std
-
-    def true_force(self, parameters: Parameters, reported: Floats) -> Floats:
-        """The forces behind what the sensor reports, (n, 2), N, in its frame."""
-        return reported if self.extension is None else self.extension.true_force(parameters, reported)
+        return ContactProblem(joints, self.centers, self.radii, self.gripper, self.metadata, off_normal)
 
 
 class Adjusted(NamedTuple):
@@ -115,35 +112,35 @@ class Adjusted(NamedTuple):
     off_normal: Floats | None = None
 
 
-def first_guess(observations: Observations, parameters: Parameters) -> Adjusted:
+def first_guess(observations: Observations, model: ExtendedModel) -> Adjusted:
     """Start: the observations as measured."""
     o = observations
-    return as_measured(o, parameters, free_state(parameters, o.joints, o.centers))[0]
+    return as_measured(o, model, free_state(model.parameters, o.joints, o.centers))[0]
 
 
 def place_force(
-    observations: Observations, parameters: Parameters, joints: Floats, force: Floats, state: State
+    observations: Observations, model: ExtendedModel, joints: Floats, force: Floats, state: State
 ) -> State:
     """The state with magnitude and base-frame direction of a force as the sensor reports it."""
-    force = observations.true_force(parameters, force)
+    force = true_force(model, force)
     direction = np.arctan2(force[:, 1], force[:, 0])
     if observations.frame is SensorFrame.TOOL:
-        direction = direction + joints[:, 0] + joints[:, 1] + parameters.theta1 + parameters.theta2
+        direction = direction + joints[:, 0] + joints[:, 1] + model.parameters.theta1 + model.parameters.theta2
     return state._replace(magnitude=np.hypot(force[:, 0], force[:, 1]), direction=direction)
 
 
 def linearise(
-    observations: Observations, parameters: Parameters, adjusted: Adjusted, arm: Arm | None = None
+    observations: Observations, model: ExtendedModel, adjusted: Adjusted, arm: Arm | None = None
 ) -> Linearisation:
     """The equations and their derivatives at the adjusted observations; `arm` saves work where that of their state
     is known.
     """
     o, state = observations, adjusted.state
     if arm is None:
-        state = place_force(o, parameters, adjusted.joints, adjusted.force, state)
+        state = place_force(o, model, adjusted.joints, adjusted.force, state)
     contact_problem = o.contact_problem(adjusted.joints, adjusted.off_normal)
-    e = extended_equations(parameters, contact_problem, state, arm)
-    derivative = all_derivatives(parameters, contact_problem, state, e)
+    e = extended_equations(model, contact_problem, state, arm)
+    derivative = all_derivatives(model, contact_problem, state, e)
     by_joints = derivative[:, :, THETA1 : THETA2 + 1 : THETA2 - THETA1]
     if o.frame is SensorFrame.TOOL:  # the sensor turns with link 2, so the force does
         turned = np.stack([e.normal_d, e.tangent_d], axis=-1)
@@ -153,19 +150,19 @@ def linearise(
     per_force = 1.0 / state.magnitude
     by_force[:, 0, 0], by_force[:, 1, 0] = e.normal_f, e.tangent_f
     by_force[:, 0, 1], by_force[:, 1, 1] = e.normal_d * per_force, e.tangent_d * per_force
-    if o.extension is not None and o.extension.has_sensor_error:
-        by_force = by_force @ true_force_derivative(o.extension, parameters, adjusted.force)
-        derivative[:, :, len(NAMES) :] += sensor_error_columns(o.extension, parameters, adjusted.force, by_force)
+    if has_sensor_error(model):
+        by_force = by_force @ true_force_derivative(model, adjusted.force)
+        derivative[:, :, len(NAMES) :] += sensor_error_columns(model, adjusted.force, by_force)
     misclosure = by_touch(2, len(o.joints))
     off = _off_measured(o, adjusted)
     misclosure[:, 0] = e.normal + _row_times(by_joints[:, 0], by_force[:, 0], off)
     misclosure[:, 1] = e.tangent + _row_times(by_joints[:, 1], by_force[:, 1], off)
-    if not o.off_normal_std:
+    if not model.off_normal_std:
         return Linearisation(misclosure, derivative, by_joints, by_force)
-    by_off_normal = off_normal_derivative(parameters, contact_problem, state, e)
+    by_off_normal = off_normal_derivative(model, contact_problem, state, e)
     if adjusted.off_normal is not None:
         misclosure -= by_off_normal * adjusted.off_normal[:, None]
-    return Linearisation(misclosure, derivative, by_joints, by_force, o.off_normal_std * by_off_normal)
+    return Linearisation(misclosure, derivative, by_joints, by_force, model.off_normal_std * by_off_normal)
 
 
 def _off_measured(observations: Observations, adjusted: Adjusted) -> tuple[Floats, Floats, Floats, Floats]:
@@ -189,7 +186,7 @@ def _row_times(by_joints: Floats, by_force: Floats, off: tuple[Floats, Floats, F
 
 def adjust(
     observations: Observations,
-    parameters: Parameters,
+    model: ExtendedModel,
     adjusted: Adjusted,
     linear: Linearisation,
     whitened: Whitened,
@@ -204,7 +201,7 @@ def adjust(
 
     Args:
         observations: the data.
-        parameters: L̄ after the step.
+        model: after the step.
         adjusted: the point of linearisation.
         linear: the equations there.
         whitened: the same, whitened.
@@ -227,16 +224,16 @@ def adjust(
     force[:, 0], force[:, 1] = o.force[:, 0] - (along * x - across * y), o.force[:, 1] - (along * y + across * x)
     if not close.all():
         joints = np.where(close[:, None], joints, o.joints)
-        force = np.where(close[:, None], force, _turned_radial(o, parameters, adjusted.state))
-    state = place_force(o, parameters, joints, force, adjusted.state)
+        force = np.where(close[:, None], force, _turned_radial(o, model, adjusted.state))
+    state = place_force(o, model, joints, force, adjusted.state)
     off_normal = None
     if linear.by_off_normal is not None:
-        off_normal = -o.off_normal_std * np.where(close, (linear.by_off_normal * multiplier).sum(axis=-1), 0.0)
-    state, arm = solve_links(o, parameters, joints, state, frozen, off_normal, again=True)
+        off_normal = -model.off_normal_std * np.where(close, (linear.by_off_normal * multiplier).sum(axis=-1), 0.0)
+    state, arm = solve_links(o, model, joints, state, frozen, off_normal, again=True)
     return Adjusted(joints, force, state, off_normal), arm
 
 
-def _multiplier(whitened: Whitened, step: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+def _multiplier(whitened: Whitened, step: Floats) -> tuple[Floats, Mask]:
     """V⁻¹ (w + h_L̄ ΔL̄), (n, 2), and which touches are not grossly off, (n,)."""
     l11, l21, l22 = whitened.root
     n, _, k = whitened.derivative.shape
@@ -250,7 +247,7 @@ def _multiplier(whitened: Whitened, step: Floats) -> tuple[Floats, NDArray[np.bo
 
 def solve_links(
     observations: Observations,
-    parameters: Parameters,
+    model: ExtendedModel,
     joints: Floats,
     state: State,
     frozen: bool = False,
@@ -258,48 +255,48 @@ def solve_links(
     again: bool = False,
 ) -> LinkAngles:
     """Link angles and modes that go with joints and force; the second step, `again`, is for changed modes."""
-    if observations.extension is None:
-        return solve_link_angles(parameters, joints, state, observations.gripper, frozen, again)
+    if not model.effects:
+        return solve_link_angles(model.parameters, joints, state, observations.gripper, frozen, again)
     contact_problem = observations.contact_problem(joints, off_normal)
-    state = extended_link_angles(parameters, contact_problem, state, frozen)
-    return LinkAngles(extended_link_angles(parameters, contact_problem, state, frozen) if again else state, None)
+    state = extended_link_angles(model, contact_problem, state, frozen)
+    return LinkAngles(extended_link_angles(model, contact_problem, state, frozen) if again else state, None)
 
 
-def _turned_radial(observations: Observations, parameters: Parameters, state: State) -> Floats:
+def _turned_radial(observations: Observations, model: ExtendedModel, state: State) -> Floats:
     """The measured forces turned so that they point from the tip to the disc's centre, as the sensor reports them."""
     o = observations
-    tip = forward(parameters, np.stack([state.link1, state.link2], axis=-1))
-    to_disc = o.contact_problem(o.joints).shifted(parameters, state).centers - tip
+    tip = forward(model.parameters, np.stack([state.link1, state.link2], axis=-1))
+    to_disc = o.contact_problem(o.joints).shifted(model, state).centers - tip
     direction = np.arctan2(to_disc[:, 1], to_disc[:, 0])
     if o.frame is SensorFrame.TOOL:
-        direction = direction - (o.joints[:, 0] + o.joints[:, 1] + parameters.theta1 + parameters.theta2)
-    magnitude = np.hypot(*o.true_force(parameters, o.force).T)
+        direction = direction - (o.joints[:, 0] + o.joints[:, 1] + model.parameters.theta1 + model.parameters.theta2)
+    magnitude = np.hypot(*true_force(model, o.force).T)
     turned = np.stack([magnitude * np.cos(direction), magnitude * np.sin(direction)], axis=-1)
-    return turned if o.extension is None else o.extension.read(parameters, turned)
+    return reported_force(model, turned) if model.effects else turned
 
 
-def as_radial(observations: Observations, parameters: Parameters, state: State) -> Adjusted:
+def as_radial(observations: Observations, model: ExtendedModel, state: State) -> Adjusted:
     """The observations as measured but for the direction of the force, which points from the tip to the disc's centre.
 
     Args:
         observations: the data.
-        parameters: L̄.
+        model: the model.
         state: where the tips are.
     """
-    o, force = observations, _turned_radial(observations, parameters, state)
-    off_normal = np.zeros(len(force)) if o.off_normal_std else None
-    state = place_force(o, parameters, o.joints, force, state)
+    o, force = observations, _turned_radial(observations, model, state)
+    off_normal = np.zeros(len(force)) if model.off_normal_std else None
+    state = place_force(o, model, o.joints, force, state)
     return Adjusted(
         o.joints,
         force,
-        solve_links(o, parameters, o.joints, state, off_normal=off_normal, again=True).state,
+        solve_links(o, model, o.joints, state, off_normal=off_normal, again=True).state,
         off_normal,
     )
 
 
-def as_measured(observations: Observations, parameters: Parameters, state: State) -> tuple[Adjusted, Arm | None]:
+def as_measured(observations: Observations, model: ExtendedModel, state: State) -> tuple[Adjusted, Arm | None]:
     """The observations as measured, with the link angles that go with a new L̄: the coarse stage. As `adjust`."""
     o = observations
-    state = place_force(o, parameters, o.joints, o.force, state)
-    state, arm = solve_links(o, parameters, o.joints, state, again=True)
+    state = place_force(o, model, o.joints, o.force, state)
+    state, arm = solve_links(o, model, o.joints, state, again=True)
     return Adjusted(o.joints, o.force, state), arm

@@ -44,8 +44,8 @@ def held_out_force_error(calibration: Calibration, folds: int = 5) -> HeldOut:
     residual = np.empty((n, 2))
     for fold in range(folds):
         kept = observe(touches.select(part != fold), c.cell)
-        start = project(kept, c.parameters, c.noise).adjusted
-        fit = minimise(kept, c.parameters, start, c.subspace, c.noise, FINAL)
+        start = project(kept, c.model, c.noise).adjusted
+        fit = minimise(kept, c.model, start, c.subspace, c.noise, FINAL)
         left = observe(touches.select(part == fold), c.cell)
-        residual[part == fold] = force_residual(left, fit.point.parameters)
+        residual[part == fold] = force_residual(left, fit.point.model)
     return HeldOut(force_error(residual), folds)

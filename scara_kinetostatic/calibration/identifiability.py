@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.blocks import pick
 from scara_kinetostatic.calibration.gauss_helmert import Observations, linearise, place_force, solve_links
@@ -26,10 +25,10 @@ from scara_kinetostatic.calibration.projection import select
 from scara_kinetostatic.calibration.solver import Point
 from scara_kinetostatic.calibration.steps import compress, upper_triangle
 from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, UNITS
-
-Floats = NDArray[np.float64]
 
 SCALES = np.array([0.02, 0.02, 0.05, 0.02, 0.05, 0.02, 1e-4, 1e-3, 1e-3, 1e-3, 5e-3, 5e-3])
 """Plausible range of each parameter about its nominal value, in its unit; also the solver's scaling."""
@@ -43,10 +42,9 @@ MEMBER = 0.05
 """A parameter belongs to a group if its part of the unseen direction, in `SCALES`, is at least this."""
 
 
-def scales_of(observations: Observations) -> Floats:
-    """`SCALES` and, behind them, those of the effects, (12 + k,)."""
-    laws = () if observations.extension is None else observations.extension.laws
-    return np.concatenate([SCALES, *(np.array(law.scales) for law in laws)])
+def scales_of(model: ExtendedModel) -> Floats:
+    """Plausible range of each value of a model, (12 + k,): `SCALES`, then those of the effects."""
+    return np.concatenate([SCALES, model.effect_scales]) if model.effects else SCALES
 
 
 class Combination(NamedTuple):
@@ -85,7 +83,7 @@ class Identifiability:
     advice: str = ''
 
 
-def unidentifiable_directions(observations: Observations, point: Point, free: NDArray[np.intp], noise: Noise) -> Floats:
+def unidentifiable_directions(observations: Observations, point: Point, free: Indices, noise: Noise) -> Floats:
     """The directions of L̄ that the data do not show.
 
     Args:
@@ -97,7 +95,7 @@ def unidentifiable_directions(observations: Observations, point: Point, free: ND
     Returns:
         (k, d) orthonormal columns in units of `SCALES`; d = 0 where all is seen.
     """
-    scale = np.diag(scales_of(observations))[:, free]
+    scale = np.diag(scales_of(point.model))[:, free]
     system = compress(point.whitened.derivative, point.whitened.residual, basis=scale)
     weak = system.values < 1.0
     seen, values = system.right[:, ~weak], system.values[~weak]
@@ -145,7 +143,7 @@ def _noise_triangle(observations: Observations, point: Point, noise: Noise) -> F
 
 def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -> Floats:
     """The changes of the whitened Jacobian by noise along F̂, then by that across it, (4n, 12)."""
-    a, p, n = point.adjusted, point.parameters, len(observations.joints)
+    a, model, n = point.adjusted, point.model, len(observations.joints)
     l11, l21, l22 = point.whitened.root
     x, y = a.force[:, 0], a.force[:, 1]
     size = np.hypot(x, y)
@@ -156,9 +154,9 @@ def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -
         moved[:, 2 * k + 1] = x - left * along_x, y - left * along_y
     every = np.tile(np.arange(n), VARIANTS)
     o, adjusted, force = observations.select(every), pick(a, every), moved.reshape(2, -1).T
-    placed = place_force(o, p, adjusted.joints, force, adjusted.state)
-    state, arm = solve_links(o, p, adjusted.joints, placed, off_normal=adjusted.off_normal)
-    linear = linearise(o, p, adjusted._replace(force=force, state=state), arm)
+    placed = place_force(o, model, adjusted.joints, force, adjusted.state)
+    state, arm = solve_links(o, model, adjusted.joints, placed, off_normal=adjusted.off_normal)
+    linear = linearise(o, model, adjusted._replace(force=force, state=state), arm)
     root = (np.tile(l11, VARIANTS), np.tile(l21, VARIANTS), np.tile(l22, VARIANTS))
     columns = whiten_by(linear.derivative, root).transpose(2, 1, 0).reshape(-1, 2, VARIANTS, n)
     changes = (columns[:, :, 0::2] - columns[:, :, 1::2]) / 2
@@ -167,7 +165,7 @@ def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -
 
 def group_names(
     directions: Floats,
-    free: NDArray[np.intp],
+    free: Indices,
     std: Floats | None = None,
     scales: Floats = SCALES,
     names: tuple[str, ...] = NAMES,
@@ -217,7 +215,7 @@ def condition_number(derivative: Floats) -> float:
 
 
 def determined_pairs(
-    directions: Floats, free: NDArray[np.intp], values: Floats, covariance: Floats
+    directions: Floats, free: Indices, values: Floats, covariance: Floats
 ) -> tuple[Combination, ...]:
     """For each unseen direction that ties two parameters, the sum of the two that is determined."""
     found = []

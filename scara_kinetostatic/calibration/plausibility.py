@@ -9,6 +9,7 @@ from scara_kinetostatic.calibration.gauss_helmert import Observations
 from scara_kinetostatic.calibration.prediction import base_force
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import Parameters
 
@@ -52,7 +53,7 @@ def check_plausible(observations: Observations, cell: Cell) -> None:
 
 def _alignment(observations: Observations, nominal: Parameters) -> float:
     to_disc = observations.centers - forward(nominal, observations.joints)
-    force = base_force(observations, nominal)
+    force = base_force(observations, ExtendedModel(nominal))
     lengths = np.hypot(*to_disc.T) * np.hypot(*force.T)
     return float(np.median((to_disc * force).sum(axis=1) / np.maximum(lengths, 1e-12)))
 

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.blocks import in_blocks
 from scara_kinetostatic.calibration.gauss_helmert import Observations, first_guess
 from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import contact
-from scara_kinetostatic.model.extension import Extension
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward, rotate
-from scara_kinetostatic.model.law import TouchMetadata
-from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.sensor_error import true_force
 from scara_kinetostatic.model.touch import TouchSet
-
-Floats = NDArray[np.float64]
 
 
 def observe(touches: TouchSet, cell: Cell) -> Observations:
@@ -34,52 +32,52 @@ def observe(touches: TouchSet, cell: Cell) -> Observations:
         cell.radii[touches.disc],
         cell.sensor.frame,
         cell.gripper,
-        Extension(cell.effects, TouchMetadata.of(touches)) if cell.effects else None,
+        TouchMetadata.of(touches),
     )
 
 
-def base_force(observations: Observations, parameters: Parameters) -> Floats:
+def base_force(observations: Observations, model: ExtendedModel) -> Floats:
     """The measured forces in the base frame, (n, 2), N; the tool frame turns with q1 + theta1 + q2 + theta2.
 
     What the sensor misreads, if the model has such an effect, is taken off.
     """
-    force = observations.true_force(parameters, observations.force)
+    force = true_force(model, observations.force)
     if observations.frame is SensorFrame.BASE:
         return force
-    return rotate(force, observations.joints.sum(axis=1) + parameters.theta1 + parameters.theta2)
+    return rotate(force, observations.joints.sum(axis=1) + model.parameters.theta1 + model.parameters.theta2)
 
 
-def force_residual(observations: Observations, parameters: Parameters) -> Floats:
+def force_residual(observations: Observations, model: ExtendedModel) -> Floats:
     """F - A(Q, L̄) with the contact unilateral, as (10) takes it, (n, 2), N."""
-    return in_blocks(len(observations.joints), lambda part: _force_residual(observations.select(part), parameters))
+    return in_blocks(len(observations.joints), lambda part: _force_residual(observations.select(part), model))
 
 
-def _force_residual(observations: Observations, parameters: Parameters) -> Floats:
+def _force_residual(observations: Observations, model: ExtendedModel) -> Floats:
     o = observations
-    measured = base_force(o, parameters)
-    off_normal = measured_off_normal(o, parameters) if o.off_normal_std else None
+    measured = base_force(o, model)
+    off_normal = measured_off_normal(o, model) if model.off_normal_std else None
     found = contact(
-        parameters,
+        model,
         o.joints,
         o.centers,
         o.radii,
         o.gripper,
         warm_start=measured,
-        extension=o.extension,
+        metadata=o.metadata,
         off_normal=off_normal,
     )
     return measured - found.force
 
 
-def measured_off_normal(observations: Observations, parameters: Parameters) -> Floats:
+def measured_off_normal(observations: Observations, model: ExtendedModel) -> Floats:
     """By how much each measured force leans from the normal of the disc, (n,), rad."""
     o = observations
-    state = first_guess(o, parameters).state
-    link2 = state.link1 + state.link2 + parameters.theta1 + parameters.theta2
-    force = base_force(o, parameters)
-    tip = forward(parameters, np.stack([state.link1, state.link2], axis=-1))
-    inward = o.contact_problem(o.joints).shifted(parameters, state).centers - tip
-    inward = inward - o.gripper.deflection(parameters, force, link2)
+    state = first_guess(o, model).state
+    link2 = state.link1 + state.link2 + model.parameters.theta1 + model.parameters.theta2
+    force = base_force(o, model)
+    tip = forward(model.parameters, np.stack([state.link1, state.link2], axis=-1))
+    inward = o.contact_problem(o.joints).shifted(model, state).centers - tip
+    inward = inward - o.gripper.deflection(model.parameters, force, link2)
     across = inward[:, 0] * force[:, 1] - inward[:, 1] * force[:, 0]
     return np.asarray(np.arctan2(across, (inward * force).sum(axis=1)))
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.blocks import in_blocks, pick
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Observations, adjust, as_radial, first_guess
 from scara_kinetostatic.calibration.solver import COARSE, Point, evaluate
 from scara_kinetostatic.calibration.whitening import Linearisation
+from scara_kinetostatic.model.arrays import Indices, Mask
 from scara_kinetostatic.model.cell import Noise
-from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.extended_model import ExtendedModel
 
 ROUNDS = 5
 """Enough for forces along the normal; where each may lean by an angle of its own, some touches need more."""
@@ -25,35 +25,35 @@ def turn_radial(observations: Observations, point: Point) -> Adjusted:
     """
 
     def part(where: slice) -> Adjusted:
-        return as_radial(observations.select(where), point.parameters, pick(point.adjusted.state, where))
+        return as_radial(observations.select(where), point.model, pick(point.adjusted.state, where))
 
     with np.errstate(all='ignore'):
         return in_blocks(len(observations.joints), part)
 
 
-def project(observations: Observations, parameters: Parameters, noise: Noise) -> Point:
+def project(observations: Observations, model: ExtendedModel, noise: Noise) -> Point:
     """Adjust the observations alone, L̄ held: the nearest point of the model to each touch.
 
     Args:
         observations: any touches, good or bad.
-        parameters: L̄.
+        model: the model.
         noise: σ_q and σ_f, the measure of distance.
     """
     with np.errstate(all='ignore'):
-        point = evaluate(observations, parameters, first_guess(observations, parameters), noise, COARSE)
+        point = evaluate(observations, model, first_guess(observations, model), noise, COARSE)
         adjusted = turn_radial(observations, point)
         before = np.full(len(observations.joints), np.inf)
         for number in range(MOST_ROUNDS):
-            point = evaluate(observations, parameters, adjusted, noise)
+            point = evaluate(observations, model, adjusted, noise)
             if number >= ROUNDS and not np.any(np.abs(point.distance - before) > SETTLED * (1 + point.distance)):
                 return point
             before = point.distance
             still = np.zeros(point.whitened.derivative.shape[2])
-            adjusted, _ = adjust(observations, parameters, point.adjusted, point.linear, point.whitened, still, noise)
-        return evaluate(observations, parameters, adjusted, noise)
+            adjusted, _ = adjust(observations, model, point.adjusted, point.linear, point.whitened, still, noise)
+        return evaluate(observations, model, adjusted, noise)
 
 
-def select(point: Point, which: NDArray[np.bool_] | NDArray[np.intp]) -> Point:
+def select(point: Point, which: Mask | Indices) -> Point:
     """The touches of a point that a mask or an array of positions picks."""
     a, linear, w = point.adjusted, point.linear, point.whitened
     return point._replace(

@@ -1,49 +1,84 @@
-"""The result of a calibration, frozen."""
+"""The result of a calibration, frozen, and how it follows from the end of the estimation."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.special import chdtrc
 
-from scara_kinetostatic.calibration.identifiability import Identifiability
-from scara_kinetostatic.calibration.prediction import force_error, force_residual, observe
+from scara_kinetostatic.calibration import outliers
+from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit
+from scara_kinetostatic.calibration.gauss_helmert import Observations
+from scara_kinetostatic.calibration.identifiability import (
+    Identifiability,
+    advise,
+    condition_number,
+    determined_pairs,
+    group_names,
+    scales_of,
+)
+from scara_kinetostatic.calibration.prediction import base_force, force_error, force_residual, observe
 from scara_kinetostatic.calibration.solver import Subspace, Termination
+from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
-from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.parameters import NAMES, UNITS, Parameters
 from scara_kinetostatic.model.touch import Rejection, TouchSet
 
-Floats = NDArray[np.float64]
+_MISFIT = 1e-3
+"""p-value of chi-square below which the stated noise does not cover the residuals and sigmas are enlarged."""
+
+
+class Estimate(NamedTuple):
+    """A parameter and what the calibration says of it.
+
+    Attributes:
+        value: its estimate.
+        std: its standard uncertainty; 0 where fixed, NaN where confounded.
+        unit: SI, of `value`, `std` and `nominal`.
+        status: ``estimated``, ``fixed`` or ``confounded``.
+        nominal: where the estimation began.
+    """
+
+    value: float
+    std: float
+    unit: str
+    status: str
+    nominal: float
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """L̄ with its uncertainty, and every touch with its part in it.
+    """The calibrated model with its uncertainty, and the residual of every touch.
+
+    Parameters are reached by name: ``calibration['l1'].value``, those of effects alike:
+    ``calibration.effects['object_position[disc_2]']['x'].std``.
 
     Attributes:
         cell: the cell it is about.
         fixed: parameters that were held at a given value.
-        subspace: the changes of L̄ that the fit could make: without what is fixed or unseen.
-        start: L̄n, the nominal values, where the fit began; fixed parameters at theirs.
-        parameters: L̄.
-        covariance: of the twelve and, behind them, the parameters of the cell's effects, (12 + k, 12 + k), in
-            their units; zero rows where fixed, and no statement about what is confounded.
-        std: standard deviations of the twelve, (12,): 0 where fixed, NaN where confounded.
-        extra_std: the same of the effects' parameters, (k,).
-        status: by name, ``estimated``, ``fixed`` or ``confounded``.
+        subspace: the changes of the model that the fit could make: without what is fixed or unidentifiable.
+        start: the model where the fit began: nominal values, fixed parameters at theirs, effects at their start values.
+        model: the calibrated model.
+        covariance: of all values of the model, (12 + k, 12 + k), in their units and in the order of `model.names`;
+            zero rows where fixed, not meaningful where confounded.
+        std: standard uncertainties of L̄, (12,): 0 where fixed, NaN where confounded.
+        effect_std: the same of the effects' parameters, (k,).
+        status: of each parameter of L̄ by name, ``estimated``, ``fixed`` or ``confounded``.
         touches: all touches, used or not.
         used: which took part in the fit, (n,).
         rejected: the others, with the reason.
         noise: σ_q in rad and σ_f in N of one touch.
         noise_source: ``given`` or ``estimated``.
         force: measured force on the object in the base frame, (n, 2), N.
-        standardized: Mahalanobis distance of each touch from what the model says, (n,).
+        standardized: studentised distance of each touch from the model, (n,).
         chi_square: sum of squared distances of the used touches.
-        degrees_of_freedom: two per used touch less the parameters seen.
-        identifiability: what the data show and what not.
+        degrees_of_freedom: two per used touch less the number of identifiable directions.
+        identifiability: what the data determine and what not.
         iterations: solver steps, all stages together.
         termination: how the last stage ended.
         history: cost after each step of the last stage.
@@ -52,14 +87,14 @@ class Calibration:
     cell: Cell
     fixed: Mapping[str, float]
     subspace: Subspace
-    start: Parameters
-    parameters: Parameters
+    start: ExtendedModel
+    model: ExtendedModel
     covariance: Floats
     std: Floats
-    extra_std: Floats
+    effect_std: Floats
     status: Mapping[str, str]
     touches: TouchSet
-    used: NDArray[np.bool_]
+    used: Mask
     rejected: tuple[Rejection, ...]
     noise: Noise
     noise_source: str
@@ -72,10 +107,45 @@ class Calibration:
     termination: Termination
     history: tuple[float, ...]
 
+    def __getitem__(self, name: str) -> Estimate:
+        """One of the twelve parameters by name.
+
+        Raises:
+            KeyError: no such parameter.
+        """
+        if name not in UNITS:
+            raise KeyError(f'no parameter {name!r}; the names are {" ".join(NAMES)}')
+        nominal = getattr(self.start.parameters, name)
+        return Estimate(getattr(self.parameters, name), self.std_of(name), UNITS[name], self.status[name], nominal)
+
+    @property
+    def parameters(self) -> Parameters:
+        """L̄."""
+        return self.model.parameters
+
+    @property
+    def effects(self) -> dict[str, dict[str, Estimate]]:
+        """The parameters of the effects by label and name."""
+        stds = [part.tolist() for part in self.effect_stds]
+        return {
+            effect.label: {
+                p.name: Estimate(value, std, p.unit, 'confounded' if np.isnan(std) else 'estimated', start)
+                for p, value, std, start in zip(effect.parameters, *columns, strict=True)
+            }
+            for effect, *columns in zip(
+                self.model.effects, self.model.effect_values, stds, self.start.effect_values, strict=True
+            )
+        }
+
+    @property
+    def effect_stds(self) -> list[Floats]:
+        """`effect_std` as one array per effect."""
+        return self.model.split(self.effect_std)
+
     @cached_property
     def residual(self) -> Floats:
         """F - A(Q, L̄), (n, 2), N."""
-        return force_residual(observe(self.touches, self.cell), self.parameters)
+        return force_residual(observe(self.touches, self.cell), self.model)
 
     @cached_property
     def nominal_residual(self) -> Floats:
@@ -94,9 +164,103 @@ class Calibration:
 
     @property
     def reduced_chi_square(self) -> float:
-        """Chi-square per degree of freedom: 1 where model and noise are right."""
+        """Chi-square per degree of freedom; its expectation is 1 if model and noise are right."""
         return self.chi_square / self.degrees_of_freedom
 
     def std_of(self, name: str) -> float:
-        """Standard deviation of one parameter by name, in its unit."""
+        """Standard uncertainty of one of the twelve by name, in its unit."""
         return float(self.std[NAMES.index(name)])
+
+
+def build_result(
+    touches: TouchSet,
+    cell: Cell,
+    start: ExtendedModel,
+    fixed: Mapping[str, float],
+    observations: Observations,
+    found: Estimation,
+    left_out: Sequence[Rejection] = (),
+) -> Calibration:
+    """The result of an estimation.
+
+    Args:
+        touches: all touches of the fit.
+        cell: the cell.
+        start: the model where the fit began.
+        fixed: parameters held, by name.
+        observations: the touches as the fit took them.
+        found: the estimation.
+        left_out: touches that were rejected before the fit.
+    """
+    fit, used = found.fit, found.used
+    model = fit.point.model
+    covariance, chi_square, freedoms = _covariance(found)
+    std = np.sqrt(np.diag(covariance))
+    identifiability = _identifiability(found, observations, covariance, std, fixed)
+    confounded = {name for group in identifiability.confounded for name in group}
+    std[[name in confounded for name in model.names]] = np.nan
+    status = {name: 'fixed' if name in fixed else 'confounded' if name in confounded else 'estimated' for name in NAMES}
+    return Calibration(
+        cell=cell,
+        fixed=dict(fixed),
+        subspace=found.subspace,
+        start=start,
+        model=model,
+        covariance=covariance,
+        std=std[: len(NAMES)],
+        effect_std=std[len(NAMES) :],
+        status=status,
+        touches=touches,
+        used=used,
+        rejected=_rejections(touches, found, observations, left_out),
+        noise=found.noise,
+        noise_source='given' if cell.noise else 'estimated',
+        force=base_force(observations, model),
+        standardized=np.sqrt(found.distance),
+        chi_square=chi_square,
+        degrees_of_freedom=freedoms,
+        identifiability=identifiability,
+        iterations=found.iterations,
+        termination=fit.termination,
+        history=fit.history,
+    )
+
+
+def _covariance(found: Estimation) -> tuple[Floats, float, int]:
+    """Covariance, enlarged where the stated noise does not cover the residuals; chi-square; degrees of freedom."""
+    chi_square = float(found.fit.point.distance[found.used].sum())
+    freedoms = 2 * int(found.used.sum()) - found.subspace.basis.shape[1]
+    covariance = covariance_of_fit(found.fit, found.subspace)
+    enlarged = chdtrc(freedoms, chi_square) < _MISFIT
+    return covariance * (chi_square / freedoms if enlarged else 1.0), chi_square, freedoms
+
+
+def _rejections(
+    touches: TouchSet, found: Estimation, observations: Observations, left_out: Sequence[Rejection]
+) -> tuple[Rejection, ...]:
+    """The outliers and the touches rejected before the fit, in the order of their numbers."""
+    bad = np.flatnonzero(~found.used)
+    if not len(bad):
+        return tuple(left_out)
+    residual = force_residual(observations.select(bad), found.fit.point.model)
+    rejected = [
+        outliers.explain(int(touches.index[i]), float(found.distance[i]), off)
+        for i, off in zip(bad, residual, strict=True)
+    ]
+    return tuple(sorted((*left_out, *rejected), key=lambda item: item.index))
+
+
+def _identifiability(
+    found: Estimation, observations: Observations, covariance: Floats, std: Floats, fixed: Mapping[str, float]
+) -> Identifiability:
+    model = found.fit.point.model
+    free = np.array([j for j, name in enumerate(model.names) if name not in fixed], dtype=np.intp)
+    groups = group_names(found.unidentifiable, free, std, scales_of(model), model.names)
+    magnitude = float(np.hypot(observations.force[:, 0], observations.force[:, 1]).mean())
+    return Identifiability(
+        rank=len(free) - found.unidentifiable.shape[1],
+        condition=condition_number(found.fit.point.whitened.derivative[found.used] @ found.subspace.basis),
+        confounded=groups,
+        combinations=determined_pairs(found.unidentifiable, free, model.as_array(), covariance),
+        advice=advise(groups, magnitude),
+    )

@@ -13,7 +13,6 @@ from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration import steps
 from scara_kinetostatic.calibration.blocks import in_blocks, pick
@@ -25,11 +24,11 @@ from scara_kinetostatic.calibration.gauss_helmert import (
     linearise,
 )
 from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, squared_distance, whiten
+from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.statics import Arm
-
-Floats = NDArray[np.float64]
 
 MAX_ITERATIONS = 60
 STEP_TOLERANCE = 1e-14
@@ -102,20 +101,25 @@ class Subspace(NamedTuple):
     origin: Floats
     basis: Floats
 
-    def project(self, parameters: Parameters) -> Parameters:
-        """The nearest L̄ that the subspace holds, in scaled terms."""
-        y = np.linalg.lstsq(self.basis, parameters.as_array() - self.origin, rcond=None)[0]
-        return Parameters.from_array(self.origin + self.basis @ y)
+    def project(self, model: ExtendedModel) -> ExtendedModel:
+        """The nearest model that the subspace holds, in scaled terms."""
+        y = np.linalg.lstsq(self.basis, model.as_array() - self.origin, rcond=None)[0]
+        return model.with_array(self.origin + self.basis @ y)
 
 
 class Point(NamedTuple):
-    """The adjustment evaluated at one L̄."""
+    """The adjustment evaluated at one model."""
 
-    parameters: Parameters
+    model: ExtendedModel
     adjusted: Adjusted
     linear: Linearisation
     whitened: Whitened
     distance: Floats
+
+    @property
+    def parameters(self) -> Parameters:
+        """L̄."""
+        return self.model.parameters
 
 
 class Fit(NamedTuple):
@@ -137,25 +141,25 @@ class Fit(NamedTuple):
 
 
 def evaluate(
-    observations: Observations, parameters: Parameters, adjusted: Adjusted, noise: Noise, stage: Stage = FINAL
+    observations: Observations, model: ExtendedModel, adjusted: Adjusted, noise: Noise, stage: Stage = FINAL
 ) -> Point:
-    """Linearise and whiten at one L̄."""
+    """Linearise and whiten at one model."""
 
     def part(where: slice) -> tuple[Linearisation, Whitened, Floats]:
-        return _evaluate(observations.select(where), parameters, pick(adjusted, where), noise, stage)
+        return _evaluate(observations.select(where), model, pick(adjusted, where), noise, stage)
 
-    return Point(parameters, adjusted, *in_blocks(len(observations.joints), part))
+    return Point(model, adjusted, *in_blocks(len(observations.joints), part))
 
 
 def _evaluate(
     observations: Observations,
-    parameters: Parameters,
+    model: ExtendedModel,
     adjusted: Adjusted,
     noise: Noise,
     stage: Stage,
     arm: Arm | None = None,
 ) -> tuple[Linearisation, Whitened, Floats]:
-    linear = linearise(observations, parameters, adjusted, arm)
+    linear = linearise(observations, model, adjusted, arm)
     extra = 0.0 if stage.adjusts else _direction_variance(observations, noise)
     whitened = whiten(linear, noise, extra)
     return linear, whitened, squared_distance(whitened)
@@ -169,19 +173,19 @@ def _direction_variance(observations: Observations, noise: Noise) -> Floats:
 
 def minimise(
     observations: Observations,
-    start: Parameters,
+    start: ExtendedModel,
     adjusted: Adjusted,
     subspace: Subspace,
     noise: Noise,
     stage: Stage,
-    used: NDArray[np.bool_] | None = None,
+    used: Mask | None = None,
     max_iterations: int = MAX_ITERATIONS,
 ) -> Fit:
     """Find the L̄ of least cost in a subspace.
 
     Args:
         observations: the touches.
-        start: L̄ to start from.
+        start: the model to start from.
         adjusted: adjusted observations to start from (`first_guess`, or those of an earlier run).
         subspace: the changes allowed.
         noise: σ_q and σ_f.
@@ -195,7 +199,7 @@ def minimise(
     point = evaluate(observations, start, adjusted, noise, stage)
     used = None if used is None or used.all() else used
     system, scale = _system(point, subspace, stage, used)
-    per_touch = stage.per_touch if observations.extension is None else 0.0
+    per_touch = 0.0 if start.effects else stage.per_touch
     tolerance = max(stage.tolerance, per_touch * np.sqrt(len(point.distance)))
     damping, iterations, termination = stage.damping, 0, Termination.ITERATION_LIMIT
     history: list[float] = []
@@ -236,25 +240,25 @@ def _negligible(history: Sequence[float]) -> float:
 
 def _last_step(point: Point, change: Floats) -> Point:
     """The point after a step so short that it is taken to first order, without looking again."""
-    parameters = Parameters.from_array(point.parameters.as_array() + change)
+    model = point.model.with_array(point.model.as_array() + change)
     w = point.whitened
     whitened = w._replace(residual=w.residual + w.derivative @ change)
-    return point._replace(parameters=parameters, whitened=whitened, distance=squared_distance(whitened))
+    return point._replace(model=model, whitened=whitened, distance=squared_distance(whitened))
 
 
 def _move(observations: Observations, point: Point, change: Floats, noise: Noise, stage: Stage, frozen: bool) -> Point:
-    parameters = Parameters.from_array(point.parameters.as_array() + change)
+    model = point.model.with_array(point.model.as_array() + change)
 
     def part(where: slice) -> tuple[Adjusted, Linearisation, Whitened, Floats]:
         o, (_, adjusted, linear, whitened, _) = observations.select(where), part_of(point, where)
         if stage.adjusts:
-            adjusted, arm = adjust(o, parameters, adjusted, linear, whitened, change, noise, frozen)
+            adjusted, arm = adjust(o, model, adjusted, linear, whitened, change, noise, frozen)
         else:
-            adjusted, arm = as_measured(o, parameters, adjusted.state)
-        return adjusted, *_evaluate(o, parameters, adjusted, noise, stage, arm)
+            adjusted, arm = as_measured(o, model, adjusted.state)
+        return adjusted, *_evaluate(o, model, adjusted, noise, stage, arm)
 
     with np.errstate(all='ignore'):
-        return Point(parameters, *in_blocks(len(observations.joints), part))
+        return Point(model, *in_blocks(len(observations.joints), part))
 
 
 def part_of(point: Point, where: slice) -> Point:
@@ -262,7 +266,7 @@ def part_of(point: Point, where: slice) -> Point:
     if len(point.distance) <= where.stop - where.start:
         return point
     return Point(
-        point.parameters,
+        point.model,
         pick(point.adjusted, where),
         pick(point.linear, where),
         pick(point.whitened, where),
@@ -271,7 +275,7 @@ def part_of(point: Point, where: slice) -> Point:
 
 
 def _system(
-    point: Point, subspace: Subspace, stage: Stage, used: NDArray[np.bool_] | None
+    point: Point, subspace: Subspace, stage: Stage, used: Mask | None
 ) -> tuple[steps.Compressed, float]:
     scale, weights = 1.0, None if used is None else used.astype(float)
     if stage.robust:
@@ -281,10 +285,10 @@ def _system(
     return steps.compress(w.derivative, w.residual, weights, subspace.basis), scale
 
 
-def _cost(point: Point, scale: float, stage: Stage, used: NDArray[np.bool_] | None) -> float:
+def _cost(point: Point, scale: float, stage: Stage, used: Mask | None) -> float:
     distance = _of_used(point, used)
     return steps.robust_cost(distance, scale) if stage.robust else float(distance.sum())
 
 
-def _of_used(point: Point, used: NDArray[np.bool_] | None) -> Floats:
+def _of_used(point: Point, used: Mask | None) -> Floats:
     return point.distance if used is None else point.distance[used]

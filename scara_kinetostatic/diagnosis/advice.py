@@ -91,7 +91,7 @@ def alternative_frequencies(extended: Calibration, peaks: Sequence[Calibration])
         peaks: fits of the same effects with other frequencies.
     """
     sentences = []
-    for place, effect in enumerate(extended.cell.effects):
+    for place, effect in enumerate(extended.model.effects):
         if not isinstance(effect, Effect) or not effect.grid_parameter:
             continue
         k = effect.grid_parameter_index

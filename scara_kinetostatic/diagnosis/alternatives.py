@@ -21,8 +21,7 @@ from scara_kinetostatic.diagnosis.model_selection import CREDIBLE
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.extension import split
-from scara_kinetostatic.model.law import Law
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, P1, P2, P_EE, THETA1, THETA2, Parameters
 
 ZEROS = {'joint1': THETA1, 'joint2': THETA2, 'along': G_EE}
@@ -38,34 +37,33 @@ def fit_alternative_laws(extended: Calibration) -> list[Calibration]:
     Args:
         extended: the fit with effects.
     """
-    laws, variants = extended.cell.effects, []
-    for place, effect in enumerate(laws):
+    model, variants = extended.model, []
+    for place, effect in enumerate(model.effects):
         for other in effect.alternative_laws() if isinstance(effect, Effect) else ():
-            values = split(laws, extended.parameters)
-            values[place] = np.array(other.start)
-            start = extended.parameters.replace(extra=tuple(np.concatenate(values)))
-            variants.append(((*laws[:place], other, *laws[place + 1 :]), start))
+            effects, values = list(model.effects), list(model.effect_values)
+            effects[place], values[place] = other, other.start
+            variants.append(ExtendedModel(model.parameters, tuple(effects), tuple(values)))
     return fit_variants(extended, variants)
 
 
-def fit_variants(extended: Calibration, variants: Sequence[tuple[tuple[Law, ...], Parameters]]) -> list[Calibration]:
+def fit_variants(extended: Calibration, variants: Sequence[ExtendedModel]) -> list[Calibration]:
     """The touches of an extended model fitted with other effects, or from elsewhere, where that fits them as well.
 
     Args:
         extended: the fit with effects.
-        variants: effects of the cell, and L̄ with their parameters to start from.
+        variants: the models to start from.
     """
     scale = max(1.0, extended.reduced_chi_square)
     most = penalised_deviance(extended, 0.0, scale) + CREDIBLE
-    fits = [_with_variant(extended, *variant) for variant in variants]
+    fits = [_with_variant(extended, variant) for variant in variants]
     return [fit for fit in fits if fit is not None and _is_physical(fit) and penalised_deviance(fit, 0.0, scale) < most]
 
 
-def _with_variant(extended: Calibration, effects: tuple[Law, ...], start: Parameters) -> Calibration | None:
+def _with_variant(extended: Calibration, start: ExtendedModel) -> Calibration | None:
     c = extended
     warm_start = WarmStart(start, c.noise, c.used)
     try:
-        fit = calibrate(c.touches, replace(c.cell, effects=effects), fixed=c.fixed, warm_start=warm_start)
+        fit = calibrate(c.touches, c.cell, start.effects, fixed=c.fixed, warm_start=warm_start)
     except UnsupportedDataError:
         return None
     return fit if fit.termination is Termination.CONVERGED else None
@@ -82,14 +80,14 @@ def widened_for_each(extended: Calibration, others: Sequence[Calibration]) -> Ca
     count = len(NAMES)
 
     def far(other: Calibration) -> float:
-        off = other.parameters.as_array()[:count] - extended.parameters.as_array()[:count]
+        off = other.parameters.as_array() - extended.parameters.as_array()
         return float(np.nanmax(np.abs(off) / np.where(extended.std > 0, extended.std, np.inf), initial=0.0))
 
     wide = extended
     for other in sorted(others, key=far, reverse=True):
-        off = np.abs(other.parameters.as_array() - extended.parameters.as_array())
-        alike = other.cell.effects == extended.cell.effects
-        std = np.concatenate([wide.std, wide.extra_std])
+        off = np.abs(other.model.as_array() - extended.model.as_array())
+        alike = other.model.effects == extended.model.effects
+        std = np.concatenate([wide.std, wide.effect_std])
         beyond = off > np.where(std > 0, std, np.inf)
         if beyond[: len(std) if alike else count].any():
             wide = widened(wide, [other])
@@ -103,15 +101,15 @@ def widened(extended: Calibration, others: Sequence[Calibration]) -> Calibration
     """
     if not others:
         return extended
-    alike = all(other.cell.effects == extended.cell.effects for other in others)
+    alike = all(other.model.effects == extended.model.effects for other in others)
     count = len(extended.covariance) if alike else len(NAMES)
-    off = np.array([other.parameters.as_array()[:count] - extended.parameters.as_array()[:count] for other in others])
+    off = np.array([other.model.as_array()[:count] - extended.model.as_array()[:count] for other in others])
     covariance = extended.covariance.copy()
     covariance[:count, :count] += off.T @ off / len(off)
     std = np.sqrt(np.diag(covariance))
-    known = np.concatenate([extended.std, extended.extra_std])
+    known = np.concatenate([extended.std, extended.effect_std])
     std = np.where(known > 0, std, known)
-    return replace(extended, covariance=covariance, std=std[: len(NAMES)], extra_std=std[len(NAMES) :])
+    return replace(extended, covariance=covariance, std=std[: len(NAMES)], effect_std=std[len(NAMES) :])
 
 
 def with_free_zeros(extended: Calibration, fits: Sequence[Calibration]) -> Calibration:
@@ -135,7 +133,7 @@ def with_free_zeros(extended: Calibration, fits: Sequence[Calibration]) -> Calib
 
 def _curve_sizes(fit: Calibration, channel: str) -> list[float]:
     """Root mean square over the touches of each curve without a name that acts in a channel, on all discs."""
-    pairs = list(zip(fit.cell.effects, split(fit.cell.effects, fit.parameters), strict=True))
+    pairs = list(zip(fit.model.effects, fit.model.effect_arrays, strict=True))
     curves = [(e, v) for e, v in pairs if isinstance(e, Unnamed) and e.channel == channel and e.disc < 0]
     if not curves:
         return []

@@ -138,7 +138,7 @@ def _side(c: Calibration, final: Calibration, held_out: float) -> Side:
     """One model in the noise of the final one."""
     n = int(c.used.sum())
     observations = observe(c.touches.select(c.used), c.cell)
-    point = project(observations, c.parameters, final.noise)
+    point = project(observations, c.model, final.noise)
     base = orthonormal((point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1))
     chi_square = c.chi_square if c is final else float(point.distance.sum())
     across_circle = _whitened_normal(observations, point)
@@ -154,11 +154,11 @@ def _whitened_normal(observations: Observations, point: Point) -> Floats:
     """Rᵀm, with m from the tip to the centre of the circle and R the root that whitens h: r·Rᵀm is h·m, (n, 2), m."""
     normal = np.zeros((len(point.distance), 2))
     normal[:, 0] = observations.radii
-    if observations.extension is not None:
+    if point.model.effects:
         at = observations.contact_problem(point.adjusted.joints, point.adjusted.off_normal).touch_state(
             point.parameters, point.adjusted.state
         )
-        place = observations.extension.shift(at)[1] - observations.extension.shift(at, robot_only=True)[1]
+        place = point.model.shift(at)[1] - point.model.shift(at, robot_only=True)[1]
         normal += np.stack([(place * at.normal).sum(axis=1), (place * at.tangent).sum(axis=1)], axis=-1)
     first, second = (normal / np.linalg.norm(normal, axis=1)[:, None]).T
     l11, l21, l22 = point.whitened.root

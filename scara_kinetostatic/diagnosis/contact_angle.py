@@ -63,7 +63,7 @@ def _excess(calibration: Calibration, kind: str, beside: tuple[str, ...]) -> flo
     """P-value of "there is no variance of this kind", beside those of other kinds of any size."""
     c = calibration
     observations = observe(c.touches.select(c.used), c.cell)
-    point = project(observations, c.parameters, c.noise)
+    point = project(observations, c.model, c.noise)
     jacobian = (point.whitened.derivative @ c.subspace.basis).reshape(2 * len(point.distance), -1)
     base = orthonormal(jacobian)
     residual = point.whitened.residual.ravel()
@@ -97,15 +97,15 @@ def _kind(name: str, observations: Observations, point: Point, noise: Noise) -> 
 def fit_with_off_normal(calibration: Calibration) -> Calibration:
     """The touches of a calibration fitted with a lean of every force, its size estimated.
 
-    Effects that the cell has stay.
+    Effects that the calibration has stay.
     """
     c = calibration
-    others = tuple(effect for effect in c.cell.effects if not isinstance(effect, OffNormalForce))
+    others = tuple(effect for effect in c.model.effects if not isinstance(effect, OffNormalForce))
     off_normal, used, latest = FIRST_STD, np.ones(len(c.touches), dtype=bool), c
     for _ in range(ROUNDS):
-        cell = replace(c.cell, effects=(OffNormalForce(off_normal=off_normal), *others))
-        warm_start = WarmStart(latest.parameters, latest.noise, used)
-        latest = calibrate(c.touches, cell, fixed=c.fixed, warm_start=warm_start)
+        effects = (OffNormalForce(off_normal=off_normal), *others)
+        warm_start = WarmStart(latest.model.with_effects(effects), latest.noise, used)
+        latest = calibrate(c.touches, c.cell, effects, fixed=c.fixed, warm_start=warm_start)
         used, before = latest.used, off_normal
         off_normal = max(_updated(latest, off_normal), LEAST_STD)
         if abs(off_normal / before - 1) < SETTLED:
@@ -120,14 +120,14 @@ def without_direction(calibration: Calibration) -> Calibration:
     """
     effects = tuple(
         replace(effect, off_normal=FREE) if isinstance(effect, OffNormalForce) else effect
-        for effect in calibration.cell.effects
+        for effect in calibration.model.effects
     )
-    return replace(calibration, cell=replace(calibration.cell, effects=effects))
+    return replace(calibration, model=replace(calibration.model, effects=effects))
 
 
 def _updated(c: Calibration, off_normal: float) -> float:
     """One step of expectation and maximisation."""
-    point = project(observe(c.touches.select(c.used), c.cell), c.parameters, c.noise)
+    point = project(observe(c.touches.select(c.used), c.cell), c.model, c.noise)
     assert point.linear.by_off_normal is not None
     assert point.adjusted.off_normal is not None
     shrunk = whiten_by(point.linear.by_off_normal, point.whitened.root)

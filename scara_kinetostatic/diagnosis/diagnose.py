@@ -68,7 +68,7 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
         quiet = noise_advice.too_quiet(found.extended)
         found = _diagnose(_with_own_noise(calibration), known)
     final = found.extended or calibration
-    off_normal_fit = any(effect.off_normal_std for effect in final.cell.effects)
+    off_normal_fit = any(effect.off_normal_std for effect in final.model.effects)
     growing = 1.0 if off_normal_fit else growing_p_value(final)
     held = advice.held(calibration) if found.verdict != 'none' else ''
     return replace(found, advice=advice.joined(quiet, found.advice, held, noise_advice.growing_noise(growing)))
@@ -80,7 +80,7 @@ def _with_own_noise(calibration: Calibration) -> Calibration:
     """
     c = calibration
     try:
-        warm_start = WarmStart(c.parameters, c.noise, c.used)
+        warm_start = WarmStart(c.model, c.noise, c.used)
         return calibrate(c.touches, replace(c.cell, noise=None), fixed=c.fixed, warm_start=warm_start)
     except UnsupportedDataError:
         return c
@@ -152,9 +152,9 @@ def _fit_rivals(found: Search, calibration: Calibration) -> list[Calibration]:
     """The touches fitted with each credible set by itself, where there are several."""
     if not found.rivals:
         return []
-    kept = found.extended.cell.effects if found.extended else ()
+    kept = found.extended.model.effects if found.extended else ()
     off_normal_fit = tuple(effect for effect in kept if effect.off_normal_std)
-    return found.fit_rivals(replace(calibration, cell=replace(calibration.cell, effects=off_normal_fit)))
+    return found.fit_rivals(replace(calibration, model=calibration.model.with_effects(off_normal_fit)))
 
 
 def _discriminating_touches(
@@ -221,9 +221,9 @@ def _describe(found: Search, rivals: Sequence[Calibration]) -> tuple[Found, ...]
 
 
 def _with_values(calibration: Calibration) -> list[tuple[Effect, tuple[Value, ...]]]:
-    """The effects of a calibration's cell with their estimates."""
+    """The effects of a calibration with their estimates."""
     items = []
-    for effect, (values, stds) in zip(calibration.cell.effects, effect_values(calibration), strict=True):
+    for effect, (values, stds) in zip(calibration.model.effects, effect_values(calibration), strict=True):
         assert isinstance(effect, Effect)
         rows = tuple(
             Value(p.name, float(v), float(s), p.unit, p.meaning)

@@ -113,10 +113,10 @@ class _Predicted(NamedTuple):
 
 
 def _predict(pool: TouchSet, fit: Calibration) -> _Predicted:
-    o, p = observe(pool, fit.cell), fit.parameters
-    found = contact(p, o.joints, o.centers, o.radii, o.gripper, warm_start=pool.force, extension=o.extension)
+    o, model = observe(pool, fit.cell), fit.model
+    found = contact(model, o.joints, o.centers, o.radii, o.gripper, warm_start=pool.force, metadata=o.metadata)
     reached = (found.solved & (found.magnitude > 0))[:, None]
-    by_joints = contact_derivatives(p, o.joints, o.centers, o.radii, found, o.gripper, o.extension).joints
+    by_joints = contact_derivatives(model, o.joints, o.centers, o.radii, found, o.gripper, o.metadata).joints
     return _Predicted(np.where(reached, found.force, np.nan), by_joints, fit.noise)
 
 

@@ -22,8 +22,7 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.base import at_joint
-from scara_kinetostatic.model.extension import split
-from scara_kinetostatic.model.law import Shift
+from scara_kinetostatic.model.effect_law import Shift
 from scara_kinetostatic.model.parameters import NAMES
 
 Floats = NDArray[np.float64]
@@ -148,8 +147,8 @@ def _taken_out(models: _Models, item: Found) -> tuple[Floats, bool]:
     """Change of the residual where an effect and its rivals are left out, (n, 2); whether nothing else was found."""
     final, problem = models.final, models.after
     columns = problem.point.whitened.derivative[:, :, len(NAMES) :].reshape(len(problem.left), -1)
-    parts = split(final.cell.effects, final.parameters)
-    amplitudes = [law.amplitudes(part) for law, part in zip(final.cell.effects, parts, strict=True)]
+    parts = final.model.effect_arrays
+    amplitudes = [effect.amplitudes(part) for effect, part in zip(final.model.effects, parts, strict=True)]
     out = [other.effect == item.effect or not (other.in_every_model or item.in_every_model) for other in models.found]
     gone = np.repeat(out, [len(part) for part in parts])
     base = problem.base if gone.all() else orthonormal(np.concatenate([problem.base, columns[:, ~gone]], axis=1))

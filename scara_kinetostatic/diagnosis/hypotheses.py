@@ -97,7 +97,7 @@ def _with_off_normal_forces(calibration: Calibration, known: Sequence[Effect]) -
         off_normal_fit = fit_with_off_normal(calibration)
         found = search(off_normal_fit, others)
         extended = found.extended
-        if extended is not None and len(extended.cell.effects) > 1:
+        if extended is not None and len(extended.model.effects) > 1:
             extended = fit_with_off_normal(extended)
     except UnsupportedDataError:
         return []
@@ -118,7 +118,7 @@ def _with_off_normal_forces(calibration: Calibration, known: Sequence[Effect]) -
 def _is_radial(extended: Calibration) -> bool:
     """Whether an extended model fits without a curve that has no name, and no force leans in it."""
     c = extended
-    if any(isinstance(effect, Unnamed) for effect in c.cell.effects):
+    if any(isinstance(effect, Unnamed) for effect in c.model.effects):
         return False
     fits = not incredible(c) if c.noise_source == 'estimated' else chdtrc(c.degrees_of_freedom, c.chi_square) > SURE
     return fits and off_normal_p_value(c) > RADIAL
@@ -130,7 +130,7 @@ def _is_surely_off_normal(extended: Calibration) -> bool:
     The test is made at the extended model: a fit without the lean may be far off, as all touches then pull at it.
     Where noise that grows shows beside the lean, too, the lean has to be the clearer by far.
     """
-    others = tuple(effect for effect in extended.cell.effects if not isinstance(effect, OffNormalForce))
-    without = replace(extended, cell=replace(extended.cell, effects=others))
+    others = tuple(effect for effect in extended.model.effects if not isinstance(effect, OffNormalForce))
+    without = replace(extended, model=extended.model.with_effects(others))
     off_normal, growing = off_normal_p_value(without, beside_growing=True), growing_p_value(extended)
     return off_normal < SURE * (growing if growing < SURE else 1.0)

@@ -167,9 +167,9 @@ def find_dependences(calibration: Calibration) -> tuple[Dependence, ...]:
     """
     c = calibration
     observations = observe(c.touches.select(c.used), c.cell)
-    point = project(observations, c.parameters, c.noise)
+    point = project(observations, c.model, c.noise)
     n = len(point.distance)
-    unsaid = n if observations.off_normal_std else 0
+    unsaid = n if c.model.off_normal_std else 0
     jacobian = (point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1)
     base = np.linalg.qr(jacobian)[0]
     residual = point.whitened.residual.ravel() - base @ (base.T @ point.whitened.residual.ravel())

@@ -22,14 +22,13 @@ from scara_kinetostatic.calibration.identifiability import scales_of, unidentifi
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.sensor_errors import along_and_across
+from scara_kinetostatic.model.sensor_error import along_and_across, true_force
 from scara_kinetostatic.calibration.solver import Point, Subspace
 from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.model.equations import Equations
-from scara_kinetostatic.model.extended import extended_equations, shift_column
-from scara_kinetostatic.model.extension import Extension
-from scara_kinetostatic.model.law import Shift, TouchMetadata, TouchState
+from scara_kinetostatic.model.effect_law import Shift, TouchState
+from scara_kinetostatic.model.extended_equations import extended_equations, shift_column
 from scara_kinetostatic.model.parameters import NAMES
 
 Floats = NDArray[np.float64]
@@ -100,7 +99,7 @@ class Problem(NamedTuple):
 
 
 def pose_problem(calibration: Calibration) -> Problem:
-    """The linear problem that a calibration leaves; its cell may have effects or not.
+    """The linear problem that a calibration leaves; with effects or without.
 
     Args:
         calibration: the fit.
@@ -108,19 +107,16 @@ def pose_problem(calibration: Calibration) -> Problem:
     c = calibration
     touches = c.touches.select(_some(c.used))
     observations = observe(touches, c.cell)
-    point = project(observations, c.parameters, c.noise)
-    seen = _seen(c, observations, point) if c.cell.effects else c.subspace.basis
-    extension = observations.extension or Extension((), TouchMetadata.of(touches))
-    contact_problem = observations._replace(extension=extension).contact_problem(
-        point.adjusted.joints, point.adjusted.off_normal
-    )
+    point = project(observations, c.model, c.noise)
+    seen = _seen(c, observations, point) if c.model.effects else c.subspace.basis
+    contact_problem = observations.contact_problem(point.adjusted.joints, point.adjusted.off_normal)
     state = point.adjusted.state
     equations, touch_state = (
-        extended_equations(point.parameters, contact_problem, state),
+        extended_equations(c.model, contact_problem, state),
         contact_problem.touch_state(c.parameters, state),
     )
     by_base = point.whitened.derivative[:, :, : len(NAMES)].copy()
-    for name, shift in extension.by_robot(touch_state).items():  # the effects are to be taken out, and this with them
+    for name, shift in c.model.shift_by_robot(touch_state).items():  # the effects are to be taken out, and this with them
         by_base[:, :, NAMES.index(name)] -= whiten_by(shift_column(shift, state, equations), point.whitened.root)
     jacobian = (by_base @ seen).reshape(2 * len(touches), -1)
     base = orthonormal(jacobian)
@@ -128,7 +124,7 @@ def pose_problem(calibration: Calibration) -> Problem:
         point=point,
         equations=equations,
         touch_state=touch_state,
-        force=extension.true_force(point.parameters, point.adjusted.force),
+        force=true_force(c.model, point.adjusted.force),
         noisy=_noisy(touch_state, noise_left(point.linear, point.whitened.root, c.noise, 0)),
         base=base,
         left=np.empty(0),
@@ -138,7 +134,7 @@ def pose_problem(calibration: Calibration) -> Problem:
         without=np.zeros(len(NAMES)),
     )
     amplitudes = [
-        law.amplitudes(part) for law, part in zip(extension.laws, extension.values(c.parameters), strict=True)
+        effect.amplitudes(part) for effect, part in zip(c.model.effects, c.model.effect_arrays, strict=True)
     ]
     effects = point.whitened.derivative[:, :, len(NAMES) :].reshape(len(base), -1)
     y = point.whitened.residual.ravel() - effects @ np.concatenate([np.empty(0), *amplitudes])
@@ -153,11 +149,11 @@ def _seen(calibration: Calibration, observations: Observations, point: Point) ->
     """
     c = calibration
     free = np.array([k for k, name in enumerate(NAMES) if name not in c.fixed], dtype=np.intp)
-    scales = scales_of(observations)
+    scales = scales_of(c.model)
     everything = np.zeros((len(scales), len(free)))
     everything[free, np.arange(len(free))] = scales[free]
     unidentifiable = unidentifiable_directions(observations, point, free, c.noise)
-    return restrict(Subspace(c.parameters.as_array(), everything), unidentifiable).basis[: len(NAMES)]
+    return restrict(Subspace(c.model.as_array(), everything), unidentifiable).basis[: len(NAMES)]
 
 
 def _noisy(touch_state: TouchState, more: Floats) -> TouchState:

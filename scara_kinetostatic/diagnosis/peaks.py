@@ -37,7 +37,7 @@ def fit_alternative_frequencies(extended: Calibration, in_every_model: Container
         extended: the fit with effects.
         proved: labels of effects that have no rivals; beside rivals, which draw a wave in part, a frequency is vague.
     """
-    laws = [law for law in extended.cell.effects if isinstance(law, Effect)]
+    laws = [law for law in extended.model.effects if isinstance(law, Effect)]
     waves = [k for k, law in enumerate(laws) if law.grid_parameter and law.label in in_every_model]
     if not waves:
         return []
@@ -51,7 +51,7 @@ def fit_alternative_frequencies(extended: Calibration, in_every_model: Container
             if abs(peak.trial.place - frequency) <= APART * std:
                 continue
             start, _ = start_from(problem, [*found[:place], peak, *found[place + 1 :]])
-            variants.append((extended.cell.effects, start))
+            variants.append(start)
     return fit_variants(extended, variants)
 
 

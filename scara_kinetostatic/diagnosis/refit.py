@@ -14,8 +14,8 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.candidates import LEAST_INDEPENDENT_PART, Candidate
 from scara_kinetostatic.diagnosis.linear_problem import Problem
 from scara_kinetostatic.model.cell import Noise
-from scara_kinetostatic.model.extension import split
-from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.parameters import Parameters
 
 Floats = NDArray[np.float64]
 
@@ -23,8 +23,8 @@ LEAST_SHARE = 0.03
 """Part of an estimated noise that a fit with effects begins with at least."""
 
 
-def start_from(problem: Problem, members: Sequence[Candidate]) -> tuple[Parameters, float]:
-    """L̄ that fits the linear problem best with effects: the twelve, and behind them the effects' parameters.
+def start_from(problem: Problem, members: Sequence[Candidate]) -> tuple[ExtendedModel, float]:
+    """The model with these effects that fits the linear problem best.
 
     With it goes the part of the noise that these effects leave over: where it was estimated without them, they are
     in it.
@@ -45,8 +45,9 @@ def start_from(problem: Problem, members: Sequence[Candidate]) -> tuple[Paramete
         for member, part, end in zip(members, columns, ends, strict=True)
     ]
     moved = problem.without + problem.response @ np.concatenate(columns, axis=1) @ found
-    base = problem.point.parameters.as_array()[: len(NAMES)] + moved
-    return Parameters.from_array(np.concatenate([base, *values])), max(share, LEAST_SHARE)
+    base = Parameters.from_array(problem.point.parameters.as_array() + moved)
+    effects = tuple(member.effect for member in members)
+    return ExtendedModel(base, effects, tuple(tuple(part) for part in values)), max(share, LEAST_SHARE)
 
 
 def fit_with(
@@ -55,16 +56,21 @@ def fit_with(
     """The touches of a calibration fitted with effects.
 
     Args:
-        calibration: that of the twelve parameters; effects that its cell has stay.
+        calibration: that of the twelve parameters; effects that it has stay.
         latest: the fit at which the problem was posed.
         problem: where the effects were found.
         members: the effects.
     """
-    cell = replace(calibration.cell, effects=(*calibration.cell.effects, *(member.effect for member in members)))
     start, share = start_from(problem, members)
+    kept = calibration.model
+    start = ExtendedModel(
+        start.parameters, (*kept.effects, *start.effects), (*kept.effect_values, *start.effect_values)
+    )
     share = share if latest.noise_source == 'estimated' else 1.0
     warm_start = WarmStart(start, Noise(share * latest.noise.joint, share * latest.noise.force), latest.used)
-    found = calibrate(calibration.touches, cell, fixed=calibration.fixed, warm_start=warm_start)
+    found = calibrate(
+        calibration.touches, calibration.cell, start.effects, fixed=calibration.fixed, warm_start=warm_start
+    )
     return with_left_out(found, calibration)
 
 
@@ -76,13 +82,5 @@ def with_left_out(found: Calibration, before: Calibration) -> Calibration:
 
 
 def effect_values(calibration: Calibration) -> list[tuple[Floats, Floats]]:
-    """Values and standard deviations of the parameters of each effect of a calibration's cell."""
-    laws = calibration.cell.effects
-    off_normal_std = Parameters(extra=tuple(np.nan_to_num(calibration.extra_std, nan=0.0)))
-    hidden = Parameters(extra=tuple(np.isnan(calibration.extra_std).astype(float)))
-    return [
-        (values, np.where(lost > 0, np.nan, stds))
-        for values, stds, lost in zip(
-            split(laws, calibration.parameters), split(laws, off_normal_std), split(laws, hidden), strict=True
-        )
-    ]
+    """Values and standard deviations of the parameters of each effect of a calibration."""
+    return list(zip(calibration.model.effect_arrays, calibration.effect_stds, strict=True))

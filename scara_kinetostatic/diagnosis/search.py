@@ -75,13 +75,13 @@ def search(calibration: Calibration, effects: Sequence[Effect], begin: Calibrati
     """Find the effects that a calibration lacks.
 
     Args:
-        calibration: of the twelve parameters; effects that its cell has stay.
+        calibration: of the twelve parameters; effects that it has stay.
         effects: the catalogue.
         begin: another fit to the same touches to begin at, with noise or used touches of its own. Each
             fit with effects judges anew which touches are bad, and estimates the noise anew if it is not given.
     """
     latest = begin or calibration
-    nothing = calibration if calibration.cell.effects else None
+    nothing = calibration if calibration.model.effects else None
     found: Search | None = None
     before, out = frozenset[str](), frozenset[str]()
     given_up: set[frozenset[str]] = set()
@@ -173,7 +173,7 @@ def _part(
 
 
 def _is_plausible(fitted: Calibration) -> bool:
-    pairs = zip(fitted.cell.effects, effect_values(fitted), strict=True)
+    pairs = zip(fitted.model.effects, effect_values(fitted), strict=True)
     return all(effect.is_plausible(values) for effect, (values, _) in pairs if isinstance(effect, Effect))
 
 
@@ -206,7 +206,7 @@ def all_candidates(
     latest: Calibration, problem: Problem, effects: Sequence[Effect], together: bool = True
 ) -> CandidateSet:
     """The catalogue and unnamed structure as candidates; `together` as in `gather`."""
-    pairs = zip(latest.cell.effects, effect_values(latest), strict=True)
+    pairs = zip(latest.model.effects, effect_values(latest), strict=True)
     fitted = {effect.label: values for effect, (values, _) in pairs if isinstance(effect, Effect) and len(values)}
     discs = [disc.name for disc in latest.cell.discs]
     return gather(

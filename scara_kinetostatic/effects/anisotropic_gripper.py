@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from scara_kinetostatic.effects.base import Floats, LinearEffect, Parameter
-from scara_kinetostatic.model.law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import Shift, TouchState
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """What a physical effect is: the interface of all effects, and the usual cases to derive from.
 
-An effect says what it does to a touch (`model.law`): δ, an angle between actuator and link beside the
+An effect says what it does to a touch (`model.effect_law`): δ, an angle between actuator and link beside the
 law of the joint (6); d, a displacement of tip or object beside (7) and (11); e, an error of the force sensor. Most
 effects are linear in their parameters: such a one defines only its `basis`, the shift per unit of each parameter.
 
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import Shift, TouchState
 
 Floats = NDArray[np.float64]
 

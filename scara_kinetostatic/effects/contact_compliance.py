@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.effects.base import Effect, LinearEffect, Parameter
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import Shift, TouchState
 
 HERTZ = 2 / 3
 """Exponent of force in Hertz's law of a ball on a surface."""

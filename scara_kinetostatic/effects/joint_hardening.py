@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import Floats, JointEffect, Parameter
-from scara_kinetostatic.model.law import TouchState
+from scara_kinetostatic.model.effect_law import TouchState
 
 OTHERS = (0.5, 2, 5)
 """Powers of a spring that is soft about zero, of one whose stiffness changes evenly, and of one that stiffens late."""

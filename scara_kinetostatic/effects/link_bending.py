@@ -10,7 +10,7 @@ import numpy as np
 
 from scara_kinetostatic.effects.base import Effect, LinearEffect, Parameter
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import Shift, TouchState
 
 HINGES = (0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.75, 0.8)
 """Where a link that bends at one place may do so."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from scara_kinetostatic.effects.base import Effect, Floats, Parameter
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import Shift, TouchState
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 from scara_kinetostatic.effects.base import Effect, Floats, Parameter, Trial, at_joint
 from scara_kinetostatic.effects.variables import PlotAxis
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import Shift, TouchState
 
 LOWEST, HIGHEST = 1.0, 120.0
 """Frequencies searched, cycles per turn of the joint."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.effects.base import Effect, Floats, LinearEffect, Parameter, at_joint
 from scara_kinetostatic.effects.variables import PlotAxis
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import Shift, TouchState
 
 WAVES = 3
 """Highest order of the waves over an angle."""

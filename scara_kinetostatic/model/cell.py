@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.gripper import GripperSign as GripperSign
-from scara_kinetostatic.model.law import Law
 from scara_kinetostatic.model.parameters import Parameters
 
 
@@ -74,7 +73,6 @@ class Cell:
         noise: None where it is to be estimated from the residuals.
         gripper_sign: sign of (7).
         gripper_excess: P - p_ee I of the general gripper (7), in the frame of link 2, by rows, m/N.
-        effects: what the model has beyond the twelve parameters; their values are in `Parameters.extra`.
 
     Raises:
         ParameterError: a noise level is not above 0.
@@ -87,7 +85,6 @@ class Cell:
     noise: Noise | None = None
     gripper_sign: GripperSign = GripperSign.PHYSICAL
     gripper_excess: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
-    effects: tuple[Law, ...] = ()
 
     def __post_init__(self) -> None:
         if self.noise is not None and not all(np.isfinite(level) and level > 0 for level in self.noise):

@@ -5,18 +5,18 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import GripperSign
+from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.equilibrium import nearest_equilibrium, solve_state
-from scara_kinetostatic.model.extended import all_derivatives, extended_equations
-from scara_kinetostatic.model.extension import ContactProblem, Extension
+from scara_kinetostatic.model.extended_equations import ContactProblem, all_derivatives, extended_equations
+from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.gripper import Gripper, as_gripper
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import THETA1, THETA2, Parameters
 from scara_kinetostatic.model.state import State, free_state
-
-Floats = NDArray[np.float64]
 
 NEGATIVE_PLAY = 1e-3
 """How far outside the disc the rigid tip may be for a force to be possible at all, m."""
@@ -40,68 +40,74 @@ class Contact(NamedTuple):
     tip: Floats
     links: Floats
     state: State
-    solved: NDArray[np.bool_]
+    solved: Mask
 
 
 def contact(
-    parameters: Parameters,
+    model: ExtendedModel | Parameters,
     joints: ArrayLike,
     centers: ArrayLike,
     radii: ArrayLike,
     gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
     tension: bool = False,
     warm_start: ArrayLike | None = None,
-    extension: Extension | None = None,
+    metadata: TouchMetadata | None = None,
     off_normal: Floats | None = None,
 ) -> Contact:
     """A(Q, L̄) for touches whose disc is known.
 
     Args:
-        parameters: L̄.
+        model: the extended model, or L̄ of the base model alone.
         joints: Q, (n, 2), rad.
         centers: centre of each touch's disc, (n, 2), m.
         radii: its radius, (n,), m.
-        gripper: the form of (7); a bare sign stands for the isotropic gripper.
+        gripper: the form of (7); a bare sign is the isotropic gripper.
         tension: let the tip pull at the disc where it does not reach it (a smooth
             continuation for fitting), instead of no force as (9) has it.
-        near: a force per touch, (n, 2), N; where there are several equilibria, the one
+        warm_start: a force per touch, (n, 2), N; where there are several equilibria, the one
             closest to it is taken.
-        extension: effects beyond the twelve parameters; their values are in `parameters.extra`.
-        lean: of the force in each touch, (n,), rad, where an effect lets it differ from touch to touch.
+        metadata: what effects need to know of each touch; by default `TouchMetadata.plain`.
+        off_normal: off-normal angle of the force in each touch, (n,), rad, where an effect lets it differ from touch
+            to touch.
 
     Returns:
         Force, tip and link angles. Without contact the force is zero, the joints
         are in the middle of their dead bands and the tip is at H(L, Q).
     """
-    contact_problem = _contact_problem(joints, centers, radii, gripper, extension)._replace(off_normal=off_normal)
-    state, solved = solve_state(parameters, contact_problem)
+    model = as_model(model)
+    parameters = model.parameters
+    contact_problem = _contact_problem(model, joints, centers, radii, gripper, metadata)._replace(off_normal=off_normal)
+    state, solved = solve_state(model, contact_problem)
     if warm_start is not None:
-        state = nearest_equilibrium(parameters, contact_problem, state, np.asarray(warm_start))
+        state = nearest_equilibrium(model, contact_problem, state, np.asarray(warm_start))
     if not tension:
-        shifted = contact_problem.shifted(parameters, state)
+        shifted = contact_problem.shifted(model, state)
         free = free_state(parameters, shifted.joints, shifted.centers)
         touching = solved & (state.magnitude > 0)
         if contact_problem.gripper.sign is GripperSign.PHYSICAL:
             touching &= _reaches(parameters, free, shifted.centers, contact_problem.radii)
         zero = free._replace(mode1=np.zeros_like(free.mode1), mode2=np.zeros_like(free.mode2))
         state = zero.replace_where(touching, state)
-    return _as_contact(parameters, contact_problem, state, solved)
+    return _as_contact(model, contact_problem, state, solved)
 
 
 def _contact_problem(
+    model: ExtendedModel,
     joints: ArrayLike,
     centers: ArrayLike,
     radii: ArrayLike,
     gripper: Gripper | GripperSign,
-    extension: Extension | None,
+    metadata: TouchMetadata | None,
 ) -> ContactProblem:
     joints = np.atleast_2d(np.asarray(joints, dtype=float))
     centers = np.broadcast_to(np.asarray(centers, dtype=float), joints.shape)
     radii = np.broadcast_to(np.asarray(radii, dtype=float), joints.shape[:1])
-    return ContactProblem(joints, centers, radii, as_gripper(gripper), extension)
+    if metadata is None and model.effects:
+        metadata = TouchMetadata.plain(len(joints))
+    return ContactProblem(joints, centers, radii, as_gripper(gripper), metadata)
 
 
-def _reaches(parameters: Parameters, free: State, centers: Floats, radii: Floats) -> NDArray[np.bool_]:
+def _reaches(parameters: Parameters, free: State, centers: Floats, radii: Floats) -> Mask:
     """Whether the rigid tip H(L, Q) is inside the disc, (n,): only then can there be a force (section 4.2).
 
     `NEGATIVE_PLAY` allows for backlashes that noise has made negative.
@@ -111,15 +117,15 @@ def _reaches(parameters: Parameters, free: State, centers: Floats, radii: Floats
 
 
 def _as_contact(
-    parameters: Parameters, contact_problem: ContactProblem, state: State, solved: NDArray[np.bool_]
+    model: ExtendedModel, contact_problem: ContactProblem, state: State, solved: Mask
 ) -> Contact:
     discs = contact_problem.centers
-    if contact_problem.extension is not None:
-        at = contact_problem.touch_state(parameters, state)
-        discs = discs - contact_problem.extension.shift(at)[1] + contact_problem.extension.shift(at, robot_only=True)[1]
+    if model.effects:
+        at = contact_problem.touch_state(model.parameters, state)
+        discs = discs - model.shift(at)[1] + model.shift(at, robot_only=True)[1]
     unit = np.stack([np.cos(state.direction), np.sin(state.direction)], axis=-1)
     links = np.stack([state.link1, state.link2], axis=-1)
-    rigid = forward(parameters, links)
+    rigid = forward(model.parameters, links)
     loaded = (state.magnitude != 0)[:, None]
     tip = np.where(loaded, discs - contact_problem.radii[:, None] * unit, rigid)
     return Contact(state.magnitude[:, None] * unit, state.magnitude, tip, links, state, solved)
@@ -167,32 +173,33 @@ class ContactDerivatives(NamedTuple):
 
 
 def contact_derivatives(
-    parameters: Parameters,
+    model: ExtendedModel | Parameters,
     joints: ArrayLike,
     centers: ArrayLike,
     radii: ArrayLike,
     found: Contact,
     gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
-    extension: Extension | None = None,
+    metadata: TouchMetadata | None = None,
 ) -> ContactDerivatives:
     """∂A/∂Q and ∂A/∂L̄ by the implicit function theorem: h_F dF = -h_Q dQ - h_L̄ dL̄.
 
     Args:
-        parameters: L̄.
+        model: the extended model, or L̄ of the base model alone.
         joints: Q, (n, 2), rad.
         centers: centre of each touch's disc, (n, 2), m.
         radii: its radius, (n,), m.
         found: what `contact` returned for the same arguments.
-        gripper: the form of (7); a bare sign stands for the isotropic gripper.
-        extension: effects beyond the twelve parameters.
+        gripper: the form of (7); a bare sign is the isotropic gripper.
+        metadata: as in `contact`.
     """
-    contact_problem, state = _contact_problem(joints, centers, radii, gripper, extension), found.state
+    model = as_model(model)
+    contact_problem, state = _contact_problem(model, joints, centers, radii, gripper, metadata), found.state
     loaded = (state.magnitude != 0).astype(float)
     state = state._replace(
         mode1=np.where(loaded == 0, 1, state.mode1), mode2=np.where(loaded == 0, 1, state.mode2)
     )  # an unloaded touch has derivative zero; any flank keeps the algebra regular
-    e = extended_equations(parameters, contact_problem, state)
-    h_l = all_derivatives(parameters, contact_problem, state, e)
+    e = extended_equations(model, contact_problem, state)
+    h_l = all_derivatives(model, contact_problem, state, e)
     det = e.normal_f * e.tangent_d - e.normal_d * e.tangent_f
     with np.errstate(divide='ignore', invalid='ignore'):
         f_h = np.stack([e.tangent_d, -e.normal_d], axis=-1) / det[:, None]

@@ -22,9 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.model.equations import Equations, move_links
-from scara_kinetostatic.model.extended import extended_equations, with_updated_modes
-from scara_kinetostatic.model.extension import ContactProblem
-from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.extended_equations import ContactProblem, extended_equations, with_updated_modes
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.state import State, free_state, next_modes
 from scara_kinetostatic.model.statics import Arm, view_arm
 
@@ -42,23 +41,23 @@ TURN_LIMIT = 0.5
 """Largest turn of the force in one step, rad."""
 
 
-def solve_state(parameters: Parameters, contact_problem: ContactProblem) -> tuple[State, NDArray[np.bool_]]:
+def solve_state(model: ExtendedModel, contact_problem: ContactProblem) -> tuple[State, NDArray[np.bool_]]:
     """Solve the equations of n touches, tension allowed.
 
     Returns:
         The state and whether it is solved, (n,); what is not solved is left free, with f = 0.
     """
-    start = state = free_state(parameters, contact_problem.joints, contact_problem.centers)
+    start = state = free_state(model.parameters, contact_problem.joints, contact_problem.centers)
     with np.errstate(all='ignore'):
         arm: Arm | None = None
-        for _ in range(STEPS if contact_problem.extension is None else EXTENDED_STEPS):
-            e = extended_equations(parameters, contact_problem, state, arm)
-            solved = _obeys(e, parameters, contact_problem, state)
+        for _ in range(EXTENDED_STEPS if model.effects else STEPS):
+            e = extended_equations(model, contact_problem, state, arm)
+            solved = _obeys(e, model, contact_problem, state)
             if solved.all():
                 return _newton_step(e, state), solved
-            state, arm = with_updated_modes(parameters, contact_problem, _newton_step(e, state))
-        todo = ~is_solved(parameters, contact_problem, state)
-        part, done = _solve_by_modes(parameters, contact_problem.select(todo))
+            state, arm = with_updated_modes(model, contact_problem, _newton_step(e, state))
+        todo = ~is_solved(model, contact_problem, state)
+        part, done = _solve_by_modes(model, contact_problem.select(todo))
     state, solved = _put(state, todo, part), _put_mask(~todo, todo, done)
     return start.replace_where(solved, state), solved
 
@@ -71,40 +70,40 @@ def _newton_step(e: Equations, state: State) -> State:
     return move_links(e, state, change_f, change_d)
 
 
-def is_solved(parameters: Parameters, contact_problem: ContactProblem, state: State) -> NDArray[np.bool_]:
+def is_solved(model: ExtendedModel, contact_problem: ContactProblem, state: State) -> NDArray[np.bool_]:
     """Whether the state obeys equations and modes, (n,)."""
-    return _obeys(extended_equations(parameters, contact_problem, state), parameters, contact_problem, state)
+    return _obeys(extended_equations(model, contact_problem, state), model, contact_problem, state)
 
 
-def _obeys(e: Equations, parameters: Parameters, contact_problem: ContactProblem, state: State) -> NDArray[np.bool_]:
+def _obeys(e: Equations, model: ExtendedModel, contact_problem: ContactProblem, state: State) -> NDArray[np.bool_]:
     error = np.max(np.abs([e.normal, e.tangent, e.rows.row1, e.rows.row2]), axis=0)
-    wanted = next_modes(parameters, contact_problem.shifted(parameters, state).joints, state, e.rows.arm)
+    wanted = next_modes(model.parameters, contact_problem.shifted(model, state).joints, state, e.rows.arm)
     return (error < TOLERANCE) & (wanted.mode1 == state.mode1) & (wanted.mode2 == state.mode2)
 
 
 def _solve_by_modes(
-    parameters: Parameters, contact_problem: ContactProblem, warm_start: Floats | None = None
+    model: ExtendedModel, contact_problem: ContactProblem, warm_start: Floats | None = None
 ) -> tuple[State, NDArray[np.bool_]]:
     """Solve in each combination of modes, all at once; keep the first consistent one, or the one nearest to a force."""
     n, (mode1, mode2) = len(contact_problem.joints), np.array(list(product((-1.0, 1.0, 0.0), repeat=2))).T
     every = np.tile(np.arange(n), len(mode1))
-    start = free_state(parameters, contact_problem.joints, contact_problem.centers)
+    start = free_state(model.parameters, contact_problem.joints, contact_problem.centers)
     state = start.select(every)._replace(mode1=np.repeat(mode1, n), mode2=np.repeat(mode2, n))
     contact_problem = contact_problem.select(every)
     for _ in range(STEPS_BY_MODES):
-        state = _newton_step(extended_equations(parameters, contact_problem, state), state)
+        state = _newton_step(extended_equations(model, contact_problem, state), state)
     away = np.zeros(len(every)) if warm_start is None else _distance(state, warm_start[every])
-    away = np.where(is_solved(parameters, contact_problem, state), away, np.inf).reshape(len(mode1), n)
+    away = np.where(is_solved(model, contact_problem, state), away, np.inf).reshape(len(mode1), n)
     best = np.argmin(away, axis=0)
     solved = away[best, np.arange(n)] < np.inf
     return start.replace_where(solved, state.select(best * n + np.arange(n))), solved
 
 
 def nearest_equilibrium(
-    parameters: Parameters, contact_problem: ContactProblem, state: State, warm_start: Floats
+    model: ExtendedModel, contact_problem: ContactProblem, state: State, warm_start: Floats
 ) -> State:
     """Where a joint could rest on either flank, the equilibrium nearest to a force."""
-    p, radii = parameters, contact_problem.radii
+    p, radii = model.parameters, contact_problem.radii
     arm = view_arm(p, *state[:4], contact_problem.gripper)
     # joints that swing through all their play slide the tip along the disc, which also turns the force
     slide = (abs(p.g1) + np.abs(p.p1 * state.magnitude * arm.b1)) * np.abs(arm.b1)
@@ -115,7 +114,7 @@ def nearest_equilibrium(
     if not toggles.any():
         return state
     with np.errstate(all='ignore'):
-        other, found = _solve_by_modes(p, contact_problem.select(toggles), warm_start[toggles])
+        other, found = _solve_by_modes(model, contact_problem.select(toggles), warm_start[toggles])
         closer = found & (_distance(other, warm_start[toggles]) < _distance(state, warm_start)[toggles])
     return _put(state, toggles, state.select(toggles).replace_where(closer, other))
 

@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import GripperSign
-from scara_kinetostatic.model.extension import Extension
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.gripper import Gripper, as_gripper
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.robot_shift import Pose, solve_pose
@@ -76,30 +77,33 @@ def _link2_angle(parameters: Parameters, links: Floats) -> Floats:
 
 
 def inverse_kinetostatics(
-    parameters: Parameters,
+    model: ExtendedModel | Parameters,
     tip: ArrayLike,
     force: ArrayLike,
     posture: ArrayLike,
     gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
     slack: ArrayLike = 0.0,
-    extension: Extension | None = None,
+    metadata: TouchMetadata | None = None,
 ) -> tuple[Floats, Floats]:
     """Ḡ: the actuator angles and torques that hold a tip at a place under a force (4).
 
     Args:
-        parameters: L̄.
+        model: the extended model, or L̄ of the base model alone.
         tip: S, (n, 2), m.
         force: F on the object, base frame, (n, 2), N.
         posture: +1 or -1, the sign of sin(q2* + theta2), (n,) or one for all.
-        gripper: the form of (7); a bare sign stands for the isotropic gripper.
+        gripper: the form of (7); a bare sign is the isotropic gripper.
         slack: place in the dead band where a torque is zero, in [-1, 1].
-        extension: effects beyond the twelve parameters; those of the robot itself act.
+        metadata: what effects need to know of each pose; by default `TouchMetadata.plain`. Effects on the object
+            are no part of this.
 
     Returns:
         Q, (n, 2), rad, NaN where the place is out of reach, and C, (n, 2), Nm.
     """
+    model = as_model(model)
+    parameters = model.parameters
     gripper, tip, force = as_gripper(gripper), np.asarray(tip, dtype=float), np.asarray(force, dtype=float)
-    if extension is None:
+    if not model.effects:
         links, torques = _held_links(parameters, tip, force, posture, gripper)
         return links + joint_deflection(parameters, torques, slack), torques
     tip, force = np.broadcast_arrays(np.atleast_2d(tip), np.atleast_2d(force))
@@ -108,7 +112,7 @@ def inverse_kinetostatics(
         links, torques = _held_links(parameters, tip - place, force, posture, gripper)
         return Pose(links + joint_deflection(parameters, torques, slack) + turn, links, torques, tip, force)
 
-    pose = solve_pose(pose_with, parameters, len(tip), gripper, extension)
+    pose = solve_pose(pose_with, model, len(tip), gripper, metadata)
     return pose.joints, pose.torques
 
 
@@ -127,30 +131,33 @@ def _held_links(
 
 
 def direct_kinetostatics(
-    parameters: Parameters,
+    model: ExtendedModel | Parameters,
     joints: ArrayLike,
     torques: ArrayLike,
     gripper: Gripper | GripperSign = GripperSign.PHYSICAL,
     slack: ArrayLike = 0.0,
-    extension: Extension | None = None,
+    metadata: TouchMetadata | None = None,
 ) -> tuple[Floats, Floats]:
     """H̄: the tip's place and the force from actuator angles and torques (4).
 
     Args:
-        parameters: L̄.
+        model: the extended model, or L̄ of the base model alone.
         joints: Q, (n, 2), rad.
         torques: C, (n, 2), Nm.
-        gripper: the form of (7); a bare sign stands for the isotropic gripper.
+        gripper: the form of (7); a bare sign is the isotropic gripper.
         slack: place in the dead band where a torque is zero, in [-1, 1].
-        extension: effects beyond the twelve parameters; those of the robot itself act.
+        metadata: what effects need to know of each pose; by default `TouchMetadata.plain`. Effects on the object
+            are no part of this.
 
     Returns:
         S, (n, 2), m, and F on the object in the base frame, (n, 2), N; not finite
         where the arm is exactly stretched or folded and J has no inverse.
     """
+    model = as_model(model)
+    parameters = model.parameters
     gripper, joints, torques = as_gripper(gripper), np.asarray(joints, dtype=float), np.asarray(torques, dtype=float)
     links = joints - joint_deflection(parameters, torques, slack)
-    if extension is None:
+    if not model.effects:
         return _exerted(parameters, links, torques, gripper)
     joints, torques, links = (np.atleast_2d(part) for part in np.broadcast_arrays(joints, torques, links))
 
@@ -158,7 +165,7 @@ def direct_kinetostatics(
         tip, force = _exerted(parameters, links - turn, torques, gripper)
         return Pose(joints, links - turn, torques, tip + place, force)
 
-    pose = solve_pose(pose_with, parameters, len(joints), gripper, extension)
+    pose = solve_pose(pose_with, model, len(joints), gripper, metadata)
     return pose.tip, pose.force
 
 

@@ -48,9 +48,7 @@ X0, Y0, THETA1, L1, THETA2, L2, P_EE, P1, P2, G_EE, G1, G2 = range(12)
 class Parameters:
     """One set of values of L̄ = [L, L_c, L_g] (4), SI units, in the order of table 1.
 
-    `extra`, a tuple of floats, continues L̄ with the parameters of effects beyond the twelve (`law.Law`).
-    Estimates may be negative where noise makes them so; a description of a
-    real robot may not: `check_physical` tells.
+    Estimates may be negative where noise makes them so; those of a real robot are not, see `check_physical`.
 
     Raises:
         ParameterError: a value is not a finite number.
@@ -68,13 +66,8 @@ class Parameters:
     g_ee: float = 0.0
     g1: float = 0.0
     g2: float = 0.0
-    extra: Any = ()
 
     def __post_init__(self) -> None:
-        if not isinstance(self.extra, tuple) or self.extra:
-            object.__setattr__(self, 'extra', tuple(float(value) for value in self.extra))
-            if not all(map(isfinite, self.extra)):
-                raise ParameterError('extra', f'expected finite numbers, got {self.extra}')
         for name in NAMES:
             value = getattr(self, name)
             if type(value) is float and isfinite(value):  # as nearly always
@@ -87,9 +80,8 @@ class Parameters:
 
     @classmethod
     def from_array(cls, values: ArrayLike) -> Parameters:
-        """From the 12 values in the order of `NAMES`, those of `extra` behind them."""
-        listed = np.asarray(values, dtype=float).tolist()
-        return cls(**dict(zip(NAMES, listed, strict=False)), extra=tuple(listed[len(NAMES) :]))
+        """From the 12 values in the order of `NAMES`."""
+        return cls(*np.asarray(values, dtype=float).tolist())
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, float], where: str = 'parameters') -> Parameters:
@@ -107,8 +99,8 @@ class Parameters:
         return cls(**{name: values[name] for name in NAMES})
 
     def as_array(self) -> NDArray[np.float64]:
-        """The 12 values in the order of `NAMES`, then `extra`, shape (12 + k,)."""
-        return np.array([getattr(self, name) for name in NAMES] + list(self.extra))
+        """The 12 values in the order of `NAMES`, (12,)."""
+        return np.array([getattr(self, name) for name in NAMES])
 
     def as_dict(self) -> dict[str, float]:
         """The twelve by name, in the order of `NAMES`."""

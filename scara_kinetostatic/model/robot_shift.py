@@ -13,9 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.model.extension import ContactProblem, Extension
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_equations import ContactProblem
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.gripper import Gripper
-from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.state import State
 
 Floats = NDArray[np.float64]
@@ -45,7 +46,9 @@ class Pose(NamedTuple):
     force: Floats
 
 
-def shift_at(parameters: Parameters, pose: Pose, gripper: Gripper, extension: Extension) -> tuple[Floats, Floats]:
+def _shift_at(
+    model: ExtendedModel, pose: Pose, gripper: Gripper, metadata: TouchMetadata
+) -> tuple[Floats, Floats]:
     """δ, (n, 2), rad, and d, (n, 2), m, of the robot's own effects in n poses; the joints on the flanks of C."""
     magnitude, direction = np.hypot(*pose.force.T), np.arctan2(pose.force[:, 1], pose.force[:, 0])
     normal = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
@@ -53,32 +56,33 @@ def shift_at(parameters: Parameters, pose: Pose, gripper: Gripper, extension: Ex
     link1, link2 = pose.links.T
     mode1, mode2 = np.sign(pose.torques).T
     state = State(link1, link2, magnitude, direction, mode1, mode2)
-    contact_problem = ContactProblem(pose.joints, centers, radii, gripper, extension)
+    contact_problem = ContactProblem(pose.joints, centers, radii, gripper, metadata)
     with np.errstate(invalid='ignore'):
-        return extension.shift(contact_problem.touch_state(parameters, state), robot_only=True)
+        return model.shift(contact_problem.touch_state(model.parameters, state), robot_only=True)
 
 
 def solve_pose(
     pose_with: Callable[[Floats, Floats], Pose],
-    parameters: Parameters,
+    model: ExtendedModel,
     n: int,
     gripper: Gripper,
-    extension: Extension,
+    metadata: TouchMetadata | None,
 ) -> Pose:
     """The pose that agrees with what the effects do in it.
 
     Args:
         pose_with: the pose for given δ and d, (n, 2) each.
-        parameters: L̄.
+        model: the model, with effects.
         n: number of poses.
         gripper: the form of (7).
-        extension: the effects.
+        metadata: of the poses, as if they were touches; None where nothing is known.
     """
+    metadata = TouchMetadata.plain(n) if metadata is None else metadata
     turn, place = np.zeros((n, 2)), np.zeros((n, 2))
     for _ in range(PASSES):
         pose = pose_with(turn, place)
         before = turn, place
-        turn, place = shift_at(parameters, pose, gripper, extension)
+        turn, place = _shift_at(model, pose, gripper, metadata)
         change = np.abs([turn - before[0], place - before[1]])
         if not np.any(change > ROUNDING):  # where the place is out of reach it is not a number
             break

@@ -40,7 +40,7 @@ def as_document(outcome: Outcome) -> Document:
         'cell': _cell(c.cell),
         'parameters': _parameters(outcome),
         'covariance': _covariance(c),
-        'covariance_extended': _covariance(c, c.extra_std),
+        'covariance_extended': _covariance(c, c.effect_std),
         'touches': _touches(outcome),
         'noise': {'joint': c.noise.joint, 'force': c.noise.force, 'source': c.noise_source},
         **_errors(outcome),
@@ -124,7 +124,7 @@ def _covariance(c: Calibration, extra_std: Floats | None = None) -> Document:
     """Of the twelve parameters, and of the effects' if their standard deviations are given; estimated ones only."""
     names = [name for name in NAMES if c.status[name] == 'estimated']
     places = [NAMES.index(name) for name in names]
-    labels = [label for law in c.cell.effects for label in law.labels]
+    labels = c.model.names[len(NAMES) :]
     for place, std in enumerate(() if extra_std is None else extra_std):
         if np.isfinite(std):
             names.append(labels[place])

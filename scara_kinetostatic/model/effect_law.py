@@ -1,13 +1,13 @@
-"""What a physical effect is to the equations of a touch: a law, and the words in which it speaks.
+"""The interface between the model and a physical effect: what an effect reads of a touch, and what it changes.
 
-Whatever an effect does, the equations (`equations`) feel it in one of three places:
+An effect enters the equations of a touch (`equations`) in one of three places:
 
 - **joints** δ: q - q* = p c + g sign(c) + δ, an error of the encoder, the transmission or the spring;
-- **place** d: the equation of the circle becomes H(Q*) + (r + γ) n - S_c + d = 0: the tip gives way further, or
-  the disc does, is elsewhere, has another radius, or is not touched along the force;
-- **reading** e: the sensor reports F + e.
+- **place** d: the equation of the circle becomes H(Q*) + (r + γ) n - S_c + d = 0, a further displacement of the
+  tip, or one of the disc, of its radius or of the point of contact;
+- **sensor error** e: the sensor reports F + e.
 
-So an effect is a `Law`: these three as functions of the situation of a touch and of the effect's own parameters.
+An `EffectLaw` gives these three as functions of the state of a touch and of the parameters of the effect.
 """
 
 from __future__ import annotations
@@ -15,16 +15,34 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 
-Floats = NDArray[np.float64]
+
+class EffectParameter(Protocol):
+    """What the model needs of a parameter of an effect."""
+
+    @property
+    def name(self) -> str:
+        """As in the results."""
+
+    @property
+    def unit(self) -> str:
+        """SI."""
+
+    @property
+    def scale(self) -> float:
+        """Largest plausible size; the fit is scaled by it."""
+
+    @property
+    def start(self) -> float:
+        """Where the estimation begins."""
 
 
 class TouchMetadata(NamedTuple):
-    """What else is known of n touches.
+    """What is known of n touches besides Q and F.
 
     Attributes:
         disc: index of the touched disc, (n,).
@@ -34,25 +52,25 @@ class TouchMetadata(NamedTuple):
         press: the part of `approach` in contact, (n, 2), rad.
     """
 
-    disc: NDArray[np.intp]
+    disc: Indices
     time: Floats
     approach: Floats
-    posture: NDArray[np.intp]
+    posture: Indices
     press: Floats
 
     @classmethod
     def plain(cls, n: int) -> TouchMetadata:
-        """Of n touches about which nothing is known."""
+        """Of n touches of which nothing else is known: disc 0, time 0, no motion, posture +1."""
         still = np.zeros((n, 2))
         return cls(np.zeros(n, dtype=np.intp), np.zeros(n), still, np.ones(n, dtype=np.intp), still)
 
     @classmethod
     def of(cls, touches: TouchSet) -> TouchMetadata:
-        """Those of touches."""
+        """The metadata of touches."""
         return cls(touches.disc, touches.time, touches.approach, touches.posture, touches.press)
 
-    def select(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> TouchMetadata:
-        """The touches that a mask or an array of positions picks."""
+    def select(self, which: Mask | Indices | slice) -> TouchMetadata:
+        """The touches that a mask, a slice or an array of positions picks."""
         return TouchMetadata(
             self.disc[which], self.time[which], self.approach[which], self.posture[which], self.press[which]
         )
@@ -72,8 +90,8 @@ class TouchState(NamedTuple):
         link2: the same of link 2.
         centers: centre of the touched disc, (n, 2), m.
         radii: its radius, (n,), m.
-        tags: disc, time, approach, posture.
-        lean: angle from the normal of the disc to the force where it differs from touch to touch, (n,), rad.
+        metadata: disc, time, approach, posture, press.
+        off_normal: angle from the normal of the disc to the force where it differs from touch to touch, (n,), rad.
     """
 
     parameters: Parameters
@@ -91,12 +109,12 @@ class TouchState(NamedTuple):
 
     @property
     def tangent(self) -> Floats:
-        """T = R90 n, (n, 2)."""
+        """t = R90 n, (n, 2)."""
         return np.stack([-self.normal[:, 1], self.normal[:, 0]], axis=-1)
 
 
 class Shift(NamedTuple):
-    """What an effect does at n touches; None for nothing.
+    """What an effect adds to the equations of n touches; None for nothing.
 
     Attributes:
         joints: δ, (n, 2), rad.
@@ -107,32 +125,28 @@ class Shift(NamedTuple):
     place: Floats | None = None
 
 
-class Law(Protocol):
-    """What the model asks of an effect."""
+class EffectLaw(Protocol):
+    """What the model needs of an effect."""
 
     @property
-    def scales(self) -> tuple[float, ...]:
-        """Plausible size of each parameter, in its unit."""
+    def label(self) -> str:
+        """Name and target, such as ``encoder_gain[joint1]``."""
 
     @property
-    def start(self) -> tuple[float, ...]:
-        """Where the estimation of each parameter begins."""
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Each parameter's name with the effect's, such as ``encoder_gain[joint1].gain``."""
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        """The parameters that are estimated."""
 
     @property
     def off_normal_std(self) -> float:
-        """Standard deviation of the lean of the force, which differs from touch to touch, rad; 0 for most effects."""
+        """Standard deviation of the off-normal angle of the force, rad; 0 for most effects."""
 
     @property
     def on_object(self) -> bool:
-        """Whether `place` belongs to the object rather than to the robot: then H̄ and Ḡ do not see it."""
+        """Whether `place` belongs to the object rather than to the robot: then it is no part of H̄ and Ḡ."""
 
     @property
     def scaled_by(self) -> tuple[str, ...]:
-        """Names of the parameters of the robot, such as ``p1``, that the shift is proportional to."""
+        """Names of the parameters of L̄, such as ``p1``, that the shift is proportional to."""
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
         """δ and d at n touches for values (k,) of the effect's parameters."""
@@ -141,10 +155,10 @@ class Law(Protocol):
         """The derivatives of δ and d, one per parameter."""
 
     def amplitudes(self, values: Floats) -> Floats:
-        """The values, zero where they say how the effect is rather than how strong."""
+        """The values (k,), with zeros for those that describe the form of the effect rather than its size."""
 
     def sensor_error(self, force: Floats, values: Floats) -> Floats | None:
-        """The error e for true forces (n, 2) in the sensor's frame, N; None if it is not an effect of the sensor."""
+        """The error e for true forces (n, 2) in the sensor's frame, N; None for effects that do not change it."""
 
     def sensor_error_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
-        """The derivatives of e, one per parameter; none if it is not an effect of the sensor."""
+        """The derivatives of e, one per parameter; empty for effects that do not change it."""

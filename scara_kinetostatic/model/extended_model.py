@@ -1,0 +1,156 @@
+"""The extended model: the base model of twelve parameters and physical effects, with the values of all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import isfinite
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.effect_law import EffectLaw, Shift, TouchState
+from scara_kinetostatic.model.parameters import NAMES, Parameters
+
+_ROBOT_STEP = 1e-6
+"""Step of the central difference over a parameter of L̄, in its unit; the shift is linear in it."""
+
+
+@dataclass(frozen=True)
+class ExtendedModel:
+    """The base model and the effects that extend it, with their values.
+
+    Solvers take all values as one vector, `as_array`: L̄ in the order of `NAMES`, then the parameters of the effects,
+    effect by effect (`names`).
+
+    Attributes:
+        parameters: L̄, the twelve of the base model.
+        effects: the effects; none for the base model alone.
+        effect_values: of each effect, the values of its parameters in their order and units.
+
+    Raises:
+        ParameterError: not one finite value for each parameter of each effect.
+    """
+
+    parameters: Parameters
+    effects: tuple[EffectLaw, ...] = ()
+    effect_values: tuple[tuple[float, ...], ...] = ()
+
+    def __post_init__(self) -> None:
+        if not (self.effects or self.effect_values):
+            return
+        object.__setattr__(self, 'effects', tuple(self.effects))
+        values = tuple(tuple(float(value) for value in part) for part in self.effect_values)
+        object.__setattr__(self, 'effect_values', values)
+        wanted = [len(effect.parameters) for effect in self.effects]
+        if [len(part) for part in values] != wanted:
+            problem = f'expected {wanted} values, effect by effect, got {[len(part) for part in values]}'
+            raise ParameterError('effects', problem, 'give one per parameter')
+        if not all(isfinite(value) for part in values for value in part):
+            raise ParameterError('effects', f'expected finite values, got {values}')
+
+    @classmethod
+    def at_start(cls, parameters: Parameters, effects: Iterable[EffectLaw] = ()) -> ExtendedModel:
+        """L̄ and effects with the values at which their estimation begins."""
+        effects = tuple(effects)
+        return cls(parameters, effects, tuple(tuple(p.start for p in effect.parameters) for effect in effects))
+
+    @property
+    def values(self) -> dict[str, dict[str, float]]:
+        """Values of the effects' parameters by label and name: ``values['encoder_gain[joint1]']['gain']``."""
+        pairs = zip(self.effects, self.effect_values, strict=True)
+        return {
+            effect.label: {p.name: value for p, value in zip(effect.parameters, part, strict=True)}
+            for effect, part in pairs
+        }
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each value of `as_array`: those of L̄, then such as ``encoder_gain[joint1].gain``."""
+        return NAMES + tuple(f'{effect.label}.{p.name}' for effect in self.effects for p in effect.parameters)
+
+    @property
+    def effect_scales(self) -> Floats:
+        """Plausible size of each parameter of the effects, (k,), in its unit."""
+        return np.array([p.scale for effect in self.effects for p in effect.parameters])
+
+    def as_array(self) -> Floats:
+        """All values in the order of `names`, (12 + k,)."""
+        base = self.parameters.as_array()
+        return np.concatenate([base, *self.effect_arrays]) if self.effects else base
+
+    def with_array(self, values: ArrayLike) -> ExtendedModel:
+        """The same effects with other values, (12 + k,) in the order of `names`."""
+        vector = np.asarray(values, dtype=float)
+        base = Parameters.from_array(vector[: len(NAMES)])
+        if not self.effects:
+            return ExtendedModel(base)
+        return ExtendedModel(base, self.effects, tuple(tuple(part.tolist()) for part in self.split(vector[len(NAMES) :])))
+
+    def split(self, values: Floats) -> list[Floats]:
+        """One value per parameter of the effects, (k,), as one array per effect."""
+        return np.split(values, np.cumsum([len(effect.parameters) for effect in self.effects])[:-1])
+
+    def with_effects(self, effects: Iterable[EffectLaw]) -> ExtendedModel:
+        """L̄ with other effects: those that this model has, too, with their values here, the others at their start."""
+        own = zip(self.effects, self.effect_values, strict=True)
+        known = {(effect.label, effect.parameters): values for effect, values in own}
+        other = ExtendedModel.at_start(self.parameters, effects)
+        pairs = zip(other.effects, other.effect_values, strict=True)
+        values = tuple(known.get((effect.label, effect.parameters), start) for effect, start in pairs)
+        return replace(other, effect_values=values)
+
+    def replace(self, **changes: float) -> ExtendedModel:
+        """The same with some of the twelve changed, by name."""
+        return replace(self, parameters=self.parameters.replace(**changes))
+
+    @cached_property
+    def effect_arrays(self) -> tuple[Floats, ...]:
+        """`effect_values` as arrays, (k_i,) each."""
+        return tuple(np.array(part) for part in self.effect_values)
+
+    @property
+    def off_normal_std(self) -> float:
+        """Standard deviation of the off-normal angle of the force, rad; 0 where no effect has one."""
+        return max((effect.off_normal_std for effect in self.effects), default=0.0)
+
+    def shift(self, at: TouchState, robot_only: bool = False) -> tuple[Floats, Floats]:
+        """δ, rad, and d, m, of all effects together, (n, 2) each.
+
+        Args:
+            at: the touches.
+            robot_only: whether to leave out the displacements d of effects on the object.
+        """
+        joints, place = np.zeros_like(at.joints), np.zeros_like(at.joints)
+        for effect, values in zip(self.effects, self.effect_arrays, strict=True):
+            part = effect.shift(at, values)
+            if part.joints is not None:
+                joints = joints + part.joints
+            if part.place is not None and not (robot_only and effect.on_object):
+                place = place + part.place
+        return joints, place
+
+    def shift_by_effects(self, at: TouchState) -> list[Shift]:
+        """The derivatives of δ and d by each parameter of the effects, in the order of `names`."""
+        pairs = zip(self.effects, self.effect_arrays, strict=True)
+        return [part for effect, values in pairs for part in effect.derivative(at, values)]
+
+    def shift_by_robot(self, at: TouchState) -> dict[str, Shift]:
+        """The derivatives of δ and d by the parameters of L̄ that scale them, by name; central differences."""
+        found = {}
+        for name in dict.fromkeys(name for effect in self.effects for name in effect.scaled_by):
+            value = getattr(at.parameters, name)
+            up, down = (
+                self.shift(at._replace(parameters=at.parameters.replace(**{name: value + sign * _ROBOT_STEP})))
+                for sign in (1, -1)
+            )
+            found[name] = Shift(*((a - b) / (2 * _ROBOT_STEP) for a, b in zip(up, down, strict=True)))
+        return found
+
+
+def as_model(model: ExtendedModel | Parameters) -> ExtendedModel:
+    """Bare parameters are the base model without effects."""
+    return model if isinstance(model, ExtendedModel) else ExtendedModel(model)

@@ -1,0 +1,100 @@
+"""Errors of the force sensor: what it reports for a true force, and the true force behind what it reports.
+
+The effects of an extended model let the sensor report F + e(F), in its own frame. The equations of a touch hold for the
+true force F, the adjustment varies the reported one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.extended_model import ExtendedModel
+
+_PASSES = 12
+"""Newton steps at most."""
+_STEP = 1e-5
+"""Step of the central difference over a force, as a part of it (of 1 N at least)."""
+_ROUNDING = 1e-15
+"""Error of the force that a true force gives, as a part of the largest one, at which the iteration ends."""
+_UNSOLVED = 1e-9
+"""The same, beyond which there is no true force."""
+
+
+def has_sensor_error(model: ExtendedModel) -> bool:
+    """Whether any effect of a model is an error of the sensor."""
+    if not model.effects:
+        return False
+    probe = np.ones((1, 2))
+    return any(effect.sensor_error(probe, np.ones(len(effect.parameters))) is not None for effect in model.effects)
+
+
+def reported_force(model: ExtendedModel, force: Floats) -> Floats:
+    """F + e(F) for true forces (n, 2) in the sensor's frame, N."""
+    total = np.zeros_like(force)
+    for effect, values in zip(model.effects, model.effect_arrays, strict=True):
+        part = effect.sensor_error(force, values)
+        total = total if part is None else total + part
+    return force + total
+
+
+def true_force(model: ExtendedModel, reported: Floats) -> Floats:
+    """The true forces behind reported ones, (n, 2), N, in the sensor's frame; NaN where there is none.
+
+    By Newton's method.
+    """
+    if not has_sensor_error(model):
+        return reported
+    force, most = reported, np.abs(reported).max(initial=0.0)
+    with np.errstate(all='ignore'):
+        for _ in range(_PASSES):
+            off = reported_force(model, force) - reported
+            if not np.any(np.abs(off) > _ROUNDING * most):
+                break
+            force = force - np.einsum('nij,nj->ni', _true_by_reported(model, force), off)
+        return np.where(np.abs(off) <= _UNSOLVED * most, force, np.nan)
+
+
+def true_force_derivative(model: ExtendedModel, reported: Floats) -> Floats:
+    """∂F/∂(reported F) at reported forces (n, 2), each in components along and across itself, (n, 2, 2)."""
+    force = true_force(model, reported)
+    matrix = _true_by_reported(model, force)
+    unit = reported / np.hypot(reported[:, 0], reported[:, 1])[:, None]
+    columns = [matrix @ unit[:, :, None], matrix @ np.stack([-unit[:, 1], unit[:, 0]], axis=-1)[:, :, None]]
+    return np.stack([along_and_across(column[:, :, 0], force) for column in columns], axis=-1)
+
+
+def sensor_error_columns(model: ExtendedModel, reported: Floats, by_reported: Floats) -> Floats:
+    """The derivatives of h by the parameters of the effects through the sensor error, (n, 2, k).
+
+    The true force behind a reported one changes by -∂F/∂(reported F) ∂e.
+
+    Args:
+        model: with k parameters of effects.
+        reported: forces, (n, 2), N.
+        by_reported: ∂h by the reported force, along and across it, (n, 2, 2).
+    """
+    columns, force = [], true_force(model, reported)
+    for effect, values in zip(model.effects, model.effect_arrays, strict=True):
+        none = (np.zeros_like(force),) * len(effect.parameters)
+        for error in effect.sensor_error_derivative(force, values) or none:
+            columns.append(-np.einsum('nij,nj->ni', by_reported, along_and_across(error, reported)))
+    return np.stack(columns, axis=-1)
+
+
+def along_and_across(vectors: Floats, force: Floats) -> Floats:
+    """Components of vectors (n, 2) along and across forces (n, 2)."""
+    x, y = np.moveaxis(force / np.hypot(force[:, 0], force[:, 1])[:, None], -1, 0)
+    return np.stack([vectors[:, 0] * x + vectors[:, 1] * y, vectors[:, 1] * x - vectors[:, 0] * y], axis=-1)
+
+
+def _true_by_reported(model: ExtendedModel, force: Floats) -> Floats:
+    """∂F/∂(reported F) at true forces (n, 2), (n, 2, 2): the inverse of what central differences give."""
+    step = _STEP * np.maximum(np.hypot(force[:, 0], force[:, 1]), 1.0)[:, None]
+    columns = [
+        (reported_force(model, force + step * unit) - reported_force(model, force - step * unit)) / (2 * step)
+        for unit in np.eye(2)
+    ]
+    (a, c), (b, d) = (column.T for column in columns)
+    inverse = np.stack([np.stack([d, -b], axis=-1), np.stack([-c, a], axis=-1)], axis=-2)
+    return np.asarray(inverse / (a * d - b * c)[:, None, None])
