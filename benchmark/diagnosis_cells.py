@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 from zlib import crc32
 
@@ -18,6 +17,7 @@ from scara_kinetostatic.calibration.solver import FINAL, Subspace, minimise
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Disc, Noise
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import Plan, default_plan
@@ -78,10 +78,9 @@ class Played(NamedTuple):
         """Of the effects."""
         return tuple(effect.label for effect in self.effects)
 
-    @property
-    def extra(self) -> tuple[float, ...]:
-        """All values in a row."""
-        return tuple(float(value) for part in self.values for value in part)
+    def robot(self, truth: Parameters) -> ExtendedModel:
+        """A robot with these effects."""
+        return ExtendedModel(truth, self.effects, tuple(tuple(part.tolist()) for part in self.values))
 
     def scaled(self, factor: float) -> Played:
         """Effects stronger by a factor; what is no strength (a phase, a frequency) stays."""
@@ -116,15 +115,14 @@ def play(setup: Setup, played: Played, noise: Noise = NOISE, seed: int = 0) -> T
     Raises:
         UnsupportedDataError: the robot cannot hold a touch.
     """
-    cell = replace(setup.cell, effects=played.effects)
-    return simulate_touches(cell, setup.truth.replace(extra=played.extra), setup.plan, noise, seed)
+    return simulate_touches(setup.cell, played.robot(setup.truth), setup.plan, noise, seed)
 
 
 def trace(setup: Setup, played: Played) -> float:
     """By how much effects raise the reduced chi-square of the twelve parameters, fitted to all touches."""
     observations: Observations = observe(play(setup, played, Noise(0.0, 0.0)), setup.cell)
-    start = setup.truth
-    subspace = Subspace(start.as_array(), np.diag(scales_of(observations)))
+    start = ExtendedModel(setup.truth)
+    subspace = Subspace(start.as_array(), np.diag(scales_of(start)))
     fit = minimise(observations, start, project(observations, start, NOISE).adjusted, subspace, NOISE, FINAL)
     return float(fit.point.distance.sum()) / (2 * len(setup.plan) - len(NAMES))
 

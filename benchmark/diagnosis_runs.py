@@ -22,7 +22,7 @@ from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.registry import catalogue, find
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 
 NOISES = ('given', 'estimated')
@@ -62,7 +62,7 @@ def work(task: Task) -> list[Record]:
         if played is None:
             records += [replace(blank, noise=noise) for noise in task.noises]
             continue
-        blank.values = played.extra
+        blank.values = tuple(float(value) for part in played.values for value in part)
         try:
             touches = _touches(task, setup, played, seed)
         except ScaraKinetostaticError as error:
@@ -155,8 +155,8 @@ def _measure(record: Record, setup: Setup, cell: Cell, played: Played, outcome: 
     if record.section == 'clean':
         record.z = _largest_z(before, truth), _largest_z(after, truth), np.nan
         return
-    warm_start = WarmStart(truth.replace(extra=played.extra), NOISE, np.ones(len(before.touches), dtype=bool))
-    true = calibrate(before.touches, replace(cell, effects=played.effects), warm_start=warm_start)
+    warm_start = WarmStart(played.robot(truth), NOISE, np.ones(len(before.touches), dtype=bool))
+    true = calibrate(before.touches, cell, played.effects, warm_start=warm_start)
     three = before, after, true
     first, second, third = (held_out_force_error(replace(fit, used=true.used)).force_error for fit in three)
     record.held = first, second, third
@@ -165,8 +165,7 @@ def _measure(record: Record, setup: Setup, cell: Cell, played: Played, outcome: 
 
 
 def _largest_z(fit: Calibration, truth: Parameters) -> float:
-    count = len(NAMES)
-    return float(np.nanmax(np.abs(fit.parameters.as_array()[:count] - truth.as_array()[:count]) / fit.std))
+    return float(np.nanmax(np.abs(fit.parameters.as_array() - truth.as_array()) / fit.std))
 
 
 def _value_z(found: Diagnosis, played: Played) -> float:

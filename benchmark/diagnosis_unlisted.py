@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from benchmark.diagnosis_cells import Played, Setup, seed_of
 from scara_kinetostatic.effects.base import DiscEffect, Effect, JointEffect, Parameter
-from scara_kinetostatic.model.law import TouchState
+from scara_kinetostatic.model.effect_law import TouchState
 
 Floats = NDArray[np.float64]
 

@@ -26,6 +26,7 @@ from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import turn_radial
 from scara_kinetostatic.calibration.solver import COARSE, FINAL, Subspace, minimise
+from scara_kinetostatic.model.extended_model import ExtendedModel
 
 Floats = NDArray[np.float64]
 START = CELL.nominal.as_array()
@@ -47,9 +48,10 @@ def minimisation(problem: Problem) -> Ready:
     def solve() -> Answer:
         observations = observe(problem.touches, CELL)
         everything = Subspace(START, np.diag(SCALES))
-        near = minimise(observations, CELL.nominal, first_guess(observations, CELL.nominal), everything, NOISE, COARSE)
+        start = ExtendedModel(CELL.nominal)
+        near = minimise(observations, start, first_guess(observations, start), everything, NOISE, COARSE)
         adjusted = turn_radial(observations, near.point)
-        fit = minimise(observations, near.point.parameters, adjusted, everything, NOISE, FINAL)
+        fit = minimise(observations, near.point.model, adjusted, everything, NOISE, FINAL)
         iterations = near.iterations + fit.iterations
         return Answer(fit.point.parameters.as_array(), iterations, fit.termination.value == 'converged')
 

@@ -97,8 +97,8 @@ def words(item: Found, truth: dict[str, float]) -> str:
 
 def deviation(fit: Calibration, scene: Scene) -> float:
     """Largest deviation of the twelve from those that touches show, in standard deviations; NaN if one has none."""
-    expected = expected_parameters(scene).as_array()[:12]
-    return float(np.abs((fit.parameters.as_array()[:12] - expected) / fit.std).max())
+    expected = expected_parameters(scene).as_array()
+    return float(np.abs((fit.parameters.as_array() - expected) / fit.std).max())
 
 
 def arrow(before: float, after: float) -> str:

@@ -118,9 +118,7 @@ def first_guess(observations: Observations, model: ExtendedModel) -> Adjusted:
     return as_measured(o, model, free_state(model.parameters, o.joints, o.centers))[0]
 
 
-def place_force(
-    observations: Observations, model: ExtendedModel, joints: Floats, force: Floats, state: State
-) -> State:
+def place_force(observations: Observations, model: ExtendedModel, joints: Floats, force: Floats, state: State) -> State:
     """The state with magnitude and base-frame direction of a force as the sensor reports it."""
     force = true_force(model, force)
     direction = np.arctan2(force[:, 1], force[:, 0])

@@ -214,9 +214,7 @@ def condition_number(derivative: Floats) -> float:
     return float(values[0] / values[-1]) if values[-1] > 0 else float('inf')
 
 
-def determined_pairs(
-    directions: Floats, free: Indices, values: Floats, covariance: Floats
-) -> tuple[Combination, ...]:
+def determined_pairs(directions: Floats, free: Indices, values: Floats, covariance: Floats) -> tuple[Combination, ...]:
     """For each unseen direction that ties two parameters, the sum of the two that is determined."""
     found = []
     for row in _sparse_rows(directions.T):

@@ -274,9 +274,7 @@ def part_of(point: Point, where: slice) -> Point:
     )
 
 
-def _system(
-    point: Point, subspace: Subspace, stage: Stage, used: Mask | None
-) -> tuple[steps.Compressed, float]:
+def _system(point: Point, subspace: Subspace, stage: Stage, used: Mask | None) -> tuple[steps.Compressed, float]:
     scale, weights = 1.0, None if used is None else used.astype(float)
     if stage.robust:
         scale = steps.typical_scale(_of_used(point, used))

@@ -95,9 +95,10 @@ def _stream(stamp: NDArray[np.int64]) -> dict[str, float | int]:
 def _touches(detection: Detection, cell: Cell) -> list[dict[str, Any]]:
     """One entry per touch, accepted or not, in the order of time."""
     from scara_kinetostatic.calibration.prediction import base_force, observe
+    from scara_kinetostatic.model.extended_model import ExtendedModel
 
     touches = detection.touches
-    force = base_force(observe(touches, cell), cell.nominal)
+    force = base_force(observe(touches, cell), ExtendedModel(cell.nominal))
     accepted = {
         int(touches.index[k]): {
             'object': cell.discs[touches.disc[k]].name,

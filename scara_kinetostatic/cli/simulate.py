@@ -129,10 +129,10 @@ def run(args: argparse.Namespace) -> int:
     cell = _cell(args)
     known = _truth(args.truth, cell)
     truth = Truth(known.parameters, (*known.effects, *(parse_effect(text, cell) for text in args.effect)))
-    real = with_effects(cell, *truth)
+    robot = with_effects(*truth)
     plan = _plan(args, cell)
     with _beside(args.truth_file, truth_text(*truth, args.seed)):
-        streams = simulate_streams(*real, plan, sensors=_sensors(args, cell), seed=args.seed)
+        streams = simulate_streams(cell, robot, plan, sensors=_sensors(args, cell), seed=args.seed)
         form = {'storage': args.storage, 'compression': args.compression, 'with_cell': not args.plain}
         write_streams(args.out, streams, cell, **form)
     duration = 1e-9 * float(max(streams.joints.stamp[-1], streams.wrench.stamp[-1]) - streams.joints.stamp[0])

@@ -22,7 +22,7 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, P1, P2, P_EE, THETA1, THETA2, Parameters
+from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, P1, P2, P_EE, THETA1, THETA2
 
 ZEROS = {'joint1': THETA1, 'joint2': THETA2, 'along': G_EE}
 """Which of the twelve a constant in a channel of an unnamed curve is."""

@@ -28,7 +28,7 @@ def penalised_deviance(calibration: Calibration, penalty: float, scale: float) -
         scale: s², the size of the noise in which distances are counted.
     """
     c = calibration
-    point = project(observe(c.touches, c.cell), c.parameters, c.noise)
+    point = project(observe(c.touches, c.cell), c.model, c.noise)
     l11, _, l22 = point.whitened.root
     rejection = -2 * np.log(FALSE_REJECTIONS / len(c.touches))
     distance = np.where(c.used, point.distance / scale, rejection)

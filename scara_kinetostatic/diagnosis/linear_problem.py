@@ -22,14 +22,14 @@ from scara_kinetostatic.calibration.identifiability import scales_of, unidentifi
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.model.sensor_error import along_and_across, true_force
 from scara_kinetostatic.calibration.solver import Point, Subspace
 from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
 from scara_kinetostatic.effects.base import Effect, Trial
-from scara_kinetostatic.model.equations import Equations
 from scara_kinetostatic.model.effect_law import Shift, TouchState
+from scara_kinetostatic.model.equations import Equations
 from scara_kinetostatic.model.extended_equations import extended_equations, shift_column
 from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.model.sensor_error import along_and_across, true_force
 
 Floats = NDArray[np.float64]
 
@@ -116,7 +116,9 @@ def pose_problem(calibration: Calibration) -> Problem:
         contact_problem.touch_state(c.parameters, state),
     )
     by_base = point.whitened.derivative[:, :, : len(NAMES)].copy()
-    for name, shift in c.model.shift_by_robot(touch_state).items():  # the effects are to be taken out, and this with them
+    for name, shift in c.model.shift_by_robot(
+        touch_state
+    ).items():  # the effects are to be taken out, and this with them
         by_base[:, :, NAMES.index(name)] -= whiten_by(shift_column(shift, state, equations), point.whitened.root)
     jacobian = (by_base @ seen).reshape(2 * len(touches), -1)
     base = orthonormal(jacobian)
@@ -133,9 +135,7 @@ def pose_problem(calibration: Calibration) -> Problem:
         response=-seen @ np.linalg.pinv(jacobian),
         without=np.zeros(len(NAMES)),
     )
-    amplitudes = [
-        effect.amplitudes(part) for effect, part in zip(c.model.effects, c.model.effect_arrays, strict=True)
-    ]
+    amplitudes = [effect.amplitudes(part) for effect, part in zip(c.model.effects, c.model.effect_arrays, strict=True)]
     effects = point.whitened.derivative[:, :, len(NAMES) :].reshape(len(base), -1)
     y = point.whitened.residual.ravel() - effects @ np.concatenate([np.empty(0), *amplitudes])
     return problem._replace(left=y - base @ (base.T @ y), without=problem.response @ y)

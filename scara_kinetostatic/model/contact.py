@@ -116,9 +116,7 @@ def _reaches(parameters: Parameters, free: State, centers: Floats, radii: Floats
     return np.hypot(tip[:, 0] - centers[:, 0], tip[:, 1] - centers[:, 1]) < radii + NEGATIVE_PLAY
 
 
-def _as_contact(
-    model: ExtendedModel, contact_problem: ContactProblem, state: State, solved: Mask
-) -> Contact:
+def _as_contact(model: ExtendedModel, contact_problem: ContactProblem, state: State, solved: Mask) -> Contact:
     discs = contact_problem.centers
     if model.effects:
         at = contact_problem.touch_state(model.parameters, state)

@@ -109,7 +109,7 @@ class TouchState(NamedTuple):
 
     @property
     def tangent(self) -> Floats:
-        """t = R90 n, (n, 2)."""
+        """T = R90 n, (n, 2)."""
         return np.stack([-self.normal[:, 1], self.normal[:, 0]], axis=-1)
 
 

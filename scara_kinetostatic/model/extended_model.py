@@ -88,10 +88,14 @@ class ExtendedModel:
         base = Parameters.from_array(vector[: len(NAMES)])
         if not self.effects:
             return ExtendedModel(base)
-        return ExtendedModel(base, self.effects, tuple(tuple(part.tolist()) for part in self.split(vector[len(NAMES) :])))
+        return ExtendedModel(
+            base, self.effects, tuple(tuple(part.tolist()) for part in self.split(vector[len(NAMES) :]))
+        )
 
     def split(self, values: Floats) -> list[Floats]:
         """One value per parameter of the effects, (k,), as one array per effect."""
+        if not self.effects:
+            return []
         return np.split(values, np.cumsum([len(effect.parameters) for effect in self.effects])[:-1])
 
     def with_effects(self, effects: Iterable[EffectLaw]) -> ExtendedModel:

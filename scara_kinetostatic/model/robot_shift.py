@@ -46,9 +46,7 @@ class Pose(NamedTuple):
     force: Floats
 
 
-def _shift_at(
-    model: ExtendedModel, pose: Pose, gripper: Gripper, metadata: TouchMetadata
-) -> tuple[Floats, Floats]:
+def _shift_at(model: ExtendedModel, pose: Pose, gripper: Gripper, metadata: TouchMetadata) -> tuple[Floats, Floats]:
     """δ, (n, 2), rad, and d, (n, 2), m, of the robot's own effects in n poses; the joints on the flanks of C."""
     magnitude, direction = np.hypot(*pose.force.T), np.arctan2(pose.force[:, 1], pose.force[:, 0])
     normal = np.stack([np.cos(direction), np.sin(direction)], axis=-1)

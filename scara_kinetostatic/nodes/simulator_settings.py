@@ -11,6 +11,7 @@ from rclpy.node import Node
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, PAPER_ACTUAL, PAPER_NOMINAL, UNITS, Parameters
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.declare import Range, cell_or_example
@@ -34,9 +35,9 @@ class SimulatorSettings:
     """What is simulated.
 
     Attributes:
-        cell: with the frame and the sign that the simulated sensor really has, and the effects to play.
+        cell: with the frame and the sign that the simulated sensor really has.
         plan: the touches.
-        truth: the parameters of the simulated robot, those of its effects included.
+        truth: the simulated robot, with its effects.
         sensors: noise, bias and rates.
         seed: of all random numbers.
         wait_for_subscribers: subscribers that both topics need before the play begins.
@@ -44,7 +45,7 @@ class SimulatorSettings:
 
     cell: Cell
     plan: Plan
-    truth: Parameters
+    truth: ExtendedModel
     sensors: SensorModel
     seed: int
     wait_for_subscribers: int
@@ -57,11 +58,10 @@ def declare_simulator(node: Node) -> SimulatorSettings:
         InputError: the cell or the plan cannot be read, or a value or an effect makes no sense.
     """
     cell = _cell(node)
-    real, truth = _with_effects(node, cell)
     return SimulatorSettings(
-        cell=real,
+        cell=cell,
         plan=_plan(node, cell),
-        truth=truth,
+        truth=_with_effects(node, cell),
         sensors=_sensors(node, cell),
         seed=declare.whole(node, 'seed', 0, 'seed of the noise', Range(0, 2**31 - 1)),
         wait_for_subscribers=declare.whole(
@@ -98,11 +98,11 @@ def _choice(name: str, value: str, default: _E, choices: type[_E]) -> _E:
         raise ParameterError(f'parameter {name}', f'expected {expected}, got {value!r}') from None
 
 
-def _with_effects(node: Node, cell: Cell) -> tuple[Cell, Parameters]:
-    """The cell and the true parameters, those of the effects included."""
+def _with_effects(node: Node, cell: Cell) -> ExtendedModel:
+    """The simulated robot, with its effects."""
     how = "what the robot has beyond the twelve parameters, each as 'name[target]:parameter=value,parameter=value'"
     chosen = [parse_effect(text, cell) for text in declare.texts(node, 'effects', how)]
-    return with_effects(cell, _truth(node, cell.nominal), chosen)
+    return with_effects(_truth(node, cell.nominal), chosen)
 
 
 def _truth(node: Node, nominal: Parameters) -> Parameters:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from math import isfinite
 from typing import NamedTuple
 
@@ -11,6 +10,7 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import Parameters
 
 
@@ -80,8 +80,8 @@ def wanted(effect: Effect) -> str:
     return f'the parameters of {effect.label} are {listed}' if listed else f'{effect.label} has no parameters'
 
 
-def with_effects(cell: Cell, truth: Parameters, chosen: Iterable[Chosen]) -> tuple[Cell, Parameters]:
-    """The cell and the robot with effects, as the simulation takes them.
+def with_effects(truth: Parameters, chosen: Iterable[Chosen]) -> ExtendedModel:
+    """The robot with effects.
 
     Raises:
         ParameterError: an effect is chosen twice.
@@ -91,5 +91,4 @@ def with_effects(cell: Cell, truth: Parameters, chosen: Iterable[Chosen]) -> tup
     for label in labels:
         if labels.count(label) > 1:
             raise ParameterError(f'effect {label!r}', 'is given twice', 'give it once')
-    values = tuple(value for item in chosen for value in item.values)
-    return replace(cell, effects=tuple(item.effect for item in chosen)), truth.replace(extra=values)
+    return ExtendedModel(truth, tuple(item.effect for item in chosen), tuple(item.values for item in chosen))

@@ -1,7 +1,7 @@
 """The force that comes of commanded joint angles where the robot has effects beyond the twelve parameters.
 
 The controller knows the twelve alone: it commands Ḡ(S, F) without effects. What force that gives is up to the
-physics, F = A(Q, L̄) with the effects of the cell. A controller that presses until the sensor shows a force aims
+physics, F = A(Q, L̄) with the effects. A controller that presses until the sensor shows a force aims
 deeper, or less deep, than the twelve say; by how much is found here at two levels, a light one and that of the hold,
 and is linear in the force between them and beyond.
 """
@@ -14,12 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.contact import Contact, contact
-from scara_kinetostatic.model.extension import Extension
-from scara_kinetostatic.model.law import TouchMetadata
-from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.simulation.plan import Plan
 
 Floats = NDArray[np.float64]
@@ -43,25 +42,16 @@ class Loading:
     """The touches of a plan under load.
 
     Attributes:
-        cell: discs, gripper, effects.
-        truth: L̄, the values of the effects in `extra`.
+        cell: discs, gripper.
+        truth: the simulated robot.
         plan: the m touches.
         tags: what effects ask of each touch besides.
-
-    Raises:
-        ParameterError: `truth.extra` does not hold the parameters of the effects.
     """
 
     cell: Cell
-    truth: Parameters
+    truth: ExtendedModel
     plan: Plan
     metadata: TouchMetadata
-
-    def __post_init__(self) -> None:
-        number = sum(len(law.scales) for law in self.cell.effects)
-        if len(self.truth.extra) != number:
-            problem = f'expected {number} values of the effects of the cell, got {len(self.truth.extra)}'
-            raise ParameterError('truth: extra', problem, 'give one per parameter, effect by effect')
 
     def contact(self, touch: Index, joints: Floats, warm_start: Floats, tension: bool = False) -> Contact:
         """A(Q, L̄) at k moments of touches.
@@ -81,7 +71,7 @@ class Loading:
             self.cell.gripper,
             tension=tension,
             warm_start=warm_start,
-            extension=Extension(self.cell.effects, self.metadata.select(touch)),
+            metadata=self.metadata.select(touch),
         )
 
     def along(self, touch: Index, joints: Floats, warm_start: Floats) -> Floats:

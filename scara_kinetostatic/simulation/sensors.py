@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model import sensor_error
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
-from scara_kinetostatic.model.extension import Extension
+from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import rotate
-from scara_kinetostatic.model.law import TouchMetadata
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.phases import TRAVEL
 from scara_kinetostatic.simulation.trajectory import Instant
@@ -96,13 +96,18 @@ class SensorModel:
         return np.round(read / self.resolution) * self.resolution if self.resolution else read
 
     def read_force(
-        self, cell: Cell, truth: Parameters, instant: Instant, errors: Floats, random: np.random.Generator
+        self,
+        cell: Cell,
+        truth: ExtendedModel | Parameters,
+        instant: Instant,
+        errors: Floats,
+        random: np.random.Generator,
     ) -> Floats:
         """Forces as the sensor reports them: its frame, its sign, its zero, (k, 2), N.
 
         Args:
-            cell: frame and sign of the sensor, effects.
-            truth: its theta1 and theta2 place the tool frame; in `extra` are the values of the effects.
+            cell: frame and sign of the sensor.
+            truth: its theta1 and theta2 place the tool frame; its effects may be errors of the sensor.
             instant: the cell at the k stamps.
             errors: of each touch in the hold, base frame, (m, 2), N.
             random: source of the white noise.
@@ -130,23 +135,28 @@ def in_sensor_frame(cell: Cell, truth: Parameters, joints: Floats, force: Floats
 
 
 def reported_force(
-    cell: Cell, truth: Parameters, joints: Floats, force: Floats, error: Floats, level: Floats | None = None
+    cell: Cell,
+    truth: ExtendedModel | Parameters,
+    joints: Floats,
+    force: Floats,
+    error: Floats,
+    level: Floats | None = None,
 ) -> Floats:
     """What the sensor makes of the force on the object, its sign and zero aside, (k, 2), N, in its frame.
 
     Args:
-        cell: frame of the sensor, effects.
-        truth: places the tool frame; in `extra` are the values of the effects.
+        cell: frame of the sensor.
+        truth: places the tool frame; its effects may be errors of the sensor.
         joints: Q, (k, 2), rad.
         force: true force, base frame, (k, 2), N.
         error: noise of the touch, base frame, (k, 2), N.
         level: force as a part of that of the hold, (k,); None in the hold.
     """
-    reported = in_sensor_frame(cell, truth, joints, force + error)
-    if cell.effects:
-        effects = Extension(cell.effects, TouchMetadata.plain(0))
-        true = in_sensor_frame(cell, truth, joints, force)
-        reported = reported + effects.read(truth, true) - true
+    model = as_model(truth)
+    reported = in_sensor_frame(cell, model.parameters, joints, force + error)
+    if model.effects:
+        true = in_sensor_frame(cell, model.parameters, joints, force)
+        reported = reported + sensor_error.reported_force(model, true) - true
         if level is not None:
-            reported -= (1.0 - level)[:, None] * effects.read(truth, np.zeros_like(true))
+            reported -= (1.0 - level)[:, None] * sensor_error.reported_force(model, np.zeros_like(true))
     return reported

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from scara_kinetostatic.model.cell import Cell, Noise
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.phases import Timing
@@ -19,7 +20,7 @@ START = 1_700_000_000_000_000_000
 
 def simulate_streams(
     cell: Cell,
-    truth: Parameters,
+    truth: ExtendedModel | Parameters,
     plan: Plan,
     *,
     timing: Timing | None = None,
@@ -27,11 +28,11 @@ def simulate_streams(
     seed: int = 0,
     start: int = START,
 ) -> Streams:
-    """Both streams of one pass through a plan, the effects of the cell among what is played.
+    """Both streams of one pass through a plan, with the effects of the robot.
 
     Args:
-        cell: discs, sensor, noise of a touch, effects.
-        truth: the parameters of the simulated robot; those of its effects in `extra`.
+        cell: discs, sensor, noise of a touch.
+        truth: the simulated robot: its parameters, or the model with its effects.
         plan: the touches.
         timing: how long the phases last.
         sensors: noise, bias and rates.
@@ -40,7 +41,6 @@ def simulate_streams(
 
     Raises:
         UnsupportedDataError: the simulated robot cannot reach a touch, or hold its force.
-        ParameterError: `truth` does not hold the parameters of the effects.
     """
     sensors = sensors or SensorModel()
     motion = Motion(cell, truth, plan, timing)
@@ -57,14 +57,16 @@ def simulate_streams(
     )
 
 
-def simulate_touches(cell: Cell, truth: Parameters, plan: Plan, noise: Noise | None = None, seed: int = 0) -> TouchSet:
-    """The touches of a plan without streams: Ḡ, the effects of the cell, and the noise of one touch.
+def simulate_touches(
+    cell: Cell, truth: ExtendedModel | Parameters, plan: Plan, noise: Noise | None = None, seed: int = 0
+) -> TouchSet:
+    """The touches of a plan without streams: Ḡ, the effects of the robot, and the noise of one touch.
 
     The same seed gives the same noise of the touches as in `simulate_streams`.
 
     Args:
-        cell: discs, sensor, effects.
-        truth: the parameters of the simulated robot; those of its effects in `extra`.
+        cell: discs, sensor.
+        truth: the simulated robot: its parameters, or the model with its effects.
         plan: the touches.
         noise: repeatability; None: that of the cell; Noise(0, 0) for exact touches.
         seed: of the noise.
@@ -74,7 +76,6 @@ def simulate_touches(cell: Cell, truth: Parameters, plan: Plan, noise: Noise | N
 
     Raises:
         UnsupportedDataError: the simulated robot cannot reach a touch, or hold its force.
-        ParameterError: `truth` does not hold the parameters of the effects.
     """
     motion = Motion(cell, truth, plan)
     sensors = SensorModel(touch_noise=noise)

@@ -10,7 +10,7 @@ inner solve. Every phase follows the minimum-jerk law 10 s³ - 15 s⁴ + 6 s⁵.
 with preload goes beyond the force of the hold and eases down to it; without, that
 phase lasts no time.
 
-A cell with effects (`Cell.effects`, their values in `Parameters.extra`) has them played: the joint angles are
+The effects of a robot with effects (`ExtendedModel`) are simulated: the joint angles are
 commanded as above, deeper or less deep so that the force of the hold comes about, and the force at any time is
 A(Q(t), L̄) with the effects; see `loading`.
 """
@@ -25,9 +25,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import forward, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
-from scara_kinetostatic.model.law import TouchMetadata
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.loading import LIGHT, Loading
 from scara_kinetostatic.simulation.phases import (
@@ -93,8 +94,8 @@ class Motion:
     """The motion of one cell through one plan.
 
     Args:
-        cell: discs, sign of the gripper's law, effects to play.
-        truth: the parameters of the simulated robot, those of its effects included.
+        cell: discs, sign of the gripper's law.
+        truth: the simulated robot, with its effects.
         plan: the touches.
         timing: how long the phases last.
 
@@ -110,11 +111,12 @@ class Motion:
 
     Raises:
         UnsupportedDataError: the plan is empty, or the simulated robot cannot reach a touch or hold its force.
-        ParameterError: `truth` does not hold the parameters of the effects.
     """
 
-    def __init__(self, cell: Cell, truth: Parameters, plan: Plan, timing: Timing | None = None) -> None:
-        self.cell, self.truth, self.plan, self.timing = cell, truth, plan, timing or Timing()
+    def __init__(self, cell: Cell, truth: ExtendedModel | Parameters, plan: Plan, timing: Timing | None = None) -> None:
+        self.cell, self.plan, self.timing = cell, plan, timing or Timing()
+        self.model = as_model(truth)
+        self.truth = self.model.parameters
         if not len(plan):
             raise UnsupportedDataError('the plan holds no touch', 'plan at least one')
         self._contact = plan.contact(cell)
@@ -126,7 +128,7 @@ class Motion:
         self._home = self.free_joints[[0, -1]] + (0.25, -0.15)
         self.knots, self.duration = self._schedule()
         self.metadata = self._metadata()
-        if cell.effects:
+        if self.model.effects:
             self._play_effects()
 
     def _find_poses(self) -> None:
@@ -143,7 +145,7 @@ class Motion:
         planned = self.hold_force
         for _ in range(2):
             self.metadata = self._metadata()
-            loading = Loading(self.cell, self.truth, self.plan, self.metadata)
+            loading = Loading(self.cell, self.model, self.plan, self.metadata)
             softness = self._softness(planned)
             for row, level in enumerate((LIGHT, 1.0)):
                 aimed = partial(self._aimed, level * planned)

@@ -14,7 +14,8 @@ from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
-from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -32,9 +33,8 @@ def effect(label: str) -> Effect:
 
 def play(*effects: tuple[Effect, tuple[float, ...]], truth: Parameters = PAPER_ACTUAL, seed: int = 1) -> TouchSet:
     """108 touches of a robot with effects, each with its values."""
-    laws = tuple(law for law, _ in effects)
-    values = tuple(value for _, part in effects for value in part)
-    return simulate_touches(replace(CELL, effects=laws), truth.replace(extra=values), PLAN, NOISE, seed)
+    laws, values = tuple(law for law, _ in effects), tuple(part for _, part in effects)
+    return simulate_touches(CELL, ExtendedModel(truth, laws, values), PLAN, NOISE, seed)
 
 
 @cache
@@ -46,5 +46,4 @@ def examined(label: str, values: tuple[float, ...], given: bool = True, seed: in
 
 def deviations(calibration: Calibration, truth: Parameters = PAPER_ACTUAL) -> np.ndarray:
     """The twelve less the truth, in standard deviations."""
-    count = len(NAMES)
-    return (calibration.parameters.as_array()[:count] - truth.as_array()[:count]) / calibration.std
+    return (calibration.parameters.as_array() - truth.as_array()) / calibration.std

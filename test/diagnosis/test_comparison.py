@@ -41,7 +41,7 @@ def test_the_tip_left_out_is_that_of_a_fit_without_it(plain: Outcome) -> None:
     misses = []
     for k in range(len(data)):
         fit = calibrate(data.select(np.arange(len(data)) != k), c.cell)
-        point = project(observe(data.select(np.array([k])), c.cell), fit.parameters, c.noise)
+        point = project(observe(data.select(np.array([k])), c.cell), fit.model, c.noise)
         misses.append(point.linear.misclosure[0, 0])
     assert plain.comparison.extended.tip.held_out == pytest.approx(np.sqrt(np.mean(np.square(misses))), rel=0.05)
 

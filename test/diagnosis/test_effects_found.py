@@ -14,7 +14,7 @@ from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.base import DiscEffect, Floats, JointEffect, Parameter
-from scara_kinetostatic.model.law import TouchState
+from scara_kinetostatic.model.effect_law import TouchState
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 
 SIZES = {
@@ -185,7 +185,7 @@ def test_an_effect_outside_the_list_is_caught_described_and_corrected(law, size,
     assert [item.effect.name for item in found.found] == ['unnamed']
     assert where in found.found[0].effect.description
     assert found.extended is not None
-    true_model = calibrate(data, replace(cell, effects=(law,)))
+    true_model = calibrate(data, cell, [law])
     possible = held_out_force_error(before).force_error - held_out_force_error(true_model).force_error
     gained = held_out_force_error(before).force_error - held_out_force_error(found.extended).force_error
     assert gained > 2 / 3 * possible > 0

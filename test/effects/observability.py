@@ -18,8 +18,7 @@ from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.whitening import whiten_by
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
-from scara_kinetostatic.model.extension import Extension
-from scara_kinetostatic.model.law import TouchMetadata
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, Parameters
 from scara_kinetostatic.simulation.plan import default_plan
 
@@ -49,15 +48,13 @@ def visibility(robot: Parameters, per_disc: int = 18, preload: float = 0.3) -> l
     """Of every effect, for exact touches of the default plan and the usual noise."""
     plan = default_plan(CELL, per_disc=per_disc, preload=preload)
     touches = exact_touches(robot, plan)
-    bare = observe(touches, CELL)
-    point = project(bare, robot, NOISE)
+    observations = observe(touches, CELL)
+    point = project(observations, ExtendedModel(robot), NOISE)
     base = np.linalg.qr(point.whitened.derivative.reshape(2 * len(touches), -1))[0]
-    metadata = TouchMetadata.of(touches)
     found = []
     for effect in catalogue(CELL):
-        observations = bare._replace(extension=Extension((effect,), metadata))
         for name, values, k in _cases(effect):
-            linear = linearise(observations, robot.replace(extra=tuple(values)), point.adjusted)
+            linear = linearise(observations, ExtendedModel(robot, (effect,), (values,)), point.adjusted)
             column = whiten_by(linear.derivative[:, :, 12 + k : 13 + k], point.whitened.root).ravel()
             left = np.linalg.norm(column - base @ (base.T @ column))
             doubling = np.sqrt(2 * len(touches) - 12) / left if left > 0 else np.inf

@@ -11,12 +11,14 @@ from model.helpers import Poses, random_poses
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.extension import ContactProblem, Extension
+from scara_kinetostatic.model.effect_law import Shift, TouchMetadata, TouchState
+from scara_kinetostatic.model.extended_equations import ContactProblem
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection, joint_torques
-from scara_kinetostatic.model.law import Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
+from scara_kinetostatic.model.sensor_error import reported_force
 from scara_kinetostatic.model.state import State, free_state
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import Plan, default_plan
@@ -35,12 +37,18 @@ class Scene(NamedTuple):
     metadata: TouchMetadata
     parameters: Parameters
 
-    def contact_problem(self, effect: Effect) -> ContactProblem:
-        extension = Extension((effect,), self.metadata)
-        return ContactProblem(self.joints, self.poses.centers, self.poses.radii, Gripper(), extension)
+    @property
+    def contact_problem(self) -> ContactProblem:
+        return ContactProblem(self.joints, self.poses.centers, self.poses.radii, Gripper(), self.metadata)
 
-    def touch_state(self, effect: Effect, values: np.ndarray) -> TouchState:
-        return self.contact_problem(effect).touch_state(self.parameters.replace(extra=tuple(values)), self.state)
+    @property
+    def touch_state(self) -> TouchState:
+        return self.contact_problem.touch_state(self.parameters, self.state)
+
+
+def with_effect(effect: Effect, robot: Parameters = PAPER_ACTUAL) -> ExtendedModel:
+    """A robot with an effect of a size that would matter."""
+    return ExtendedModel(robot, (effect,), (tuple(plausible(effect)),))
 
 
 def plausible(effect: Effect) -> np.ndarray:
@@ -84,7 +92,6 @@ def press(effect: Effect, values: np.ndarray, parameters: Parameters = PAPER_ACT
     """
     plan = default_plan(cell, per_disc=20, preload=0.3)
     rigid = exact_touches(parameters, plan, cell)
-    whole = parameters.replace(extra=tuple(values))
     metadata = TouchMetadata.of(rigid)
     centers, radii = cell.centers[plan.disc], cell.radii[plan.disc]
     outward, joints, shift = plan.normal(), rigid.joints, Shift()
@@ -100,6 +107,8 @@ def press(effect: Effect, values: np.ndarray, parameters: Parameters = PAPER_ACT
         joints = links + joint_deflection(parameters, torques)
         joints = joints if shift.joints is None else joints + shift.joints
         state = State(*links.T, plan.force, np.arctan2(*normal.T[::-1]), *np.sign(torques).T)
-        at = ContactProblem(joints, centers, radii, Gripper(), Extension((effect,), metadata)).touch_state(whole, state)
+        at = ContactProblem(joints, centers, radii, Gripper(), metadata).touch_state(parameters, state)
         shift = effect.shift(at, values)
-    return rigid.replace(joints=joints, force=Extension((effect,), metadata).read(whole, force))
+    return rigid.replace(
+        joints=joints, force=reported_force(ExtendedModel(parameters, (effect,), (tuple(values),)), force)
+    )

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effects.scenes import EFFECTS, LABELS, plausible, random_scene
+from effects.scenes import EFFECTS, LABELS, plausible, random_scene, with_effect
 from model.helpers import ROBOTS, assert_derivative
 
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.contact_friction import ContactFriction
-from scara_kinetostatic.model.extended import all_derivatives, extended_equations, extended_link_angles
-from scara_kinetostatic.model.extension import ContactProblem
-from scara_kinetostatic.model.parameters import NAMES, P1, P2, P_EE, Parameters
+from scara_kinetostatic.model.extended_equations import (
+    ContactProblem,
+    all_derivatives,
+    extended_equations,
+    extended_link_angles,
+)
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.parameters import NAMES, P1, P2, P_EE
 from scara_kinetostatic.model.state import State
 
 
 def check(effect: Effect, seed: int, robot: int) -> None:
     """The one check of an effect's derivatives that all go through: `shift` and `reading` by its parameters."""
     scene, values = random_scene(seed, 60, ROBOTS[robot]), plausible(effect)
-    at, steps = scene.touch_state(effect, values), 1e-4 * np.abs(values)
+    at, steps = scene.touch_state, 1e-4 * np.abs(values)
     parts = effect.derivative(at, values)
     assert len(parts) == len(values) == len(effect.parameters)
     for where in ('joints', 'place'):
@@ -45,24 +50,24 @@ def test_derivatives_of_friction_whose_slide_follows_the_estimate():
     check(ContactFriction(), seed=2, robot=0)
 
 
-def settle(parameters: Parameters, contact_problem: ContactProblem, state: State, frozen: bool) -> State:
+def converged_state(model: ExtendedModel, contact_problem: ContactProblem, state: State, frozen: bool) -> State:
     """The state whose link angles go with the joint angles."""
     for _ in range(5):
-        state = extended_link_angles(parameters, contact_problem, state, frozen)
+        state = extended_link_angles(model, contact_problem, state, frozen)
     return state
 
 
 @pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
 def test_what_a_compliance_scales_is_in_its_derivative(effect):
-    scene, values = random_scene(3, 60), plausible(effect)
-    contact_problem, whole = scene.contact_problem(effect), scene.parameters.replace(extra=tuple(values))
-    state = settle(whole, contact_problem, scene.state, frozen=False)
+    scene = random_scene(3, 60)
+    contact_problem, whole = scene.contact_problem, with_effect(effect, scene.parameters)
+    state = converged_state(whole, contact_problem, scene.state, frozen=False)
     given = all_derivatives(whole, contact_problem, state, extended_equations(whole, contact_problem, state))
     for place in (P_EE, P1, P2):
-        name, step = NAMES[place], 1e-3 * getattr(whole, NAMES[place])
-        robots = (whole.replace(**{name: getattr(whole, name) + sign * step}) for sign in (1, -1))
+        name, step = NAMES[place], 1e-3 * getattr(whole.parameters, NAMES[place])
+        robots = (whole.replace(**{name: getattr(whole.parameters, name) + sign * step}) for sign in (1, -1))
         up, down = (
-            extended_equations(robot, contact_problem, settle(robot, contact_problem, state, frozen=True))
+            extended_equations(robot, contact_problem, converged_state(robot, contact_problem, state, frozen=True))
             for robot in robots
         )
         found = np.stack([up.normal - down.normal, up.tangent - down.tangent], axis=-1) / (2 * step)
@@ -73,7 +78,7 @@ def test_what_a_compliance_scales_is_in_its_derivative(effect):
 @pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
 def test_at_its_start_an_effect_does_nothing(effect):
     scene, start = random_scene(1, 20), np.array(effect.start)
-    at = scene.touch_state(effect, start)
+    at = scene.touch_state
     for part in effect.shift(at, start):
         assert part is None or not part.any()
     sensor_error = effect.sensor_error(at.force, start)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,8 +37,8 @@ def test_it_is_listed_and_estimated(example):
     effect = find(CELL, 'stiffness_ripple[joint2]')
     assert effect == example.StiffnessRipple.of(1)
     values = np.array([2e-6, -1e-6])
-    found = calibrate(press(effect, values), replace(CELL, effects=(effect,)))
-    np.testing.assert_allclose(found.parameters.extra, values, rtol=1e-6)
+    found = calibrate(press(effect, values), CELL, [effect])
+    np.testing.assert_allclose(found.model.effect_arrays[0], values, rtol=1e-6)
     assert found.force_error < 1e-6
 
 

@@ -24,19 +24,19 @@ from scara_kinetostatic.effects.sensor_rotation import SensorRotation
 from scara_kinetostatic.effects.thermal_drift import LinkGrowth, ZeroDrift
 from scara_kinetostatic.effects.variables import STICKING, slide
 from scara_kinetostatic.model.contact import Contact, contact
-from scara_kinetostatic.model.extension import Extension
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.kinematics import jacobian
-from scara_kinetostatic.model.law import TouchMetadata
 
 SCENE = random_scene(5, 150)
 FIRST = SCENE.metadata.disc == 0
 
 
 def with_effect(effect: Effect, *values: float, scene: Scene = SCENE, metadata: TouchMetadata | None = None) -> Contact:
-    extension = Extension((effect,), metadata or scene.metadata)
-    parameters = scene.parameters.replace(extra=values)
-    return contact(parameters, scene.joints, scene.poses.centers, scene.poses.radii, extension=extension)
+    model = ExtendedModel(scene.parameters, (effect,), (values,))
+    metadata = metadata or scene.metadata
+    return contact(model, scene.joints, scene.poses.centers, scene.poses.radii, metadata=metadata)
 
 
 def plain(scene: Scene = SCENE, **changes) -> Contact:
@@ -64,7 +64,7 @@ def test_errors_of_a_joint_are_those_of_its_angle(joint):
 
 @pytest.mark.parametrize('joint', [0, 1])
 def test_a_joint_that_moves_on_in_the_sense_of_its_torque_has_more_backlash(joint):
-    torques = SCENE.touch_state(EncoderGain.of(joint), np.zeros(1)).torques
+    torques = SCENE.touch_state.torques
     backlash = f'g{joint + 1}'
     more = {backlash: getattr(SCENE.parameters, backlash) + 1e-4}
     found = with_effect(JointHysteresis.of(joint), 1e-4, metadata=SCENE.metadata._replace(approach=torques))
@@ -89,7 +89,7 @@ def test_bending_of_link_2_is_another_p2():
 def test_bending_of_link_1_is_that_of_a_beam():
     """Castigliano: the joints' deflections are the gradient of ½ k ∫ M² ds, with M linear from c1 to c2."""
     values, s = np.array([2e-5]), np.linspace(0, 1, 2001)
-    at = SCENE.touch_state(LinkBending.of(0), values)
+    at = SCENE.touch_state
     shift = LinkBending.of(0).shift(at, values).joints
     moment = at.torques[:, :1] * (1 - s) + at.torques[:, 1:] * s
     slopes = [(moment[:, 1:] + moment[:, :-1]) @ (part[1:] + part[:-1]) / (4 * (len(s) - 1)) for part in (1 - s, s)]
@@ -106,7 +106,7 @@ def test_a_base_on_springs_moves_away_from_the_disc():
     along_x = np.abs(moved[0].force[:, 0]) > 0.98 * moved[0].magnitude
     assert along_x.sum() > 5
     assert np.all(moved[1].magnitude[along_x] < moved[0].magnitude[along_x])
-    work = BaseCompliance().shift(SCENE.touch_state(BaseCompliance(), np.zeros(2)), np.array([1e-6, 1e-6])).place
+    work = BaseCompliance().shift(SCENE.touch_state, np.array([1e-6, 1e-6])).place
     x, y = SCENE.poses.force.T
     np.testing.assert_allclose((work * SCENE.poses.force).sum(axis=1), -1e-6 * (x * x - y * y + 2 * x * y))
 
@@ -114,7 +114,7 @@ def test_a_base_on_springs_moves_away_from_the_disc():
 def test_gravity_draws_the_arm_downhill():
     """The work that gravity does as the joints give way to it is positive, each touch, each part."""
     values = np.array([3.0, -1.0, 1.5, -0.5])  # downhill is along (3, -1)
-    at = SCENE.touch_state(BaseTilt(), values)
+    at = SCENE.touch_state
     sag = -BaseTilt().shift(at, values).joints
     turn1, turn2 = sag[:, 0], sag.sum(axis=1)  # of link 1 and of link 2 in the base frame
     across1, across2 = (np.stack([-link[:, 1], link[:, 0]], axis=-1) for link in (at.link1, at.link2))
@@ -161,10 +161,10 @@ def test_a_tip_pressed_along_the_normal_sticks():
     for part in (0.0, 0.5, -0.5):
         move = SCENE.poses.force + part * STICKING * aside
         press = np.linalg.solve(jacobian(SCENE.parameters, links), 1e-5 * move[..., None])[..., 0]
-        at = SCENE._replace(metadata=SCENE.metadata._replace(press=press)).touch_state(ContactFriction(), np.zeros(1))
+        at = SCENE._replace(metadata=SCENE.metadata._replace(press=press)).touch_state
         np.testing.assert_allclose(slide(at), part, atol=0.1)
     still = SCENE._replace(metadata=SCENE.metadata._replace(press=np.zeros_like(links)))
-    assert not slide(still.touch_state(ContactFriction(), np.zeros(1))).any()
+    assert not slide(still.touch_state).any()
 
 
 def test_the_sensor_turns_or_shifts_what_it_reports():
@@ -178,5 +178,5 @@ def test_the_sensor_turns_or_shifts_what_it_reports():
 def test_of_effects_of_a_disc_the_others_feel_nothing():
     for number, disc in enumerate(CELL.discs):
         for effect, k in ((ObjectPosition.of(number, disc.name), 2), (ObjectRadius.of(number, disc.name), 1)):
-            place = effect.shift(SCENE.touch_state(effect, np.zeros(k)), np.ones(k)).place
+            place = effect.shift(SCENE.touch_state, np.ones(k)).place
             assert np.array_equal(place.any(axis=1), SCENE.metadata.disc == number)

@@ -48,7 +48,7 @@ def test_an_effect_says_what_it_is(effect):
 
 
 def test_variables_have_one_value_per_touch():
-    at = random_scene(0, 30).touch_state(EFFECTS[0], np.zeros(1))
+    at = random_scene(0, 30).touch_state
     for variable in VARIABLES.values():
         for joint in (None, 0, 1):
             axis = variable.axis(at, joint)

@@ -2,37 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from calibration.studies import CELL
-from effects.scenes import EFFECTS, LABELS, plausible, press
+from effects.scenes import EFFECTS, LABELS, plausible, press, with_effect
 from model.helpers import ROBOTS
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.effects.link_bending import LinkBending
 from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.sensor_error import true_force
 
 SEEN = [effect for effect in EFFECTS if effect.label != 'link_bending[link2]']
 
 
 def known_start(effect):
     """Nominal values; of a wave, those that a search over frequencies leads to."""
-    extra = (8e-5, 0.4, 7.2) if effect.name == 'transmission_error' else effect.start
-    return replace(CELL, nominal=CELL.nominal.replace(extra=extra), effects=(effect,))
+    values = (8e-5, 0.4, 7.2) if effect.name == 'transmission_error' else effect.start
+    return ExtendedModel(CELL.nominal, (effect,), (values,))
 
 
 @pytest.mark.parametrize('number', range(len(EFFECTS)), ids=LABELS)
 def test_the_force_of_a_touch_follows_from_its_angles(number):
     effect, robot = EFFECTS[number], ROBOTS[number % 2]
-    values = plausible(effect)
-    touches = press(effect, values, robot)
-    whole = robot.replace(extra=tuple(values))
-    o = observe(touches, known_start(effect))
-    true = o.true_force(whole, o.force)
-    found = contact(whole, o.joints, o.centers, o.radii, warm_start=true, extension=o.extension)
+    touches = press(effect, plausible(effect), robot)
+    model = with_effect(effect, robot)
+    o = observe(touches, CELL)
+    true = true_force(model, o.force)
+    found = contact(model, o.joints, o.centers, o.radii, warm_start=true, metadata=o.metadata)
     assert len(touches) >= 100
     assert found.solved.all()
     np.testing.assert_allclose(found.force, true, rtol=0, atol=1e-8)
@@ -41,18 +40,19 @@ def test_the_force_of_a_touch_follows_from_its_angles(number):
 @pytest.mark.parametrize('effect', SEEN, ids=[effect.label for effect in SEEN])
 def test_exact_touches_give_the_effect_and_the_twelve_back(effect):
     robot, values = ROBOTS[SEEN.index(effect) % 2], plausible(effect)
-    found = calibrate(press(effect, values, robot), known_start(effect))
+    found = calibrate(press(effect, values, robot), CELL, start=known_start(effect))
     assert found.used.all()
     assert found.identifiability.rank == 12 + len(values)
-    np.testing.assert_allclose(found.parameters.extra, values, rtol=1e-6)
-    np.testing.assert_allclose(found.parameters.as_array()[:12], robot.as_array(), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.model.effect_arrays[0], values, rtol=1e-6)
+    np.testing.assert_allclose(found.parameters.as_array(), robot.as_array(), rtol=0, atol=1e-9)
     assert found.force_error < 1e-6
 
 
 def test_bending_of_link_2_is_called_confounded_with_p2():
     effect = LinkBending.of(1)
-    found = calibrate(press(effect, plausible(effect)), replace(CELL, effects=(effect,)))
+    found = calibrate(press(effect, plausible(effect)), CELL, [effect])
     assert found.identifiability.rank == 12
-    assert found.identifiability.confounded == (('p2', *effect.labels),)
-    assert found.parameters.p2 + found.parameters.extra[0] / 3 == pytest.approx(1.1e-5 + 1e-5 / 3, rel=1e-6)
+    assert found.identifiability.confounded == (('p2', 'link_bending[link2].compliance'),)
+    compliance = found.effects[effect.label]['compliance'].value
+    assert found['p2'].value + compliance / 3 == pytest.approx(1.1e-5 + 1e-5 / 3, rel=1e-6)
     assert found.force_error < 1e-6

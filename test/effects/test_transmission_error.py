@@ -7,7 +7,7 @@ import pytest
 from effects.scenes import random_scene
 
 from scara_kinetostatic.effects.transmission_error import HIGHEST, LOWEST, TransmissionError, frequencies
-from scara_kinetostatic.model.law import TouchState
+from scara_kinetostatic.model.effect_law import TouchState
 
 
 def joints(kind: str, n: int = 120) -> np.ndarray:
@@ -18,7 +18,7 @@ def joints(kind: str, n: int = 120) -> np.ndarray:
 
 def touch_state(angle: np.ndarray, joint: int) -> TouchState:
     effect = TransmissionError.of(joint)
-    at = random_scene(0, len(angle)).touch_state(effect, np.zeros(3))
+    at = random_scene(0, len(angle)).touch_state
     both = np.zeros((len(angle), 2))
     both[:, joint] = angle
     return at._replace(joints=both)

@@ -77,14 +77,14 @@ def test_every_other_touch_can_be_pressed_beyond_its_hold(spin: Callable[..., No
 def test_effects_are_played(spin: Callable[..., Node]) -> None:
     texts = "['object_radius[disc_2]:radius=6e-5', 'sensor_bias:x=1.0,y=-0.5']"
     settings = spin(ContactSimulator, '--ros-args', '-p', f'effects:={texts}')._settings
-    assert [effect.label for effect in settings.cell.effects] == ['object_radius[disc_2]', 'sensor_bias']
-    assert settings.truth.extra == (6e-5, 1.0, -0.5)
-    assert settings.truth.replace(extra=()) == PAPER_ACTUAL
+    assert [effect.label for effect in settings.truth.effects] == ['object_radius[disc_2]', 'sensor_bias']
+    assert settings.truth.effect_values == ((6e-5,), (1.0, -0.5))
+    assert settings.truth.parameters == PAPER_ACTUAL
 
 
 def test_by_default_there_are_no_effects(spin: Callable[..., Node]) -> None:
     settings = spin(ContactSimulator)._settings
-    assert settings.cell.effects == settings.truth.extra == ()
+    assert settings.truth.effects == ()
 
 
 def test_a_plan_says_all_about_the_touches(spin: Callable[..., Node], tmp_path: Path) -> None:

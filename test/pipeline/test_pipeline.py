@@ -13,6 +13,7 @@ from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_recordings, calibrate_touches, gather_touches
 from scara_kinetostatic.simulation.plan import default_plan
@@ -74,14 +75,13 @@ def test_an_effect_so_large_that_it_hides_everything_is_found_with_unknown_noise
     diagnosed = []
     monkeypatch.setattr(pipeline, 'diagnose', lambda c: diagnosed.append(c) or diagnose(c))
     cell = replace(CELL, noise=None)
-    robot = PAPER_ACTUAL.replace(extra=values)
-    built = replace(CELL, effects=(find(CELL, label),))
-    streams = simulate_streams(built, robot, default_plan(CELL, per_disc=14), seed=4)
+    robot = ExtendedModel(PAPER_ACTUAL, (find(CELL, label),), (values,))
+    streams = simulate_streams(CELL, robot, default_plan(CELL, per_disc=14), seed=4)
     write_streams(tmp_path / 'large.mcap', streams, cell)
     outcome = calibrate_recordings([tmp_path / 'large.mcap'], cell)
     assert len(diagnosed) == 1
     assert outcome.diagnosis.verdict == 'explained'
     assert [item.effect.label for item in outcome.diagnosis.found] == [label]
     assert outcome.final.noise_source == 'estimated'
-    off = outcome.final.parameters.as_array()[:12] - PAPER_ACTUAL.as_array()
+    off = outcome.final.parameters.as_array() - PAPER_ACTUAL.as_array()
     assert np.abs(off / outcome.final.std).max() < 4

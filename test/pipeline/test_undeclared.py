@@ -5,7 +5,6 @@ The truth is in `truth/`, which nothing but tests reads.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.pipeline import calibrate_recordings
+from scara_kinetostatic.simulation.chosen_effects import with_effects
 
 LARGEST = 1_000_000
 RECORDINGS = pytest.mark.parametrize('name', [one.name for one in ALL])
@@ -43,14 +43,13 @@ def deviations(outcome: Outcome, name: str) -> np.ndarray:
     """Of the twelve of the extended model from the truth, in standard deviations."""
     truth = true_robot(name, cell_of(name)).parameters.as_array()
     assert np.isfinite(outcome.final.std).all()
-    return (outcome.final.parameters.as_array()[:12] - truth) / outcome.final.std
+    return (outcome.final.parameters.as_array() - truth) / outcome.final.std
 
 
 @RECORDINGS
 def test_nothing_declares_the_effect(name: str) -> None:
     effects = true_robot(name, cell_of(name)).effects
     assert len(effects) == 1
-    assert not cell_of(name).effects
     told = path_of(name).read_bytes().lower()
     for word in ('effect', 'truth', effects[0].effect.name):
         assert word.encode() not in told
@@ -101,9 +100,7 @@ def test_touches_not_used_are_predicted_better_with_the_effect(name: str) -> Non
 @LISTED
 def test_the_prediction_is_as_good_as_with_the_effect_known_beforehand(name: str) -> None:
     outcome, truth = outcome_of(name), true_robot(name, cell_of(name))
-    laws = tuple(chosen.effect for chosen in truth.effects)
-    nominal = truth.parameters.replace(extra=truth.effects[0].values)
-    best = calibrate(outcome.calibration.touches, replace(cell_of(name), nominal=nominal, effects=laws))
+    best = calibrate(outcome.calibration.touches, cell_of(name), start=with_effects(*truth))
     assert outcome.final.force_error == pytest.approx(best.force_error, rel=0.05)
 
 

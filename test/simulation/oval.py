@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import DiscEffect, Floats, Parameter
-from scara_kinetostatic.model.law import TouchState
+from scara_kinetostatic.model.effect_law import TouchState
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 from effects.scenes import EFFECTS, LABELS, plausible
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.simulation.chosen_effects import Chosen, parse_effect, wanted, with_effects
 from scara_kinetostatic.simulation.truth_file import Truth, load_truth, truth_text
@@ -24,15 +24,14 @@ def test_text_gives_every_effect_in_any_order_of_its_parameters(chosen):
     assert parse_effect(f'{chosen.effect.label}: {",".join(reversed(given))},', CELL) == chosen
 
 
-def test_values_stand_behind_each_other_in_the_truth():
-    cell, truth = with_effects(CELL, PAPER_ACTUAL, CHOSEN)
-    assert cell.effects == EFFECTS
-    assert cell.discs == CELL.discs
-    np.testing.assert_array_equal(truth.extra, np.concatenate([chosen.values for chosen in CHOSEN]))
-    assert truth.replace(extra=()) == PAPER_ACTUAL
-    assert with_effects(CELL, PAPER_ACTUAL, []) == (CELL, PAPER_ACTUAL)
+def test_the_robot_has_the_chosen_effects_with_their_values():
+    truth = with_effects(PAPER_ACTUAL, CHOSEN)
+    assert truth.effects == EFFECTS
+    assert truth.effect_values == tuple(chosen.values for chosen in CHOSEN)
+    assert truth.parameters == PAPER_ACTUAL
+    assert with_effects(PAPER_ACTUAL, []) == ExtendedModel(PAPER_ACTUAL)
     with pytest.raises(ParameterError, match=r"sensor_bias': is given twice"):
-        with_effects(CELL, PAPER_ACTUAL, [CHOSEN[2], *CHOSEN])
+        with_effects(PAPER_ACTUAL, [CHOSEN[2], *CHOSEN])
 
 
 def test_disc_of_any_name():

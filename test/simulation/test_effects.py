@@ -13,10 +13,11 @@ from simulation.oval import OvalDisc
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, SensorFrame, SensorSign
 from scara_kinetostatic.model.contact import contact
-from scara_kinetostatic.model.extension import Extension
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import rotate
-from scara_kinetostatic.model.law import TouchMetadata
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
+from scara_kinetostatic.model.sensor_error import true_force
 from scara_kinetostatic.simulation.phases import HOLD, PAUSE, TRAVEL
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
@@ -37,8 +38,9 @@ EVERY = pytest.mark.parametrize(
 )
 
 
-def with_effects(effects, values, cell=CELL, robot=PAPER_ACTUAL):
-    return replace(cell, effects=tuple(effects)), robot.replace(extra=tuple(np.ravel(values)))
+def with_effects(effects, values, robot=PAPER_ACTUAL):
+    ends = np.cumsum([len(effect.parameters) for effect in effects])[:-1]
+    return ExtendedModel(robot, tuple(effects), tuple(np.split(np.ravel(values), ends)))
 
 
 def of(label):
@@ -48,12 +50,11 @@ def of(label):
 @EVERY
 @pytest.mark.parametrize('robot', [PAPER_ACTUAL, PAPER_MEASURED], ids=['actual', 'measured'])
 def test_touches_obey_the_extended_model_under_the_planned_force(effect, values, robot):
-    cell, truth = with_effects([effect], values, robot=robot)
-    touches = simulate_touches(cell, truth, PLAN, EXACT)
-    extension = Extension(cell.effects, TouchMetadata.of(touches))
-    true = extension.true_force(truth, touches.force)
+    truth = with_effects([effect], values, robot)
+    touches = simulate_touches(CELL, truth, PLAN, EXACT)
+    true = true_force(truth, touches.force)
     discs = CELL.centers[PLAN.disc], CELL.radii[PLAN.disc]
-    found = contact(truth, touches.joints, *discs, warm_start=true, extension=extension)
+    found = contact(truth, touches.joints, *discs, warm_start=true, metadata=TouchMetadata.of(touches))
     assert found.solved.all()
     np.testing.assert_allclose(found.force, true, rtol=0, atol=1e-9)
     np.testing.assert_allclose(np.hypot(*true.T), PLAN.force, rtol=0.02)
@@ -63,9 +64,9 @@ def test_touches_obey_the_extended_model_under_the_planned_force(effect, values,
 
 @EVERY
 def test_touches_found_in_the_streams_are_those_without(effect, values):
-    cell, truth = with_effects([effect], values)
-    found = find_touches(simulate_streams(cell, truth, PLAN, sensors=QUIET), CELL)
-    made = simulate_touches(cell, truth, PLAN, EXACT)
+    truth = with_effects([effect], values)
+    found = find_touches(simulate_streams(CELL, truth, PLAN, sensors=QUIET), CELL)
+    made = simulate_touches(CELL, truth, PLAN, EXACT)
     assert found.found == len(found.touches) == len(PLAN)
     assert not found.warnings
     np.testing.assert_array_equal(found.touches.disc, made.disc)
@@ -80,8 +81,8 @@ def test_touches_found_in_the_streams_are_those_without(effect, values):
 
 @pytest.mark.parametrize('label', ['contact_compliance', 'object_radius[disc_2]', 'encoder_gain[joint1]'])
 def test_the_force_rises_and_falls_steadily_and_is_zero_in_free_motion(label):
-    cell, truth = with_effects([of(label)], plausible(of(label)))
-    motion = Motion(cell, truth, PLAN)
+    truth = with_effects([of(label)], plausible(of(label)))
+    motion = Motion(CELL, truth, PLAN)
     time = np.linspace(0.0, motion.duration, 60_000)
     instant = motion.instant(time)
     load = np.hypot(*instant.force.T)
@@ -93,9 +94,7 @@ def test_the_force_rises_and_falls_steadily_and_is_zero_in_free_motion(label):
     assert np.abs(np.diff(load)).max() < 500.0 * (time[1] - time[0]) + 0.2
     disc = PLAN.disc[instant.touch[::50]]
     metadata = motion.metadata.select(instant.touch[::50])
-    expected = contact(
-        truth, instant.joints[::50], CELL.centers[disc], CELL.radii[disc], extension=Extension(cell.effects, metadata)
-    )
+    expected = contact(truth, instant.joints[::50], CELL.centers[disc], CELL.radii[disc], metadata=metadata)
     warm_start = expected.solved & ~np.isin(instant.phase[::50], [TRAVEL, PAUSE])
     assert warm_start.mean() > 0.4
     np.testing.assert_allclose(instant.force[::50][warm_start], expected.force[warm_start], rtol=0, atol=1e-9)
@@ -103,7 +102,10 @@ def test_the_force_rises_and_falls_steadily_and_is_zero_in_free_motion(label):
 
 def test_effects_at_their_start_change_nothing():
     start = [value for effect in EFFECTS for value in effect.start]
-    touches, plain = simulate_touches(*with_effects(EFFECTS, start), PLAN), simulate_touches(CELL, PAPER_ACTUAL, PLAN)
+    touches, plain = (
+        simulate_touches(CELL, with_effects(EFFECTS, start), PLAN),
+        simulate_touches(CELL, PAPER_ACTUAL, PLAN),
+    )
     np.testing.assert_array_equal(touches.joints, plain.joints)
     np.testing.assert_allclose(touches.force, plain.force, rtol=0, atol=1e-9)
     np.testing.assert_array_equal(touches.press, plain.press)
@@ -112,9 +114,9 @@ def test_effects_at_their_start_change_nothing():
 def test_several_effects_at_once_take_their_values_in_turn():
     labels = ('object_radius[disc_1]', 'transmission_error[joint2]', 'sensor_bias')
     effects, values = [of(label) for label in labels], [7e-5, 1e-4, 0.7, 7.3, 1.0, -0.7]
-    cell, truth = with_effects(effects, values)
-    touches = simulate_touches(cell, truth, PLAN, EXACT)
-    without_bias = simulate_touches(*with_effects(effects[:2], values[:4]), PLAN, EXACT)
+    truth = with_effects(effects, values)
+    touches = simulate_touches(CELL, truth, PLAN, EXACT)
+    without_bias = simulate_touches(CELL, with_effects(effects[:2], values[:4]), PLAN, EXACT)
     np.testing.assert_array_equal(touches.joints, without_bias.joints)
     np.testing.assert_allclose(touches.force - without_bias.force, np.tile([1.0, -0.7], (len(PLAN), 1)), atol=1e-9)
 
@@ -123,42 +125,41 @@ def test_several_effects_at_once_take_their_values_in_turn():
 @pytest.mark.parametrize('sign', list(SensorSign))
 def test_errors_of_the_sensor_are_in_its_frame_and_grow_with_the_load(frame, sign):
     declared = replace(CELL, sensor=CELL.sensor._replace(frame=frame, sign=sign))
-    cell, truth = with_effects([of('sensor_bias'), of('sensor_rotation')], [1.0, -0.7, 0.05], declared)
+    truth = with_effects([of('sensor_bias'), of('sensor_rotation')], [1.0, -0.7, 0.05])
     zero = np.array([0.4, 0.3])
     sensors = replace(QUIET, bias=tuple(zero), jitter=0.0)
-    streams = simulate_streams(cell, truth, PLAN, sensors=sensors)
-    motion = Motion(cell, truth, PLAN)
+    streams = simulate_streams(declared, truth, PLAN, sensors=sensors)
+    motion = Motion(declared, truth, PLAN)
     instant = motion.instant(1e-9 * (streams.wrench.stamp - streams.joints.stamp[0]))
     force, side = streams.wrench.force - zero, -1.0 if sign is SensorSign.ON_ROBOT else 1.0
     np.testing.assert_allclose(force[instant.level == 0], 0.0, atol=1e-12)
     true = instant.force
     if frame is SensorFrame.TOOL:
-        true = rotate(true, -(instant.joints.sum(axis=1) + truth.theta1 + truth.theta2))
+        true = rotate(true, -(instant.joints.sum(axis=1) + PAPER_ACTUAL.theta1 + PAPER_ACTUAL.theta2))
     turned = rotate(true, np.full(len(true), 0.05))
     np.testing.assert_allclose(side * force, turned + instant.level[:, None] * (1.0, -0.7), atol=1e-9)
     found = find_touches(streams, declared).touches
-    np.testing.assert_allclose(found.force, simulate_touches(cell, truth, PLAN, EXACT).force, atol=1e-3)
+    np.testing.assert_allclose(found.force, simulate_touches(declared, truth, PLAN, EXACT).force, atol=1e-3)
 
 
 def test_drift_goes_on_while_the_recording_lasts():
-    cell, truth = with_effects([of('thermal_drift')], [2e-6])
-    touches = simulate_touches(cell, truth, PLAN.select(np.full(9, 3)), EXACT)
+    truth = with_effects([of('thermal_drift')], [2e-6])
+    touches = simulate_touches(CELL, truth, PLAN.select(np.full(9, 3)), EXACT)
     moved, passed = touches.joints - touches.joints[0], touches.time - touches.time[0]
     assert np.abs(moved[-1]).max() > 1e-5
     np.testing.assert_allclose(moved, np.outer(passed / passed[-1], moved[-1]), rtol=0, atol=2e-8)
 
 
 def test_an_effect_that_leaves_no_touch_is_refused():
-    cell, truth = with_effects([of('object_position[disc_2]')], [0.4, 0.4])
+    truth = with_effects([of('object_position[disc_2]')], [0.4, 0.4])
     with pytest.raises(UnsupportedDataError, match=r"cannot (hold|reach) touch \d+ of the plan, on 'disc_2'"):
-        simulate_touches(cell, truth, PLAN)
+        simulate_touches(CELL, truth, PLAN)
 
 
 @pytest.mark.parametrize('extra', [(), (1e-4,), (1e-4, 1e-4, 1e-4)])
 def test_values_must_be_those_of_the_effects(extra):
-    cell, truth = with_effects([of('object_position[disc_2]')], extra)
-    with pytest.raises(ParameterError, match=f'expected 2 values of the effects of the cell, got {len(extra)}'):
-        simulate_touches(cell, truth, PLAN)
+    with pytest.raises(ParameterError, match=rf'expected \[2\] values, effect by effect, got \[{len(extra)}\]'):
+        with_effects([of('object_position[disc_2]')], extra)
 
 
 @pytest.mark.parametrize(

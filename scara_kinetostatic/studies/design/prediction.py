@@ -42,6 +42,7 @@ from scara_kinetostatic.calibration.identifiability import (
 from scara_kinetostatic.calibration.solver import Point, evaluate
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell, Noise
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.state import State
@@ -192,7 +193,7 @@ def exact_touches(
     direction = np.arctan2(pressed[:, 1], pressed[:, 0])
     state = State(links[:, 0], links[:, 1], force, direction, modes[:, 0], modes[:, 1])
     observations = Observations(joints, measured, centers, radii, cell.sensor.frame, cell.gripper)
-    point = evaluate(observations, p, Adjusted(joints, measured, state), robot.noise)
+    point = evaluate(observations, ExtendedModel(p), Adjusted(joints, measured, state), robot.noise)
     return Exact(observations, point, np.abs(torques) / force[:, None])
 
 

@@ -25,6 +25,7 @@ from scara_kinetostatic.calibration.prediction import base_force, force_error, f
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import contact, contact_derivatives
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 
@@ -88,7 +89,7 @@ def paper_calibrate(
     if cell.sensor.frame is not SensorFrame.BASE:
         raise ParameterError('sensor.frame', 'the algorithm of the paper takes forces in the base frame')
     observations = observe(touches, cell)
-    measured = base_force(observations, cell.nominal)
+    measured = base_force(observations, ExtendedModel(cell.nominal))
 
     def visit(parameters: Parameters) -> _Iterate:
         o = observations
@@ -109,7 +110,7 @@ def paper_calibrate(
         visited.append(at)
         if gain < STOP:
             break
-    history = tuple(force_error(force_residual(observations, item.parameters)) for item in visited)
+    history = tuple(force_error(force_residual(observations, ExtendedModel(item.parameters))) for item in visited)
     return PaperFit(
         parameters=at.parameters,
         force_error=history[-1],

@@ -21,6 +21,7 @@ from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.whitening import whiten_by
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.equations import excess_derivative, touch_equations
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 
@@ -66,9 +67,9 @@ def see_parts(touches: TouchSet, cell: Cell, parameters: Parameters, noise: Nois
         noise: of one touch.
     """
     observations = observe(touches, cell)
-    point = project(observations, parameters, noise)
+    point = project(observations, ExtendedModel(parameters), noise)
     a = point.adjusted
-    state = place_force(observations, parameters, a.joints, a.force, a.state)
+    state = place_force(observations, point.model, a.joints, a.force, a.state)
     o = observations
     equations = touch_equations(parameters, a.joints, o.centers, o.radii, state, o.gripper)
     entries = whiten_by(excess_derivative(state, equations, o.gripper), point.whitened.root)
