@@ -16,7 +16,7 @@ from scara_kinetostatic.effects.base import (
 from scara_kinetostatic.effects.registry import catalogue, find, register, unregister
 from scara_kinetostatic.effects.unnamed import empirical_effects
 from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis
-from scara_kinetostatic.model.law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import Shift, TouchState
 
 __all__ = [
     'VARIABLES',

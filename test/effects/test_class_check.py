@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from calibration.studies import CELL
-from effects.scenes import EFFECTS, plausible, random_scene
+from effects.scenes import random_scene
 
 from scara_kinetostatic.effects.base import Effect, JointEffect, Parameter, SensorEffect
 from scara_kinetostatic.effects.registry import built_in, catalogue
-from scara_kinetostatic.model.law import TouchState
+from scara_kinetostatic.model.effect_law import TouchState
 
 COMPLETE = {
     'name': 'sample',
@@ -96,4 +96,4 @@ def test_what_an_effect_says_is_usable(effect: Effect, touch_state: TouchState):
 
 @pytest.fixture(scope='module')
 def touch_state() -> TouchState:
-    return random_scene(1, 30).touch_state(EFFECTS[0], plausible(EFFECTS[0]))
+    return random_scene(1, 30).touch_state

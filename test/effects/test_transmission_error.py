@@ -17,7 +17,6 @@ def joints(kind: str, n: int = 120) -> np.ndarray:
 
 
 def touch_state(angle: np.ndarray, joint: int) -> TouchState:
-    effect = TransmissionError.of(joint)
     at = random_scene(0, len(angle)).touch_state
     both = np.zeros((len(angle), 2))
     both[:, joint] = angle
