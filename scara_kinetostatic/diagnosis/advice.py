@@ -1,122 +1,139 @@
-"""What a diagnosis means and what to do next, in words."""
+"""Messages of a diagnosis: the lack of fit, what touches to record next, detection limit, noise."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+
+import numpy as np
+from scipy import special
 
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.discrimination import DiscriminatingTouch
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.refit import effect_values
 from scara_kinetostatic.diagnosis.result import Found, Ranked
+from scara_kinetostatic.diagnosis.thresholds import STRICT_SIGNIFICANCE
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.unnamed import Unnamed
-from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.model.parameters import NAMES, UNITS
 
-LARGE_BEND = 5.0
-"""Standard deviations by which an effect that is not found may bend one of the twelve before it is said."""
-FEW = 4
-VAGUE = 5.0
-"""Factor by which a standard deviation grows with other forms from which on it is said."""
-
-
-def unexplained(c: Calibration, found: Sequence[Dependence]) -> str:
-    """Where the twelve parameters are not enough and nothing was found to add."""
-    if not found and c.noise_source == 'estimated':
-        return (
-            'the forces lean from the normal of the disc, or scatter, in another way than noise does, without a '
-            'pattern: a few bad touches, or contact friction too small to be told; record more touches'
-        )
-    if not found:
-        return (
-            f'the residuals are {c.reduced_chi_square**0.5:.2g} times as large as the stated noise, without a pattern: '
-            'the noise is stated too small, or touches repeat worse than assumed; '
-            'leave the noise out of the cell file to have it estimated'
-        )
-    names = '; '.join(dependence.name for dependence in found[:3])
-    return (
-        f'the residual depends on {names}: the robot does something that the twelve parameters do not describe, '
-        'and they are bent by it; do not trust them to their standard deviations'
-    )
-
-
-def hint(p_value: float, found: Sequence[Dependence]) -> str:
-    """Where the residual shows a trace that no effect explains well enough to be believed."""
-    over = f' over {found[0].name}' if found else ''
-    return (
-        f'a hint of structure{over} (p = {p_value:.1g}), and nothing that explains it well enough to be believed; '
-        'more touches would show whether it is there'
-    )
-
-
-def not_excluded(ranking: Sequence[Ranked]) -> str:
-    """What "nothing is missing" does not exclude: effects just too small to be found that would bend the twelve."""
-    named = [item for item in ranking if item.undetected_bias > LARGE_BEND and not isinstance(item.effect, Unnamed)]
-    if not named:
-        return ''
-    worst = max(named, key=lambda item: item.undetected_bias)
-    others = f'; {len(named) - 1} other effects some parameter by more than {LARGE_BEND:g}' if len(named) > 1 else ''
-    return (
-        f'not excluded: {worst.effect.label}, just too small to be found in these touches, could bend '
-        f'{worst.biased_parameter} by {worst.undetected_bias:.0f} standard deviations{others}'
-    )
-
-
-def held(c: Calibration) -> str:
-    """What to say where some of the twelve were held at given values."""
-    if not c.fixed:
-        return ''
-    names = ', '.join(c.fixed)
-    return f'held at given values: {names}; a wrong value shows as an effect that is not there, so fit it as well'
+LARGE_BIAS = 5.0
+"""Standard deviations by which an undetected effect may bias a parameter without a message."""
+WIDENED = 5.0
+"""Factor by which alternative laws increase a standard deviation from which on there is a message."""
+MOST_NAMES = 4
+LARGEST_JOINT_NOISE = 2e-4
+"""Estimated repeatability of a joint beyond which it is a model error, rad."""
+LARGEST_ERROR_SHARE = 0.2
+"""Force error, as a part of the force, beyond which it is a model error."""
+LARGE_JOINT_NOISE = 5e-5
+"""Estimated repeatability of a joint from which on there is a message, rad: most robots repeat better."""
 
 
 def joined(*texts: str) -> str:
-    """Sentences, as one text; it begins small, as it does where there is one only."""
+    """Sentences as one text, without a capital at its beginning; empty ones are left out."""
     first, *others = [text for text in texts if text] or ['']
     return '. '.join([first, *(text[0].upper() + text[1:] for text in others)])
 
 
-def _few(labels: Sequence[str]) -> str:
-    """The first few of many, in words."""
-    left = len(labels) - FEW
-    parts = [*labels[:FEW], *([f'{left} other{"s" if left > 1 else ""}'] if left > 0 else [])]
-    return f'{", ".join(parts[:-1])} and {parts[-1]}' if len(parts) > 1 else parts[0]
+def unexplained(c: Calibration, dependences: Sequence[Dependence]) -> str:
+    """Message where the base model does not fit and no effect explains why.
+
+    Args:
+        c: the base model.
+        dependences: what its residual depends on.
+    """
+    if dependences:
+        return (
+            f'the residual is correlated with {_first_names(dependences)}: a model error that biases the parameters; '
+            'their standard deviations do not cover it'
+        )
+    if c.noise_source == 'estimated':
+        return (
+            'the off-normal angle of the forces, or the residual, is not distributed like noise, without a pattern: '
+            'a few bad touches, or contact friction too small to be identified; record more touches'
+        )
+    return (
+        f'the residuals are {c.reduced_chi_square**0.5:.2g} times as large as the stated noise, without a pattern: '
+        'the noise is stated too small, or touches repeat worse than assumed; '
+        'leave the noise out of the cell file to have it estimated'
+    )
 
 
-def alternative_frequencies(extended: Calibration, peaks: Sequence[Calibration]) -> str:
+def weak_evidence(p_value: float, dependences: Sequence[Dependence]) -> str:
+    """Message where the test is significant, but no effect explains the residual clearly better than none."""
+    on = f': the residual is correlated with {dependences[0].name}' if dependences else ''
+    return (
+        f'weak evidence of a model error (p = {p_value:.1g}){on}; no effect explains it well enough to be accepted; '
+        'record more touches to decide'
+    )
+
+
+def detection_limit(c: Calibration, ranking: Sequence[Ranked]) -> str:
+    """The largest bias of a parameter by an effect at the detection limit; empty where all are small.
+
+    Args:
+        c: the base model, in which no effect was found.
+        ranking: of all effects.
+    """
+    large = [item for item in ranking if item.undetected_bias > LARGE_BIAS and item.effect.is_physical]
+    if not large:
+        return ''
+    worst = max(large, key=lambda item: item.undetected_bias)
+    name, sigmas = worst.biased_parameter, worst.undetected_bias
+    others = f'; {len(large) - 1} other effects a parameter by more than {LARGE_BIAS:g} σ' if len(large) > 1 else ''
+    return (
+        f'detection limit: an undetected {worst.effect.label} could bias {name} by up to '
+        f'{_with_prefix(sigmas * c.std_of(name), UNITS[name])} ({sigmas:.0f} σ){others}'
+    )
+
+
+def fixed_parameters(c: Calibration) -> str:
+    """Message where parameters are fixed and a model error was found."""
+    if not c.fixed:
+        return ''
+    names = ', '.join(c.fixed)
+    return f'fixed parameters: {names}; a wrong value appears as an effect that does not exist: estimate them, too'
+
+
+def alternative_frequencies(extended: Calibration, alternatives: Sequence[Calibration]) -> str:
     """Which other frequencies fit as well as those of an extended model.
 
     Args:
         extended: the model.
-        peaks: fits of the same effects with other frequencies.
+        alternatives: fits of the same effects with other frequencies.
     """
     sentences = []
     for place, effect in enumerate(extended.model.effects):
         if not isinstance(effect, Effect) or not effect.grid_parameter:
             continue
         k = effect.grid_parameter_index
-        found, *others = (f'{effect_values(fit)[place][0][k]:.3g}' for fit in (extended, *peaks))
+        found, *others = (f'{effect_values(fit)[place][0][k]:.3g}' for fit in (extended, *alternatives))
         others = sorted(set(others) - {found}, key=float)
         if others:
             sentences.append(
-                f'{effect.label} fits as well with {" or ".join(others)} {effect.grid_parameter} instead of {found}; '
-                f'the standard deviations hold for all of them; to decide, record {effect.identified_by}'
+                f'{effect.label} fits equally well with {effect.grid_parameter} = {" or ".join(others)} instead of '
+                f'{found}; the standard deviations cover all of them; to decide, record {effect.identified_by}'
             )
     return joined(*sentences)
 
 
-def vague(extended: Calibration, widened: Calibration) -> str:
-    """Which of the twelve other forms and frequencies, that fit as well, leave open."""
-    names = [name for name, a, b in zip(NAMES, extended.std, widened.std, strict=True) if b > VAGUE * a]
+def alternative_laws(extended: Calibration, widened: Calibration) -> str:
+    """Which base parameters depend on the law or frequency of the effects, among those that fit equally well.
+
+    Args:
+        extended: the extended model.
+        widened: the same with standard deviations that cover the alternatives.
+    """
+    names = [name for name, a, b in zip(NAMES, extended.std, widened.std, strict=True) if b > WIDENED * a]
     if not names:
         return ''
     return (
-        f'{_few(names)} {"is" if len(names) == 1 else "are"} left open: what was found may go by another law that fits '
-        'these touches as well, and the standard deviations hold for those, too'
+        f'{_enumerated(names)} {"depends" if len(names) == 1 else "depend"} on the law assumed for the effects found; '
+        'other laws fit these touches equally well, and the standard deviations cover them'
     )
 
 
-def after_search(
+def open_questions(
     verdict: str,
     found: Sequence[Found],
     rivals: Sequence[Sequence[str]],
@@ -124,32 +141,126 @@ def after_search(
     known: Sequence[Effect],
     discriminating: Sequence[DiscriminatingTouch] | None = None,
 ) -> str:
-    """What remains open once the model has been extended."""
+    """What the extended model leaves open: rivals, fitted curves, lack of fit.
+
+    Args:
+        verdict: of the diagnosis.
+        found: the effects of the extended model.
+        rivals: labels of effects that the touches cannot distinguish.
+        remaining: what the residual of the extended model depends on.
+        known: the catalogue.
+        discriminating: touches that would distinguish the rivals; None where they were not looked for.
+    """
+    return joined(
+        *_distinguish(rivals, known, discriminating),
+        *(_about_curve(item) for item in found if not item.effect.is_physical),
+        _remaining(verdict, found, remaining),
+    )
+
+
+def _distinguish(
+    rivals: Sequence[Sequence[str]], known: Sequence[Effect], discriminating: Sequence[DiscriminatingTouch] | None
+) -> list[str]:
+    """Which rivals there are, and which touches would distinguish them."""
     by_label = {effect.label: effect for effect in known}
     sentences = []
     for group in rivals:
-        apart = f'these touches cannot tell {_few(group)} apart'
-        reveals = dict.fromkeys(by_label[label].identified_by for label in group[:FEW] if label in by_label)
-        sentences.append(f'{apart}; to decide, record {"; or ".join(reveals)}' if discriminating != () else apart)
+        text = f'these touches cannot distinguish {_enumerated(group)}'
+        touches = dict.fromkeys(by_label[label].identified_by for label in group[:MOST_NAMES] if label in by_label)
+        sentences.append(f'{text}; to decide, record {"; or ".join(touches)}' if discriminating != () else text)
     if discriminating:
+        touches_text = '; '.join(map(str, discriminating))
         sentences.append(
-            f'where they differ most: {"; ".join(map(str, discriminating))}; repeat such touches until they decide'
+            f'their predictions differ most at: {touches_text}; repeat such touches until one is ruled out'
         )
     elif discriminating is not None:
-        sentences.append('no touch of these discs would do it; measure one of the rivals by other means, and hold it')
-    for item in found:
-        if isinstance(item.effect, Unnamed) and not item.in_every_model:
-            sentences.append(
-                f'{item.effect.label} stands for something that no effect of the list is: {item.effect.description}'
-            )
-        elif isinstance(item.effect, Unnamed):
-            sentences.append(
-                f'no effect of the list explains what is left: {item.effect.description}; it is corrected by a fitted '
-                f'curve. To learn what it is, record {item.effect.identified_by}'
-            )
-    if verdict == 'unexplained' and remaining:
-        names = '; '.join(dependence.name for dependence in remaining[:3])
-        sentences.append(f'something is left even so: the residual depends on {names}')
-    elif verdict == 'unexplained' and not any(isinstance(item.effect, Unnamed) for item in found):
-        sentences.append('the residuals stay larger than the stated noise, without a pattern')
-    return joined(*sentences)
+        sentences.append('no touch on these discs would distinguish them; measure one by other means, and fix it')
+    return sentences
+
+
+def _about_curve(item: Found) -> str:
+    """Message on a fitted curve of the extended model."""
+    if not item.in_every_model:
+        return f'{item.effect.label} is a fitted curve for an effect outside the catalogue: {item.effect.description}'
+    return (
+        f'no effect of the catalogue explains the model error: {item.effect.description}; it is corrected by a fitted '
+        f'curve. To identify it, record {item.effect.identified_by}'
+    )
+
+
+def _remaining(verdict: str, found: Sequence[Found], remaining: Sequence[Dependence]) -> str:
+    """The lack of fit of the extended model, if any."""
+    if verdict != 'unexplained':
+        return ''
+    if remaining:
+        return f'a significant lack of fit remains: the residual is correlated with {_first_names(remaining)}'
+    if all(item.effect.is_physical for item in found):
+        return 'the residuals remain larger than the stated noise, without a pattern'
+    return ''
+
+
+def implausible_noise(c: Calibration) -> str:
+    """Why estimated noise is too large to be noise, such as a gross model error makes it; empty if it is not."""
+    if c.noise_source == 'given':
+        return ''
+    share = c.force_error / float(np.hypot(c.force[:, 0], c.force[:, 1]).mean())
+    if c.noise.joint <= LARGEST_JOINT_NOISE and share <= LARGEST_ERROR_SHARE:
+        return ''
+    return (
+        f'the force error is {c.force_error:.2g} N, {100 * share:.0f} % of the force, which as noise would be a joint '
+        f'repeatability of {c.noise.joint:.1e} rad: this is a model error; check the positions and radii of '
+        'the discs, the fixed parameters, and whether a joint lost its zero'
+    )
+
+
+def large_noise(c: Calibration) -> str:
+    """Message where estimated noise is large but plausible."""
+    if c.noise_source == 'given' or c.noise.joint <= LARGE_JOINT_NOISE:
+        return ''
+    return (
+        f'the estimated joint repeatability is {c.noise.joint:.1e} rad; if the robot repeats better, a model error is '
+        'counted as noise here: give the noise in the cell file if it is known'
+    )
+
+
+def growing_noise(p_value: float) -> str:
+    """Message where the scatter of the force depends on the force.
+
+    Args:
+        p_value: of "it does not".
+    """
+    if p_value >= STRICT_SIGNIFICANCE:
+        return ''
+    return (
+        f'the scatter of the force increases with the force (p = {p_value:.1g}), whereas all tests assume it constant: '
+        'a dependence on the size of the force may be due to that alone'
+    )
+
+
+def overstated_noise(c: Calibration) -> str:
+    """Message where the residuals are significantly smaller than the stated noise."""
+    too_small = special.chdtr(c.degrees_of_freedom, c.chi_square) < STRICT_SIGNIFICANCE
+    if c.noise_source != 'given' or not too_small:
+        return ''
+    return (
+        f'the residuals are {c.reduced_chi_square**0.5:.2g} times the stated noise: it is stated too large, and so '
+        'are the standard deviations of the base model; effects were tested with the noise estimated from the touches. '
+        'Leave the noise out of the cell file to have it estimated'
+    )
+
+
+def _first_names(dependences: Sequence[Dependence]) -> str:
+    return '; '.join(dependence.name for dependence in dependences[:3])
+
+
+def _enumerated(labels: Sequence[str]) -> str:
+    """The first few of many, in words."""
+    left = len(labels) - MOST_NAMES
+    parts = [*labels[:MOST_NAMES], *([f'{left} other{"s" if left > 1 else ""}'] if left > 0 else [])]
+    return f'{", ".join(parts[:-1])} and {parts[-1]}' if len(parts) > 1 else parts[0]
+
+
+def _with_prefix(value: float, unit: str) -> str:
+    """A value in SI units, three digits, with a prefix that fits."""
+    prefix, factor = next(((p, f) for p, f in (('', 1.0), ('m', 1e3), ('µ', 1e6)) if value * f >= 1.0), ('n', 1e9))
+    return f'{value * factor:.3g} {prefix}{unit}'

@@ -17,7 +17,7 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.evidence import penalised_deviance
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
-from scara_kinetostatic.diagnosis.model_selection import CREDIBLE
+from scara_kinetostatic.diagnosis.thresholds import CREDIBLE
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import UnsupportedDataError

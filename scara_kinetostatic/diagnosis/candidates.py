@@ -1,4 +1,4 @@
-"""The candidates of a diagnosis: every effect as columns of the linear problem."""
+"""Candidates: every effect as columns of the linear problem, at its best trial."""
 
 from __future__ import annotations
 
@@ -11,30 +11,28 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
 from scara_kinetostatic.diagnosis.linear_problem import Problem
-from scara_kinetostatic.effects.base import Effect, LinearEffect, Trial
+from scara_kinetostatic.diagnosis.thresholds import INDEPENDENT_PART, INDEPENDENT_PART_CAUTIOUS
+from scara_kinetostatic.effects.base import Effect, Trial
 
 Floats = NDArray[np.float64]
 
 PARTNERS = 12
-"""Beside how many of the other candidates the frequency of an effect is searched for again."""
+"""Beside how many of the other candidates the trials of an effect are compared again."""
 RIDGE = 1e-6
+"""Of the largest trace of a Gram matrix: keeps the trials solvable whose columns are parallel."""
 FINEST = 4
-"""Grids, each finer than the one before, on which a frequency is looked for."""
-EVEN = 0.3
-"""Part of the variance of the noise that a better frequency must explain to be worth another grid."""
-LEAST_INDEPENDENT_PART = 0.012
-"""Part of a unit column that must be new beside the twelve; less is the noise of the measured force."""
-LEAST_INDEPENDENT_PART_AT_ONE_LEVEL = 0.03
-"""The same where all forces are alike."""
+"""Grids, each finer than the one before, on which the best trial is looked for."""
+NEGLIGIBLE_GAIN = 0.3
+"""Part of the residual variance that a finer grid must explain to be followed by another one."""
 
 
 class Candidate(NamedTuple):
-    """One way in which one effect may be present.
+    """An effect at one of its trials.
 
     Attributes:
         effect: the effect.
-        trial: the way.
-        unit: orthonormal basis of what its columns add to the twelve, (2n, r).
+        trial: the trial.
+        unit: orthonormal basis of what its columns add to those of the base model, (2n, r).
         tried: how many trials the effect has.
     """
 
@@ -45,16 +43,16 @@ class Candidate(NamedTuple):
 
     @property
     def freedoms(self) -> int:
-        """Parameters of the effect that can show beside the twelve."""
+        """Parameters of the effect that are identifiable beside the base model."""
         return self.unit.shape[1] + len(self.effect.parameters) - len(self.trial.columns)
 
 
 class Unidentifiable(NamedTuple):
-    """An effect that these touches cannot show.
+    """An effect that these touches cannot determine.
 
     Attributes:
         effect: the effect.
-        new: largest part of a unit column of it that is new beside the twelve.
+        independent_part: largest part of a unit column of it that is independent of the base model.
     """
 
     effect: Effect
@@ -66,8 +64,8 @@ class Scan(NamedTuple):
 
     Attributes:
         effect: the effect.
-        trials: the ways in which it may be present.
-        columns: of all trials, less what the twelve take up, (2n, t, m).
+        trials: the trials.
+        columns: of all trials, projected off the base model, (2n, t, m).
         tried: how many trials the effect has in all.
     """
 
@@ -78,11 +76,11 @@ class Scan(NamedTuple):
 
 
 class CandidateSet(NamedTuple):
-    """All that competes.
+    """All candidates.
 
     Attributes:
-        candidates: the best way of each effect, and further ways of those with many.
-        unseen: effects that these touches cannot show.
+        candidates: each effect at its best trial, and at further trials of those with many.
+        unidentifiable: effects that these touches cannot determine.
     """
 
     candidates: tuple[Candidate, ...]
@@ -90,7 +88,7 @@ class CandidateSet(NamedTuple):
 
     @property
     def number(self) -> int:
-        """How many different effects compete."""
+        """How many different effects there are."""
         return len({candidate.effect.label for candidate in self.candidates})
 
 
@@ -102,14 +100,14 @@ def gather(
 ) -> CandidateSet:
     """The candidates among effects.
 
-    An effect with many trials (a frequency to be found) takes part with the one that explains
-    most by itself, with those that explain most beside one of the other candidates, and with the one already fitted.
+    An effect with many trials (an unknown frequency) is a candidate at the trial that explains
+    most by itself, at those that explain most beside one of the other candidates, and as already fitted.
 
     Args:
         problem: the touches.
-        effects: who may take part.
+        effects: the effects.
         fitted: values of the parameters of effects that the last fit had, by label.
-        together: whether several effects are to act at once; else the best way of each by itself will do.
+        together: whether sets of several effects are compared; else the best trial of each by itself is enough.
     """
     found: list[Candidate] = []
     unidentifiable, scans = [], []
@@ -119,7 +117,7 @@ def gather(
             scans.append(scan_trials(problem, effect, trials, len(trials)))
             continue
         unit, part = independent_part(problem, problem.columns(trials[0]), problem.noise_columns(effect, trials[0]))
-        if effect.label in fitted and not isinstance(effect, LinearEffect):
+        if effect.label in fitted and not effect.is_linear:
             found.append(as_fitted(problem, effect, fitted[effect.label], 1))
         elif unit.shape[1]:
             found.append(Candidate(effect, trials[0], unit, 1))
@@ -138,47 +136,53 @@ def gather(
 
 
 def as_fitted(problem: Problem, effect: Effect, values: Floats, tried: int) -> Candidate:
-    """A nonlinear effect as the last fit had it, free to move about these values."""
+    """A nonlinear effect linearised at fitted values."""
     at, reported = problem.touch_state, problem.force
     trial = Trial(effect.derivative(at, values), effect.sensor_error_derivative(reported, values), lambda _: values)
     return Candidate(effect, trial, independent_part(problem, problem.columns(trial))[0], tried)
 
 
 def explained(problem: Problem, candidate: Candidate) -> float:
-    """What of the sum of squares a candidate takes away by itself."""
+    """Decrease of the sum of squares by one candidate."""
     return float(np.sum((candidate.unit.T @ problem.left) ** 2))
 
 
 def independent_part(problem: Problem, columns: Floats, noise: Floats | None = None) -> tuple[Floats, float]:
-    """Orthonormal basis of what columns (2n, m) add to the twelve, and the largest part of a unit column that does.
+    """Orthonormal basis of what columns add to those of the base model, and their largest independent part.
 
-    A direction counts as new only if no more than `NOISE_SHARE` of it is made by the noise of the forces; `noise` is
-    the change of the columns by one standard deviation of that, (2n, m), None for nothing.
+    Args:
+        problem: the touches.
+        columns: of an effect, (2n, m).
+        noise: their change by one standard deviation of the noise of the forces, (2n, m); None for nothing. A direction
+            of which this makes more than `NOISE_SHARE` does not count.
+
+    Returns:
+        The basis, (2n, r), and the largest part of a unit column that is independent of the base model.
     """
     scale = np.linalg.norm(columns, axis=0)
-    visible = scale > 0
-    columns = columns[:, visible] / scale[visible]
+    nonzero = scale > 0
+    columns = columns[:, nonzero] / scale[nonzero]
     if not columns.size:
         return np.empty((len(columns), 0)), 0.0
     left = columns - problem.base @ (problem.base.T @ columns)
     u, values, vt = np.linalg.svd(left, full_matrices=False)
-    independent_part = values > (LEAST_INDEPENDENT_PART_AT_ONE_LEVEL if problem.one_level else LEAST_INDEPENDENT_PART)
+    independent = values > (INDEPENDENT_PART_CAUTIOUS if problem.one_level else INDEPENDENT_PART)
     if noise is not None:
-        made = np.linalg.norm(noise[:, visible] / scale[visible] @ vt.T, axis=0)
-        independent_part &= made**2 <= NOISE_SHARE * values**2
-    return u[:, independent_part], min(1.0, float(values[0]))
+        made = np.linalg.norm(noise[:, nonzero] / scale[nonzero] @ vt.T, axis=0)
+        independent &= made**2 <= NOISE_SHARE * values**2
+    return u[:, independent], min(1.0, float(values[0]))
 
 
 def best_trial(problem: Problem, scan: Scan, beside: Floats | None = None) -> Candidate:
-    """The trial that explains most, by itself or beside an orthonormal basis (2n, r); between those of a grid, too."""
+    """The trial that explains most, by itself or beside an orthonormal basis (2n, r), refined on finer grids."""
     return refined(problem, scan, int(np.argmax(gains(problem, scan, beside))), beside)
 
 
 def refined(problem: Problem, scan: Scan, k: int, beside: Floats | None = None) -> Candidate:
-    """The best trial near that with number k.
+    """The best trial near that with index k.
 
-    It is looked for on ever finer grids, until a step changes what is explained by less than `EVEN` of the
-    noise that would be left.
+    It is looked for on ever finer grids, until a step changes what is explained by less than `NEGLIGIBLE_GAIN` of the
+    residual variance.
     """
     taken = 0.0 if beside is None else float(np.sum((beside.T @ problem.left) ** 2))
     most = float(gains(problem, scan, beside)[k])
@@ -192,14 +196,17 @@ def refined(problem: Problem, scan: Scan, k: int, beside: Floats | None = None) 
         gained = gains(problem, scan, beside)
         k = int(np.argmax(gained))
         most = float(gained[k])
-        if most - before < EVEN * max(float(problem.left @ problem.left) - taken - most, 0.0) / problem.freedoms:
+        if (
+            most - before
+            < NEGLIGIBLE_GAIN * max(float(problem.left @ problem.left) - taken - most, 0.0) / problem.freedoms
+        ):
             break
         width *= 2 / (len(finer) - 1)
     return Candidate(scan.effect, scan.trials[k], independent_part(problem, scan.columns[:, k])[0], scan.tried)
 
 
 def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
-    """What of the sum of squares each trial takes away beside an orthonormal basis (2n, r), (t,)."""
+    """Decrease of the sum of squares by each trial beside an orthonormal basis (2n, r), (t,)."""
     left, columns = problem.left, scan.columns
     if beside is not None:
         left = left - beside @ (beside.T @ left)
@@ -213,7 +220,7 @@ def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
 
 
 def scan_trials(problem: Problem, effect: Effect, trials: Sequence[Trial], tried: int) -> Scan:
-    """Trials of an effect, of `tried` in all, without what the twelve take up of them."""
+    """Trials of an effect, of `tried` in all, projected off the base model."""
     columns = np.stack([problem.columns(trial) for trial in trials], axis=1)
     flat = columns.reshape(len(problem.left), -1)
     flat = flat - problem.base @ (problem.base.T @ flat)

@@ -12,7 +12,7 @@ from scipy import special
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis import advice, noise_advice
+from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.alternatives import fit_alternative_laws, widened, widened_for_each, with_free_zeros
 from scara_kinetostatic.diagnosis.candidates import CandidateSet
 from scara_kinetostatic.diagnosis.contact_angle import growing_p_value, off_normal_p_value, without_direction
@@ -20,22 +20,17 @@ from scara_kinetostatic.diagnosis.discrimination import DiscriminatingTouch, dis
 from scara_kinetostatic.diagnosis.hypotheses import select_hypothesis
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence, find_dependences
 from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
-from scara_kinetostatic.diagnosis.model_selection import CREDIBLE, rank_singles
+from scara_kinetostatic.diagnosis.model_selection import rank_singles
 from scara_kinetostatic.diagnosis.peaks import fit_alternative_frequencies
 from scara_kinetostatic.diagnosis.refit import effect_values
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.diagnosis.scores import score_singles, significance, undetected_bias
 from scara_kinetostatic.diagnosis.search import Search, all_candidates
+from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, SIGNIFICANCE, STRICT_SIGNIFICANCE
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
-from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.parameters import NAMES
-
-SIGNIFICANCE = 0.01
-"""Chance of a false alarm that is accepted where something explains the touches clearly better than nothing does."""
-STRICT = 1e-3
-"""The same where nothing does."""
 
 
 class Adequacy(NamedTuple):
@@ -62,16 +57,16 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
         effects: the catalogue; None for all that `effects.registry` lists.
     """
     known = tuple(catalogue(calibration.cell) if effects is None else effects)
-    quiet = noise_advice.too_quiet(calibration)
+    quiet = advice.overstated_noise(calibration)
     found = _diagnose(_with_own_noise(calibration) if quiet else calibration, known)
-    if not quiet and found.extended is not None and noise_advice.too_quiet(found.extended):
-        quiet = noise_advice.too_quiet(found.extended)
+    if not quiet and found.extended is not None and advice.overstated_noise(found.extended):
+        quiet = advice.overstated_noise(found.extended)
         found = _diagnose(_with_own_noise(calibration), known)
     final = found.extended or calibration
     off_normal_fit = any(effect.off_normal_std for effect in final.model.effects)
     growing = 1.0 if off_normal_fit else growing_p_value(final)
-    held = advice.held(calibration) if found.verdict != 'none' else ''
-    return replace(found, advice=advice.joined(quiet, found.advice, held, noise_advice.growing_noise(growing)))
+    held = advice.fixed_parameters(calibration) if found.verdict != 'none' else ''
+    return replace(found, advice=advice.joined(quiet, found.advice, held, advice.growing_noise(growing)))
 
 
 def _with_own_noise(calibration: Calibration) -> Calibration:
@@ -93,16 +88,18 @@ def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
     before = adequacy(c, problem, candidate_set)
     off_normal = off_normal_p_value(c)
     p_value = min(1.0, 2 * min(before.p_value, off_normal))
-    incredible = noise_advice.incredible(c)
+    incredible = advice.implausible_noise(c)
     alarm = p_value < SIGNIFICANCE or bool(incredible)
     found, lead = select_hypothesis(c, known, alarm, off_normal < SIGNIFICANCE / 2)
     if found is not None and p_value >= SIGNIFICANCE:
         p_value = min(p_value, float(np.exp(-lead / 2)))
-    hint = found is not None and not incredible and p_value >= STRICT and found.gain < CREDIBLE
+    hint = found is not None and not incredible and p_value >= STRICT_SIGNIFICANCE and found.gain < CREDIBLE
     if found is None or hint:
         nothing = Search(problem, rank_singles(problem, candidate_set), None, 0.0, (), ())
         ranking = _ranking(nothing, c)
-        text = advice.joined(advice.hint(p_value, before.dependences) if hint else '', advice.not_excluded(ranking))
+        text = advice.joined(
+            advice.weak_evidence(p_value, before.dependences) if hint else '', advice.detection_limit(c, ranking)
+        )
         return Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, advice=text)
     ranking = _ranking(found, c)
     if found.extended is None:
@@ -140,10 +137,10 @@ def _extend(base: Diagnosis, calibration: Calibration, found: Search, known: tup
         remaining=after.dependences,
         remaining_p_value=after.p_value,
         advice=advice.joined(
-            advice.after_search(verdict, described, found.rivals, after.dependences, known, discriminating),
+            advice.open_questions(verdict, described, found.rivals, after.dependences, known, discriminating),
             advice.alternative_frequencies(found.extended, peaks),
-            advice.vague(found.extended, extended),
-            noise_advice.large_noise(found.extended),
+            advice.alternative_laws(found.extended, extended),
+            advice.large_noise(found.extended),
         ),
     )
 
@@ -178,7 +175,7 @@ def adequacy(
     dependences = list(find_dependences(without_direction(c)))
     if problem is not None and candidate_set is not None:
         dependences += [
-            Dependence(_words(candidate.effect), *significance(problem, candidate))
+            Dependence(candidate.effect.title, *significance(problem, candidate))
             for candidate in {
                 candidate.effect.label: candidate for candidate in reversed(candidate_set.candidates)
             }.values()
@@ -193,14 +190,8 @@ def adequacy(
     return Adequacy(min(1.0, smallest * tests), tuple(found))
 
 
-def _words(effect: Effect) -> str:
-    return effect.description if isinstance(effect, Unnamed) else effect.label
-
-
 def _verdict(found: Search, described: Sequence[Found], after: Adequacy) -> str:
-    if after.p_value < SIGNIFICANCE or any(
-        isinstance(item.effect, Unnamed) and item.in_every_model for item in described
-    ):
+    if after.p_value < SIGNIFICANCE or any(not item.effect.is_physical and item.in_every_model for item in described):
         return 'unexplained'
     return 'ambiguous' if found.rivals else 'explained'
 

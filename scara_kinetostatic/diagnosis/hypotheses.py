@@ -18,20 +18,16 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import USUAL_NOISE
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.diagnosis.advice import implausible_noise
 from scara_kinetostatic.diagnosis.contact_angle import fit_with_off_normal, growing_p_value, off_normal_p_value
 from scara_kinetostatic.diagnosis.evidence import penalised_deviance
-from scara_kinetostatic.diagnosis.model_selection import CREDIBLE
-from scara_kinetostatic.diagnosis.noise_advice import incredible
 from scara_kinetostatic.diagnosis.search import Search, search
+from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, FRICTION_SIGNIFICANCE
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.off_normal_force import OffNormalForce
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import UnsupportedDataError
 
-SURE = 2e-3
-"""P-value of the lean beside noise that grows with the force, below which friction is named."""
-RADIAL = 2e-3
-"""P-value of the lean above which an extended model has no need of it; beside growing noise it would be larger yet."""
 SUSPICIOUS = 1
 """Rejected touches from which on they are asked whether an effect explains them."""
 
@@ -120,8 +116,11 @@ def _is_radial(extended: Calibration) -> bool:
     c = extended
     if any(isinstance(effect, Unnamed) for effect in c.model.effects):
         return False
-    fits = not incredible(c) if c.noise_source == 'estimated' else chdtrc(c.degrees_of_freedom, c.chi_square) > SURE
-    return fits and off_normal_p_value(c) > RADIAL
+    if c.noise_source == 'estimated':
+        fits = not implausible_noise(c)
+    else:
+        fits = bool(chdtrc(c.degrees_of_freedom, c.chi_square) > FRICTION_SIGNIFICANCE)
+    return fits and off_normal_p_value(c) > FRICTION_SIGNIFICANCE
 
 
 def _is_surely_off_normal(extended: Calibration) -> bool:
@@ -133,4 +132,4 @@ def _is_surely_off_normal(extended: Calibration) -> bool:
     others = tuple(effect for effect in extended.model.effects if not isinstance(effect, OffNormalForce))
     without = replace(extended, model=extended.model.with_effects(others))
     off_normal, growing = off_normal_p_value(without, beside_growing=True), growing_p_value(extended)
-    return off_normal < SURE * (growing if growing < SURE else 1.0)
+    return off_normal < FRICTION_SIGNIFICANCE * (growing if growing < FRICTION_SIGNIFICANCE else 1.0)

@@ -1,11 +1,9 @@
-"""Is anything left in the residual? Tests of the residual against all it could depend on.
+"""Lack of fit: F-tests of the residual against everything that it could depend on.
 
-If the twelve-parameter model is enough, the whitened misclosures of the used touches
-are white noise less what the fit took out. A physical effect that the model lacks
-leaves a smooth trace in them: over a joint angle, the torque, the force, the
-disc, the place on it, the time. Each such family of functions is added to the linearised fit;
-what it explains beyond chance is an F-test, valid whether the noise was
-given or estimated.
+If the model is complete, the whitened misclosures of the used touches are white noise, projected off the columns of the
+fit. An effect that the model lacks makes them depend smoothly on a joint angle, a torque, the force, the disc, the
+place on it, the time. Each such family of functions is added to the linearised fit, and its contribution is tested by
+an F-test, which is valid whether the noise was given or estimated.
 """
 
 from __future__ import annotations
@@ -22,24 +20,18 @@ from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Point
 from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
-from scara_kinetostatic.diagnosis.linear_problem import LEVELS
+from scara_kinetostatic.diagnosis.thresholds import FORCE_LEVELS, INDEPENDENT_PART_CAUTIOUS, ROUNDING
 from scara_kinetostatic.model.statics import view_arm
 from scara_kinetostatic.model.touch import TouchSet
 
 Floats = NDArray[np.float64]
 
 
-LEAST_INDEPENDENT_PART = 0.03
-"""Part of a unit column that must be new beside the fitted parameters; less is the noise of the measured force."""
-ROUNDING = 1e-8
-"""Mean square of a whitened residual below which it is rounding error."""
-
-
-class Family(NamedTuple):
-    """Functions of one thing the residual could depend on.
+class _Family(NamedTuple):
+    """Functions of one quantity that the residual could depend on.
 
     Attributes:
-        name: that thing, in words.
+        name: of the quantity.
         columns: the functions at each touch, (n, 2, m), whitened.
         noise: their change by one standard deviation of the noise in the forces, (n, 2, m); None for nothing.
     """
@@ -50,12 +42,12 @@ class Family(NamedTuple):
 
 
 class Dependence(NamedTuple):
-    """What one family explains.
+    """The test of one family.
 
     Attributes:
-        name: on what the residual would depend.
+        name: of the quantity on which the residual would depend.
         p_value: of "it does not".
-        share: part of the residual's sum of squares explained.
+        share: part of the residual's sum of squares that the family explains.
     """
 
     name: str
@@ -63,9 +55,9 @@ class Dependence(NamedTuple):
     share: float
 
 
-def families(calibration: Calibration, point: Point) -> tuple[Family, ...]:
-    """What the residual could depend on, at the used touches: smooth functions, along and across the force; places
-    of the discs; joints whose zero changes.
+def _families(calibration: Calibration, point: Point) -> tuple[_Family, ...]:
+    """All families at the used touches: smooth functions along and across the force, displaced discs, joints whose zero
+    changes.
     """
     touches = calibration.touches.select(calibration.used)
     state = point.adjusted.state
@@ -73,11 +65,11 @@ def families(calibration: Calibration, point: Point) -> tuple[Family, ...]:
     f, phi = state.magnitude, state.direction
     q1, q2 = point.adjusted.joints.T
     link2 = q1 + q2 + point.parameters.theta1 + point.parameters.theta2
-    more = f + noise_left(point.linear, point.whitened.root, calibration.noise, 0)
-    noisy = {
-        'the torque of joint 1': _powers(f * arm.lever1, more * arm.lever1),
-        'the torque of joint 2': _powers(f * arm.lever2, more * arm.lever2),
-        'the size of the force': _powers(f, more),
+    larger = f + noise_left(point.linear, point.whitened.root, calibration.noise, 0)
+    larger_by_noise = {
+        'the torque of joint 1': _powers(f * arm.lever1, larger * arm.lever1),
+        'the torque of joint 2': _powers(f * arm.lever2, larger * arm.lever2),
+        'the size of the force': _powers(f, larger),
     }
     smooth = {
         'the angle of joint 1': _waves(q1, 2),
@@ -86,19 +78,19 @@ def families(calibration: Calibration, point: Point) -> tuple[Family, ...]:
         'the torque of joint 2': _powers(f * arm.lever2),
         'the size of the force': _powers(f),
         'the direction of the force': _waves(phi, 2),
-        'the direction of the force seen from link 2': _waves(phi - link2, 2),
+        'the direction of the force relative to link 2': _waves(phi - link2, 2),
         'the touched disc': _indicators(touches.disc),
         'the elbow posture': touches.posture[:, None].astype(float),
         'the sense of approach': np.sign(touches.approach),
         'time': _powers(touches.time)[:, :2],
     }
-    if np.std(f) < LEVELS * calibration.noise.force:
-        del smooth['the size of the force']  # what is left of it is its noise
+    if np.std(f) < FORCE_LEVELS * calibration.noise.force:
+        del smooth['the size of the force']  # its differences are noise
     one_side = [
-        Family(
+        _Family(
             f'{name} ({side} the force)',
             _on_side(columns, k),
-            _on_side(noisy[name] - columns, k) if name in noisy else None,
+            _on_side(larger_by_noise[name] - columns, k) if name in larger_by_noise else None,
         )
         for name, columns in smooth.items()
         for k, side in enumerate(('along', 'across'))
@@ -112,21 +104,21 @@ def _on_side(columns: Floats, side: int) -> Floats:
     return out
 
 
-def _displaced_discs(touches: TouchSet, direction: Floats, point: Point) -> list[Family]:
-    """A disc elsewhere, or of another radius: h changes by -n, -t components of the move, and by the radius along n."""
+def _displaced_discs(touches: TouchSet, direction: Floats, point: Point) -> list[_Family]:
+    """A disc displaced, or of another radius: h changes by the displacement along n and t, by the radius along n."""
     c, s, one, none = np.cos(direction), np.sin(direction), np.ones_like(direction), np.zeros_like(direction)
-    moves = np.stack([np.stack([c, s, one], axis=-1), np.stack([-s, c, none], axis=-1)], axis=1)
+    shifts = np.stack([np.stack([c, s, one], axis=-1), np.stack([-s, c, none], axis=-1)], axis=1)
     return [
-        Family(
+        _Family(
             f'place and size of disc number {disc}',
-            whiten_by(moves * (touches.disc == disc)[:, None, None], point.whitened.root),
+            whiten_by(shifts * (touches.disc == disc)[:, None, None], point.whitened.root),
         )
         for disc in np.unique(touches.disc)
     ]
 
 
-def _changed_joints(touches: TouchSet, point: Point) -> list[Family]:
-    """The zero of a joint that drifts with time, jumps at some time, or depends on the sense of approach."""
+def _changed_joints(touches: TouchSet, point: Point) -> list[_Family]:
+    """The zero of a joint drifts with time, jumps at some time, or depends on the sense of approach."""
     order = np.argsort(np.argsort(touches.time, kind='stable'))
     parts = [np.where(order >= len(order) * part, 0.5, -0.5) for part in (0.25, 0.5, 0.75)]
     turns = whiten_by(point.linear.by_joints, point.whitened.root)
@@ -135,8 +127,8 @@ def _changed_joints(touches: TouchSet, point: Point) -> list[Family]:
         family
         for joint in (0, 1)
         for family in (
-            Family(f'time, through the zero of joint {joint + 1}', turns[:, :, joint, None] * drift[:, None, :]),
-            Family(
+            _Family(f'time, through the zero of joint {joint + 1}', turns[:, :, joint, None] * drift[:, None, :]),
+            _Family(
                 f'the sense of approach, through joint {joint + 1}',
                 turns[:, :, joint, None] * np.sign(touches.approach[:, joint])[:, None, None],
             ),
@@ -149,9 +141,9 @@ def _waves(angle: Floats, most: int) -> Floats:
 
 
 def _powers(values: Floats, at: Floats | None = None) -> Floats:
-    """Powers of values (n,) over their range; or those of others, scaled alike."""
-    off_normal_std = float(np.ptp(values)) or 1.0
-    z = ((values if at is None else at) - values.mean()) / off_normal_std
+    """Powers of values (n,) scaled to their range, (n, 3); or of the values `at`, scaled alike."""
+    span = float(np.ptp(values)) or 1.0
+    z = ((values if at is None else at) - values.mean()) / span
     return np.stack([z, z**2, z**3], axis=1)
 
 
@@ -162,44 +154,52 @@ def _indicators(labels: NDArray[np.intp]) -> Floats:
 def find_dependences(calibration: Calibration) -> tuple[Dependence, ...]:
     """Test every family.
 
+    Args:
+        calibration: with or without effects.
+
     Returns:
-        One trace per family that is new beside the fitted parameters, the most significant first.
+        One test per family that is independent of the fitted parameters, the most significant first.
     """
     c = calibration
     observations = observe(c.touches.select(c.used), c.cell)
     point = project(observations, c.model, c.noise)
     n = len(point.distance)
-    unsaid = n if c.model.off_normal_std else 0
+    uninformative = n if c.model.off_normal_std else 0
     jacobian = (point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1)
     base = np.linalg.qr(jacobian)[0]
     residual = point.whitened.residual.ravel() - base @ (base.T @ point.whitened.residual.ravel())
     dependences = []
-    for family in families(c, point):
+    for family in _families(c, point):
         noise = None if family.noise is None else family.noise.reshape(2 * n, -1)
-        dependence = _test(residual, base, family.columns.reshape(2 * n, -1), noise, unsaid)
+        dependence = _test(residual, base, family.columns.reshape(2 * n, -1), noise, uninformative)
         if dependence is not None:
             dependences.append(Dependence(family.name, *dependence))
     return tuple(sorted(dependences, key=lambda dependence: dependence.p_value))
 
 
 def _test(
-    residual: Floats, base: Floats, columns: Floats, noise: Floats | None, unsaid: int
+    residual: Floats, base: Floats, columns: Floats, noise: Floats | None, uninformative: int
 ) -> tuple[float, float] | None:
     """p-value and share of the residual that further columns explain; None if they add nothing testable.
 
-    Of the rows of the residual, `unsaid` say nothing. What the noise of the forces, `noise`, makes of the columns does
-    not count as new.
+    Args:
+        residual: (m,).
+        base: orthonormal basis of the fit's columns, (m, r).
+        columns: to be tested, (m, k).
+        noise: their change by one standard deviation of the noise of the forces, (m, k); directions that consist
+            mostly of that do not count.
+        uninformative: how many rows of the residual are zero by construction.
     """
     scale = np.linalg.norm(columns, axis=0)
     visible = scale > 0
     columns = columns[:, visible] / scale[visible]
     left = columns - base @ (base.T @ columns)
     u, values, vt = np.linalg.svd(left, full_matrices=False)
-    new = values > LEAST_INDEPENDENT_PART
+    independent = values > INDEPENDENT_PART_CAUTIOUS
     if noise is not None:
-        new &= np.linalg.norm(noise[:, visible] / scale[visible] @ vt.T, axis=0) ** 2 <= NOISE_SHARE * values**2
-    u = u[:, new]
-    q, freedoms = u.shape[1], len(residual) - unsaid - base.shape[1] - u.shape[1]
+        independent &= np.linalg.norm(noise[:, visible] / scale[visible] @ vt.T, axis=0) ** 2 <= NOISE_SHARE * values**2
+    u = u[:, independent]
+    q, freedoms = u.shape[1], len(residual) - uninformative - base.shape[1] - u.shape[1]
     total = float(residual @ residual)
     if q == 0 or freedoms < 1 or total < ROUNDING * len(residual):
         return None

@@ -24,6 +24,7 @@ from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Point, Subspace
 from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
+from scara_kinetostatic.diagnosis.thresholds import FORCE_LEVELS
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.model.effect_law import Shift, TouchState
 from scara_kinetostatic.model.equations import Equations
@@ -35,8 +36,6 @@ Floats = NDArray[np.float64]
 
 MOST = 2000
 """Touches that a diagnosis looks at; the fit itself takes all."""
-LEVELS = 3.0
-"""Standard deviations of the noise by which forces must scatter to be of several levels."""
 NEGLIGIBLE = 1e-9
 """A unit column with less than this left beside the others adds no rank."""
 
@@ -131,7 +130,7 @@ def pose_problem(calibration: Calibration) -> Problem:
         base=base,
         left=np.empty(0),
         noise_given=c.noise_source == 'given',
-        one_level=bool(np.std(point.adjusted.state.magnitude) < LEVELS * c.noise.force),
+        one_level=bool(np.std(point.adjusted.state.magnitude) < FORCE_LEVELS * c.noise.force),
         response=-seen @ np.linalg.pinv(jacobian),
         without=np.zeros(len(NAMES)),
     )

@@ -1,18 +1,17 @@
-"""Which effects explain what is left: all singles and pairs, then larger sets, on equal footing.
+"""Model selection: which set of effects explains the residual best, from all singles and pairs and larger sets.
 
-A set of effects is judged by minus twice its logarithmic likelihood and a price per effect,
+A set of effects is scored by its deviance and a penalty per effect,
 
     score = deviance + Σ (m ln n + 2 ln (M t)),
 
-with m parameters of the effect, n touches, M effects that compete and t trials of this one: the
-Bayesian information criterion with a prior that takes every number of effects for equally likely
-(Chen and Chen, Biometrika 95 (2008) 759). So a flexible effect pays for its parameters and a long list for its
-length. Structure without a name, which can take any shape, is believed only where it is clearly better than every
-physical effect: it pays `CREDIBLE` on top. The deviance is χ² where the noise is given (divided by its own size where
-no set of effects comes down to that noise), and ν ln RSS where it is estimated.
+with m parameters of the effect, n touches, M candidate effects and t trials of this one: the extended Bayesian
+information criterion, whose prior takes every number of effects for equally likely (Chen and Chen, Biometrika 95
+(2008) 759). A fitted curve, which can take any shape, is accepted only where it is clearly better than every physical
+effect: its penalty is larger by `CREDIBLE`. The deviance is χ² where the noise is given (divided by s² where no set of
+effects reduces it to that noise), and ν ln RSS where it is estimated.
 
-Sets whose score comes within `CREDIBLE` of the best are credible too: odds of less than e⁵ decide
-nothing. An effect that is in all of them is found; those that replace each other are rivals.
+Sets whose score is within `CREDIBLE` of the best are credible, too. An effect that is in every credible set is found;
+those that replace each other are rivals.
 """
 
 from __future__ import annotations
@@ -27,31 +26,27 @@ from scipy import special
 
 from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet
 from scara_kinetostatic.diagnosis.linear_problem import Problem
-from scara_kinetostatic.effects.unnamed import Unnamed
+from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, STRICT_SIGNIFICANCE
 
 Floats = NDArray[np.float64]
 
-CREDIBLE = 10.0
-"""Twice the logarithm of the odds beyond which a set of effects is out."""
 LARGEST = 4
 """Effects in a set at most."""
 KEPT = 12
 """Sets of each size from which larger ones are made."""
-CLAIM = 1e-3
-"""Chance at which unnamed structure is significantly better than a named effect."""
 PARALLEL = 1e-4
-"""Least eigenvalue of the unit columns of a set: less, and the data do not tell them apart."""
+"""Least eigenvalue of the Gram matrix of the unit columns of a set; a direction with less adds no rank."""
 
 
 class Subset(NamedTuple):
     """A set of candidates with what it achieves.
 
     Attributes:
-        members: places in the field, ascending.
-        rest: sum of squares left.
+        members: indices of the candidates, ascending.
+        rest: residual sum of squares.
         rank: columns that the set adds.
-        price: Σ (m ln n + 2 ln (M t)).
-        score: see above; lower is better.
+        penalty: Σ (m ln n + 2 ln (M t)).
+        score: deviance and penalty; lower is better.
     """
 
     members: tuple[int, ...]
@@ -62,13 +57,13 @@ class Subset(NamedTuple):
 
 
 class ScoredSubsets(NamedTuple):
-    """The outcome.
+    """The result of a model selection.
 
     Attributes:
-        field: who competed.
-        entries: sets examined, the best first; the empty one is among them.
-        credible: those, the empty one apart, that the data do not rule out, the best first.
-        scale: s², the size of the noise in which deviances are counted.
+        candidate_set: the candidates.
+        subsets: all sets scored, the best first; the empty one is among them.
+        credible: those, except the empty one, that the data do not rule out, the best first.
+        scale: s², the variance in units of which deviances are counted.
     """
 
     candidate_set: CandidateSet
@@ -77,22 +72,22 @@ class ScoredSubsets(NamedTuple):
     scale: float
 
     def labels(self, subset: Subset) -> tuple[str, ...]:
-        """Labels of an entry's effects."""
+        """Labels of the effects of a set."""
         return tuple(self.candidate_set.candidates[k].effect.label for k in subset.members)
 
     def freedoms(self, subset: Subset) -> int:
-        """Parameters of an entry's effects that can show."""
+        """Identifiable parameters of the effects of a set."""
         return sum(self.candidate_set.candidates[k].freedoms for k in subset.members)
 
 
 def score_subsets(problem: Problem, candidate_set: CandidateSet) -> ScoredSubsets:
-    """Examine all singles and pairs, and larger sets made from the best ones.
+    """Score all singles and pairs, and larger sets made from the best ones.
 
-    No set is credible unless it beats the empty one by `CREDIBLE`.
+    No set is credible unless its score is below that of the empty one by `CREDIBLE`.
     """
     scorer = _SubsetScorer(problem, candidate_set)
-    subsets = scorer.enter([()])
-    layer = scorer.enter([(k,) for k in range(len(candidate_set.candidates))])
+    subsets = scorer.score([()])
+    layer = scorer.score([(k,) for k in range(len(candidate_set.candidates))])
     while layer:
         subsets += layer
         size = len(layer[0].members) + 1
@@ -100,7 +95,7 @@ def score_subsets(problem: Problem, candidate_set: CandidateSet) -> ScoredSubset
             break
         pairs = combinations(range(len(candidate_set.candidates)), 2)
         sets = pairs if size == 2 else _grown(sorted(layer, key=lambda e: e.rest + e.penalty)[:KEPT], scorer)
-        layer = scorer.enter([members for members in sets if scorer.allows(members)])
+        layer = scorer.score([members for members in sets if scorer.allows(members)])
     scale = _scale(problem, subsets)
     ranked = sorted((_scored(problem, subset, scale) for subset in subsets), key=lambda subset: subset.score)
     scored_subsets = ScoredSubsets(candidate_set, tuple(ranked), (), scale)
@@ -111,16 +106,16 @@ def score_subsets(problem: Problem, candidate_set: CandidateSet) -> ScoredSubset
 
 
 def rank_singles(problem: Problem, candidate_set: CandidateSet) -> ScoredSubsets:
-    """Examine single effects only: where nothing is missing, that is all there is to say."""
+    """Score single effects only, for the ranking where nothing is missing."""
     scorer = _SubsetScorer(problem, candidate_set)
-    subsets = scorer.enter([(), *((k,) for k in range(len(candidate_set.candidates)))])
+    subsets = scorer.score([(), *((k,) for k in range(len(candidate_set.candidates)))])
     scale = _scale(problem, subsets)
     ranked = sorted((_scored(problem, subset, scale) for subset in subsets), key=lambda subset: subset.score)
     return ScoredSubsets(candidate_set, tuple(ranked), (), scale)
 
 
 class _SubsetScorer:
-    """Sums of squares of any set, from the inner products of all columns."""
+    """Residual sums of squares of sets of candidates, from the inner products of all columns."""
 
     def __init__(self, problem: Problem, candidate_set: CandidateSet) -> None:
         candidates = candidate_set.candidates
@@ -131,18 +126,18 @@ class _SubsetScorer:
         self.total = float(problem.left @ problem.left)
         self.touches = len(problem.left) // 2
         self.names = [c.effect.label for c in candidates]
-        self.prices = [self._penalty(c, candidate_set.number) for c in candidates]
+        self.penalties = [self._penalty(c, candidate_set.number) for c in candidates]
 
     def _penalty(self, candidate: Candidate, number: int) -> float:
         penalty = candidate.freedoms * np.log(self.touches) + 2 * np.log(number * candidate.tried)
-        return float(penalty) + (CREDIBLE if isinstance(candidate.effect, Unnamed) else 0.0)
+        return float(penalty) + (0.0 if candidate.effect.is_physical else CREDIBLE)
 
     def allows(self, members: Sequence[int]) -> bool:
         """Whether no effect is in a set twice."""
         return len({self.names[k] for k in members}) == len(members)
 
-    def enter(self, sets: Sequence[tuple[int, ...]]) -> list[Subset]:
-        """What each set achieves; sets with equally many columns are worked out together."""
+    def score(self, sets: Sequence[tuple[int, ...]]) -> list[Subset]:
+        """Residual sum of squares, rank and penalty of each set; sets with equally many columns are solved together."""
         columns = [np.concatenate([np.empty(0, dtype=np.intp), *(self.places[k] for k in s)]) for s in sets]
         widths = np.array([len(c) for c in columns])
         explained, rank = np.zeros(len(sets)), np.zeros(len(sets), dtype=np.intp)
@@ -151,31 +146,27 @@ class _SubsetScorer:
             at = np.stack([columns[k] for k in alike])
             values, vectors = np.linalg.eigh(self.gram[at[:, :, None], at[:, None, :]])
             part = np.einsum('ski,sk->si', vectors, self.projected[at])
-            seen = values > PARALLEL
-            explained[alike] = np.sum(np.where(seen, part**2 / np.where(seen, values, 1.0), 0.0), axis=1)
-            rank[alike] = seen.sum(axis=1)
+            kept = values > PARALLEL
+            explained[alike] = np.sum(np.where(kept, part**2 / np.where(kept, values, 1.0), 0.0), axis=1)
+            rank[alike] = kept.sum(axis=1)
         return [
-            Subset(members, self.total - float(gain), int(r), sum(self.prices[k] for k in members))
+            Subset(members, self.total - float(gain), int(r), sum(self.penalties[k] for k in members))
             for members, gain, r in zip(sets, explained, rank, strict=True)
         ]
 
 
 def _needed(scored_subsets: ScoredSubsets, subset: Subset, best: Subset) -> bool:
-    """Whether a set has a claim beside the best: one with unnamed structure only if it is significantly better.
+    """Whether a set counts beside the best: one with a fitted curve only if it is significantly better.
 
-    A curve that holds a named effect as a special case always comes near it; that is no rival.
+    A curve that contains a physical effect as a special case always comes near it; that is no rival.
     """
-    unnamed = [
-        any(isinstance(scored_subsets.candidate_set.candidates[k].effect, Unnamed) for k in e.members)
-        for e in (subset, best)
-    ]
-    if not unnamed[0] or unnamed[1]:
+    candidates = scored_subsets.candidate_set.candidates
+    has_curve = [any(not candidates[k].effect.is_physical for k in e.members) for e in (subset, best)]
+    if not has_curve[0] or has_curve[1]:
         return True
-    gain, more = (
-        (best.rest - subset.rest) / scored_subsets.scale,
-        scored_subsets.freedoms(subset) - scored_subsets.freedoms(best),
-    )
-    return more <= 0 or float(special.chdtrc(more, gain)) < CLAIM
+    gain = (best.rest - subset.rest) / scored_subsets.scale
+    more = scored_subsets.freedoms(subset) - scored_subsets.freedoms(best)
+    return more <= 0 or float(special.chdtrc(more, gain)) < STRICT_SIGNIFICANCE
 
 
 def _grown(best: Sequence[Subset], scorer: _SubsetScorer) -> set[tuple[int, ...]]:
@@ -184,7 +175,7 @@ def _grown(best: Sequence[Subset], scorer: _SubsetScorer) -> set[tuple[int, ...]
 
 
 def _scale(problem: Problem, subsets: Sequence[Subset]) -> float:
-    """s²: 1 if the noise is given and some set comes down to it; else what the best set leaves per freedom."""
+    """s²: 1 if the noise is given and some set reduces the residual to it; else the variance left by the best set."""
     least = min(subset.rest / max(problem.freedoms - subset.rank, 1) for subset in subsets)
     return max(least, 1.0) if problem.noise_given else least
 
@@ -199,8 +190,8 @@ def _credible(scored_subsets: ScoredSubsets) -> tuple[Subset, ...]:
     """Sets near the best, without those that only add to a credible one, and each set of effects once."""
     found: list[Subset] = []
     some = [subset for subset in scored_subsets.subsets if subset.members]
-    warm_start = [e for e in some if e.score <= some[0].score + CREDIBLE and _needed(scored_subsets, e, some[0])]
-    for subset in sorted(warm_start, key=lambda e: (len(e.members), e.score)):
+    near = [e for e in some if e.score <= some[0].score + CREDIBLE and _needed(scored_subsets, e, some[0])]
+    for subset in sorted(near, key=lambda e: (len(e.members), e.score)):
         names = set(scored_subsets.labels(subset))
         if not any(set(scored_subsets.labels(other)) <= names for other in found):
             found.append(subset)

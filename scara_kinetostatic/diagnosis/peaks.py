@@ -16,8 +16,8 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.alternatives import fit_variants
 from scara_kinetostatic.diagnosis.candidates import Candidate, as_fitted, explained, gains, refined, scan_trials
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
-from scara_kinetostatic.diagnosis.model_selection import CREDIBLE
 from scara_kinetostatic.diagnosis.refit import effect_values, start_from
+from scara_kinetostatic.diagnosis.thresholds import CREDIBLE
 from scara_kinetostatic.effects.base import Effect
 
 Floats = NDArray[np.float64]

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.candidates import LEAST_INDEPENDENT_PART, Candidate
+from scara_kinetostatic.diagnosis.candidates import Candidate
 from scara_kinetostatic.diagnosis.linear_problem import Problem
+from scara_kinetostatic.diagnosis.thresholds import INDEPENDENT_PART
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import Parameters
@@ -34,7 +35,7 @@ def start_from(problem: Problem, members: Sequence[Candidate]) -> tuple[Extended
     scale = np.linalg.norm(together, axis=0)
     scale[scale == 0] = 1.0
     together = (together - problem.base @ (problem.base.T @ together)) / scale
-    found = -np.linalg.lstsq(together, problem.left, rcond=LEAST_INDEPENDENT_PART)[0] / scale
+    found = -np.linalg.lstsq(together, problem.left, rcond=INDEPENDENT_PART)[0] / scale
     freedoms = problem.freedoms, max(problem.freedoms - together.shape[1], 1)
     sizes = problem.left, problem.left + together @ (scale * found)
     before, after = (float(rest @ rest) / number for rest, number in zip(sizes, freedoms, strict=True))

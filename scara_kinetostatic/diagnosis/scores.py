@@ -1,9 +1,8 @@
-"""How single candidates score: significance, and the gain on touches held out.
+"""Scores of single candidates: significance, predictive gain, detection limit.
 
-The held-out score leaves out one touch after the other, in closed form: with H the projection on all columns of a
-model and H_i its 2×2 block, the residual of a left-out touch is (I - H_i)⁻¹ e_i with covariance (I - H_i)⁻¹, so
-minus twice its logarithmic predictive density is e_iᵀ (I - H_i)⁻¹ e_i / s² - ln det(I - H_i). More parameters pay
-for themselves only if they predict touches that they have not seen.
+The predictive deviance leaves out one touch after the other, in closed form: with H the projection on all columns of a
+model and H_i its 2×2 block, the residual of a left-out touch is (I - H_i)⁻¹ e_i with covariance s² (I - H_i)⁻¹, so
+minus twice its logarithmic predictive density is e_iᵀ (I - H_i)⁻¹ e_i / s² - ln det(I - H_i) up to a constant.
 """
 
 from __future__ import annotations
@@ -14,29 +13,28 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from scara_kinetostatic.diagnosis.candidates import LEAST_INDEPENDENT_PART, Candidate, independent_part
+from scara_kinetostatic.diagnosis.candidates import Candidate, independent_part
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal
 from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets
+from scara_kinetostatic.diagnosis.thresholds import INDEPENDENT_PART, NONCENTRALITY, ROUNDING
 
 Floats = NDArray[np.float64]
 
-FOUND = 40.0
-"""Noncentrality at which an effect is found in all but a few of a hundred recordings."""
-ROUNDING = 1e-8
-"""Mean square of a whitened residual below which it is rounding error."""
+LEAST_DETERMINANT = 1e-6
+"""Of I - H_i; less is that of a touch which alone determines a parameter."""
 
 
 class Score(NamedTuple):
     """One effect by itself.
 
     Attributes:
-        candidate: the effect, and the way in which it would be present.
-        p_value: of "it is not there", the search over its trials counted.
+        candidate: the effect, and the trial by which it would be present.
+        p_value: of "it is not there", corrected for the search over its trials.
         share: part of the residual's sum of squares that it explains.
-        gain: minus twice the logarithmic likelihood, less its price: what it gains by itself.
-        held_out: gain of minus twice the logarithmic predictive density on touches left out, less 2 ln t for the
-            search over t trials, which is not repeated; above 0 they are predicted better than by the twelve.
-        new: largest part of a unit column of it that is new beside the twelve.
+        gain: decrease of the penalised deviance.
+        held_out: decrease of the predictive deviance on touches left out, less 2 ln t for the
+            search over t trials, which is not repeated; above 0 they are predicted better than by the base model.
+        independent_part: largest part of a unit column of it that is independent of the base model.
     """
 
     candidate: Candidate
@@ -48,7 +46,7 @@ class Score(NamedTuple):
 
 
 def score_singles(problem: Problem, scored_subsets: ScoredSubsets) -> tuple[Score, ...]:
-    """Every effect by itself, in its best way, the best first."""
+    """Every effect by itself, by its best trial, the best first."""
     nothing = held_out_deviance(problem, None, scored_subsets.scale)
     empty = next(subset for subset in scored_subsets.subsets if not subset.members)
     found: dict[str, Score] = {}
@@ -69,28 +67,27 @@ def score_singles(problem: Problem, scored_subsets: ScoredSubsets) -> tuple[Scor
 
 
 def undetected_bias(problem: Problem, candidate: Candidate, std: Floats) -> tuple[float, int]:
-    """How far an effect that is just too small to be found may bend one of the twelve.
+    """Largest bias of a base parameter by an effect at the detection limit.
 
     This is the external reliability of adjustment theory (Baarda, A Testing Procedure for Use in Geodetic
-    Networks, 1968): the effect has the size at which it would be found nearly always, noncentrality `FOUND`,
-    and, of an effect with several parameters, the worst direction.
+    Networks, 1968): the effect has the size at which it would nearly always be found, `NONCENTRALITY`,
+    and, if it has several parameters, the worst direction.
 
     Args:
         problem: the touches.
         candidate: the effect.
-        std: standard deviations of the twelve, (12,); NaN or 0 where there is none.
+        std: standard deviations of the base parameters, (12,); NaN or 0 where there is none.
 
     Returns:
-        The shift in standard deviations, and the place of the parameter it moves most.
+        The bias in standard deviations, and the index of the parameter.
     """
     columns = problem.columns(candidate.trial)
     columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     _, values, right = np.linalg.svd(columns - problem.base @ (problem.base.T @ columns), full_matrices=False)
-    seen = values > LEAST_INDEPENDENT_PART
-    shift = (problem.response @ columns) @ (right[seen].T / values[seen]) * np.sqrt(FOUND)
-    moved = np.linalg.norm(shift, axis=1) / np.where(std > 0, std, np.inf)
-    moved = np.nan_to_num(moved)
-    return float(moved.max()), int(np.argmax(moved))
+    identifiable = values > INDEPENDENT_PART
+    bias = (problem.response @ columns) @ (right[identifiable].T / values[identifiable]) * np.sqrt(NONCENTRALITY)
+    in_std = np.nan_to_num(np.linalg.norm(bias, axis=1) / np.where(std > 0, std, np.inf))
+    return float(in_std.max()), int(np.argmax(in_std))
 
 
 def significance(problem: Problem, candidate: Candidate) -> tuple[float, float]:
@@ -110,7 +107,7 @@ def held_out_deviance(problem: Problem, unit: Floats | None, scale: float) -> fl
 
     Args:
         problem: the touches.
-        unit: columns beside the twelve, (2n, k); None for none.
+        unit: columns of effects beside the base model, (2n, k); None for none.
         scale: s².
     """
     base, left = problem.base, problem.left
@@ -122,6 +119,6 @@ def held_out_deviance(problem: Problem, unit: Floats | None, scale: float) -> fl
     kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
     e = left.reshape(-1, 2)
     a, b, d = kept[:, 0, 0], kept[:, 0, 1], kept[:, 1, 1]
-    det = np.maximum(a * d - b * b, 1e-6)
+    det = np.maximum(a * d - b * b, LEAST_DETERMINANT)
     distance = (d * e[:, 0] ** 2 - 2 * b * e[:, 0] * e[:, 1] + a * e[:, 1] ** 2) / det
     return float(np.sum(distance / scale - np.log(det)))

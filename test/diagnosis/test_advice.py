@@ -1,4 +1,4 @@
-"""The words of a diagnosis, and noise that is stated too large."""
+"""The messages of a diagnosis, and noise that is stated too large."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def test_sentences_after_the_first_begin_with_a_capital():
 @pytest.mark.parametrize(
     ('found', 'said'),
     [
-        (('a', 'b'), 'these touches cannot tell a and b apart'),
-        (('a', 'b', 'c', 'd', 'e'), 'these touches cannot tell a, b, c, d and 1 other apart'),
-        (tuple('abcdefg'), 'these touches cannot tell a, b, c, d and 3 others apart'),
+        (('a', 'b'), 'these touches cannot distinguish a and b'),
+        (('a', 'b', 'c', 'd', 'e'), 'these touches cannot distinguish a, b, c, d and 1 other'),
+        (tuple('abcdefg'), 'these touches cannot distinguish a, b, c, d and 3 others'),
     ],
 )
 def test_rivals_are_counted(found, said):
-    assert advice.after_search('ambiguous', (), (found,), (), (), ()).startswith(said)
+    assert advice.open_questions('ambiguous', (), (found,), (), (), ()).startswith(said)
 
 
 @pytest.mark.parametrize('cell', [LOUD, replace(CELL, noise=Noise(3 * NOISE.joint, 3 * NOISE.force))])

@@ -25,7 +25,7 @@ def test_a_slow_wave_that_looks_like_one_of_twice_the_frequency(phase):
     assert abs(cycles.value - 1.5) < 2 * cycles.std
     assert np.abs(deviations(fit)).max() > 20
     assert np.abs(deviations(found.extended)).max() < 4
-    assert f'{WAVE} fits as well with' in found.advice
+    assert f'{WAVE} fits equally well with' in found.advice
 
 
 def test_one_frequency_alone_keeps_its_standard_deviation():
@@ -35,7 +35,7 @@ def test_one_frequency_alone_keeps_its_standard_deviation():
     _, _, cycles = found.found[0].values
     assert abs(cycles.value - 31.0) < 4 * cycles.std
     assert cycles.std < 0.1
-    assert 'fits as well with' not in found.advice
+    assert 'fits equally well with' not in found.advice
 
 
 def test_without_a_wave_there_is_nothing_to_fit():

@@ -92,4 +92,4 @@ def test_noise_that_grows_with_the_force_is_no_friction():
         assert growing_p_value(fit) < 1e-3 < off_normal_p_value(fit, beside_growing=True)
         found = diagnose(fit)
         assert not any(item.in_every_model and item.effect.name == 'contact_friction' for item in found.found)
-        assert 'grows with the force' in found.advice
+        assert 'increases with the force' in found.advice

@@ -13,7 +13,8 @@ from scara_kinetostatic.diagnosis.discrimination import discriminating_touches
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
 from scara_kinetostatic.diagnosis.model_selection import score_subsets
 from scara_kinetostatic.diagnosis.refit import fit_with
-from scara_kinetostatic.diagnosis.scores import FOUND, held_out_deviance, undetected_bias
+from scara_kinetostatic.diagnosis.scores import held_out_deviance, undetected_bias
+from scara_kinetostatic.diagnosis.thresholds import NONCENTRALITY
 from scara_kinetostatic.effects.registry import catalogue
 
 SEVERAL = ('encoder_gain[joint1]', 'base_compliance', 'transmission_error[joint2]', 'object_radius[disc_3]')
@@ -75,7 +76,7 @@ def test_the_bend_is_that_of_a_fit():
     bias, place = undetected_bias(problem, candidate, fit.std)
     column = problem.columns(candidate.trial)[:, 0]
     independent_part = column - problem.base @ (problem.base.T @ column)
-    size = np.sqrt(FOUND) / np.linalg.norm(independent_part)
+    size = np.sqrt(NONCENTRALITY) / np.linalg.norm(independent_part)
     with_it = calibrate(play((effect('encoder_gain[joint1]'), (size,))), CELL)
     moved = (with_it.parameters.as_array() - fit.parameters.as_array()) / fit.std
     assert int(np.argmax(np.abs(moved))) == place
