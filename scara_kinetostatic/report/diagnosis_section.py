@@ -224,9 +224,9 @@ def _detection_limits(outcome: Outcome) -> Table | None:
     items.sort(key=lambda item: -item.undetected_bias)
     rows = []
     for item in items[:MOST_LIMITS]:
-        scale = SCALES[item.biased_parameter]
-        bias = item.undetected_bias * c.std_of(item.biased_parameter) * scale.per_si
-        size = f'{bias:.2g} {scale.unit}' if math.isfinite(bias) else ''
-        rows.append((item.effect.label, item.biased_parameter, size, f'{item.undetected_bias:.1f}'))
-    heading = ('undetected effect', 'parameter', 'bias up to', 'in σ')
-    return Table(heading, ('',) * 4, tuple(rows)) if rows else None
+        unit, per_si = SCALES[item.biased_parameter]
+        bias = item.undetected_bias * c.std_of(item.biased_parameter) * per_si
+        size = f'{float(f"{bias:.2g}"):g}' if math.isfinite(bias) else ''
+        rows.append((item.effect.label, item.biased_parameter, f'{item.undetected_bias:.1f}', size, unit))
+    heading = ('undetected effect', 'parameter', 'bias up to [σ]', 'bias up to', '')
+    return Table(heading, ('',) * 5, tuple(rows)) if rows else None

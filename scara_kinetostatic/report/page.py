@@ -12,6 +12,7 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.render.figure import COLOURS, mark, style
 from scara_kinetostatic.render.page import page_template
+from scara_kinetostatic.render.quantities import count
 from scara_kinetostatic.report import messages
 from scara_kinetostatic.report.cell_picture import cell_picture
 from scara_kinetostatic.report.diagnosis_section import diagnosis_context
@@ -52,6 +53,7 @@ def html_text(outcome: Outcome) -> str:
         noise=messages.noise(outcome),
         fit_quality=messages.fit_quality(outcome),
         legend=_legend(c),
+        iterations=count(c.iterations, 'solver iteration'),
         largest_force=f'{np.hypot(c.force[:, 0], c.force[:, 1]).max():.1f}',
         touches=_touches(c),
         pictures=pictures,

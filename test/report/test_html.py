@@ -133,7 +133,7 @@ def test_nothing_missing_is_said_with_what_was_tested(page: str) -> None:
     text = words_of(page)
     assert 'Is the model complete? No model error detected: p = ' in text
     assert 'Effects that these touches cannot identify' in text
-    assert 'bending of link 2 hides in p2 always' in text
+    assert 'bending of link 2 is always part of p2' in text
     assert 'Errors of both models' not in text
 
 
