@@ -23,12 +23,11 @@ release = version = __version__
 
 extensions = [
     'myst_parser',
-    'sphinx.ext.autodoc',
-    'sphinx.ext.napoleon',
     'mathml',
     'command_reference',
     'effect_reference',
     'node_reference',
+    'python_reference',
 ]
 source_suffix = {'.md': 'markdown'}
 root_doc = 'index'
@@ -40,13 +39,11 @@ math_number_all = False
 
 autodoc_typehints = 'signature'
 autodoc_member_order = 'bysource'
-napoleon_google_docstring = True
-napoleon_numpy_docstring = False
-napoleon_use_ivar = True
 python_use_unqualified_type_names = True
 add_module_names = False
 
 html_theme = 'furo'
+html_math_renderer = 'mathml'
 html_title = 'scara_kinetostatic'
 html_static_path = ['_static']
 html_css_files = ['site.css']

@@ -11,16 +11,14 @@ from common import MarkdownDirective, code, table
 from docutils import nodes
 from sphinx.application import Sphinx
 
-from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.diagnosis.effect_residual import signature
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.variables import VARIABLES
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.render.figure import style
-from scara_kinetostatic.report.effect_pictures import signature_picture
+from scara_kinetostatic.report.effect_pictures import residual_picture
 from scara_kinetostatic.simulation.chosen_effects import parse_effect, with_effects
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -33,7 +31,7 @@ SHOWN = {
     'sensor_nonlinearity': 'sensor_nonlinearity:rate=0.008',
     'encoder_gain': 'encoder_gain[joint2]:gain=1e-4',
     'transmission_error': 'transmission_error[joint1]:amplitude=2e-4,phase=0.7,cycles=7.3',
-    'joint_hardening': 'joint_hardening[joint1]:rate=1.5e-7',
+    'joint_hardening': 'joint_hardening[joint1]:rate=-1e-7',
     'joint_hysteresis': 'joint_hysteresis[joint1]:width=8e-5',
     'anisotropic_gripper': 'anisotropic_gripper:coupling=1e-6',
     'anisotropic_backlash': 'anisotropic_backlash:a=4e-5,b=-3e-5',
@@ -42,7 +40,7 @@ SHOWN = {
     'base_tilt': 'base_tilt:m1_x=15,m1_y=-8,m2_x=9,m2_y=-5',
     'contact_compliance': 'contact_compliance[disc_2]:yield=5e-6',
     'object_position': 'object_position[disc_2]:x=7e-5,y=4e-5',
-    'object_radius': 'object_radius[disc_2]:radius=5e-5',
+    'object_radius': 'object_radius[disc_1]:radius=8e-5',
     'thermal_drift': 'thermal_drift[joint1]:rate=1e-6',
 }
 """What is simulated for the picture of each; an effect without an entry is shown without a picture."""
@@ -118,16 +116,17 @@ class EffectPicture(MarkdownDirective):
         chosen = parse_effect(shown, CELL)
         cell, robot = with_effects(CELL, PAPER_ACTUAL, [chosen])
         touches = simulate_touches(cell, robot, default_plan(CELL, per_disc=18, preload=0.3))
-        outcome = diagnose(calibrate(touches, CELL))
+        outcome = calibrate_touches(touches, CELL)
         label = shown.split(':')[0]
-        found = {item.effect.label: item for item in outcome.diagnosis.found}
+        labels = [item.effect.label for item in outcome.diagnosis.found]
+        found = dict(zip(labels, outcome.effect_residuals, strict=True))
         result = nodes.container(classes=['effect-picture'])
         if label in found:
             with style():
-                picture = signature_picture(signature(outcome, found[label]), f'effect-{name}')
+                picture = residual_picture(found[label], f'effect-{name}')
             result += nodes.raw('', str(picture), format='html')
         others = ', '.join(found) or 'nothing'
-        verdict = outcome.diagnosis.verdict.value
+        verdict = outcome.diagnosis.verdict
         caption = f"Simulated with `--effect '{shown}'`. Verdict `{verdict}`; in the extended model: {others}."
         paragraph = nodes.container()
         self.state.nested_parse([caption], self.content_offset, paragraph)
@@ -149,9 +148,8 @@ def description(kind: type[Effect]) -> str:
 
 def variable_of(effect: Effect) -> str:
     """What the residual is drawn over."""
-    variable = VARIABLES.get(effect.plot_variable)
-    joint = getattr(effect, 'joint', None)
-    return variable.title(joint) if variable else effect.plot_variable
+    variable = VARIABLES[effect.plot_variable]
+    return variable.label.format(joint='i') + (f' ({variable.unit})' if variable.unit else '')
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

@@ -31,11 +31,12 @@ def visit_block(self: HTML5Translator, node: nodes.math_block) -> None:
 
 
 def _mathml(latex: str, display: str) -> str:
+    for name in ('aligned', 'split'):  # which the converter does not know
+        latex = latex.replace(f'{{{name}}}', '{align*}')
     return str(convert(latex, display=display))
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Registers the renderer with the HTML builders."""
     app.add_html_math_renderer('mathml', (visit_inline, None), (visit_block, None))  # type: ignore[arg-type]
-    app.connect('config-inited', lambda _, config: setattr(config, 'html_math_renderer', 'mathml'))
     return {'parallel_read_safe': True, 'parallel_write_safe': True}
