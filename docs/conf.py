@@ -18,7 +18,7 @@ from scara_kinetostatic import __version__  # noqa: E402  the checkout is on the
 
 project = 'scara_kinetostatic'
 author = 'scara_kinetostatic maintainers'
-copyright = author  # noqa: A001  the name that Sphinx wants
+copyright = author
 release = version = __version__
 
 extensions = [

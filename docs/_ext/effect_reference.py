@@ -1,4 +1,4 @@
-"""The table and the catalogue of effects, made from their classes; a picture of each, made by a simulated calibration."""
+"""The table and the catalogue of effects, made from their classes; the picture of each from a simulated calibration."""
 
 from __future__ import annotations
 

@@ -45,8 +45,16 @@ class PythonTable(MarkdownDirective):
             for name, thing in public():
                 if kind_of(thing) == group:
                     text = (inspect.getdoc(thing) or '').splitlines() if group != 'Constants' else ['']
-                    link = f'[{code(name)}](#{PACKAGE}.{name})' if group != 'Constants' else f'[{code(name)}](#constants)'
-                    rows.append((link, group.lower().removesuffix('s').removesuffix('e') + ('s' if group == 'Classes' else ''), text[0]))
+                    link = (
+                        f'[{code(name)}](#{PACKAGE}.{name})' if group != 'Constants' else f'[{code(name)}](#constants)'
+                    )
+                    rows.append(
+                        (
+                            link,
+                            group.lower().removesuffix('s').removesuffix('e') + ('s' if group == 'Classes' else ''),
+                            text[0],
+                        )
+                    )
         return table(('name', 'kind', 'purpose'), rows)
 
 
