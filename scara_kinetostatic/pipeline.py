@@ -18,9 +18,11 @@ from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
+from scara_kinetostatic.files.touch_table import is_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.touches.detection import Detection, find_touches
+from scara_kinetostatic.touches.table import cell_of_files, touches_of_table
 
 LARGEST_FORCE_ERROR = 0.5
 """Force error of the final model, as a part of the mean force, beyond which there is no result."""
@@ -35,26 +37,29 @@ def calibrate_recordings(
     fixed: Mapping[str, float] | None = None,
     progress: Progress | None = None,
 ) -> Outcome:
-    """Read recordings, find their touches, calibrate, diagnose.
+    """Read recordings and touch tables, find their touches, calibrate, diagnose.
 
     Args:
-        paths: the recordings.
+        paths: the recordings, and tables of touches (`.csv`).
         cell: the cell.
         fixed: parameters to hold, by name.
         progress: called at each step.
 
     Raises:
-        RecordingError: a recording cannot be read.
+        RecordingError: a recording or table cannot be read.
+        InputError: tables together with recordings of a sensor in the tool frame.
         CellError: the forces contradict the cell's sensor sign or frame.
         UnsupportedDataError: no touches, too few, or a fit that does not converge.
         ParameterError: `fixed` names no parameter.
     """
+    tables = [path for path in paths if is_touch_table(path)]
+    cell = cell_of_files(cell, tables, [path for path in paths if path not in tables])
     detection = gather_touches(paths, cell, progress)
     return calibrate_touches(detection, cell, fixed=fixed, sources=paths, progress=progress)
 
 
 def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress | None = None) -> Detection:
-    """The touches of several recordings, numbered on from one to the next.
+    """The touches of several recordings and tables, numbered on from one to the next.
 
     Raises:
         RecordingError: a recording cannot be read.
@@ -63,10 +68,8 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress |
     found = 0
     for number, path in enumerate(paths):
         _report(progress, f'reading {path}', number / len(paths))
-        streams = read_streams(path, cell)
-        part = find_touches(streams, cell).renumbered(found)
-        warnings = (*streams.warnings, *part.warnings)
-        parts.append(replace(part, warnings=tuple(_with_source(path, text, paths) for text in warnings)))
+        part = touches_of_file(path, cell).renumbered(found)
+        parts.append(replace(part, warnings=tuple(_with_source(path, text, paths) for text in part.warnings)))
         found += part.found
     _report(progress, f'{found} touches found', 1.0)
     return Detection(
@@ -78,6 +81,19 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress |
         start=parts[0].start,
         contradiction=next((part.contradiction for part in parts if part.contradiction), ''),
     )
+
+
+def touches_of_file(path: str | Path, cell: Cell) -> Detection:
+    """The touches of one recording or table, with all warnings about it.
+
+    Raises:
+        RecordingError: it cannot be read.
+    """
+    if is_touch_table(path):
+        return touches_of_table(load_touch_table(path), cell)
+    streams = read_streams(path, cell)
+    detection = find_touches(streams, cell)
+    return replace(detection, warnings=(*streams.warnings, *detection.warnings))
 
 
 def _with_source(path: str | Path, text: str, paths: Sequence[str | Path]) -> str:

@@ -32,7 +32,7 @@ EXAMPLE = """\
 def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Adds the verb."""
     parser = add_verb(subparsers, 'inspect', 'show the touches that a recording holds', DESCRIPTION, EXAMPLE, run)
-    parser.add_argument('bag', type=Path, metavar='BAG', help='the recording')
+    parser.add_argument('bag', type=Path, metavar='BAG', help='the recording, or a touch table (.csv)')
     parser.add_argument(
         '--cell', type=Path, metavar='FILE', help='cell description; default: the one that the recording carries'
     )
@@ -47,25 +47,36 @@ def run(args: argparse.Namespace) -> int:
         InputError: the recording or the cell cannot be read, or makes no sense.
     """
     from scara_kinetostatic.bags.reader import read_streams
+    from scara_kinetostatic.files.touch_table import is_touch_table, load_touch_table
     from scara_kinetostatic.touches.detection import find_touches
+    from scara_kinetostatic.touches.table import in_base_frame, touches_of_table
 
     cell = find_cell(args.cell, [args.bag])
-    streams = read_streams(args.bag, cell)
-    found = inspection(args.bag, streams, find_touches(streams, cell), cell)
+    if is_touch_table(args.bag):
+        detection = touches_of_table(load_touch_table(args.bag), cell)
+        found = inspection(args.bag, None, detection, in_base_frame(cell))
+    else:
+        streams = read_streams(args.bag, cell)
+        found = inspection(args.bag, streams, find_touches(streams, cell), cell)
     print(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False) if args.json else _as_text(found))
     return 0
 
 
-def inspection(bag: Path, streams: Streams, detection: Detection, cell: Cell) -> dict[str, Any]:
-    """What was found, as plain JSON values; times in s since the first stamp, forces in N in the base frame."""
+def inspection(bag: Path, streams: Streams | None, detection: Detection, cell: Cell) -> dict[str, Any]:
+    """What was found, as plain JSON values; times in s since the first stamp, forces in N in the base frame.
+
+    A table of touches has no streams.
+    """
     return {
         'recording': str(bag),
-        'topics': [{'name': name, 'type': kind} for name, kind in _topics(bag)],
+        'topics': [{'name': name, 'type': kind} for name, kind in _topics(bag)] if streams else [],
         'streams': {
             cell.sensor.joint_states: _stream(streams.joints.stamp),
             cell.sensor.wrench: _stream(streams.wrench.stamp),
-        },
-        'warnings': [*streams.warnings, *detection.warnings],
+        }
+        if streams
+        else {},
+        'warnings': [*(streams.warnings if streams else ()), *detection.warnings],
         'touches': _touches(detection, cell),
     }
 
@@ -122,7 +133,7 @@ def _touches(detection: Detection, cell: Cell) -> list[dict[str, Any]]:
 
 def _as_text(found: dict[str, Any]) -> str:
     lines = [found['recording'], '']
-    width = max(len(topic['name']) for topic in found['topics'])
+    width = max((len(topic['name']) for topic in found['topics']), default=0)
     for topic in found['topics']:
         stream = found['streams'].get(topic['name'])
         numbers = f'  {stream["messages"]:7d} messages, {stream["rate"]:6.1f} Hz, ' if stream else ''

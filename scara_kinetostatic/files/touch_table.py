@@ -1,0 +1,239 @@
+"""Touches as a table: CSV with one row per touch, checked row by row.
+
+    q1_rad,q2_rad,fx_N,fy_N,object,time_s,approach1,approach2
+
+The first four are needed: joint angles, and the force on the object in the base frame. The others are optional, as
+columns and as cells:
+
+- `object`: name of the touched object; where it is absent, it is found as in a recording (`touches.association`);
+- `time_s`: time of the touch; absent: unknown, so that drift cannot be identified;
+- `approach1`, `approach2`: each joint's last movement before the hold, rad, or only its sense, as 1 or -1; absent: 0,
+  unknown, so that hysteresis and friction cannot be identified.
+
+Unknown columns are named in a note and not used. See `csv_text` for separators, decimal commas and encodings.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.files.csv_text import (
+    CsvRows,
+    raise_wrong_rows,
+    read_csv_text,
+    read_number,
+    split_rows,
+    too_many_cells,
+)
+
+Floats = NDArray[np.float64]
+
+SUFFIX = '.csv'
+NEEDED = ('q1_rad', 'q2_rad', 'fx_N', 'fy_N')
+OPTIONAL = ('time_s', 'approach1', 'approach2')
+OBJECT = 'object'
+EXAMPLE = ','.join(NEEDED)
+LARGEST = {'q1_rad': 30.0, 'q2_rad': 30.0, 'fx_N': 1e5, 'fy_N': 1e5, 'approach1': 30.0, 'approach2': 30.0}
+"""Beyond this a number is not plausible in its unit."""
+_QUANTITIES = {
+    'q1': ('q1_rad', 'joint angles in rad'),
+    'q2': ('q2_rad', 'joint angles in rad'),
+    'fx': ('fx_N', 'forces in N'),
+    'fy': ('fy_N', 'forces in N'),
+    'time': ('time_s', 'times in s'),
+}
+_HEADING = re.compile(r'(?P<word>[a-z]+[12]?)[\s_]*[\[(]?\s*(?P<unit>[^\])]*?)\s*[\])]?\Z', re.IGNORECASE)
+
+
+class TouchTable(NamedTuple):
+    """The rows of a table of touches.
+
+    Attributes:
+        joints: Q, (n, 2), rad.
+        force: on the object, base frame, (n, 2), N.
+        objects: name of the touched object, n of them; empty where the table does not say.
+        time: since the first touch, (n,), s; 0 where unknown.
+        approach: each joint's last movement, (n, 2), rad or sense; 0 where unknown.
+        lines: line number of each row, (n,).
+        source: the file.
+        notes: what is odd about it, one sentence each.
+    """
+
+    joints: Floats
+    force: Floats
+    objects: tuple[str, ...]
+    time: Floats
+    approach: Floats
+    lines: tuple[int, ...]
+    source: str
+    notes: tuple[str, ...] = ()
+
+
+def is_touch_table(path: str | Path) -> bool:
+    """Whether a path names a table rather than a recording: by its suffix, in any case."""
+    return Path(path).suffix.lower() == SUFFIX and not Path(path).is_dir()
+
+
+def load_touch_table(path: str | Path) -> TouchTable:
+    """Read a table of touches.
+
+    Raises:
+        RecordingError: the file cannot be read, or a column or a row of it is wrong.
+    """
+    return parse_touch_table(read_csv_text(Path(path)), str(path))
+
+
+def parse_touch_table(text: str, where: str) -> TouchTable:
+    """The touches in a text.
+
+    Args:
+        text: of the table.
+        where: its file, for messages.
+
+    Raises:
+        RecordingError: a column or a row is wrong.
+    """
+    rows = split_rows(text, where, EXAMPLE)
+    columns, unknown = _columns(rows.heading, where)
+    values, objects = _values(rows, columns, where)
+    n = len(rows.body)
+    time = values.get('time_s', np.zeros(n))
+    return TouchTable(
+        joints=np.stack([values['q1_rad'], values['q2_rad']], axis=-1),
+        force=np.stack([values['fx_N'], values['fy_N']], axis=-1),
+        objects=objects,
+        time=time - time.min(),
+        approach=np.stack([values.get(name, np.zeros(n)) for name in ('approach1', 'approach2')], axis=-1),
+        lines=tuple(line for line, _ in rows.body),
+        source=where,
+        notes=tuple(f'the column {name!r} is not known and not used' for name in unknown),
+    )
+
+
+def _columns(heading: Sequence[str], where: str) -> tuple[dict[str, int], list[str]]:
+    """The number of each column by name, and the headings that are not known.
+
+    Raises:
+        RecordingError: a unit is wrong, or a column is missing or comes twice.
+    """
+    columns: dict[str, int] = {}
+    unknown = []
+    for place, cell in enumerate(heading):
+        name = _name(cell.strip(), where)
+        if name is None:
+            unknown += [cell.strip()] if cell.strip() else []
+        elif name in columns:
+            both = f'{heading[columns[name]].strip()!r} and {cell.strip()!r}'
+            raise RecordingError(where, f'two columns of {name}, {both}', 'leave one out')
+        else:
+            columns[name] = place
+    missing = [name for name in NEEDED if name not in columns]
+    if missing:
+        got = ', '.join(cell.strip() for cell in heading if cell.strip())
+        raise RecordingError(where, f'there is no column {missing[0]!r}, got {got[:200]}', f'name them {EXAMPLE}')
+    if ('approach1' in columns) != ('approach2' in columns):
+        raise RecordingError(where, 'there is one of approach1 and approach2', 'give both, or none')
+    return columns, unknown
+
+
+def _name(heading: str, where: str) -> str | None:
+    """The name of a column; None for one that is not known.
+
+    Raises:
+        RecordingError: it is a known quantity in another unit, or in none.
+    """
+    lower = heading.lower()
+    if lower in (OBJECT, 'approach1', 'approach2'):
+        return lower
+    match = _HEADING.match(heading)
+    known = _QUANTITIES.get(match['word'].lower()) if match else None
+    if match is None or known is None:
+        return None
+    name, what = known
+    if match['unit'].lower() != name.partition('_')[2].lower():
+        got = f'the unit {match["unit"]!r}' if match['unit'] else 'no unit'
+        raise RecordingError(where, f'the column {heading!r} has {got}', f'give {what}, and name it {name}')
+    return name
+
+
+def _values(rows: CsvRows, columns: Mapping[str, int], where: str) -> tuple[dict[str, Floats], tuple[str, ...]]:
+    """The numbers by column, and the objects.
+
+    Raises:
+        RecordingError: a row is wrong; it names the line and the column, and the lines of others.
+    """
+    numbers: dict[str, list[float]] = {name: [] for name in columns if name != OBJECT}
+    objects: list[str] = []
+    wrong: list[tuple[int, str]] = []
+    for line, cells in rows.body:
+        problem = too_many_cells(cells, len(rows.heading), rows.decimal_comma)
+        for name, place in columns.items():
+            cell = cells[place] if place < len(cells) else ''
+            if name == OBJECT:
+                objects.append(cell.strip())
+            elif not problem:
+                value, problem = _number(cell, name, rows.decimal_comma)
+                numbers[name].append(value)
+        if problem:
+            wrong.append((line, problem))
+    raise_wrong_rows(where, wrong)
+    blank = [name for name, values in numbers.items() if np.isnan(values).any()]
+    if 'time_s' in blank:  # some of the touches without a time: none has one
+        if not np.isnan(numbers['time_s']).all():
+            raise RecordingError(where, 'time_s: some cells are empty', 'give the time of every touch, or of none')
+        del numbers['time_s']
+    arrays = {name: np.nan_to_num(np.array(values), nan=0.0) for name, values in numbers.items()}
+    return arrays, tuple(objects) if objects else ('',) * len(rows.body)
+
+
+def _number(cell: str, name: str, decimal_comma: bool) -> tuple[float, str]:
+    """The number in a cell, NaN where an optional one is empty, and what is wrong with it; empty if nothing is."""
+    if name in OPTIONAL and not cell.strip():
+        return float('nan'), ''
+    try:
+        value = read_number(cell, decimal_comma)
+    except ValueError as error:
+        return 0.0, f'{name}: {error}'
+    if abs(value) > LARGEST.get(name, float('inf')):
+        return 0.0, f'{name}: {cell.strip()[:40]} is not plausible; check the unit'
+    return value, ''
+
+
+def dump_touch_table(table: TouchTable) -> str:
+    """A text that `parse_touch_table` reads back, to the last bit; columns without any content are left out."""
+    columns: dict[str, list[str]] = {
+        'q1_rad': _texts(table.joints[:, 0]),
+        'q2_rad': _texts(table.joints[:, 1]),
+        'fx_N': _texts(table.force[:, 0]),
+        'fy_N': _texts(table.force[:, 1]),
+    }
+    if any(table.objects):
+        columns[OBJECT] = [quoted(name) for name in table.objects]
+    if table.time.any():
+        columns['time_s'] = _texts(table.time)
+    if table.approach.any():
+        columns |= {f'approach{k + 1}': _texts(table.approach[:, k]) for k in (0, 1)}
+    return csv_lines(columns)
+
+
+def csv_lines(columns: Mapping[str, Sequence[str]]) -> str:
+    """A CSV text of columns of equal length by name."""
+    lines = [','.join(columns), *(','.join(row) for row in zip(*columns.values(), strict=True))]
+    return '\n'.join(lines) + '\n'
+
+
+def quoted(text: str) -> str:
+    """A cell of text, in quotes where it needs them."""
+    return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',;"\n\t#') else text
+
+
+def _texts(values: Floats) -> list[str]:
+    """Numbers in the shortest form that gives them back."""
+    return [repr(value) for value in values.tolist()]

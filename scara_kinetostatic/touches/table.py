@@ -1,0 +1,85 @@
+"""Touches of a table: which object each belongs to, as for those of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from scara_kinetostatic.errors import InputError, RecordingError
+from scara_kinetostatic.files.touch_table import TouchTable
+from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
+from scara_kinetostatic.model.kinematics import posture
+from scara_kinetostatic.model.touch import Rejection, TouchSet
+from scara_kinetostatic.touches.association import associate
+from scara_kinetostatic.touches.detection import Detection, Episode
+
+
+def in_base_frame(cell: Cell) -> Cell:
+    """The cell with a sensor that reports the force on the object in the base frame, as tables hold it."""
+    return replace(cell, sensor=cell.sensor._replace(frame=SensorFrame.BASE, sign=SensorSign.ON_OBJECT))
+
+
+def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
+    """The touches of a table, rejected where no object of the cell is there.
+
+    Args:
+        table: the table.
+        cell: nominal parameters and discs.
+
+    Raises:
+        RecordingError: a row names an object that the cell does not have, or the forces are in another frame or sign.
+    """
+    cell = in_base_frame(cell)
+    names = [disc.name for disc in cell.discs]
+    for line, name in zip(table.lines, table.objects, strict=True):
+        if name and name not in names:
+            problem = f'line {line}: the cell has no object {name!r}'
+            raise RecordingError(table.source, problem, f'its objects are {", ".join(names)}')
+    association = associate(table.joints, table.force, cell)
+    named = np.array([bool(name) for name in table.objects])
+    given = np.array([names.index(name) if name else 0 for name in table.objects], dtype=np.intp)
+    disc, known = np.where(named, given, association.disc), named | association.known
+    lost = int(np.sum(~known))
+    if lost and association.advice:
+        problem = f'{lost} of {len(disc)} touches have no object: {association.advice}'
+        raise RecordingError(table.source, problem, 'give the force on the object, in the base frame')
+    reasons = [
+        '' if known[k] else f'no object there; the nearest, {names[disc[k]]!r}, is {1e3 * miss:.0f} mm away'
+        for k, miss in enumerate(association.miss)
+    ]
+    only_sense = bool(np.isin(np.abs(table.approach), (0.0, 1.0)).all())
+    touches = TouchSet(
+        joints=table.joints,
+        force=table.force,
+        disc=disc,
+        posture=posture(cell.nominal, table.joints),
+        time=table.time,
+        approach=table.approach,
+        press=np.zeros_like(table.approach) if only_sense else table.approach,
+    )
+    times = [(time, time) for time in table.time.tolist()]
+    unknown = np.full(2, np.nan)
+    return Detection(
+        touches=touches.select(known),
+        rejected=tuple(Rejection(k, reason) for k, reason in enumerate(reasons) if reason),
+        found=len(disc),
+        warnings=table.notes,
+        episodes=tuple(Episode(k, time, time, unknown, reasons[k]) for k, time in enumerate(times)),
+    )
+
+
+def cell_of_files(cell: Cell, tables: Sequence[str | Path], recordings: Sequence[str | Path]) -> Cell:
+    """The cell as the sensor of these files sees it: the forces of tables are those on the object in the base frame.
+
+    Raises:
+        InputError: there are tables, and recordings of a sensor that turns with link 2.
+    """
+    if not tables or cell.sensor.frame is SensorFrame.BASE:
+        return cell
+    if recordings:
+        problem = f'a table has its forces in the base frame, {recordings[0]} in the tool frame'
+        raise InputError(tables[0], problem, 'calibrate the tables and the recordings separately')
+    return in_base_frame(cell)

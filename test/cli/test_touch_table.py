@@ -1,0 +1,184 @@
+"""`calibrate` and `inspect` with tables of touches, and the table of residuals."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from diagnosis.simulated import CELL, NOISE, PLAN, effect, play
+
+from scara_kinetostatic.cli.main import main
+from scara_kinetostatic.files.cell_file import dump_cell
+from scara_kinetostatic.files.touch_table import TouchTable, dump_touch_table
+from scara_kinetostatic.model.cell import SensorFrame
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.model.touch import TouchSet
+
+TOUCHES = play((effect('object_radius[disc_2]'), (6e-5,)))
+assert len(PLAN) == len(TOUCHES)
+assert CELL.noise == NOISE
+
+
+def as_table(touches: TouchSet, named: bool = True) -> TouchTable:
+    names = tuple(CELL.discs[disc].name if named else '' for disc in touches.disc)
+    return TouchTable(touches.joints, touches.force, names, touches.time, touches.approach, (), '')
+
+
+def write(path: Path, touches: TouchSet, named: bool = True) -> str:
+    path.write_text(dump_touch_table(as_table(touches, named)), encoding='utf-8')
+    return str(path)
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    """A table, the same without names of the objects, and the cell."""
+    folder = tmp_path_factory.mktemp('tables')
+    write(folder / 'touches.csv', TOUCHES)
+    write(folder / 'unnamed.csv', TOUCHES, named=False)
+    for name, frame in (('cell', SensorFrame.BASE), ('tool', SensorFrame.TOOL)):
+        cell = CELL.__class__(**(vars(CELL) | {'sensor': CELL.sensor._replace(frame=frame)}))
+        (folder / f'{name}.yaml').write_text(dump_cell(cell), encoding='utf-8')
+    return folder
+
+
+def run(*arguments: object) -> int:
+    return main([str(argument) for argument in arguments])
+
+
+def document(folder: Path) -> dict:
+    return json.loads((folder / 'calibration.json').read_text(encoding='utf-8'))
+
+
+@pytest.fixture(scope='module')
+def result(folder):
+    """The calibration of the table, with its residuals."""
+    out = folder / 'result'
+    options = ('--cell', folder / 'cell.yaml', '--out', out, '--residuals', out / 'deep' / 'residuals.csv')
+    assert run('calibrate', folder / 'touches.csv', *options) == 0
+    return document(out)
+
+
+def test_a_table_is_calibrated_and_diagnosed(result):
+    touches = result['touches']
+    assert (touches['found'], touches['used'], touches['rejected']) == (108, 108, [])
+    assert [found['name'] for found in result['diagnosis']['effects']] == ['object_radius']
+    radius = result['diagnosis']['effects'][0]['parameters']['radius']
+    assert abs(radius['value'] - 6e-5) < 4 * radius['std']
+    for name, about in result['parameters'].items():
+        assert abs(about['value'] - getattr(PAPER_ACTUAL, name)) < 4.5 * about['std'], name
+
+
+def test_one_row_of_residuals_per_touch(result, folder):
+    text = (folder / 'result' / 'deep' / 'residuals.csv').read_text(encoding='utf-8')
+    rows = list(csv.DictReader(text.splitlines()))
+    assert [int(row['index']) for row in rows] == list(range(108))
+    assert [row['object'] for row in rows] == [CELL.discs[disc].name for disc in TOUCHES.disc]
+    assert {row['posture'] for row in rows} == {'left', 'right'}
+    numbers = {name: np.array([float(row[name]) for row in rows]) for name in rows[0] if name[-2:] == '_N'}
+    np.testing.assert_array_equal(numbers['fx_N'], TOUCHES.force[:, 0])
+    for model in ('calibrated', 'extended'):
+        for axis in 'xy':
+            residual = numbers[f'f{axis}_N'] - numbers[f'f{axis}_{model}_N']
+            np.testing.assert_allclose(numbers[f'residual_{axis}_{model}_N'], residual, rtol=0, atol=1e-12)
+        used = np.array([row['used'] == '1' for row in rows])
+        error = np.hypot(*(numbers[f'residual_{axis}_{model}_N'][used] for axis in 'xy')).mean()
+        assert error == pytest.approx(result['force_error'][model], rel=1e-9)
+    assert all(float(row['standardized_distance_extended']) > 0 for row in rows)
+    assert not any(row['reason'] for row in rows)
+
+
+def test_without_names_the_objects_are_found(result, folder):
+    out = folder / 'unnamed'
+    assert run('calibrate', folder / 'unnamed.csv', '--cell', folder / 'cell.yaml', '--out', out) == 0
+    found = document(out)
+    for key in ('parameters', 'diagnosis', 'force_error', 'touches'):
+        assert found[key] == result[key]
+
+
+def test_the_frame_of_the_sensor_does_not_matter_to_a_table(result, folder):
+    out = folder / 'tool'
+    assert run('calibrate', folder / 'touches.csv', '--cell', folder / 'tool.yaml', '--out', out) == 0
+    assert document(out)['parameters'] == result['parameters']
+
+
+def test_several_tables_and_recordings_together(folder, tmp_path):
+    half = np.arange(108) < 54
+    first, second = (write(tmp_path / f'{k}.csv', TOUCHES.select(part)) for k, part in enumerate((half, ~half)))
+    bag = tmp_path / 'bag'
+    assert run('simulate', '--out', bag, '--per-disc', 3, '--joint-rate', 20, '--wrench-rate', 25) == 0
+    residuals = tmp_path / 'residuals.csv'
+    options = ('--cell', folder / 'cell.yaml', '--out', tmp_path / 'out', '--residuals', residuals)
+    assert run('calibrate', first, bag, second, *options) == 0
+    found = document(tmp_path / 'out')['touches']['found']
+    rows = list(csv.DictReader(residuals.read_text(encoding='utf-8').splitlines()))
+    assert found == len(rows) > 108
+    assert [int(row['index']) for row in rows] == list(range(found))
+
+
+def test_a_touch_of_nothing_is_rejected_and_stands_among_the_residuals(folder, tmp_path, capsys):
+    joints = np.vstack([TOUCHES.joints, [[0.0, 0.1]]])
+    force = np.vstack([TOUCHES.force, [[20.0, 0.0]]])
+    strange = TouchSet(joints, force, np.append(TOUCHES.disc, 0), np.append(TOUCHES.posture, 1))
+    table = write(tmp_path / 'strange.csv', strange, named=False)
+    residuals = tmp_path / 'residuals.csv'
+    options = ('--cell', folder / 'cell.yaml', '--out', tmp_path / 'out', '--residuals', residuals)
+    assert run('calibrate', table, *options) == 0
+    last = list(csv.DictReader(residuals.read_text(encoding='utf-8').splitlines()))[-1]
+    assert last['index'] == '108'
+    assert last['used'] == '0'
+    assert last['q1_rad'] == ''
+    assert last['reason'].startswith('no object there; the nearest, ')
+    capsys.readouterr()
+    assert run('inspect', table, '--cell', folder / 'cell.yaml') == 0
+    shown = capsys.readouterr().out
+    assert '109 touches found: 108 accepted, 1 rejected' in shown
+    assert run('inspect', table, '--cell', folder / 'cell.yaml', '--json') == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found['topics'] == []
+    assert found['touches'][0]['object'] == 'disc_1'
+    assert found['touches'][0]['force'] == pytest.approx(TOUCHES.force[0].tolist())
+
+
+@pytest.mark.parametrize(
+    ('change', 'status', 'message'),
+    [
+        (lambda table: table._replace(objects=('disc_9', *table.objects[1:])), 2, "the cell has no object 'disc_9'"),
+        (lambda table: table._replace(objects=('',) * 108, force=-table.force), 2, 'give the force on the object'),
+        (lambda table: table._replace(objects=('',) * 108, joints=table.joints + 9), 3, 'no object there'),
+        (lambda table: TouchTable(*(part[:3] if len(part) else part for part in table)), 3, 'touches'),
+    ],
+)  # fmt: skip
+def test_wrong_tables_leave_nothing_behind(folder, tmp_path, capsys, change, status, message):
+    path = tmp_path / 'wrong.csv'
+    path.write_text(dump_touch_table(change(as_table(TOUCHES))), encoding='utf-8')
+    out, residuals = tmp_path / 'out', tmp_path / 'residuals.csv'
+    options = ('--cell', folder / 'cell.yaml', '--out', out, '--residuals', residuals)
+    assert run('calibrate', path, *options) == status
+    shown = capsys.readouterr().err.strip().splitlines()[-1]
+    assert message in shown
+    assert 'wrong.csv' in shown
+    assert not out.exists()
+    assert not residuals.exists()
+
+
+def test_wrong_places_for_the_residuals(folder, tmp_path, capsys):
+    table, cell = folder / 'touches.csv', folder / 'cell.yaml'
+    assert run('calibrate', table, '--cell', cell, '--out', tmp_path / 'out', '--residuals', table) == 2
+    assert 'is an input and would be replaced' in capsys.readouterr().err
+    assert run('calibrate', table, '--out', tmp_path / 'out') == 2
+    assert 'a table carries no cell description; give one by --cell' in capsys.readouterr().err
+    assert run('calibrate', table, '--cell', cell, '--out', tmp_path / 'out', '--residuals', tmp_path) == 2
+    assert 'is a folder where a file is to be written' in capsys.readouterr().err
+    assert not (tmp_path / 'out').exists()
+
+
+def test_recordings_in_the_tool_frame_are_not_mixed_with_tables(folder, tmp_path, capsys):
+    bag = tmp_path / 'bag'
+    options = ('--per-disc', 3, '--joint-rate', 20, '--wrench-rate', 25)
+    assert run('simulate', '--cell', folder / 'tool.yaml', '--out', bag, *options) == 0
+    both = (folder / 'touches.csv', bag, '--cell', folder / 'tool.yaml', '--out', tmp_path / 'out')
+    assert run('calibrate', *both) == 2
+    assert 'calibrate the tables and the recordings separately' in capsys.readouterr().err

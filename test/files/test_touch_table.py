@@ -1,0 +1,148 @@
+"""The table of touches: what it may look like, and one clear line for everything that is wrong with one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.files.touch_table import (
+    dump_touch_table,
+    is_touch_table,
+    load_touch_table,
+    parse_touch_table,
+)
+
+HEADING = 'q1_rad,q2_rad,fx_N,fy_N'
+ROW = '0.5,1.5,-10,0.25'
+
+
+def parse(*lines: str):
+    return parse_touch_table('\n'.join(lines) + '\n', 'touches.csv')
+
+
+def test_the_four_columns():
+    table = parse(HEADING, ROW, '1,2,3,4')
+    np.testing.assert_array_equal(table.joints, [[0.5, 1.5], [1, 2]])
+    np.testing.assert_array_equal(table.force, [[-10, 0.25], [3, 4]])
+    assert table.objects == ('', '')
+    assert not table.time.any()
+    assert not table.approach.any()
+    assert table.lines == (2, 3)
+    assert table.notes == ()
+
+
+def test_all_columns_in_any_order_with_comments_empty_lines_and_empty_cells():
+    table = parse(
+        '# from the robot in hall 3',
+        '',
+        'object,time_s,approach2,approach1,fy_N,fx_N,q2_rad,q1_rad,operator',
+        'disc_1,12.5,-1e-3,2e-3,4,3,2,1,me',
+        ',13.5,,,8,7,6,5,me',
+        ',,,,,,,',
+        '# the last one was interrupted',
+    )
+    np.testing.assert_array_equal(table.joints, [[1, 2], [5, 6]])
+    np.testing.assert_array_equal(table.force, [[3, 4], [7, 8]])
+    np.testing.assert_array_equal(table.time, [0, 1])
+    np.testing.assert_array_equal(table.approach, [[2e-3, -1e-3], [0, 0]])
+    assert table.objects == ('disc_1', '')
+    assert table.lines == (4, 5)
+    assert table.notes == ("the column 'operator' is not known and not used",)
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'q1_rad;q2_rad;fx_N;fy_N\n0,5;1,5;-10;0,25\n',
+        'q1_rad\tq2_rad\tfx_N\tfy_N\r\n0,5\t1.5\t-1,0e1\t,25\r\n',
+        'Q1_RAD, Q2_rad ,"fx_N",FY_n\n 0.5 ,"1.5",\N{MINUS SIGN}10,+.25\n',
+        'q1 [rad],q2 (rad),fx [N],fy N\n0.5,1.5,-10.,25e-2\n',
+    ],
+)
+def test_ways_of_writing_the_same(text, tmp_path):
+    for encoding in ('utf-8', 'utf-8-sig', 'utf-16', 'latin-1'):
+        if encoding == 'latin-1':
+            text = text.replace('\N{MINUS SIGN}', '-')
+        path = tmp_path / 'touches.csv'
+        path.write_text(text, encoding=encoding)
+        table = load_touch_table(path)
+        np.testing.assert_allclose([*table.joints[0], *table.force[0]], [0.5, 1.5, -10, 0.25], rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ('lines', 'message'),
+    [
+        ([], 'there is nothing in it; begin with a line such as q1_rad,q2_rad,fx_N,fy_N'),
+        (['', '# nothing', ' , '], 'there is nothing in it'),
+        ([HEADING], 'there are no rows below the heading'),
+        ([HEADING, ',,,'], 'there are no rows below the heading'),
+        ([ROW, ROW], 'expected a heading in the first line, got numbers'),
+        (['q1_rad,q2_rad,fx_N', '1,2,3'], "there is no column 'fy_N', got q1_rad, q2_rad, fx_N; name them q1_rad,"),
+        (['a,b', '1,2'], "there is no column 'q1_rad', got a, b"),
+        (['q1_deg,q2_deg,fx_N,fy_N', ROW], "the column 'q1_deg' has the unit 'deg'; give joint angles in rad"),
+        (['q1,q2,fx_N,fy_N', ROW], "the column 'q1' has no unit; give joint angles in rad, and name it q1_rad"),
+        (['q1_rad,q2_rad,fx_kN,fy_N', ROW], "the column 'fx_kN' has the unit 'kN'; give forces in N"),
+        ([HEADING + ',time_ms', ROW + ',1'], "the column 'time_ms' has the unit 'ms'; give times in s"),
+        ([HEADING + ',q1_rad', ROW + ',1'], "two columns of q1_rad, 'q1_rad' and 'q1_rad'; leave one out"),
+        ([HEADING + ',object,Object', ROW + ',a,b'], "two columns of object, 'object' and 'Object'"),
+        ([HEADING + ',approach1', ROW + ',1'], 'there is one of approach1 and approach2; give both, or none'),
+        ([HEADING, ROW, '1,2,x,4'], "line 3: fx_N: expected a finite number, got 'x'"),
+        ([HEADING, '1,2,,4'], 'line 2: fx_N: expected a number, got nothing'),
+        ([HEADING, '1,2,3'], 'line 2: fy_N: expected a number, got nothing'),
+        ([HEADING, 'nan,2,3,4'], "line 2: q1_rad: expected a finite number, got 'nan'"),
+        ([HEADING, '1,inf,3,4'], "line 2: q2_rad: expected a finite number, got 'inf'"),
+        ([HEADING, '1,1e400,3,4'], "line 2: q2_rad: expected a finite number, got '1e400'"),
+        ([HEADING, '1,2,3,4,5'], 'line 2: expected 4 columns, got 5 (a decimal comma needs semicolons'),
+        ([HEADING, '25,117,3,4'], 'line 2: q2_rad: 117 is not plausible; check the unit'),
+        ([HEADING, '1,2,1e9,4'], 'line 2: fx_N: 1e9 is not plausible'),
+        ([HEADING, 'a,2,3,4', ROW, 'b,1,1,1', '1,1,1,c'], "line 2: q1_rad: expected a finite number, got 'a'; also"),
+        ([HEADING + ',time_s', ROW + ',1', ROW + ','], 'time_s: some cells are empty; give the time of every touch'),
+        ([HEADING + ',object', ROW + ',"disc'], 'line 2: not CSV'),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_one_line(lines, message):
+    with pytest.raises(RecordingError) as error:
+        parse(*lines)
+    text = str(error.value)
+    assert text.startswith(f'touches.csv: {message}')
+    assert '\n' not in text
+
+
+@pytest.mark.parametrize(
+    ('data', 'message'),
+    [
+        (b'PK\x03\x04', 'expected CSV, got a spreadsheet; save it as CSV'),
+        (b'q1_rad\x00\x01', 'expected CSV text, got binary data'),
+        (b'\xff\xfeq', 'not UTF-16 text as it begins'),
+    ],
+)
+def test_files_that_are_no_csv(tmp_path, data, message):
+    path = tmp_path / 'touches.csv'
+    path.write_bytes(data)
+    with pytest.raises(RecordingError, match=message):
+        load_touch_table(path)
+    with pytest.raises(RecordingError, match='there is no such file'):
+        load_touch_table(tmp_path / 'none.csv')
+
+
+def test_a_table_is_known_by_its_suffix(tmp_path):
+    assert is_touch_table('a/b.csv')
+    assert is_touch_table('B.CSV')
+    assert not is_touch_table('b.mcap')
+    (tmp_path / 'recording.csv').mkdir()
+    assert not is_touch_table(tmp_path / 'recording.csv')
+
+
+def test_what_is_written_is_read_back_to_the_last_bit():
+    random = np.random.default_rng(1)
+    first = parse(HEADING, *[','.join(map(repr, row)) for row in random.standard_normal((20, 4)).tolist()])
+    full = first._replace(
+        objects=('disc_1', 'a "large", round one', '') + ('disc; 2',) * 17,
+        time=np.linspace(0, 7, 20),
+        approach=random.standard_normal((20, 2)),
+    )
+    for table in (first, full):
+        back = parse_touch_table(dump_touch_table(table), 'touches.csv')
+        for ours, theirs in zip(table, back, strict=True):
+            np.testing.assert_array_equal(ours, theirs)
