@@ -4,17 +4,14 @@
 
 One MCAP recording is written, by default an hour of both topics at 500 Hz, 3.6 million messages, and read from the page
 cache by each in a process of its own, on one core: stamps, both joint angles, both components of the force.
-`rosbags` deserialises with its own generated code; `mcap` decodes with `mcap-ros2-support`. Both give the values one by
-one, and what is timed is that loop and the putting into arrays; this package also sorts and checks the stamps.
+`rosbags` deserialises with its own generated code; `mcap` decodes with `mcap-ros2-support`. Both return one message
+at a time; that loop and the conversion into arrays are timed. This package also sorts and checks the stamps.
 """
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
-import multiprocessing
-import os
 import sys
 import tempfile
 import time
@@ -24,19 +21,17 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.peers_timing import ONE_CORE, forget_peak, machine, peak_memory
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell
-from scara_kinetostatic.model.parameters import PAPER_NOMINAL
+from benchmark.common import CELL, in_processes, machine, parser, peak_memory, reset_peak_memory, save, svg_figure
 
-CELL = Cell(PAPER_NOMINAL, PAPER_DISCS)
 START = 1_700_000_000_000_000_000
 PORTION = 20_000
-"""Stamps of both topics that are made at a time."""
-RUNS = 3
+"""Messages of each topic that are encoded at a time."""
+RUNS, SLOW = 3, 30.0
+"""Runs of a reader, and the time, s, beyond which one run is enough."""
 
 
 def write(path: Path, seconds: float, rate: float) -> int:
-    """Write the recording; how many messages it has."""
+    """Writes the recording; returns the number of messages."""
     from scara_kinetostatic.bags.bag_writer import JOINTS, WRENCH
     from scara_kinetostatic.bags.encoding import channels, joint_state_messages, wrench_messages
     from scara_kinetostatic.bags.mcap_writer import McapWriter
@@ -112,11 +107,11 @@ READERS: dict[str, Callable[[Path], tuple[np.ndarray, np.ndarray]]] = {
 
 
 def measure(job: tuple[str, Path]) -> dict[str, Any]:
-    """Time one reader; runs in a process of its own. Slow ones run once."""
+    """Times one reader; runs in a process of its own."""
     name, path = job
-    forget_peak()
+    reset_peak_memory()
     seconds, elapsed, results = [], [], None
-    while len(seconds) < RUNS and (not seconds or seconds[0] < 30):
+    while len(seconds) < RUNS and (not seconds or seconds[0] < SLOW):
         begin, wall = time.process_time(), time.perf_counter()
         results = READERS[name](path)
         seconds.append(time.process_time() - begin)
@@ -133,27 +128,25 @@ def measure(job: tuple[str, Path]) -> dict[str, Any]:
 
 
 def compare(seconds: float, rate: float) -> list[dict[str, Any]]:
-    """Write the recording and have each read it."""
-    os.environ.update(ONE_CORE)
+    """Writes the recording and times each reader."""
     records: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory(prefix='reading_') as folder:
         path = Path(folder) / 'long.mcap'
         count = write(path, seconds, rate)
         print(f'{count} messages, {path.stat().st_size / 2**20:.0f} MiB', flush=True)
-        with multiprocessing.get_context('spawn').Pool(1, maxtasksperchild=1) as pool:
-            for record in pool.imap(measure, [(name, path) for name in READERS]):
-                records.append(record)
-                median = float(np.median(record['processor_seconds']))
-                print(
-                    f'{record["reader"]:<8} {median:8.2f} s ({len(record["seconds"])} runs), '
-                    f'{1e6 * median / record["messages"]:.2f} µs a message, peak {record["peak"] / 2**20:.0f} MiB',
-                    flush=True,
-                )
+        for record in in_processes(measure, [(name, path) for name in READERS], fresh=True):
+            records.append(record)
+            median = float(np.median(record['processor_seconds']))
+            print(
+                f'{record["reader"]:<8} {median:8.2f} s ({len(record["seconds"])} runs), '
+                f'{1e6 * median / record["messages"]:.2f} µs a message, peak {record["peak"] / 2**20:.0f} MiB',
+                flush=True,
+            )
     return records
 
 
 def summarise(records: list[dict[str, Any]]) -> dict[str, Any]:
-    """How many times faster, and whether all read the same."""
+    """How many times faster, and whether all arrays are the same."""
     ours, *others = records
     own = np.median(ours['processor_seconds'])
     return {
@@ -163,39 +156,30 @@ def summarise(records: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def draw(records: list[dict[str, Any]], path: Path) -> None:
-    """Time and memory of each reader, as SVG."""
-    import matplotlib
-    from matplotlib.figure import Figure
-
-    with matplotlib.rc_context({'svg.fonttype': 'none', 'svg.hashsalt': 'reading', 'font.size': 9}):
-        figure = Figure(figsize=(6.4, 1.9), layout='constrained')
-        names = [item['reader'] for item in records]
-        for axes, label, values in zip(
-            figure.subplots(1, 2),
-            ('processor time, s', 'peak memory, MiB'),
-            ([np.median(item['processor_seconds']) for item in records], [item['peak'] / 2**20 for item in records]),
-            strict=True,
-        ):
+    """Time and memory of each reader."""
+    names = [item['reader'] for item in records]
+    panels = (
+        ('processor time, s', [np.median(item['processor_seconds']) for item in records]),
+        ('peak memory, MiB', [item['peak'] / 2**20 for item in records]),
+    )
+    with svg_figure(path, 6.4, 1.9) as figure:
+        for axes, (label, values) in zip(figure.subplots(1, 2), panels, strict=True):
             axes.bar_label(axes.barh(names, values, color=['#0b6e99', '#999999', '#999999']), fmt='%.3g', padding=3)
             axes.set(xlabel=label, xlim=(0, 1.2 * max(values)))
             axes.invert_yaxis()
-        figure.savefig(path, format='svg', metadata={'Date': None})
 
 
 def main() -> int:
-    """Run, print, save, draw."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--seconds', type=float, default=3600.0)
-    parser.add_argument('--rate', type=float, default=500.0)
-    parser.add_argument('--json', type=Path)
-    parser.add_argument('--plot', type=Path, help='SVG')
-    options = parser.parse_args()
+    """Runs the benchmark."""
+    options_of = parser(__doc__, plot=True)
+    options_of.add_argument('--seconds', type=float, default=3600.0)
+    options_of.add_argument('--rate', type=float, default=500.0)
+    options = options_of.parse_args()
     before = machine()
     records = compare(options.seconds, options.rate)
-    result = {'before': before, 'after': machine(), 'summary': summarise(records), 'records': records}
-    print(json.dumps({key: result[key] for key in ('before', 'after', 'summary')}, indent=2))
-    if options.json:
-        options.json.write_text(json.dumps(result, indent=2) + '\n', encoding='utf-8')
+    figures = {'before': before, 'after': machine(), 'summary': summarise(records)}
+    print(json.dumps(figures, indent=2))
+    save(options.json, {**figures, 'records': records})
     if options.plot:
         draw(records, options.plot)
     return 0

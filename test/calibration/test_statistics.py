@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmark.recordings import CELL, ROBOTS
-from benchmark.statistics import plain, summarise, tasks
-from benchmark.statistics_bound import linear, size
-from benchmark.statistics_outliers import CASES, CLEAN, LARGE, LEFT_OUT, SPIKE, Kind, play_outliers, spoiled
-from benchmark.statistics_picture import draw
-from benchmark.statistics_runs import NOISE, Task, far_off, play_noise, play_starts, scene
-from benchmark.statistics_summary import judge, noise_summary, outlier_summary, starts_summary
-from benchmark.statistics_tables import tables
+from benchmark.common import CELL, ROBOTS
+from benchmark.statistics.__main__ import plain, summarise, tasks
+from benchmark.statistics.bound import linear, size
+from benchmark.statistics.outliers import CASES, CLEAN, LARGE, LEFT_OUT, SPIKE, Kind, play_outliers, spoiled
+from benchmark.statistics.picture import draw
+from benchmark.statistics.runs import NOISE, Task, far_off, play_noise, play_starts, scene
+from benchmark.statistics.summary import judge, noise_summary, outlier_summary, starts_summary
+from benchmark.statistics.tables import tables
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 from scara_kinetostatic.simulation.streams import simulate_touches

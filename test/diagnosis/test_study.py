@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmark.diagnosis_cells import NOISE, SETUPS, TOUCHES, at_sizes, direction, play, trace
-from benchmark.diagnosis_record import ALONE, Record, failure, fallen
-from benchmark.diagnosis_runs import NOISES, Task, everything, work
-from benchmark.diagnosis_tables import tables
-from benchmark.diagnosis_unlisted import unlisted
+from benchmark.diagnosis.cells import NOISE, SETUPS, TOUCHES, at_sizes, direction, play, trace
+from benchmark.diagnosis.record import ALONE, Record, failure, fallen
+from benchmark.diagnosis.runs import NOISES, Task, everything, work
+from benchmark.diagnosis.tables import tables
+from benchmark.diagnosis.unlisted import unlisted
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.model.kinematics import forward

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from benchmark import damaged_files
-from benchmark.damaged_files import CANARY, FAILURES, Form, Verdict, judged, judged_cell, judged_reading
-from benchmark.faults import CELL, CELL_FILE, short_streams
-from benchmark.forms import forms
+from benchmark.faults import outcomes
+from benchmark.faults.__main__ import CELL, CELL_FILE, short_streams
+from benchmark.faults.formats import forms
+from benchmark.faults.outcomes import CANARY, FAILURES, Form, Verdict, judged, judged_cell, judged_reading
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.files.cell_file import dump_cell
 
@@ -45,8 +45,8 @@ def test_a_damaged_cell_file_is_refused_in_one_line_or_makes_sense(text: str, tm
 
 
 def test_what_is_intact_is_read_without_a_word(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(damaged_files, 'mutated', lambda content, other, rng: content)
-    monkeypatch.setattr(damaged_files, 'mutated_yaml', lambda text, rng: text.encode())
+    monkeypatch.setattr(outcomes, 'mutated', lambda content, other, rng: content)
+    monkeypatch.setattr(outcomes, 'mutated_yaml', lambda text, rng: text.encode())
     for form in FORMS:
         case = judged_reading(form, 0, STREAMS, CELL, tmp_path / 'case')
         assert (case.verdict, case.said) == (Verdict.SAME, ''), form.name
@@ -71,7 +71,7 @@ def test_the_judge_sees_what_it_looks_for(tmp_path: Path, monkeypatch: pytest.Mo
         (tmp_path / CANARY).mkdir()
         raise CellError('cell.yaml', 'no number')
 
-    monkeypatch.setattr(damaged_files, 'LONGEST', 0.1)
+    monkeypatch.setattr(outcomes, 'LONGEST', 0.1)
     expected = {
         refuse: Verdict.REFUSED,
         crash: Verdict.CRASHED,

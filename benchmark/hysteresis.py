@@ -1,6 +1,6 @@
 """What is made of loops whose law is known: false alarms on law (6), and which effect is named.
 
-    python -m benchmark.loop_laws [--seeds N] [--alarms N] [--json FILE]
+    python -m benchmark.hysteresis [--seeds N] [--alarms N] [--json FILE]
 
 Every candidate is played at three sizes, with white noise and with noise that hangs together over some 20 samples, and
 judged as measured loops are. Sizes: of slip, the load at which it slips; of softening likewise; of the others, their

@@ -1,6 +1,6 @@
 """The loop closed on an engine that knows nothing of this package's formulas: what is missing, named from recordings.
 
-    python -m benchmark.physics [--scene NAME …] [--per-disc 18] [--seed 1] [--noise given|estimated] [--rates 80 98]
+    python -m benchmark.mujoco [--scene NAME …] [--per-disc 18] [--seed 1] [--noise given|estimated] [--rates 80 98]
 
 Each scene is played once in MuJoCo and recorded; the recording is calibrated as a user would, who knows nothing but
 the cell. Printed is a table: before -> after what was found is in the model.

@@ -25,8 +25,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmark.damaged_files import FAILURES, Judged, Verdict, judged_calibration, judged_cell, judged_reading
-from benchmark.forms import forms
+from benchmark.faults.formats import forms
+from benchmark.faults.outcomes import FAILURES, Judged, Verdict, judged_calibration, judged_cell, judged_reading
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
@@ -133,7 +133,7 @@ def live(kills: int, disks: int, folder: Path) -> list[dict[str, object]]:
     """Kills and full disks, each printed."""
     if not kills + disks:
         return []
-    from benchmark.kills import fill_disk, kill_collectors
+    from benchmark.faults.kills import fill_disk, kill_collectors
 
     records: list[dict[str, object]] = []
     for size in np.linspace(SMALLEST_DISK, LARGEST_DISK, disks).round().astype(int).tolist():

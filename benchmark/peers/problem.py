@@ -1,7 +1,7 @@
-"""The touches on which this package and its peers are timed: those of the paper's cell, with noise, as many as wanted.
+"""The touches on which this package and its peers are timed: the paper's cell, simulated with noise, any number.
 
-Every touch presses its joints by a torque that is clearly not zero, so that a solver without a
-notion of a dead band has a smooth problem; the signs of the torques are handed to such solvers.
+The torque of every joint in every touch is clearly not zero, so that a solver that does not model the dead band of
+the backlash has a smooth problem; it is given the signs of the torques.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmark.common import CELL, NOISE
 from scara_kinetostatic.model import kinematics
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.model.touch import TouchSet
@@ -21,8 +21,6 @@ from scara_kinetostatic.simulation.plan import Plan, default_plan
 
 Floats = NDArray[np.float64]
 
-NOISE = Noise(joint=1e-5, force=0.3)
-CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=NOISE)
 LEAST_LEVER = 0.02
 """Shortest lever arm of the force about either joint at L̄n, m."""
 
@@ -43,13 +41,13 @@ class Problem(NamedTuple):
     radii: Floats
 
 
-class Answer(NamedTuple):
-    """What a contender found.
+class Solution(NamedTuple):
+    """The result of a contender.
 
     Attributes:
         values: L̄, (12,).
-        iterations: as it counts them.
-        success: whether it says that it converged.
+        iterations: by its own count.
+        success: whether it reports convergence.
     """
 
     values: Floats
@@ -57,20 +55,20 @@ class Answer(NamedTuple):
     success: bool
 
 
-class Ready(NamedTuple):
+class Prepared(NamedTuple):
     """A contender ready to be timed.
 
     Attributes:
-        solve: finds L̄; what is timed.
-        build: processor time that its preparation took, s; 0 where there is none.
+        solve: estimates L̄; this is timed.
+        build: processor time of its preparation, s; 0 where there is none.
     """
 
-    solve: Callable[[], Answer]
+    solve: Callable[[], Solution]
     build: float = 0.0
 
 
-def draw(count: int, seed: int = 0) -> Problem:
-    """Touches of L̄a on the paper's three discs, one posture, three force levels, the cell's noise."""
+def simulated(count: int, seed: int = 0) -> Problem:
+    """Touches of L̄a on the paper's three discs, one posture, three force levels, with the cell's noise."""
     plan = default_plan(CELL, per_disc=-(-count // 2), postures=(1,))
     plan = plan.select(_lever(plan) > LEAST_LEVER).select(np.arange(count))
     force = -plan.force[:, None] * plan.normal()

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from benchmark.statistics_outliers import CASES, CLEAN, LARGE, LEFT_OUT, MIXED, OutlierRun
-from benchmark.statistics_runs import NoiseRun, Scene, StartRun
+from benchmark.statistics.outliers import CASES, CLEAN, LARGE, LEFT_OUT, MIXED, OutlierRun
+from benchmark.statistics.runs import NoiseRun, Scene, StartRun
 from scara_kinetostatic.model.parameters import NAMES
 
 Floats = NDArray[np.float64]
@@ -29,7 +29,7 @@ BINS = (0.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0)
 def noise_summary(runs: Sequence[NoiseRun], stage: Scene) -> dict[str, Any]:
     """Efficiency, bias and coverage.
 
-    The ideal estimate of `statistics_bound` has the bound as its variance, exactly, and normal errors. How far it is
+    The ideal estimate of `bound` has the bound as its variance, exactly, and normal errors. How far it is
     from that on the noise of these runs is luck, and nearly the same luck as the estimates have: what is set against
     the ideal of the same noise is nearly free of sampling error.
     """

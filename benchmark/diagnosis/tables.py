@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from benchmark.diagnosis_record import (
+from benchmark.diagnosis.record import (
     ALONE,
     FALLEN,
     NAMINGS,

@@ -46,7 +46,7 @@ def run(seconds: float, rate: float, folder: Path) -> dict[str, object]:
     """
     domain = free_domain()
     environment = os.environ | THIS_MACHINE | {'ROS_DOMAIN_ID': str(domain)}
-    command = [sys.executable, '-m', 'benchmark.live_player', '--seconds', str(seconds), '--rate', str(rate)]
+    command = [sys.executable, '-m', 'benchmark.live.publisher', '--seconds', str(seconds), '--rate', str(rate)]
     with NodeProcesses(domain, folder / 'logs') as nodes:
         collector = nodes.start('collector', {'output': folder / 'bags', 'autostart': True})
         nodes.start('calibrator', {'output': folder / 'results'})

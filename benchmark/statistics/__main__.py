@@ -5,7 +5,7 @@
 All touches are simulated, by this package's own simulator: the paper's cell, three force levels, both postures, 72
 touches; robots of table 2 and of figure 4(d); noise of 1e-5 rad and 0.3 N, given and estimated. Sections:
 
-- efficiency: the variance of each of the twelve over its Cramér–Rao bound, which `statistics_bound` works out anew;
+- efficiency: the variance of each of the twelve over its Cramér–Rao bound, which `bound` works out anew;
 - coverage: the part of the 95 % intervals that hold the truth, of the same runs;
 - starts: nominal values far off, an eighth as many as there are runs, the same touches: do all lead to one optimum;
 - outliers: one touch in ten bad, of 72 and of 108, a sixteenth as many runs: what that costs, and which are named.
@@ -28,11 +28,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmark.recordings import ROBOTS
-from benchmark.statistics_outliers import play_outliers
-from benchmark.statistics_runs import NOISES, Task, play_noise, play_starts, scene
-from benchmark.statistics_summary import noise_summary, outlier_summary, starts_summary
-from benchmark.statistics_tables import tables
+from benchmark.common import ROBOTS
+from benchmark.statistics.outliers import play_outliers
+from benchmark.statistics.runs import NOISES, Task, play_noise, play_starts, scene
+from benchmark.statistics.summary import noise_summary, outlier_summary, starts_summary
+from benchmark.statistics.tables import tables
 
 SECTIONS = ('efficiency', 'coverage', 'starts', 'outliers')
 PLAYED: dict[str, tuple[str, ...]] = {
@@ -126,7 +126,7 @@ def main() -> int:
         text = json.dumps(plain(summary), indent=1, ensure_ascii=False, allow_nan=False)
         options.json.write_text(text + '\n', encoding='utf-8')
     if options.plot:
-        from benchmark.statistics_picture import draw
+        from benchmark.statistics.picture import draw
 
         draw(summary, options.plot)
     return 0

@@ -1,6 +1,6 @@
 """Plays a simulated cell at a fixed rate, serialized beforehand, so that what is measured is the collector.
 
-    python -m benchmark.live_player --seconds 60 --rate 1000
+    python -m benchmark.live.publisher --seconds 60 --rate 1000
 
 Publishes `/joint_states` and `/wrench` in the ROS domain of the environment, reliably. Prints `ready`, waits for
 a line on stdin, plays, prints how many messages of each topic it published and how late the latest was, s.

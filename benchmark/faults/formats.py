@@ -12,7 +12,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
-from benchmark.damaged_files import METADATA, Form
+from benchmark.faults.outcomes import METADATA, Form
 from scara_kinetostatic.bags.encoding import channels, joint_state_messages, string_message, wrench_messages
 from scara_kinetostatic.bags.writer import BagWriter, write_streams
 from scara_kinetostatic.files.cell_file import dump_cell

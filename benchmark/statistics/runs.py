@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.recordings import CELL, ROBOTS
-from benchmark.statistics_bound import Bound, bound
+from benchmark.common import CELL, ROBOTS
+from benchmark.statistics.bound import Bound, bound
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import ScaraKinetostaticError

@@ -1,6 +1,6 @@
 """Are the standard deviations of the gauge experiments right, and how often is there a false alarm.
 
-    python -m benchmark.gauge [--number 1000] [--json FILE]
+    python -m benchmark.dial_gauge [--number 1000] [--json FILE]
 
 Every file is all of section 5.2, simulated: the gripper in 12 directions, both joints, 2 µm gauge noise, values of
 figure 4(d). The error of each compliance and gap is divided by its own standard deviation.

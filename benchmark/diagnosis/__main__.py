@@ -24,11 +24,11 @@ import os
 import sys
 from pathlib import Path
 
-from benchmark.diagnosis_cells import SETUPS, SIZES
-from benchmark.diagnosis_picture import draw
-from benchmark.diagnosis_record import Record
-from benchmark.diagnosis_runs import NOISES, PAIR_SIZE, UNLISTED_SIZES, Task, everything, work
-from benchmark.diagnosis_tables import tables, time_lines
+from benchmark.diagnosis.cells import SETUPS, SIZES
+from benchmark.diagnosis.picture import draw
+from benchmark.diagnosis.record import Record
+from benchmark.diagnosis.runs import NOISES, PAIR_SIZE, UNLISTED_SIZES, Task, everything, work
+from benchmark.diagnosis.tables import tables, time_lines
 
 SECTIONS = ('clean', 'effects', 'pairs', 'unlisted', 'time')
 

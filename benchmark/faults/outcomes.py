@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmark.mutations import mutated, mutated_yaml
+from benchmark.faults.damage import mutated, mutated_yaml
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.cli.calibrate import find_cell

@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmark.diagnosis_record import NAMINGS, WITHIN, Record
-from benchmark.diagnosis_tables import SHOWN
+from benchmark.diagnosis.record import NAMINGS, WITHIN, Record
+from benchmark.diagnosis.tables import SHOWN
 from scara_kinetostatic.render.figure import FAINT, INK, LINE, SERIES, WARN, light_colours, style
 
 Pick = Callable[[Record, int], float]

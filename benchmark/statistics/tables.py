@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from benchmark.statistics_runs import ANGLE_OFF, FACTOR_OFF, LENGTH_OFF, SAME_COST, SAME_VALUE
-from benchmark.statistics_summary import judge
+from benchmark.statistics.runs import ANGLE_OFF, FACTOR_OFF, LENGTH_OFF, SAME_COST, SAME_VALUE
+from benchmark.statistics.summary import judge
 from scara_kinetostatic.model.parameters import NAMES
 
 WIDTH = 36

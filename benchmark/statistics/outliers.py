@@ -8,7 +8,7 @@ One touch in ten is bad. Three kinds, each in realistic sizes:
 - force spike: a force in a random direction is added to the reading.
 
 A size in newtons says little; what counts is the distance of the bad touch, free of noise, from what the model
-allows, in standard deviations of a good one (`statistics_bound.size`).
+allows, in standard deviations of a good one (`bound.size`).
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.recordings import CELL
-from benchmark.statistics_bound import size
-from benchmark.statistics_runs import NOISE, Scene, Task, error_of, scene, told
+from benchmark.common import CELL
+from benchmark.statistics.bound import size
+from benchmark.statistics.runs import NOISE, Scene, Task, error_of, scene, told
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import ScaraKinetostaticError

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.diagnosis_cells import NOISE, SETUPS, Played, Setup, Sized, at_sizes, direction, play, seed_of
-from benchmark.diagnosis_record import ALONE, NONE, RIVALS, UNNAMED, WRONG, Record
-from benchmark.diagnosis_unlisted import ALIAS, UNLISTED, unlisted
+from benchmark.diagnosis.cells import NOISE, SETUPS, Played, Setup, Sized, at_sizes, direction, play, seed_of
+from benchmark.diagnosis.record import ALONE, NONE, RIVALS, UNNAMED, WRONG, Record
+from benchmark.diagnosis.unlisted import ALIAS, UNLISTED, unlisted
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.held_out import held_out_force_error

@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.diagnosis_cells import Played, Setup, seed_of
+from benchmark.diagnosis.cells import Played, Setup, seed_of
 from scara_kinetostatic.effects.base import DiscEffect, Effect, JointEffect, Parameter
 from scara_kinetostatic.model.effect_law import TouchState
 

@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmark.statistics_outliers import CASES, LEFT_OUT
-from benchmark.statistics_summary import COVERED, EFFICIENT, GROWTH, LEVEL
-from benchmark.statistics_tables import sizes_of
+from benchmark.statistics.outliers import CASES, LEFT_OUT
+from benchmark.statistics.summary import COVERED, EFFICIENT, GROWTH, LEVEL
+from benchmark.statistics.tables import sizes_of
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.render.figure import INK, LINE, SERIES, WARN, light_colours, style
 

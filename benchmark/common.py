@@ -1,0 +1,161 @@
+"""What the benchmarks share: the paper's cell, options, JSON files, processes of one thread, time and memory."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import multiprocessing
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
+
+NOISE = Noise(joint=1e-5, force=0.3)
+EXACT = Noise(joint=0.0, force=0.0)
+CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=NOISE)
+"""The paper's cell."""
+ROBOTS = {'table 2': PAPER_ACTUAL, 'figure 4(d)': PAPER_MEASURED}
+NOISES = ('given', 'estimated')
+"""Whether the cell description states the noise."""
+LEAST_SECONDS = 2.0
+"""A timed function is repeated for so long, within the limits below."""
+LEAST_RUNS, MOST_RUNS = 3, 200
+LONGEST_REPEATED = 20.0
+"""A function that takes longer is timed once, s."""
+_ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
+_Job = TypeVar('_Job')
+_Result = TypeVar('_Result')
+
+
+def parser(description: str | None, *, json_file: bool = True, plot: bool = False) -> argparse.ArgumentParser:
+    """A command-line parser with the options that many benchmarks have."""
+    made = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    if json_file:
+        made.add_argument('--json', type=Path, metavar='FILE', help='write the figures there')
+    if plot:
+        made.add_argument('--plot', type=Path, metavar='FILE', help='draw the figures there, SVG')
+    return made
+
+
+def save(path: Path | None, content: Any) -> None:
+    """Writes a JSON file, NaN as null; nothing for None."""
+    if path:
+        text = json.dumps(_json_value(content), indent=1, ensure_ascii=False, allow_nan=False)
+        path.write_text(text + '\n', encoding='utf-8')
+
+
+def print_and_save(path: Path | None, content: Mapping[str, Any]) -> None:
+    """Prints the figures as JSON and writes them into a file."""
+    print(json.dumps(content, indent=2, ensure_ascii=False))
+    save(path, content)
+
+
+def _json_value(item: Any) -> Any:
+    if isinstance(item, Mapping):
+        return {key: _json_value(value) for key, value in item.items()}
+    if isinstance(item, (list, tuple)):
+        return [_json_value(value) for value in item]
+    return None if isinstance(item, float) and not math.isfinite(item) else item
+
+
+def in_processes(
+    function: Callable[[_Job], _Result], jobs: Sequence[_Job], number: int = 1, *, fresh: bool = False
+) -> Iterator[_Result]:
+    """The results of a function, job by job, worked in processes of one thread each.
+
+    Args:
+        function: at the top of a module other than a package's `__main__`, which a new process cannot import.
+        jobs: its arguments.
+        number: of processes.
+        fresh: whether each job gets a process of its own.
+    """
+    os.environ.update(_ONE_THREAD)  # before a process imports NumPy
+    with multiprocessing.get_context('spawn').Pool(number, maxtasksperchild=1 if fresh else None) as pool:
+        yield from counted(pool.imap(function, jobs), len(jobs))
+
+
+def counted(items: Iterator[_Result], total: int) -> Iterator[_Result]:
+    """The items, counted on a terminal."""
+    for number, item in enumerate(items, 1):
+        if sys.stderr.isatty():
+            print(f'\r{number}/{total}', end='' if number < total else '\n', file=sys.stderr)
+        yield item
+
+
+def print_targets(targets: Sequence[tuple[str, bool]]) -> bool:
+    """Prints each target and whether it is met; whether all are."""
+    for text, met in targets:
+        print(f'{"met   " if met else "MISSED"} {text}')
+    return all(met for _, met in targets)
+
+
+def repeat(run: Callable[[], object]) -> dict[str, Any]:
+    """Processor time of several runs after one that does not count, s: median, quartiles, extremes."""
+    begin = time.process_time()
+    run()
+    first = time.process_time() - begin
+    wanted = int(np.clip(LEAST_SECONDS / max(first, 1e-9), LEAST_RUNS, MOST_RUNS))
+    number = wanted if first < LONGEST_REPEATED else 1
+    seconds = []
+    for _ in range(number):
+        begin = time.process_time()
+        run()
+        seconds.append(time.process_time() - begin)
+    least, lower, median, upper, largest = np.quantile(seconds, [0, 0.25, 0.5, 0.75, 1]).tolist()
+    return {
+        'runs': number,
+        'median': median,
+        'quartiles': [lower, upper],
+        'extremes': [least, largest],
+        'first': first,
+    }
+
+
+def reset_peak_memory() -> None:
+    """Lets the peak of memory begin anew, where the system can do that."""
+    with suppress(OSError):
+        Path('/proc/self/clear_refs').write_text('5', encoding='ascii')
+
+
+def peak_memory(process: int | str = 'self') -> int:
+    """Peak resident memory of a process, bytes; 0 where the system does not state it."""
+    try:
+        status = Path(f'/proc/{process}/status').read_text(encoding='ascii')
+    except OSError:
+        return 0
+    return next(1024 * int(line.split()[1]) for line in status.splitlines() if line.startswith('VmHWM'))
+
+
+def machine() -> dict[str, Any]:
+    """Processor, versions, and how busy the machine is."""
+    lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines() if Path('/proc/cpuinfo').exists() else []
+    model = next((line.split(':')[1].strip() for line in lines if line.startswith('model name')), platform.processor())
+    return {
+        'processor': model,
+        'cores': os.cpu_count(),
+        'load': [round(value, 1) for value in os.getloadavg()],
+        'python': platform.python_version(),
+        'numpy': np.__version__,
+    }
+
+
+@contextmanager
+def svg_figure(path: Path, width: float, height: float) -> Iterator[Any]:
+    """A Matplotlib figure that is saved as reproducible SVG in the end; sizes in inches."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context({'svg.fonttype': 'none', 'svg.hashsalt': path.stem, 'font.size': 9}):
+        figure = Figure(figsize=(width, height), layout='constrained')
+        yield figure
+        figure.savefig(path, format='svg', metadata={'Date': None})
