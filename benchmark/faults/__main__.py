@@ -25,20 +25,17 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmark.faults.formats import forms
+from benchmark.common import CELL
+from benchmark.faults.formats import CELL_FILE, forms, short_streams
 from benchmark.faults.outcomes import FAILURES, Judged, Verdict, judged_calibration, judged_cell, judged_reading
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import simulate_streams
 from scara_kinetostatic.touches.detection import find_touches
-from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
-CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
-CELL_FILE = Path(__file__).parents[1] / 'config' / 'cell.yaml'
 CALIBRATED = 50
 """One recording in so many is calibrated from."""
 STUCK = 60.0
@@ -70,14 +67,6 @@ class Row:
         self.slowest = max(self.slowest, judged.seconds)
         if failed:
             self.failures.append((number, f'{judged.verdict.value}: {judged.said}'))
-
-
-def short_streams() -> Streams:
-    """Two seconds of random numbers, so that much of a file is structure."""
-    rng = np.random.default_rng(0)
-    start = 1_700_000_000_123_456_789
-    joints = JointStream(start + np.arange(100) * 12_500_000, rng.uniform(-3, 3, (100, 2)))
-    return Streams('made up', joints, WrenchStream(start + np.arange(110) * 10_204_081, rng.normal(0, 20, (110, 2))))
 
 
 def damage_recordings(number: int, folder: Path) -> Iterator[Row]:

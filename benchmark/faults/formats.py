@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mcap.writer import CompressionType, Writer
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
@@ -17,11 +18,20 @@ from scara_kinetostatic.bags.encoding import channels, joint_state_messages, str
 from scara_kinetostatic.bags.writer import BagWriter, write_streams
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.touches.streams import Streams
+from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 Message = tuple[int, int, bytes]
 """Log time, number of the channel, payload."""
 PIECES = 4
+CELL_FILE = Path(__file__).parents[2] / 'config' / 'cell.yaml'
+
+
+def short_streams() -> Streams:
+    """Two seconds of random numbers, so that much of a file is structure."""
+    rng = np.random.default_rng(0)
+    start = 1_700_000_000_123_456_789
+    joints = JointStream(start + np.arange(100) * 12_500_000, rng.uniform(-3, 3, (100, 2)))
+    return Streams('made up', joints, WrenchStream(start + np.arange(110) * 10_204_081, rng.normal(0, 20, (110, 2))))
 
 
 def forms(streams: Streams, cell: Cell) -> list[Form]:

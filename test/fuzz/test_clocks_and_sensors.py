@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from benchmark.faults.__main__ import CELL
+from benchmark.common import CELL
 from scara_kinetostatic.bags.encoding import joint_state_messages, wrench_messages
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.bags.writer import BagWriter

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from benchmark.common import CELL
 from benchmark.faults import outcomes
-from benchmark.faults.__main__ import CELL, CELL_FILE, short_streams
-from benchmark.faults.formats import forms
+from benchmark.faults.formats import CELL_FILE, forms, short_streams
 from benchmark.faults.outcomes import CANARY, FAILURES, Form, Verdict, judged, judged_cell, judged_reading
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.files.cell_file import dump_cell
