@@ -1,9 +1,8 @@
-"""How each joint came to a hold: its last movement, from where it last turned round.
+"""The approach to a hold: the last movement of each joint, from its last reversal to the hold.
 
-Friction in a joint is settled by the sense of this movement, whatever came before it. A
-joint that never turns round on its way is followed back to the free pose: where the arm
-last rested, clear of the contact, or, where it never rests, to the contact before. The part
-of it in contact, the press, is what drags the tip along the disc.
+Its sense determines the friction in the joint, whatever came before. A joint without a reversal is followed back to
+the free pose, where the arm last rested away from the contact, or, if it never rests, to the previous contact. The
+part of the movement in contact, the press, drags the tip along the disc.
 """
 
 from __future__ import annotations
@@ -13,28 +12,27 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scara_kinetostatic.touches.plateaus import Plateau
-from scara_kinetostatic.touches.segmentation import SMOOTHING, moving_mean
-from scara_kinetostatic.touches.signals import Floats, Topic, median_of_three
+from scara_kinetostatic.touches.holds import Hold
+from scara_kinetostatic.touches.signals import SMOOTHING, Floats, Topic, median_of_three, moving_mean
 
-LEAST_TURN = 5e-6
-"""A joint that comes back by less than this has not turned round, rad,"""
-TURN_SIGMAS = 8.0
-"""nor by less than this many standard deviations of its smoothed samples,"""
-TURN_DIGITS = 2.0
-"""nor by fewer steps of the encoder."""
+SMALLEST_REVERSAL = 5e-6
+"""A movement back by less than this is not a reversal, rad,"""
+REVERSAL_SIGMAS = 8.0
+"""nor by less than this many standard deviations of the smoothed joint angle,"""
+REVERSAL_STEPS = 2.0
+"""nor by less than this many steps of the encoder."""
 LONGEST_APPROACH = 5.0
-"""The way to a contact is followed back no farther than this, s."""
+"""The movement before a contact is followed back for at most so long, s."""
 REST_TIME = 0.04
-"""The arm rests where no joint moves during this time, s,"""
+"""The arm rests if during this time, s,"""
 REST_SPEED = 1e-3
-"""faster than this, rad/s."""
+"""no joint moves faster than this, rad/s."""
 CLEAR = 2e-3
-"""Closer to the contact than this, in every joint, is no free pose, rad."""
+"""A pose is free if a joint is at least so far from its angle at the contact, rad."""
 
 
-class Arrival(NamedTuple):
-    """How the joints came to a hold.
+class Approach(NamedTuple):
+    """The last movement of the joints before a hold.
 
     Attributes:
         approach: last movement of each joint, (2,), rad.
@@ -45,62 +43,62 @@ class Arrival(NamedTuple):
     press: Floats
 
 
-def last_movement(path: ArrayLike, hold: ArrayLike, least: ArrayLike = LEAST_TURN) -> Floats:
-    """Motion from where each joint last turned round to the hold.
+def last_movement(path: ArrayLike, hold: ArrayLike, least: ArrayLike = SMALLEST_REVERSAL) -> Floats:
+    """Movement of each joint from its last reversal to the hold.
 
     Args:
         path: joint angles from the free pose on, in the order of time, (k, ..., 2), rad.
         hold: joint angles of the hold, (..., 2), rad.
-        least: a way back shorter than this is no turning round, rad.
+        least: smallest movement back that is a reversal, rad.
 
     Returns:
-        (..., 2), rad; positive where the angle grew; 0 where a joint hardly moves all along.
+        (..., 2), rad; positive where the angle grew, 0 where a joint moves by less than `least`.
     """
-    way = (np.asarray(hold) - np.asarray(path))[::-1]
-    left = np.abs(way) > least
-    first = np.take_along_axis(way, left.argmax(axis=0)[None], axis=0)[0]
+    offset = (np.asarray(hold) - np.asarray(path))[::-1]
+    left = np.abs(offset) > least
+    first = np.take_along_axis(offset, left.argmax(axis=0)[None], axis=0)[0]
     sense = np.where(left.any(axis=0), np.sign(first), 0.0)
-    way = np.where(np.maximum.accumulate(left, axis=0), sense * way, 0.0)
-    turned = np.maximum.accumulate(way, axis=0) - way > least
-    return np.asarray(sense * np.where(np.maximum.accumulate(turned, axis=0), 0.0, way).max(axis=0))
+    offset = np.where(np.maximum.accumulate(left, axis=0), sense * offset, 0.0)
+    turned = np.maximum.accumulate(offset, axis=0) - offset > least
+    return np.asarray(sense * np.where(np.maximum.accumulate(turned, axis=0), 0.0, offset).max(axis=0))
 
 
 def resolution(joints: Topic) -> float:
-    """Step of the encoders, the coarser of both, rad; near 0 where the readings are not rounded."""
+    """Resolution of the encoders, the coarser of both, rad; near 0 where the readings are not rounded."""
     gaps = [np.diff(np.unique(np.round(column, 12))) for column in joints.value.T]
     return max((float(gap.min()) for gap in gaps if len(gap)), default=0.0)
 
 
-def arrival(joints: Topic, plateau: Plateau, contact: float, earliest: float, step: float) -> Arrival:
-    """The last movement of each joint before a settled part, and its part in contact.
+def approach_of_hold(joints: Topic, hold: Hold, contact: float, earliest: float, step: float) -> Approach:
+    """The last movement of each joint before a hold, and its part in contact.
 
     Args:
         joints: the joint angles of the recording.
-        plateau: the settled part.
-        contact: where the force leaves its zero, s.
-        earliest: end of the contact before, s, or -inf.
-        step: of the encoders, rad.
+        hold: the hold.
+        contact: begin of the contact, s.
+        earliest: end of the previous contact, s, or -inf.
+        step: resolution of the encoders, rad.
 
     Returns:
-        Both as `last_movement`. The press is that of the samples from the contact on, so it lacks what the joints
-        did while the force was still lost in the sensor's noise.
+        Both as by `last_movement`. The press does not contain the movement while the force was still below the noise
+        of the sensor.
     """
-    part = joints.stretch(max(earliest, contact - LONGEST_APPROACH), float(plateau.intervals[0, 0]))
+    part = joints.stretch(max(earliest, contact - LONGEST_APPROACH), float(hold.intervals[0, 0]))
     time, value = joints.time[part], joints.value[part]
     if not len(time):
-        return Arrival(np.zeros(2), np.zeros(2))
+        return Approach(np.zeros(2), np.zeros(2))
     width = 2 * round(0.5 * SMOOTHING / joints.period) + 1
     smooth = moving_mean(median_of_three(value), width)
-    scatter = plateau.joint_scatter / np.sqrt(width)
-    least = np.maximum(max(LEAST_TURN, TURN_DIGITS * step), TURN_SIGMAS * scatter)
+    scatter = hold.joint_scatter / np.sqrt(width)
+    least = np.maximum(max(SMALLEST_REVERSAL, REVERSAL_STEPS * step), REVERSAL_SIGMAS * scatter)
     touching = int(np.searchsorted(time, contact))
     begin = _free_pose(time, smooth, touching, float(least.max()))
     pressed = moving_mean(median_of_three(value[touching:]), width)
-    return Arrival(last_movement(smooth[begin:], plateau.joints, least), last_movement(pressed, plateau.joints, least))
+    return Approach(last_movement(smooth[begin:], hold.joints, least), last_movement(pressed, hold.joints, least))
 
 
 def _free_pose(time: Floats, value: Floats, contact: int, least: float) -> int:
-    """Number of the last sample before the contact, clear of it, at which the arm rests; 0 where there is none."""
+    """Index of the last sample before the contact at which the arm rests in a free pose; 0 if there is none."""
     time, value = time[: contact + 1], value[: contact + 1]
     later = np.searchsorted(time, time + REST_TIME)
     earlier = np.flatnonzero(later < len(time))

@@ -1,14 +1,14 @@
-"""Which disc a touch belongs to, and with which elbow posture, told from the nominal model.
+"""Association: the disc that a touch belongs to and the elbow posture, by the nominal model.
 
 A frictionless force F on disc d puts the tip at c_d - r_d F/|F|. The nominal tip
 H(L_n, Q) misses that place by
 
-    m_d = H(L_n, Q) - (c_d - r_d F/|F|),
+    m_d = H(L_n, Q) - (c_d - r_d F/|F|).
 
-distance and direction in one. The disc of the smallest miss is the touched one. As the
-nominal geometry may be wrong by 20 mm and 3°, misses of some centimetres are usual; where
-there are enough touches, the six geometric parameters are first fitted to the misses (robustly,
-with these errors as their prior), and what remains tells a known disc from an unknown object.
+The disc with the smallest |m_d| is the touched one. The nominal geometry may be wrong by 20 mm and 3°, so that misses
+of some centimetres are usual. Where there are enough touches, the six geometric parameters are first fitted to the
+misses (iteratively reweighted least squares with these errors as prior); the remaining misses distinguish a known
+disc from an unknown object.
 """
 
 from __future__ import annotations
@@ -25,30 +25,36 @@ from scara_kinetostatic.model.parameters import Parameters
 Floats = NDArray[np.float64]
 
 LENGTH_PRIOR = 0.015
-"""1-sigma of the nominal lengths and offsets, m."""
+"""Standard deviation of the errors of the nominal lengths and offsets, m."""
 ANGLE_PRIOR = np.deg2rad(2.5)
-"""1-sigma of the nominal angles, rad."""
+"""Standard deviation of the errors of the nominal angles, rad."""
 MISS_SIGMA = 0.005
-"""1-sigma of a miss of the right disc with the right geometry, m."""
-FARTHEST_NOMINAL = 0.08
-"""A larger miss under the nominal geometry is no touch of the disc, m."""
-FARTHEST_FITTED = 0.03
-"""A larger miss under the fitted geometry is no touch of the disc, m."""
-FEWEST = 8
-"""Touches needed to trust the fitted geometry."""
-OBLIQUE = 0.35
-"""A force may be this far from the normal (noise, friction), rad."""
+"""Standard deviation of the miss of the touched disc with the true geometry, m."""
+LARGEST_MISS_NOMINAL = 0.08
+"""A touch belongs to a disc if its miss with the nominal geometry is at most this, m."""
+LARGEST_MISS_FITTED = 0.03
+"""The same with the fitted geometry, m; or `MISS_MEDIANS` times the median miss, where that is more."""
+MISS_MEDIANS = 6.0
+FEWEST_FOR_FIT = 8
+"""Touches needed for the fit of the geometry."""
+LARGEST_FRICTION_ANGLE = 0.35
+"""Accepted angle between the force and the normal of the disc (friction, noise), rad."""
+MOSTLY_KNOWN = 0.8
+"""If a smaller part of the touches belongs to discs, another frame or sign of the sensor is tried;"""
+MOSTLY_BY_OTHER = 0.9
+"""it is advised if at least this part of them would, and at least three."""
 
 
 class Association(NamedTuple):
-    """What n touches touch.
+    """Discs and postures of n touches.
 
     Attributes:
         disc: index of the nearest disc, (n,).
         posture: +1 or -1, (n,).
-        miss: distance to that disc's place of contact, m; obliqueness up to `OBLIQUE` is not counted, (n,).
+        miss: |m| of that disc, less what an oblique force explains (`LARGEST_FRICTION_ANGLE`), (n,), m.
         known: whether the touch belongs to the disc, (n,).
-        advice: not empty where the sensor's frame or sign in the cell description seem wrong.
+        advice: frame and sign of the sensor by which nearly all touches would meet a disc, in words; empty if those
+            of the cell description do, or no others.
     """
 
     disc: NDArray[np.intp]
@@ -59,28 +65,28 @@ class Association(NamedTuple):
 
 
 def associate(joints: Floats, force: Floats, cell: Cell) -> Association:
-    """Disc and posture of n touches.
+    """Discs and postures of n touches.
 
     Args:
         joints: Q, (n, 2), rad.
-        force: on the object, in the frame of the sensor, (n, 2), N.
+        force: F on the object, in the frame of the sensor, (n, 2), N.
         cell: nominal parameters, discs, frame of the sensor.
     """
     fitted = _fit_geometry(joints, force, cell)
-    disc, miss = _nearest(cell.nominal, joints, force, cell)
-    known = miss <= FARTHEST_NOMINAL
-    if len(joints) >= FEWEST:
-        fitted_disc, fitted_miss = _nearest(fitted, joints, force, cell)
-        close = fitted_miss <= FARTHEST_FITTED
-        if np.sum(close) >= max(FEWEST, len(joints) / 2):
+    disc, miss = _nearest_disc(cell.nominal, joints, force, cell)
+    known = miss <= LARGEST_MISS_NOMINAL
+    if len(joints) >= FEWEST_FOR_FIT:
+        fitted_disc, fitted_miss = _nearest_disc(fitted, joints, force, cell)
+        close = fitted_miss <= LARGEST_MISS_FITTED
+        if np.sum(close) >= max(FEWEST_FOR_FIT, len(joints) / 2):
             disc, miss = fitted_disc, fitted_miss
-            known = miss <= max(FARTHEST_FITTED, 6.0 * float(np.median(miss)))
-    advice = '' if known.mean() > 0.8 else _other_convention(joints, force, cell)
+            known = miss <= max(LARGEST_MISS_FITTED, MISS_MEDIANS * float(np.median(miss)))
+    advice = '' if known.mean() > MOSTLY_KNOWN else _other_convention(joints, force, cell)
     return Association(disc, posture(cell.nominal, joints), miss, known, advice)
 
 
 def _misses(parameters: Parameters, joints: Floats, force: Floats, cell: Cell) -> tuple[Floats, Floats]:
-    """Miss of every disc, (n, m, 2), m, and the unit force in the base frame, (n, 2)."""
+    """m_d of every touch and disc, (n, m, 2), m, and F/|F| in the base frame, (n, 2)."""
     if cell.sensor.frame is SensorFrame.TOOL:
         force = rotate(force, joints.sum(axis=1) + parameters.theta1 + parameters.theta2)
     unit = force / np.maximum(np.linalg.norm(force, axis=1), 1e-300)[:, None]
@@ -88,18 +94,18 @@ def _misses(parameters: Parameters, joints: Floats, force: Floats, cell: Cell) -
     return forward(parameters, joints)[:, None] - place, unit
 
 
-def _nearest(parameters: Parameters, joints: Floats, force: Floats, cell: Cell) -> tuple[NDArray[np.intp], Floats]:
-    """The disc of the smallest miss and that miss, obliqueness forgiven."""
+def _nearest_disc(parameters: Parameters, joints: Floats, force: Floats, cell: Cell) -> tuple[NDArray[np.intp], Floats]:
+    """The disc with the smallest miss, (n,), and that miss less what an oblique force explains, (n,), m."""
     misses, unit = _misses(parameters, joints, force, cell)
     disc = np.argmin(np.linalg.norm(misses, axis=2), axis=1)
     miss = misses[np.arange(len(disc)), disc]
     radial = np.sum(miss * unit, axis=1)
     tangential = np.abs(np.sum(miss * quarter_turn(unit), axis=1))
-    return disc, np.hypot(radial, np.maximum(tangential - OBLIQUE * cell.radii[disc], 0.0))
+    return disc, np.hypot(radial, np.maximum(tangential - LARGEST_FRICTION_ANGLE * cell.radii[disc], 0.0))
 
 
 def _fit_geometry(joints: Floats, force: Floats, cell: Cell, rounds: int = 8) -> Parameters:
-    """Geometry under which the touches miss their nearest discs least, by reweighted least squares."""
+    """Parameters with the geometry fitted to the misses of the nearest discs."""
     nominal = cell.nominal.as_array()
     prior = np.array([LENGTH_PRIOR, LENGTH_PRIOR, ANGLE_PRIOR, LENGTH_PRIOR, ANGLE_PRIOR, LENGTH_PRIOR])
     change = np.zeros(6)
@@ -119,7 +125,7 @@ def _fit_geometry(joints: Floats, force: Floats, cell: Cell, rounds: int = 8) ->
 
 
 def _miss_jacobian(parameters: Parameters, joints: Floats, lever: Floats, sensor: Sensor) -> Floats:
-    """Derivative of the miss with respect to x0, y0, theta1, l1, theta2, l2, (n, 2, 6)."""
+    """Derivative of the miss by x0, y0, theta1, l1, theta2, l2, (n, 2, 6); `lever` is r_d F/|F|, (n, 2), m."""
     link1, link2 = link_vectors(parameters, joints)
     turned = quarter_turn(lever) if sensor.frame is SensorFrame.TOOL else np.zeros_like(lever)
     x, y = np.broadcast_to([1.0, 0.0], link1.shape), np.broadcast_to([0.0, 1.0], link1.shape)
@@ -129,14 +135,14 @@ def _miss_jacobian(parameters: Parameters, joints: Floats, lever: Floats, sensor
 
 
 def _other_convention(joints: Floats, force: Floats, cell: Cell) -> str:
-    """Advice, if another frame or sign of the sensor would make nearly all touches meet a disc."""
+    """Another frame and sign of the sensor by which nearly all touches meet a disc, in words; empty if none."""
     for frame in SensorFrame:
         for sign in SensorSign:
             if (frame, sign) == (cell.sensor.frame, cell.sensor.sign):
                 continue
             turned = force if sign is cell.sensor.sign else -force
             other = Cell(cell.nominal, cell.discs, sensor=cell.sensor._replace(frame=frame, sign=sign))
-            meet = int(np.sum(_nearest(cell.nominal, joints, turned, other)[1] <= FARTHEST_NOMINAL))
-            if meet >= max(3, 0.9 * len(joints)):
+            meet = int(np.sum(_nearest_disc(cell.nominal, joints, turned, other)[1] <= LARGEST_MISS_NOMINAL))
+            if meet >= max(3, MOSTLY_BY_OTHER * len(joints)):
                 return f'with sensor frame {frame.value!r} and sign {sign.value!r} {meet} of {len(joints)} would'
     return ''

@@ -1,4 +1,13 @@
-"""The settled parts of all contacts, each with what speaks against it."""
+"""The holds of one contact: intervals with the joints at rest and a steady force.
+
+At every wrench sample the mean of either topic over a short window (`Signals.window`) before it is compared with the
+mean over the same window after it. Where both agree within the noise, the sample belongs to a hold. A contact may
+have several holds (a force raised in steps); each is a touch. Consecutive holds with the same force and joint angles
+are one that was disturbed.
+
+A motion that is too slow to be detected does no harm: joint angles and force are averaged over the same interval, and
+the contact is in equilibrium throughout.
+"""
 
 from __future__ import annotations
 
@@ -7,154 +16,228 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.touches.plateaus import SHORTEST_HOLD, Plateau, PlateauSearch, find_plateaus
-from scara_kinetostatic.touches.segmentation import Contacts
-from scara_kinetostatic.touches.signals import Floats, Signals, median, white_noise
-from scara_kinetostatic.touches.tare import AFTER_CONTACT, SHORTEST_FREE, Tare, tare_before
+from scara_kinetostatic.touches.signals import (
+    Floats,
+    Signals,
+    Topic,
+    median,
+    robust_mean,
+    runs,
+    steps_of_mean,
+    white_noise,
+)
+from scara_kinetostatic.touches.tare import Tare
 
-LARGEST_DRIFT = 0.03
-"""Change of the force from the first to the last third of a hold, of the force."""
-FASTEST_DRIFT = 0.1
-"""The same per second."""
-FAINT = 0.5
-"""A contact under less force than this part of the lightest settled one,"""
-FAR = 0.03
-"""in which a joint goes farther than this, rad, is none."""
-LARGEST_SLIDE = 3e-4
-"""Change of the joint angles from the first to the last third of a hold, rad."""
-BEFORE = 0.1
-"""From this long before a contact on the joints must have moved, s."""
-LARGEST_SCATTER = 0.1
-"""Standard deviation of the force in a hold, of the force."""
+SHORTEST_HOLD = 0.2
+"""A shorter hold is not a touch, s."""
+SIGMAS = 5.0
+"""A difference of neighbouring means is a change if it exceeds this many of its standard deviations."""
+STEADY_FORCE = 0.004
+"""Difference of neighbouring means of the force up to which it is steady, relative to the force."""
+ROUGH_CONTACT = 0.02
+"""White noise of the force in contact is accepted up to this part of the force, where it exceeds that before."""
+LARGEST_SLOW_NOISE = 0.01
+"""Slow noise of the force before the contact is accepted up to this part of the force."""
+STEADY_JOINT = 1e-3
+"""Speed up to which a joint is at rest, rad/s."""
+HIGHEST_JOINT_NOISE = 1e-4
+"""Noise of the joint readings is accepted up to this, rad; more is a motion."""
+FARTHEST_JOINT = 5e-3
+"""The tip slides if a joint moves by more than this, rad,"""
+SOFTEST = 3e-4
+"""plus this times the change of the force, rad/N: the largest compliance of a joint that is expected."""
+SAME_FORCE = 0.01
+"""Two holds are one if their forces differ by less, relative to the force,"""
+SAME_JOINT = 5e-5
+"""and their joint angles by less, rad."""
+CREEP = 0.05
+"""Two holds whose forces differ by less, relative to the force,"""
+CREEP_TIME = 0.1
+"""and that follow each other within this time, s, are one in which the force creeps; the longer is kept."""
+LOADED = 0.5
+"""A contact is under load while the force exceeds this part of its largest value."""
+SHORTEST_SEARCHED = 0.1
+"""Shorter stretches of steady samples, s, or those of less than three windows, are not considered."""
+BEGIN_OMITTED, END_OMITTED = 0.25, 0.1
+"""Parts of a hold, less half of `SHORTEST_HOLD`, that are not averaged: at its begin the force may still creep."""
+PEAK = 0.5
+"""A hold shorter than three windows and than this part of the longest one in its contact is left out: the means on
+both sides of a peak of the force agree as well."""
 
 
-class Candidate(NamedTuple):
-    """A contact or a settled part of one, on its way to a touch."""
+class Hold(NamedTuple):
+    """An interval of a contact with the joints at rest and a steady force.
 
-    contact: tuple[float, float]
-    tare: Tare | None
-    plateau: Plateau | None
-    reason: str
-    disc: int = -1
-    posture: int = 0
-
-
-class Candidates(NamedTuple):
-    """All candidates in the order of time, and how many faint contacts were passed over."""
-
-    found: list[Candidate]
-    faint: int
-
-
-def find_candidates(signals: Signals, contacts: Contacts) -> Candidates:
-    """Every settled part of every contact, and one for each contact without.
-
-    A contact that does not settle, under far less force than every touch that does and while
-    the joints go a long way, is no contact: the arm's acceleration made the sensor deviate.
+    Attributes:
+        intervals: begin and end of the intervals that are averaged, (k, 2), s.
+        begin: when it begins, s.
+        end: when it ends, s.
+        joints: mean angles, (2,), rad.
+        force: mean force in the frame and sign of the sensor, the zero subtracted, (2,), N.
+        joint_scatter: standard deviation of the angles, (2,), rad.
+        force_scatter: standard deviation of the force, (2,), N.
+        samples: number of force samples.
     """
-    found = _all_candidates(signals, contacts)
-    loads = [float(np.hypot(*c.plateau.force)) for c in found if c.plateau is not None and not c.reason]
-    settled = [c.contact[1] for c in found if c.plateau is not None]
-    faint = contacts.peak < FAINT * min(loads, default=0.0)
-    faint &= ~np.isin(contacts.end, settled) & (contacts.way > FAR)
-    if not faint.any():
-        return Candidates(found, 0)
-    return Candidates(_all_candidates(signals, contacts.select(~faint)), int(faint.sum()))
+
+    intervals: Floats
+    begin: float
+    end: float
+    joints: Floats
+    force: Floats
+    joint_scatter: Floats
+    force_scatter: Floats
+    samples: int
+
+    @property
+    def duration(self) -> float:
+        """How long it lasts, s."""
+        return self.end - self.begin
 
 
-def _all_candidates(signals: Signals, contacts: Contacts) -> list[Candidate]:
-    found = []
-    previous = -np.inf
-    for begin, end in zip(contacts.begin.tolist(), contacts.end.tolist(), strict=True):
-        tare = tare_before(signals, begin, previous)
-        if tare is None:
-            free = max(0.0, begin - max(previous + AFTER_CONTACT, float(signals.wrench.time[0])))
-            reason = f'no free motion before it: {free:.2f} s, expected {SHORTEST_FREE} s or more, so no force zero'
-            found.append(Candidate((begin, end), None, None, reason))
-        else:
-            found += _settled_parts(signals, tare, begin, end)
-        previous = end
-    return found
+class HoldSearch(NamedTuple):
+    """The holds of a contact, and what tells why there is none.
 
-
-def _settled_parts(signals: Signals, tare: Tare, begin: float, end: float) -> list[Candidate]:
-    """The settled parts of one contact; a single rejected candidate where there is none without fault."""
-    settling = find_plateaus(signals, tare, begin, end)
-    contact = (tare.contact, end)
-    parts = []
-    for plateau in settling.plateaus:
-        spoilt = _gap(signals, tare.contact, plateau.end) or _frozen(signals, tare, plateau)
-        parts.append((spoilt, Candidate(contact, tare, plateau, spoilt or _unrest(signals, tare, plateau))))
-    if any(not part.reason for _, part in parts):
-        return [part for spoilt, part in parts if spoilt or not part.reason]
-    if parts:
-        return [parts[0][1]]
-    reason = _gap(signals, tare.contact, end) or _why_unsettled(settling)
-    return [Candidate(contact, tare, None, reason)]
-
-
-def _gap(signals: Signals, begin: float, end: float) -> str:
-    """Which topic pauses too long between two times; empty if neither does."""
-    for topic in (signals.joints, signals.wrench):
-        pause = topic.longest_pause(begin, end)
-        if pause > topic.gap_limit:
-            return f'straddles a gap of {pause:.3f} s in {topic.name}, expected {topic.gap_limit:.3f} s at most'
-    return ''
-
-
-def _why_unsettled(settling: PlateauSearch) -> str:
-    """Why a contact has no settled part that is long enough."""
-    if settling.loaded < SHORTEST_HOLD:
-        return f'hold too short: under load for {settling.loaded:.2f} s, expected {SHORTEST_HOLD} s at rest'
-    if settling.slides:
-        return 'slides: the joints keep moving while in contact'
-    if settling.parts == 1 and settling.longest > 0.05:
-        return f'hold too short: at rest for {settling.longest:.2f} s, expected {SHORTEST_HOLD} s'
-    return f'never settles: the force is steady during {100 * settling.steady:.0f} % of the contact only'
-
-
-def _unrest(signals: Signals, tare: Tare, plateau: Plateau) -> str:
-    """What still changes slowly in a settled part; empty if nothing does."""
-    joints, force = signals.joints.during(plateau.intervals), signals.wrench.during(plateau.intervals)
-    load, noise = float(np.hypot(*plateau.force)), max(tare.noise, white_noise(force))
-    scatter = float(plateau.force_scatter.max())
-    slide = _drift(joints)
-    if slide > LARGEST_SLIDE:
-        return f'slides: the joints move by {slide:.1e} rad during the hold'
-    drift = _drift(force)
-    apart = 2.0 / 3.0 * float(plateau.intervals[-1, 1] - plateau.intervals[0, 0])
-    allowed = load * min(LARGEST_DRIFT, FASTEST_DRIFT * apart)
-    if drift > max(allowed, 6.0 * noise / np.sqrt(max(len(force) / 3, 1.0)), min(6.0 * tare.wander, 2.0 * allowed)):
-        return f'never settles: the force changes by {drift:.2f} N during the hold'
-    if scatter > max(LARGEST_SCATTER * load, 4.0 * tare.noise):
-        return f'never settles: the force scatters by {scatter:.2f} N during the hold'
-    return ''
-
-
-def _frozen(signals: Signals, tare: Tare, plateau: Plateau) -> str:
-    """Whether a component of the force reads the same all along, though it is noisy elsewhere, or both joints do.
-
-    Joints at rest may read the same to the last bit; joints that press against something do not.
+    Attributes:
+        holds: those that are long enough, in the order of time.
+        longest: duration of the longest hold, long enough or not, s.
+        parts: number of holds, long enough or not.
+        loaded: time from the first to the last sample with more than half of the largest force, s.
+        steady: part of that time with a steady force.
+        slides: whether the joints move farther meanwhile than their compliance explains.
     """
-    force = signals.wrench.during(plateau.intervals)
-    still = ~np.any(np.diff(force, axis=0), axis=0) & _flickers(signals, tare)
-    for axis, name in enumerate('xy'):
-        if len(force) > 5 and still[axis]:
-            return f'the force reading is frozen or saturated: {len(force)} samples of f{name} = {force[0, axis]:.6g} N'
-    joints = signals.joints.value[signals.joints.stretch(tare.contact - BEFORE, plateau.end)]
-    if len(joints) > 5 and not np.any(np.diff(joints, axis=0)):
-        return f'the joint readings are frozen: {len(joints)} samples of {joints[0, 0]:.6g}, {joints[0, 1]:.6g} rad'
-    return ''
+
+    holds: tuple[Hold, ...] = ()
+    longest: float = 0.0
+    parts: int = 0
+    loaded: float = 0.0
+    steady: float = 0.0
+    slides: bool = False
 
 
-def _drift(values: Floats) -> float:
-    """Change from the first to the last third, the larger of both components."""
-    third = max(len(values) // 3, 1)
-    return float(np.abs(median(values[-third:]) - median(values[:third])).max())
+def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> HoldSearch:
+    """The holds of one contact.
+
+    Args:
+        signals: the recording.
+        tare: the zero of the contact.
+        begin: time of the first sample that is clearly in contact, s.
+        end: time of the last sample of the contact, s.
+    """
+    joints, window = signals.joints, signals.window
+    time = signals.filtered.time[signals.filtered.stretch(tare.contact, end)]
+    if len(time) < 2:
+        return HoldSearch()
+    state = _steadiness(signals, tare, time)
+    is_hold = state.steady & state.at_rest & (time >= begin)
+    found = _holds_of_contact(signals, tare, time, is_hold, window, state.noise)
+    shortest = SHORTEST_HOLD - 1.5 * max(joints.period, signals.wrench.period)
+    loaded = np.flatnonzero(state.load >= LOADED * state.load.max())
+    span = slice(int(loaded[0]), int(loaded[-1]) + 1)
+    under_load = joints.value[joints.stretch(time[span][0], time[span][-1])]
+    return HoldSearch(
+        holds=tuple(hold for hold in found if hold.duration >= shortest),
+        longest=max((hold.duration for hold in found), default=0.0),
+        parts=len(found),
+        loaded=float(time[span][-1] - time[span][0]),
+        steady=float(state.steady[span].mean()),
+        slides=_is_sliding(under_load, state.load[span], state.at_rest[span]),
+    )
 
 
-def _flickers(signals: Signals, tare: Tare) -> NDArray[np.bool_]:
-    """Which components of the free force before a contact change from nearly every sample to the next, (2,)."""
-    free = signals.wrench.value[signals.wrench.stretch(tare.contact - 1.0, tare.contact)]
-    changing: NDArray[np.bool_] = np.mean(np.diff(free, axis=0) != 0, axis=0) > 0.5
-    return changing
+class _Steadiness(NamedTuple):
+    """At k times of a contact: force and its white noise, N; whether the force is steady and the joints are at rest."""
+
+    load: Floats
+    steady: NDArray[np.bool_]
+    at_rest: NDArray[np.bool_]
+    noise: float
+
+
+def _steadiness(signals: Signals, tare: Tare, time: Floats) -> _Steadiness:
+    joints, wrench, window = signals.joints, signals.filtered, signals.window
+    force_step, load = steps_of_mean(wrench, time, window)
+    load = np.hypot(*(load - tare.force).T)
+    force = wrench.value[wrench.stretch(time[0], np.nextafter(time[-1], np.inf))]
+    noise = max(tare.noise, min(white_noise(force), ROUGH_CONTACT * float(median(load))))
+    slow_noise = min(tare.slow_noise, LARGEST_SLOW_NOISE * float(load.max()))
+    force_limit = max(SIGMAS * max(_step_std(noise, wrench, window), slow_noise), _resolution(force))
+    joint_noise = min(white_noise(joints.value[joints.stretch(time[0], time[-1])]), HIGHEST_JOINT_NOISE)
+    joint_limit = STEADY_JOINT * window + SIGMAS * _step_std(joint_noise, joints, window)
+    return _Steadiness(
+        load=load,
+        steady=np.hypot(*force_step.T) <= np.maximum(force_limit, STEADY_FORCE * load),
+        at_rest=np.abs(steps_of_mean(joints, time, window)[0]).max(axis=1) <= joint_limit,
+        noise=noise,
+    )
+
+
+def _is_sliding(joints: Floats, load: Floats, at_rest: NDArray[np.bool_]) -> bool:
+    """Whether the joints, mostly not at rest, move farther than their compliance explains."""
+    if at_rest.mean() > 0.5 or not len(joints):
+        return False
+    return bool(np.ptp(joints, axis=0).max() > FARTHEST_JOINT + SOFTEST * np.ptp(load))
+
+
+def _resolution(values: Floats) -> float:
+    """Resolution of the readings: their smallest change, which is small where they are not rounded."""
+    steps = np.abs(np.diff(values, axis=0))
+    return float(np.min(steps, where=steps > 0, initial=np.inf)) if steps.any() else 0.0
+
+
+def _step_std(noise: float, topic: Topic, window: float) -> float:
+    """Standard deviation of the difference of neighbouring means of white noise."""
+    return noise * float(np.sqrt(2.0 * topic.period / window))
+
+
+def _holds_of_contact(
+    signals: Signals, tare: Tare, time: Floats, is_hold: NDArray[np.bool_], window: float, noise: float
+) -> list[Hold]:
+    """The holds of any length, each joined to the previous one where both are the same."""
+    found: list[Hold] = []
+    for first, last in zip(*runs(is_hold), strict=True):
+        begin, end = float(time[first]), float(time[last])
+        if end - begin + 2 * window < min(SHORTEST_SEARCHED, 3 * window):
+            continue
+        inner = _inner(begin, end, window)
+        hold = _hold(signals, tare, np.array([inner]), begin - window, end + window)
+        if hold is None:
+            continue
+        if found and _same_hold(found[-1], hold, noise):
+            before = found.pop()
+            both = np.vstack([before.intervals, hold.intervals])
+            hold = _hold(signals, tare, both, before.begin, hold.end) or hold
+        elif found and _is_creep(found[-1], hold):
+            hold = max(found.pop(), hold, key=lambda one: one.duration)
+        found.append(hold)
+    longest = max((hold.duration for hold in found), default=0.0)
+    return [hold for hold in found if hold.duration >= min(3 * window, PEAK * longest)]
+
+
+def _inner(begin: float, end: float, window: float) -> tuple[float, float]:
+    """The interval to average, from the first to the last steady sample of a hold: (begin, end), s."""
+    extra = end - begin - SHORTEST_HOLD / 2
+    if extra > 0:
+        return begin + BEGIN_OMITTED * extra, end - END_OMITTED * extra
+    more = min(-0.5 * extra, window)
+    return begin - more, end + more
+
+
+def _hold(signals: Signals, tare: Tare, intervals: Floats, begin: float, end: float) -> Hold | None:
+    joints, force = signals.joints.during(intervals), signals.wrench.during(intervals)
+    if len(joints) < 2 or len(force) < 2:
+        return None
+    angles, load = robust_mean(joints), robust_mean(force)
+    return Hold(intervals, begin, end, angles.mean, load.mean - tare.force, angles.scatter, load.scatter, len(force))
+
+
+def _is_creep(one: Hold, other: Hold) -> bool:
+    """Whether two holds of nearly the same force follow each other within `CREEP_TIME`."""
+    nearly = np.hypot(*(one.force - other.force)) <= CREEP * np.hypot(*one.force)
+    return bool(nearly and other.begin - one.end < CREEP_TIME)
+
+
+def _same_hold(one: Hold, other: Hold, noise: float) -> bool:
+    """Whether two holds have the same force and joint angles."""
+    limit = max(SIGMAS * noise / 3.0, SAME_FORCE * float(np.hypot(*one.force)))
+    same_force = np.hypot(*(one.force - other.force)) <= limit
+    return bool(same_force and np.abs(one.joints - other.joints).max() <= SAME_JOINT)

@@ -1,55 +1,54 @@
-"""Touches found while the samples come in: the same code on what was kept of the streams.
+"""Online detection: the touches in two streams that are still running.
 
-A poll looks at the new forces only. Once the force has left the sensor's zero and come
-back, `find_touches` runs on the kept samples and the contacts that ended are reported,
-each once. What is kept is bounded in time.
+The latest `HORIZON` of samples is kept. A poll compares only the new forces with the zero of the sensor; once the force
+has deviated from it and returned, `find_touches` runs on all kept samples, and each contact that has ended is
+reported once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.touches.detection import Detection, find_touches, no_touches
-from scara_kinetostatic.touches.segmentation import OFF_PART, ON, coarse_tare
+from scara_kinetostatic.touches.segmentation import CONTACT_FORCE, END_RATIO
 from scara_kinetostatic.touches.signals import as_signals
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
+from scara_kinetostatic.touches.tare import coarse_tare
 
 SECOND = 1_000_000_000
 HORIZON = 30 * SECOND
-"""Samples older than this are forgotten: the longest contact that can be found, ns."""
+"""Older samples are dropped, ns: the longest contact that can be found."""
 CLEAR = SECOND // 7
-"""A contact is over once the force has been back at its zero for this long, ns."""
-PATIENCE = 5 * SECOND
-"""Where the force does not come back, one looks this often, ns."""
+"""A contact is over when the force has been back at its zero for so long, ns."""
+LONGEST_WAIT = 5 * SECOND
+"""During a contact the detection runs once in so long, ns,"""
 SHORTEST_WAIT = SECOND // 2
-"""One never looks more often than this, ns."""
-CLOCK_JUMP = SECOND
-"""Stamps that run back by more than this start a new stream, ns."""
-CLOCK_LEAP = 86_400 * SECOND
-"""So do stamps that run ahead by more than this, ns."""
+"""and never more often than once in so long, ns."""
+LARGEST_STEP_BACK = SECOND
+"""Stamps that step back by more than this start new streams, ns."""
+LARGEST_STEP_AHEAD = 86_400 * SECOND
+"""So do stamps that step ahead by more than this, ns."""
 
 
 class OnlineDetector:
     """Finds touches in two streams that are still running.
 
-    Not for several threads at once: add and poll from one, or under a lock.
+    Not thread-safe: add and poll from one thread, or under a lock.
 
     Args:
         cell: nominal parameters, discs, frame and sign of the sensor.
-        horizon: how much of the streams is kept, ns.
+        horizon: length of the streams that is kept, ns.
     """
 
     def __init__(self, cell: Cell, horizon: int = HORIZON) -> None:
         self._cell = cell
         self._horizon = horizon
         self._found = 0
-        self._forget()
+        self._reset()
 
     @property
     def found(self) -> int:
@@ -58,55 +57,55 @@ class OnlineDetector:
 
     def add_joint_state(self, stamp_ns: int, joints: Sequence[float]) -> None:
         """One sample of q1, q2, rad, with its header stamp, ns."""
-        self._mind_the_clock(stamp_ns, self._joints.newest)
+        self._check_clock(stamp_ns, self._joints.newest)
         self._joints.append(stamp_ns, joints)
 
     def add_wrench(self, stamp_ns: int, force: Sequence[float]) -> None:
         """One sample of fx, fy as the sensor reports them, N, with its header stamp, ns."""
-        self._mind_the_clock(stamp_ns, self._wrench.newest)
+        self._check_clock(stamp_ns, self._wrench.newest)
         self._wrench.append(stamp_ns, force)
 
-    def _mind_the_clock(self, stamp: int, newest: int) -> None:
-        if newest and not -CLOCK_JUMP <= stamp - newest <= CLOCK_LEAP:
-            self._forget()
+    def _check_clock(self, stamp: int, newest: int) -> None:
+        if newest and not -LARGEST_STEP_BACK <= stamp - newest <= LARGEST_STEP_AHEAD:
+            self._reset()
 
     def poll(self) -> Detection:
-        """The touches completed since the last poll: `index` runs on, `found` counts the new ones."""
-        return self._look(open_too=False) if self._worth_a_look() else Detection(no_touches())
+        """The touches completed since the last poll, numbered from the first of all; `found` counts the new ones."""
+        return self._search(open_too=False) if self._is_due() else Detection(no_touches())
 
     def finish(self) -> Detection:
         """The touches not yet reported, at the end of the streams; one still in contact counts as well."""
-        return self._look(open_too=True)
+        return self._search(open_too=True)
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         self._joints, self._wrench = _Samples(), _Samples()
         self._tare: NDArray[np.float64] | None = None
-        self._reported = self._looked = self._polled = 0
-        self._touched = False
+        self._reported = self._searched = self._polled = 0
+        self._in_contact = False
 
-    def _worth_a_look(self) -> bool:
-        """Whether a contact has ended, or one has not looked for long."""
+    def _is_due(self) -> bool:
+        """Whether a contact has ended, or `LONGEST_WAIT` is over."""
         wrench = self._wrench
         fresh = wrench.values[wrench.stamps > self._polled]
         if not len(fresh):
             return False
-        self._polled, self._looked = wrench.newest, self._looked or int(wrench.stamps[0])
-        waited = wrench.newest - self._looked
+        self._polled, self._searched = wrench.newest, self._searched or int(wrench.stamps[0])
+        waited = wrench.newest - self._searched
         if self._tare is None:
             return waited > SHORTEST_WAIT
-        self._touched |= bool(np.any(_deviation(fresh, self._tare) > ON))
+        self._in_contact |= bool(np.any(_deviation(fresh, self._tare) > CONTACT_FORCE))
         last = wrench.values[wrench.stamps > wrench.newest - 4 * CLEAR // 3].mean(axis=0)
-        back = bool(_deviation(last, self._tare) < OFF_PART * ON)
-        return self._touched and (waited > PATIENCE or (back and waited > SHORTEST_WAIT))
+        back = bool(_deviation(last, self._tare) < END_RATIO * CONTACT_FORCE)
+        return self._in_contact and (waited > LONGEST_WAIT or (back and waited > SHORTEST_WAIT))
 
-    def _look(self, open_too: bool) -> Detection:
-        """Run the detection on the kept samples and take out what is new and complete."""
+    def _search(self, open_too: bool) -> Detection:
+        """The touches among the kept samples that are new and complete; with `open_too`, also those in contact."""
         streams = Streams(
-            'live',
+            'online',
             JointStream(self._joints.stamps, self._joints.values),
             WrenchStream(self._wrench.stamps, self._wrench.values),
         )
-        self._looked = self._wrench.newest
+        self._searched = self._wrench.newest
         signals = as_signals(streams, self._cell)
         if signals is None:
             return Detection(no_touches())
@@ -118,19 +117,19 @@ class OnlineDetector:
         return new
 
     def _new(self, detection: Detection, latest: int) -> Detection:
-        """The part of a detection that has not been reported and was over at `latest`, ns."""
+        """The touches of a detection that have not been reported and whose contact had ended at `latest`, ns."""
         ends = [detection.start + round(1e9 * episode.contact[1]) for episode in detection.episodes]
         begins = [detection.start + round(1e9 * episode.contact[0]) for episode in detection.episodes]
-        self._touched = any(end > latest for end in ends)
+        self._in_contact = any(end > latest for end in ends)
         new = [n for n, begin in enumerate(begins) if begin > self._reported and ends[n] <= latest]
         self._reported = max([self._reported, *(ends[number] for number in new)])
-        number_of = {old: self._found + place for place, old in enumerate(new)}
+        part = detection.part(new).renumbered(self._found)
         self._found += len(new)
-        return _part(detection, number_of)
+        return part
 
 
 class _Samples:
-    """Stamps and pairs of values in the order they came, in arrays that grow."""
+    """Stamps and pairs of values in the order of arrival, in arrays that grow."""
 
     def __init__(self) -> None:
         self._stamps = np.empty(1024, dtype=np.int64)
@@ -158,7 +157,7 @@ class _Samples:
         self._first += int(np.searchsorted(self.stamps, stamp))
 
     def _make_room(self) -> None:
-        """Move the kept samples to the front of an array with room for as many again."""
+        """Moves the kept samples to the front of arrays of twice their length."""
         stamps, values = self.stamps, self.values
         size = max(1024, 2 * len(stamps))
         self._stamps, self._values = np.empty(size, dtype=np.int64), np.empty((size, 2))
@@ -169,15 +168,3 @@ class _Samples:
 def _deviation(force: NDArray[np.float64], tare: NDArray[np.float64]) -> NDArray[np.float64]:
     distance: NDArray[np.float64] = np.linalg.norm(force - tare, axis=-1)
     return distance
-
-
-def _part(detection: Detection, number_of: dict[int, int]) -> Detection:
-    """The touches of a detection that are keys of `number_of`, renumbered with its values."""
-    kept = detection.touches.select(np.isin(detection.touches.index, list(number_of)))
-    return replace(
-        detection,
-        touches=kept.replace(index=np.array([number_of[old] for old in kept.index.tolist()], dtype=np.intp)),
-        rejected=tuple(Rejection(number_of[r.index], r.reason) for r in detection.rejected if r.index in number_of),
-        found=len(number_of),
-        episodes=tuple(replace(e, index=number_of[e.index]) for e in detection.episodes if e.index in number_of),
-    )

@@ -1,7 +1,7 @@
-"""Both topics on one time axis in seconds, sorted and finite, with the tools to look at a stretch of one.
+"""Joint angles and force of a recording on one time axis, with the filters and statistics used on them.
 
-The topics are never resampled: each keeps its own stamps. What is compared between
-them are means over the same stretch of time, so that their rates need not agree.
+The topics are not resampled: each keeps its own stamps. Only means over the same interval of time are compared between
+them, so that their rates need not agree.
 """
 
 from __future__ import annotations
@@ -17,11 +17,17 @@ from scara_kinetostatic.touches.streams import Streams
 Floats = NDArray[np.float64]
 
 SHORTEST_GAP = 0.1
-"""A pause of a topic up to this long is never called a gap, s."""
-HALF = 0.03
-"""Time over which neighbouring means are taken, s, if the rates allow."""
+"""A pause of a topic is a gap if it is longer than this, s,"""
 GAP_PERIODS = 5.0
-"""Nor is one of up to this many periods."""
+"""and longer than this many periods of the topic."""
+SHORTEST_WINDOW = 0.03
+"""Time over which neighbouring means are taken, s,"""
+WINDOW_PERIODS = 2.5
+"""but at least this many periods of either topic."""
+SMOOTHING = 0.03
+"""Length of the moving mean of force and joint angles, s."""
+OUTLIER_SPREADS = 4.0
+"""`robust_mean` leaves out what is farther from the median than this many times the range of the middle 68 %."""
 
 
 class Topic(NamedTuple):
@@ -31,7 +37,7 @@ class Topic(NamedTuple):
         name: of the topic.
         time: since the first stamp of the recording, (n,), s, increasing.
         value: joint angles or force, (n, 2), rad or N.
-        period: mean distance of two stamps, gaps left out, s.
+        period: mean interval between stamps, gaps left out, s.
     """
 
     name: str
@@ -45,22 +51,22 @@ class Topic(NamedTuple):
         return max(SHORTEST_GAP, GAP_PERIODS * self.period)
 
     def stretch(self, begin: float, end: float) -> slice:
-        """The samples from `begin` to `end`."""
+        """The samples from `begin` (included) to `end` (not included), s."""
         first, last = np.searchsorted(self.time, [begin, end], side='left')
         return slice(int(first), int(last))
 
     def during(self, intervals: Floats) -> Floats:
-        """The samples within intervals (k, 2) of time, (n, 2)."""
+        """The values within intervals of time, (k, 2), s, one after the other: (n, 2)."""
         return np.concatenate([self.value[self.stretch(begin, end)] for begin, end in intervals])
 
     def at(self, time: float) -> Floats:
-        """The value at a time, by linear interpolation, (2,)."""
+        """The value at a time in s, by linear interpolation, (2,)."""
         near = self.stretch(time - 10 * self.period, time + 10 * self.period)
         near = slice(max(near.start - 1, 0), near.stop + 1)
         return np.array([np.interp(time, self.time[near], column) for column in self.value[near].T])
 
     def longest_pause(self, begin: float, end: float) -> float:
-        """Longest time between two samples that overlaps a stretch, s; past the ends of the topic as well."""
+        """Longest time without a sample that overlaps the interval from `begin` to `end`, s."""
         first = max(int(np.searchsorted(self.time, begin, side='right')) - 1, 0)
         last = int(np.searchsorted(self.time, end, side='left')) + 1
         inside = self.time[first:last]
@@ -74,25 +80,33 @@ class Signals(NamedTuple):
     Attributes:
         joints: joint angles, rad.
         wrench: force, N, as the sensor reports it.
-        calm: the force without spikes of a single sample.
+        filtered: the force after a median filter of three samples, which removes spikes of a single one.
         start: first stamp of the recording, ns.
         warnings: what was left out, one sentence each.
     """
 
     joints: Topic
     wrench: Topic
-    calm: Topic
+    filtered: Topic
     start: int
     warnings: tuple[str, ...]
 
     @property
-    def half(self) -> float:
-        """Time over which neighbouring means are compared, s: short, but with samples enough of either topic."""
-        return max(HALF, 2.5 * self.joints.period, 2.5 * self.wrench.period)
+    def window(self) -> float:
+        """Time over which neighbouring means are taken, s: short, but with enough samples of either topic."""
+        return max(SHORTEST_WINDOW, WINDOW_PERIODS * self.joints.period, WINDOW_PERIODS * self.wrench.period)
 
 
 def as_signals(streams: Streams, cell: Cell) -> Signals | None:
-    """Streams on one time axis; None where a topic holds fewer than two samples."""
+    """Both topics of a cell in seconds, sorted, finite, each stamp once.
+
+    Args:
+        streams: the recording.
+        cell: names the topics.
+
+    Returns:
+        The signals; None where a topic has fewer than two such samples.
+    """
     pairs = (
         (cell.sensor.joint_states, streams.joints.stamp, streams.joints.position),
         (cell.sensor.wrench, streams.wrench.stamp, streams.wrench.force),
@@ -105,7 +119,7 @@ def as_signals(streams: Streams, cell: Cell) -> Signals | None:
     for name, stamp, value in pairs:
         time, value, left_out = _in_order(_seconds(stamp, start), np.asarray(value, dtype=float))
         if left_out:
-            warnings.append(f'{name}: {left_out} samples are not finite or repeat a stamp; left out')
+            warnings.append(f'{name}: {left_out} samples that are not finite or repeat a stamp left out')
         if len(time) < 2:
             return None
         topics.append(Topic(name, time, value, _period(time)))
@@ -121,7 +135,7 @@ def _seconds(stamp: NDArray[np.int64], start: int) -> Floats:
 
 
 def _period(time: Floats) -> float:
-    """Mean distance of two stamps without the longest; unlike the median it bears samples that come in bursts."""
+    """Mean interval between stamps without the longest 5 %; unlike the median it is right for samples in bursts."""
     steps = np.sort(np.diff(time))
     return float(steps[: max(1, round(0.95 * len(steps)))].mean())
 
@@ -141,9 +155,19 @@ def _in_order(time: Floats, value: Floats) -> tuple[Floats, Floats, int]:
     return time, value, count - len(time)
 
 
-def mean_steps(topic: Topic, time: Floats, half: float) -> tuple[Floats, Floats]:
-    """Mean over `half` after each time minus the mean before it, and the mean of both, (k, 2) each."""
-    near = topic.stretch(time[0] - half - 2 * topic.gap_limit, time[-1] + half + 2 * topic.gap_limit)
+def steps_of_mean(topic: Topic, time: Floats, window: float) -> tuple[Floats, Floats]:
+    """Difference of neighbouring means: a step or a slope of a signal, with little of its noise.
+
+    Args:
+        topic: the signal x(t), taken as piecewise linear.
+        time: k times, s, increasing.
+        window: w, s.
+
+    Returns:
+        (mean of x over [t, t + w]) - (mean over [t - w, t]), and the mean over both, (k, 2) each; the difference is
+        infinite where the topic has no two samples near.
+    """
+    near = topic.stretch(time[0] - window - 2 * topic.gap_limit, time[-1] + window + 2 * topic.gap_limit)
     stamps, values = topic.time[near], topic.value[near]
     if len(stamps) < 2:
         return np.full((len(time), 2), np.inf), np.zeros((len(time), 2))
@@ -151,33 +175,41 @@ def mean_steps(topic: Topic, time: Floats, half: float) -> tuple[Floats, Floats]
     integral = np.concatenate([np.zeros((1, 2)), np.cumsum(area, axis=0)])
     low, mid, high = (
         np.column_stack([np.interp(time + side, stamps, column) for column in integral.T])
-        for side in (-half, 0.0, half)
+        for side in (-window, 0.0, window)
     )
-    return (high - 2.0 * mid + low) / half, (high - low) / (2.0 * half)
+    return (high - 2.0 * mid + low) / window, (high - low) / (2.0 * window)
+
+
+def moving_mean(values: Floats, width: int) -> Floats:
+    """Centred mean over `width` (odd) samples, shorter at the ends, (n, 2)."""
+    half = width // 2
+    sums = np.concatenate([np.zeros((1, 2)), np.cumsum(values, axis=0)])
+    position = np.arange(len(values))
+    low, high = np.maximum(position - half, 0), np.minimum(position + half + 1, len(values))
+    mean: Floats = (sums[high] - sums[low]) / (high - low)[:, None]
+    return mean
 
 
 def median_of_three(values: Floats) -> Floats:
-    """Every sample replaced by the median of itself and its two neighbours, (n, 2)."""
+    """Median filter of three samples, (n, 2); the first and the last sample stay."""
     before, after = values[:-2], values[2:]
-    calm = values.copy()
+    result = values.copy()
     low, high = np.minimum(before, after), np.maximum(before, after)
-    np.clip(values[1:-1], low, high, out=calm[1:-1])
-    return calm
+    np.clip(values[1:-1], low, high, out=result[1:-1])
+    return result
 
 
 def median(values: Floats) -> Floats:
-    """Median over the first axis of one sample or more; `np.median` asks so much first that it takes five times as long
-    for the few samples of a hold.
-    """
+    """Median over the first axis of at least one sample; five times as fast as `np.median` for the few of a hold."""
     ordered, last = np.sort(values, axis=0), len(values) - 1
     return np.asarray(0.5 * (ordered[last // 2] + ordered[(last + 1) // 2]))
 
 
 def white_noise(values: Floats) -> float:
-    """Standard deviation of the white part of samples (n, 2), from the differences of neighbours.
+    """Standard deviation of the white noise of samples (n, 2), the larger of both components.
 
-    The median of the differences' size does not see the few that belong to a
-    motion; a steady motion is taken off.
+    1.4826 times the median absolute deviation of the differences of neighbours, divided by the square root of 2: a
+    steady motion has no influence, nor have a few large steps. 0 for fewer than four samples.
     """
     if len(values) < 4:
         return 0.0
@@ -186,30 +218,30 @@ def white_noise(values: Floats) -> float:
     return float(1.4826 * median(np.abs(steps)).max() / np.sqrt(2.0))
 
 
-class Middle(NamedTuple):
-    """Mean and standard deviation of samples without spikes, (2,) each."""
+class RobustMean(NamedTuple):
+    """Mean and standard deviation of samples without outliers, (2,) each."""
 
     mean: Floats
     scatter: Floats
 
 
-def robust_mean(values: Floats) -> Middle:
-    """Mean of samples (n, 2) without spikes: what lies far outside the middle of the samples is left out."""
+def robust_mean(values: Floats) -> RobustMean:
+    """Mean and standard deviation of samples (n, 2) without outliers (`OUTLIER_SPREADS`)."""
     ordered, last = np.sort(values, axis=0), len(values) - 1
     center = ordered[last // 2]
     spread = ordered[round(0.84 * last)] - ordered[round(0.16 * last)]
     if not spread.all():
         spread = np.where(spread > 0, spread, ordered[round(0.975 * last)] - ordered[round(0.025 * last)])
     off = values - center
-    off[np.abs(off) > np.where(spread > 0, 4.0 * spread, np.inf)] = np.nan
+    off[np.abs(off) > np.where(spread > 0, OUTLIER_SPREADS * spread, np.inf)] = np.nan
     kept = np.isfinite(off)
     count, off = kept.sum(axis=0), np.where(kept, off, 0.0)
     mean = off.sum(axis=0) / count
     scatter = np.sqrt((np.where(kept, off - mean, 0.0) ** 2).sum(axis=0) / count)
-    return Middle(center + mean, scatter)
+    return RobustMean(center + mean, scatter)
 
 
 def runs(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """First and last position of every run of True."""
+    """First and last index of every run of True."""
     edges = np.diff(np.concatenate([[0], mask.view(np.int8), [0]]))
     return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1

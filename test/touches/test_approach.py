@@ -14,7 +14,7 @@ from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
 from scara_kinetostatic.simulation.trajectory import Motion
-from scara_kinetostatic.touches.approach import LEAST_TURN, last_movement, resolution
+from scara_kinetostatic.touches.approach import SMALLEST_REVERSAL, last_movement, resolution
 from scara_kinetostatic.touches.detection import find_touches
 from scara_kinetostatic.touches.online import OnlineDetector
 from scara_kinetostatic.touches.signals import as_signals
@@ -46,7 +46,7 @@ def test_streams_and_touches_agree(truth, preload):
     plan = default_plan(CELL, preload=preload)
     found = find_touches(simulate_streams(CELL, truth, plan, seed=2), CELL).touches
     made = simulate_touches(CELL, truth, plan, seed=2)
-    clear = np.abs(made.approach) > 1.5 * LEAST_TURN
+    clear = np.abs(made.approach) > 1.5 * SMALLEST_REVERSAL
     assert clear.sum() > 0.98 * clear.size
     np.testing.assert_array_equal(np.sign(found.approach[clear]), np.sign(made.approach[clear]))
     np.testing.assert_allclose(found.approach, made.approach, rtol=0.02, atol=8e-5)
@@ -60,12 +60,12 @@ def test_press_is_the_part_of_the_approach_in_contact(truth, preload):
     plan = default_plan(CELL, preload=preload)
     found = find_touches(simulate_streams(CELL, truth, plan, seed=2), CELL).touches
     made = simulate_touches(CELL, truth, plan, seed=2)
-    clear = np.abs(made.press) > 4 * LEAST_TURN
+    clear = np.abs(made.press) > 4 * SMALLEST_REVERSAL
     assert clear.mean() > 0.9
     np.testing.assert_array_equal(np.sign(found.press[clear]), np.sign(made.press[clear]))
     np.testing.assert_allclose(found.press, made.press, rtol=0.06, atol=1e-5)
     motion = Motion(CELL, truth, plan)
-    turned = np.abs(motion.peak_joints - motion.hold_joints) > 4 * LEAST_TURN
+    turned = np.abs(motion.peak_joints - motion.hold_joints) > 4 * SMALLEST_REVERSAL
     for touches in (found, made):
         moved = touches.press != 0
         assert np.all(np.abs(touches.press[moved]) <= np.abs(touches.approach[moved]) + 1e-5)
@@ -77,7 +77,7 @@ def test_press_without_preload_is_how_far_the_force_bends_the_joints(truth):
     plan = default_plan(CELL)
     motion = Motion(CELL, truth, plan)
     bent = motion.hold_joints - motion.contact_joints
-    np.testing.assert_allclose(simulate_touches(CELL, truth, plan, Noise(0.0, 0.0)).press, bent, atol=LEAST_TURN)
+    np.testing.assert_allclose(simulate_touches(CELL, truth, plan, Noise(0.0, 0.0)).press, bent, atol=SMALLEST_REVERSAL)
     slow = find_touches(simulate_streams(CELL, truth, plan, sensors=SensorModel(joint_rate=20.0)), CELL).touches
     clear = np.abs(bent) > 2e-5
     np.testing.assert_array_equal(np.sign(slow.press[clear]), np.sign(bent[clear]))
@@ -110,7 +110,7 @@ def test_preload_turns_the_sense_of_every_joint_that_the_press_moves(truth):
     found = find_touches(simulate_streams(CELL, truth, plan), CELL).touches.approach
     before = find_touches(simulate_streams(CELL, truth, plain), CELL).touches.approach
     motion = Motion(CELL, truth, plan)
-    moved = np.abs(motion.peak_joints - motion.hold_joints) > 1.5 * LEAST_TURN
+    moved = np.abs(motion.peak_joints - motion.hold_joints) > 1.5 * SMALLEST_REVERSAL
     assert moved[plan.preload > 0].mean() > 0.95
     assert np.all(np.sign(found[moved]) == -np.sign(before[moved]))
     same = plan.preload == 0
@@ -177,4 +177,4 @@ def test_resolution_of_the_encoders():
     assert coarse is not None
     assert fine is not None
     assert resolution(coarse.joints) == pytest.approx(1e-4)
-    assert resolution(fine.joints) < LEAST_TURN
+    assert resolution(fine.joints) < SMALLEST_REVERSAL

@@ -100,7 +100,7 @@ def test_weight_of_the_tool_in_motion_is_no_touch():
     assert np.abs(inertia).max() > 1.5
     detection = find_touches(streams, CELL)
     assert len(detection.touches) == detection.found == len(plan)
-    assert any('faint forces' in warning for warning in detection.warnings)
+    assert any('weak forces' in warning for warning in detection.warnings)
 
 
 def test_slow_noise_of_the_sensor():
@@ -158,7 +158,7 @@ def test_spikes_and_drift_and_lost_values():
     assert detection.rejected == ()
     np.testing.assert_allclose(detection.touches.force, scene.truth_of_holds()[1], atol=0.25)
     assert any('not finite' in warning for warning in detection.warnings)
-    assert any('zero changes' in warning for warning in detection.warnings)
+    assert any('zero of the force sensor changes' in warning for warning in detection.warnings)
 
 
 def test_stamps_out_of_order_and_repeated():
