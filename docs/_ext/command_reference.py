@@ -20,12 +20,16 @@ WIDTH = 100
 class CommandReference(MarkdownDirective):
     """A section for each verb: what it does, usage, arguments, example."""
 
+    made_from = 'cli'
+
     def markdown(self) -> str:
         return '\n\n'.join(section(name, parser, summary) for name, parser, summary in verbs())
 
 
 class CommandTable(MarkdownDirective):
     """A row for each verb."""
+
+    made_from = 'cli'
 
     def markdown(self) -> str:
         return table(('verb', 'purpose'), ((f'[{code(name)}](#{name})', summary) for name, _, summary in verbs()))

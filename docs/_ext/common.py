@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import ClassVar
 
 from docutils import nodes
 from docutils.statemachine import StringList
 from sphinx.util.docutils import SphinxDirective
+
+PACKAGE = Path(__file__).parents[2] / 'scara_kinetostatic'
 
 
 class MarkdownDirective(SphinxDirective):
@@ -15,13 +20,22 @@ class MarkdownDirective(SphinxDirective):
     has_content = False
     optional_arguments = 1
     final_argument_whitespace = True
+    made_from: ClassVar[str] = '.'
+    """Folder of the package whose modules the content depends on."""
 
     def markdown(self) -> str:
         """The content."""
         raise NotImplementedError
 
+    def note_sources(self) -> None:
+        """The page is made anew when the generator or a module of the packages `made_from` changes."""
+        self.env.note_dependency(inspect.getfile(type(self)))
+        for path in sorted((PACKAGE / self.made_from).glob('*.py')):
+            self.env.note_dependency(str(path))
+
     def run(self) -> list[nodes.Node]:
         """Parses the content at the level of the surrounding section."""
+        self.note_sources()
         lines = StringList(self.markdown().splitlines(), source=f'<{self.name}>')
         container = nodes.container()
         self.state.nested_parse(lines, self.content_offset, container, match_titles=True)

@@ -25,25 +25,16 @@ from scara_kinetostatic.simulation.streams import simulate_touches
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 SHOWN = {
-    'contact_friction': 'contact_friction:coefficient=0.06',
-    'sensor_rotation': 'sensor_rotation:angle=0.04',
-    'sensor_bias': 'sensor_bias:x=1.5,y=-1',
     'sensor_nonlinearity': 'sensor_nonlinearity:rate=0.008',
     'encoder_gain': 'encoder_gain[joint2]:gain=1e-4',
     'transmission_error': 'transmission_error[joint1]:amplitude=2e-4,phase=0.7,cycles=7.3',
     'joint_hardening': 'joint_hardening[joint1]:rate=-1e-7',
-    'joint_hysteresis': 'joint_hysteresis[joint1]:width=8e-5',
-    'anisotropic_gripper': 'anisotropic_gripper:coupling=1e-6',
-    'anisotropic_backlash': 'anisotropic_backlash:a=4e-5,b=-3e-5',
     'link_bending': 'link_bending[link1]:compliance=1.5e-4',
-    'base_compliance': 'base_compliance:excess=1e-6,coupling=-1e-6',
     'base_tilt': 'base_tilt:m1_x=15,m1_y=-8,m2_x=9,m2_y=-5',
     'contact_compliance': 'contact_compliance[disc_2]:yield=5e-6',
-    'object_position': 'object_position[disc_2]:x=7e-5,y=4e-5',
-    'object_radius': 'object_radius[disc_1]:radius=8e-5',
     'thermal_drift': 'thermal_drift[joint1]:rate=1e-6',
 }
-"""What is simulated for the picture of each; an effect without an entry is shown without a picture."""
+"""What is simulated for the picture, where that is not the first of the kind at its typical size."""
 
 
 def kinds() -> Iterator[list[Effect]]:
@@ -56,6 +47,8 @@ def kinds() -> Iterator[list[Effect]]:
 
 class EffectTable(MarkdownDirective):
     """One row for each effect."""
+
+    made_from = 'effects'
 
     def markdown(self) -> str:
         rows = []
@@ -70,6 +63,8 @@ class EffectTable(MarkdownDirective):
 
 class EffectCatalogue(MarkdownDirective):
     """A section for each effect."""
+
+    made_from = 'effects'
 
     def markdown(self) -> str:
         return '\n\n'.join(self.section(kind) for kind in kinds())
@@ -102,8 +97,7 @@ class EffectCatalogue(MarkdownDirective):
             (code(p.name), p.unit, f'{p.scale:.2g}', p.meaning) for effect in kind for p in effect.parameters
         )
         parts.append(table(('parameter', 'unit', 'plausible size', 'meaning'), rows))
-        if first.name in SHOWN:
-            parts.append(f'```{{effect-picture}} {first.name}\n```')
+        parts.append(f'```{{effect-picture}} {SHOWN.get(first.name) or at_typical_size(first)}\n```')
         return '\n\n'.join(parts)
 
 
@@ -111,19 +105,19 @@ class EffectPicture(MarkdownDirective):
     """The deviation that each touch implies, before and after the effect is in the model."""
 
     def run(self) -> list[nodes.Node]:
-        name = self.arguments[0]
-        shown = SHOWN[name]
-        chosen = parse_effect(shown, CELL)
-        cell, robot = with_effects(CELL, PAPER_ACTUAL, [chosen])
-        touches = simulate_touches(cell, robot, default_plan(CELL, per_disc=18, preload=0.3))
-        outcome = calibrate_touches(touches, CELL)
+        self.note_sources()
+        shown = self.arguments[0]
         label = shown.split(':')[0]
+        chosen = parse_effect(shown, CELL)
+        robot = with_effects(PAPER_ACTUAL, [chosen])
+        touches = simulate_touches(CELL, robot, default_plan(CELL, per_disc=18, preload=0.3))
+        outcome = calibrate_touches(touches, CELL)
         labels = [item.effect.label for item in outcome.diagnosis.found]
         found = dict(zip(labels, outcome.effect_residuals, strict=True))
         result = nodes.container(classes=['effect-picture'])
         if label in found:
             with style():
-                picture = residual_picture(found[label], f'effect-{name}')
+                picture = residual_picture(found[label], f'effect-{chosen.effect.name}')
             result += nodes.raw('', str(picture), format='html')
         others = ', '.join(found) or 'nothing'
         verdict = outcome.diagnosis.verdict
@@ -131,6 +125,12 @@ class EffectPicture(MarkdownDirective):
         paragraph = nodes.container()
         self.state.nested_parse([caption], self.content_offset, paragraph)
         return [result, *paragraph.children]
+
+
+def at_typical_size(effect: Effect) -> str:
+    """An effect at its typical size, as `simulate --effect` takes it."""
+    values = ','.join(f'{p.name}={value:g}' for p, value in zip(effect.parameters, effect.typical, strict=True))
+    return f'{effect.label}:{values}'
 
 
 def summary(effect: Effect) -> str:

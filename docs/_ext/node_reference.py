@@ -27,6 +27,8 @@ def nodes_declared() -> dict[str, Any]:
 class NodeInterfaces(MarkdownDirective):
     """The topics and services of a node."""
 
+    made_from = 'nodes'
+
     def markdown(self) -> str:
         found = nodes_declared()[self.arguments[0]]['interfaces']
         rows = dict.fromkeys((code(one['name']), one['role'], code(one['type'])) for one in found)
@@ -35,6 +37,8 @@ class NodeInterfaces(MarkdownDirective):
 
 class NodeParameters(MarkdownDirective):
     """The parameters of a node; those that are results are named by their beginning only."""
+
+    made_from = 'nodes'
 
     def markdown(self) -> str:
         rows = []
