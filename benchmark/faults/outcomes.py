@@ -19,7 +19,7 @@ import numpy as np
 from benchmark.faults.damage import mutated, mutated_yaml
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.cli.calibrate import find_cell
+from scara_kinetostatic.cli.arguments import cell_or_recorded
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.files.cell_file import dump_cell, load_cell, parse_cell
 from scara_kinetostatic.model.cell import Cell
@@ -183,7 +183,7 @@ def judged_calibration(form: Form, number: int, intact: Calibration, folder: Pat
     root = damaged_recording(form, number, folder)
 
     def read() -> tuple[float, str]:
-        outcome = calibrate_recordings([root], find_cell(None, [root]))
+        outcome = calibrate_recordings([root], cell_or_recorded(None, [root]))
         shift = np.abs(outcome.final.parameters.as_array() - intact.parameters.as_array()) / intact.std
         return float(shift.max()), '; '.join(outcome.warnings)
 

@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from typing import NoReturn
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+from scara_kinetostatic.errors import InputError, RecordingError
+
+if TYPE_CHECKING:
+    from scara_kinetostatic.model.cell import Cell
 
 EXIT_STATUSES = """\
 exit status:
   0  done
-  2  the command or an input is wrong; one line on stderr says which file, topic or key, and what to do
-  3  the data cannot support a calibration (no contact, too few touches, ...)
+  2  the command or an input is wrong; one line on stderr names the file, topic or key, and the remedy
+  3  the data cannot support the result (no contact, too few touches, ...)
 """
 
 
 class Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line, and where to read on."""
+    """An argument parser whose errors are one line each."""
 
     def error(self, message: str) -> NoReturn:
-        """Ends with exit status 2."""
+        """Ends with exit status 2, the message on stderr."""
         self.exit(2, f'{self.prog}: {" ".join(message.split())}; see {self.prog} --help\n')
 
 
@@ -86,3 +92,67 @@ def whole(lowest: int) -> Callable[[str], int]:
         return value
 
     return convert
+
+
+def add_cell(parser: argparse.ArgumentParser, *, recorded: bool = False) -> None:
+    """Adds ``--cell``.
+
+    Args:
+        parser: of the verb.
+        recorded: whether the default is the cell description in the recordings, rather than the paper's cell.
+    """
+    default = 'the one in the recording' if recorded else "the paper's cell"
+    parser.add_argument('--cell', type=Path, metavar='FILE', help=f'cell description (default: {default})')
+
+
+def cell_or_paper(path: Path | None) -> Cell:
+    """The cell description of ``--cell``; without it the paper's cell.
+
+    Raises:
+        CellError: the file cannot be read or is invalid.
+    """
+    from scara_kinetostatic.files.cell_file import load_cell
+    from scara_kinetostatic.model.cell import PAPER_CELL
+
+    return load_cell(path) if path else PAPER_CELL
+
+
+def cell_or_recorded(path: Path | None, bags: Sequence[Path]) -> Cell:
+    """The cell description of ``--cell``; without it the one in the recordings.
+
+    Raises:
+        CellError: it cannot be read or is invalid.
+        RecordingError: `path` is None, and a recording has no cell description or another one than the first.
+    """
+    from scara_kinetostatic.bags.reader import embedded_cell
+    from scara_kinetostatic.files.cell_file import load_cell
+    from scara_kinetostatic.files.touch_table import is_touch_table
+
+    if path is not None:
+        return load_cell(path)
+    cells = {bag: embedded_cell(bag) for bag in bags if not is_touch_table(bag)}
+    if not cells:
+        raise RecordingError(bags[0], 'a table contains no cell description', 'give one by --cell cell.yaml')
+    first = next(iter(cells))
+    for bag, cell in cells.items():
+        if cell is None:
+            raise RecordingError(bag, 'contains no cell description', 'give one by --cell cell.yaml')
+        if cell != cells[first]:
+            raise RecordingError(bag, f'contains another cell description than {first}', 'choose one by --cell')
+    common = cells[first]
+    assert common is not None
+    return common
+
+
+def check_different(paths: Sequence[Path]) -> None:
+    """Check that no input is given twice: counted twice, its data would make the result look better than it is.
+
+    Raises:
+        InputError: two paths are the same file or folder.
+    """
+    places: set[Path] = set()
+    for path in paths:
+        place = path.resolve()
+        if place in places:
+            raise InputError(path, 'is given twice', 'give each input once')
+        places.add(place)

@@ -1,4 +1,4 @@
-"""`scara-kinetostatic demo`: the whole cell on this machine in one go."""
+"""`scara-kinetostatic demo`: the three nodes of a cell, run on this machine."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real, whole
+from scara_kinetostatic.cli.arguments import Subparsers, add_cell, add_verb, real, whole
 from scara_kinetostatic.errors import InputError, OutputError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.nodes.demo_client import DemoResult
 
 DESCRIPTION = """\
-Starts the three nodes as processes of their own in a private ROS domain: a
-simulated robot touches the discs of a cell, the collector records, the
-calibrator calibrates on a service call. Prints the twelve estimates beside the
-truth that the simulator was given. Needs ROS 2 Jazzy, as wheels or from apt.
+Starts the three nodes as processes in a private ROS domain: a simulated robot
+touches the discs of a cell, the collector records, the calibrator calibrates on
+a service call. Prints the estimated parameters beside the true ones of the
+simulator. Needs ROS 2 Jazzy, as wheels or from apt.
 """
 EXAMPLE = """\
   scara-kinetostatic demo --seed 7
 """
-TELL_EVERY = 12
-"""Touches between two lines."""
+_TOUCHES_PER_LINE = 12
+"""Touches recorded between two lines."""
 
 
 def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
@@ -32,7 +32,7 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     parser.add_argument(
         '--out', type=Path, default=Path('demo'), metavar='DIR', help='each run makes a folder in it (default: demo)'
     )
-    parser.add_argument('--cell', type=Path, metavar='FILE', help="cell description; default: the paper's cell")
+    add_cell(parser)
     parser.add_argument('--seed', type=whole(0), default=0, metavar='N', help='seed of the noise (default: 0)')
     parser.add_argument(
         '--time-factor',
@@ -57,11 +57,15 @@ def run(args: argparse.Namespace) -> int:
         if str(error.name).startswith('scara_kinetostatic'):
             raise
         remedy = "install the ROS wheels by pip install 'scara_kinetostatic[ros]', or source a ROS 2 installation"
-        raise InputError('demo', f'needs ROS 2 Jazzy, and there is no module {error.name!r}', remedy) from error
+        raise InputError(
+            'demo', f'needs ROS 2 Jazzy, and the module {error.name!r} is not installed', remedy
+        ) from error
     from scara_kinetostatic.files.cell_file import load_cell
 
     cell = load_cell(args.cell) if args.cell else None
-    result = run_demo(_new_folder(args.out), cell, {'seed': args.seed, 'time_factor': args.time_factor}, _Teller())
+    result = run_demo(
+        _new_folder(args.out), cell, {'seed': args.seed, 'time_factor': args.time_factor}, _ProgressPrinter()
+    )
     _print_result(result)
     return 0
 
@@ -75,35 +79,36 @@ def _new_folder(parent: Path) -> Path:
     return folder
 
 
-class _Teller:
-    """Prints what is going on, of the touches only some."""
+class _ProgressPrinter:
+    """Prints each step and, while touches are recorded, their number now and then."""
 
     def __init__(self) -> None:
-        self._told = ''
+        self._step = ''
         self._next = 0
 
     def __call__(self, what: str, touches: int) -> None:
-        if what != self._told:
+        if what != self._step:
             print(f'{what} …', flush=True)
-            self._told, self._next = what, TELL_EVERY
+            self._step, self._next = what, _TOUCHES_PER_LINE
         elif touches >= self._next:
             print(f'  {touches} touches recorded', flush=True)
-            self._next = touches - touches % TELL_EVERY + TELL_EVERY
+            self._next = touches - touches % _TOUCHES_PER_LINE + _TOUCHES_PER_LINE
 
 
 def _print_result(result: DemoResult) -> None:
     import numpy as np
 
     from scara_kinetostatic.model.parameters import NAMES, UNITS
+    from scara_kinetostatic.render.table import Table
 
     deviation = (result.estimate - result.truth) / result.std
+    numbers = zip(result.truth, result.estimate, result.std, deviation, strict=True)
+    rows = tuple(
+        (name, f'{truth:.6e}', f'{estimate:.7e}', f'{std:.2e}', f'{z:.2f}', UNITS[name])
+        for name, (truth, estimate, std, z) in zip(NAMES, numbers, strict=True)
+    )
     print(f'{result.message}\n')
-    print(f'{"":8}{"truth":>14}{"estimate":>16}{"std":>11}   {"z":>5}')
-    for row, name in enumerate(NAMES):
-        print(
-            f'{name:8}{result.truth[row]:14.6e}{result.estimate[row]:16.7e}{result.std[row]:11.2e}   '
-            f'{deviation[row]:5.2f}  {UNITS[name]}'
-        )
-    print('z: distance from the truth in standard deviations; the largest is', f'{np.nanmax(np.abs(deviation)):.2f}\n')
+    print(Table(('', 'truth', 'estimate', 'std', 'z', 'unit'), ('',) * 6, rows).text())
+    print(f'z: error in standard deviations, at most {np.nanmax(np.abs(deviation)):.2f}\n')
     print(f'recording: {result.recording}')
     print(f'report:    {result.results / "report.html"}')

@@ -1,4 +1,4 @@
-"""`scara-kinetostatic design`: how many touches, on which discs, where, how hard, for an accuracy of the tip."""
+"""`scara-kinetostatic design`: the smallest set of touches for an accuracy of the tip."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real, whole
-from scara_kinetostatic.cli.progress import progress
+from scara_kinetostatic.cli.arguments import Subparsers, add_cell, add_verb, cell_or_paper, real, whole
+from scara_kinetostatic.cli.output import print_result, progress
 from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 PLAN, SPARE_PLAN = 'plan.yaml', 'plan_spare.yaml'
 DESCRIPTION = """\
-Predicts, before a single touch is made, how well a cell will be calibrated: the
-standard deviation of every parameter and of the tip over the workspace. Finds
-the smallest set of touches for an accuracy, and the best places for discs, and
-shows what the accuracy depends on. The set is written as a plan for `simulate
---plan` and the simulated cell.
+Predicts the uncertainty of a calibration before any touch is made: the standard
+deviation of every parameter, and of the tip over the workspace. Finds the
+smallest set of touches for an accuracy and the best places for discs, and shows
+what the accuracy depends on. The set is written as a plan for `simulate --plan`
+and for the simulated cell.
 """
 EXAMPLE = """\
   scara-kinetostatic design --cell cell.yaml --accuracy 1e-5 --out design
@@ -31,7 +31,7 @@ EXAMPLE = """\
 def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Adds the verb."""
     parser = add_verb(subparsers, 'design', 'the smallest set of touches for an accuracy', DESCRIPTION, EXAMPLE, run)
-    parser.add_argument('--cell', type=Path, metavar='FILE', help="cell description; default: the paper's cell")
+    add_cell(parser)
     parser.add_argument(
         '--accuracy',
         type=real(0, above=True),
@@ -40,9 +40,9 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         help='largest standard deviation of the tip over the workspace, m (default: 1e-5)',
     )
     parser.add_argument(
-        '--out', type=Path, metavar='DIR', help=f'write {PLAN}, {SPARE_PLAN}, design.json and design.html there'
+        '--out', type=Path, metavar='DIR', help=f'folder for {PLAN}, {SPARE_PLAN}, design.json and design.html'
     )
-    parser.add_argument('--json', action='store_true', help='print JSON instead of tables')
+    parser.add_argument('--json', action='store_true', help='print JSON instead of text')
     _add_robot(parser)
     _add_choice(parser)
     return parser
@@ -54,19 +54,21 @@ def _add_robot(parser: argparse.ArgumentParser) -> None:
         '--expected',
         default='nominal',
         metavar='WHAT',
-        help='what the robot is expected to be: "nominal", "paper" (table 2), "measured" (figure 4d), or a YAML file '
+        help='expected parameters of the robot: "nominal", "paper" (table 2), "measured" (figure 4d), or a YAML file '
         'with all twelve parameters by name (default: nominal)',
     )
-    group.add_argument('--noise-joint', type=real(0, above=True), metavar='S', help='of one touch, rad')
-    group.add_argument('--noise-force', type=real(0, above=True), metavar='S', help='of one touch, N')
-    group.add_argument('--load', type=real(0, above=True), metavar='F', help='on the loaded tip (default: top level)')
-    group.add_argument('--under-load', action='store_true', help='the accuracy is asked of the loaded tip')
+    group.add_argument('--noise-joint', type=real(0, above=True), metavar='S', help='joint noise of one touch, rad')
+    group.add_argument('--noise-force', type=real(0, above=True), metavar='S', help='force noise of one touch, N')
+    group.add_argument(
+        '--load', type=real(0, above=True), metavar='F', help='on the loaded tip, N (default: top level)'
+    )
+    group.add_argument('--under-load', action='store_true', help='the accuracy is required of the loaded tip')
     group.add_argument(
         '--region',
         type=real(),
         nargs=4,
         metavar=('XMIN', 'XMAX', 'YMIN', 'YMAX'),
-        help='part of the base frame that matters, m (default: all within reach)',
+        help='workspace that is required, in the base frame, m (default: all within reach)',
     )
 
 
@@ -76,45 +78,39 @@ def _add_choice(parser: argparse.ArgumentParser) -> None:
         '--levels', type=real(0, above=True), nargs='+', metavar='F', default=[10.0, 25.0, 40.0],
         help='force levels, N (default: 10 25 40)',
     )  # fmt: skip
-    group.add_argument('--postures', choices=('both', 'left', 'right'), default='both', help='of the elbow')
-    group.add_argument('--per-disc', type=whole(3), default=36, metavar='N', help='points around a disc (default: 36)')
-    group.add_argument('--touches', type=whole(12), default=36, metavar='N', help='in comparisons (default: 36)')
-    group.add_argument('--discs', type=whole(0), default=3, metavar='N', help='place up to so many anew (default: 3)')
     group.add_argument(
-        '--disc-radius', type=real(0, above=True), nargs=2, metavar=('MIN', 'MAX'), help='m (default: as in the cell)'
+        '--postures', choices=('both', 'left', 'right'), default='both', help='of the elbow (default: both)'
     )
-    group.add_argument('--seed', type=whole(0), default=0, metavar='N', help='of the searches (default: 0)')
+    group.add_argument('--per-disc', type=whole(3), default=36, metavar='N', help='points around a disc (default: 36)')
+    group.add_argument('--touches', type=whole(12), default=36, metavar='N', help='number in comparisons (default: 36)')
+    group.add_argument('--discs', type=whole(0), default=3, metavar='N', help='to place, at most (default: 3)')
+    group.add_argument(
+        '--disc-radius',
+        type=real(0, above=True),
+        nargs=2,
+        metavar=('MIN', 'MAX'),
+        help='radius of placed discs, m (default: as in the cell)',
+    )
+    group.add_argument('--seed', type=whole(0), default=0, metavar='N', help='seed of the searches (default: 0)')
 
 
 def run(args: argparse.Namespace) -> int:
-    """Designs.
+    """Finds the set.
 
     Raises:
         InputError: the cell, the expected robot or an option is wrong, or DIR cannot be written.
         UnsupportedDataError: the accuracy is out of reach.
     """
     question, robot = _question(args), _robot(args)
-    from scara_kinetostatic.render.json_file import json_text
-    from scara_kinetostatic.studies.design import document as design_document
+    from scara_kinetostatic.studies.design.document import design_document
     from scara_kinetostatic.studies.design.optimal_design import design
     from scara_kinetostatic.studies.design.text import text
 
-    with progress() as tell:
-        found = design(robot, question, tell)
-        document = json_text(design_document.design_document(found))
-        names = _write(args.out, found) if args.out else []
-    print(document if args.json else text(found))
-    if names and not args.json:
-        print(f'\nwritten: {", ".join(str(args.out / name) for name in names)}')
+    with progress() as show_progress:
+        found = design(robot, question, show_progress)
+        files = design_texts(found) if args.out else {}
+    print_result(text(found), design_document(found), args.json, args.out, files)
     return 0
-
-
-def _write(folder: Path, found: Design) -> list[str]:
-    from scara_kinetostatic.files.atomic import write_texts
-
-    texts = design_texts(found)
-    write_texts(folder, texts)
-    return list(texts)
 
 
 def design_texts(found: Design) -> dict[str, str]:
@@ -158,14 +154,14 @@ def _question(args: argparse.Namespace) -> Question:
 
 
 def _robot(args: argparse.Namespace) -> Robot:
-    from scara_kinetostatic.cli.simulate import truth_of
-    from scara_kinetostatic.files.cell_file import load_cell
-    from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
-    from scara_kinetostatic.model.parameters import PAPER_NOMINAL
+    from scara_kinetostatic.model.cell import Noise
     from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE
+    from scara_kinetostatic.simulation.truth_file import truth_named
     from scara_kinetostatic.studies.design.prediction import Robot
 
-    cell = load_cell(args.cell) if args.cell else Cell(PAPER_NOMINAL, PAPER_DISCS, noise=TYPICAL_NOISE)
+    cell = cell_or_paper(args.cell)
     usual = cell.noise or TYPICAL_NOISE
     noise = Noise(args.noise_joint or usual.joint, args.noise_force or usual.force)
-    return Robot.of(cell, cell.nominal if args.expected == 'nominal' else truth_of(args.expected, cell), noise)
+    return Robot.of(
+        cell, cell.nominal if args.expected == 'nominal' else truth_named(args.expected, cell).parameters, noise
+    )

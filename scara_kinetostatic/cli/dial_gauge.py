@@ -3,31 +3,31 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real
+from scara_kinetostatic.cli.arguments import Subparsers, add_verb, check_different, real
+from scara_kinetostatic.cli.output import print_result
 from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 
 DESCRIPTION = """\
-Compliance and backlash from tables of loads and dial gauge readings, as in
-section 5.2 of the paper: load and unload in both senses, write down force and
-displacement. The slope is the compliance, the gap at zero force the backlash,
-each with its standard deviation.
+Estimates compliance and backlash from tables of loads and dial gauge readings,
+as in section 5.2 of the paper: load and unload in both directions, record force
+and displacement. The slope is the compliance, the gap at zero force the
+backlash, each with its standard deviation.
 
 The first line of a table names its columns with their units:
   force_N displacement_mm         needed; also kN, m, um
   direction_deg                   of the positive force
-  cycle                           1, 2, 3, ... ; else told from the order of the rows
+  cycle                           1, 2, 3, ... ; else taken from the order of the rows
   part                            gripper, joint1 or joint2
   lever_m                         of the force about the joint
-  seat                            where the gauge touches: tip or link
-  time_s                          makes it a continuous record of loops
+  seat                            where the dial gauge measures: tip or link
+  time_s                          for a continuous record of loops
 """
 EXAMPLE = """\
   scara-kinetostatic dial-gauge gripper.csv --out result
@@ -47,13 +47,13 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         aliases=('gauge',),
     )
     parser.add_argument('tables', type=Path, nargs='+', metavar='FILE.csv', help='tables of readings')
-    parser.add_argument('--out', type=Path, metavar='DIR', help='write gauge.json and gauge.html, with pictures, there')
-    parser.add_argument('--json', action='store_true', help='print JSON instead of tables')
-    group = parser.add_argument_group('for tables that do not say')
-    group.add_argument('--part', choices=('gripper', 'joint1', 'joint2'), help='what gives way (default: gripper)')
+    parser.add_argument('--out', type=Path, metavar='DIR', help='folder for the results as JSON and as a page')
+    parser.add_argument('--json', action='store_true', help='print JSON instead of text')
+    group = parser.add_argument_group('for tables without these columns')
+    group.add_argument('--part', choices=('gripper', 'joint1', 'joint2'), help='the elastic part (default: gripper)')
     group.add_argument('--lever', type=real(0, above=True), metavar='M', help='of the force about the joint, m')
     group.add_argument('--direction', type=real(), metavar='DEG', help='of the positive force')
-    group.add_argument('--seat', choices=('tip', 'link'), help='where the gauge touches (default: link for a joint)')
+    group.add_argument('--seat', choices=('tip', 'link'), help='place of the dial gauge (default: link for a joint)')
     group.add_argument(
         '--kind', choices=('auto', 'points', 'loops'), default='auto', help='of the tables (default: by their columns)'
     )
@@ -61,21 +61,20 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         '--zero-band',
         type=real(0),
         metavar='PART',
-        help='loads below this part of the largest count as none (default: 0.02)',
+        help='loads below this part of the largest are taken for zero (default: 0.02)',
     )
     return parser
 
 
 def run(args: argparse.Namespace) -> int:
-    """Analyses.
+    """Estimates compliance and backlash.
 
     Raises:
         InputError: a table or an option is wrong, or DIR cannot be written.
         UnsupportedDataError: there is no reversal, or there are too few rows.
     """
-    from scara_kinetostatic.render.json_file import json_text
     from scara_kinetostatic.studies.dial_gauge.analysis import study
-    from scara_kinetostatic.studies.dial_gauge.document import dial_gauge_document
+    from scara_kinetostatic.studies.dial_gauge.document import NAME, dial_gauge_document
     from scara_kinetostatic.studies.dial_gauge.run_fit import ZERO_BAND
     from scara_kinetostatic.studies.dial_gauge.text import text
 
@@ -84,16 +83,13 @@ def run(args: argparse.Namespace) -> int:
         raise InputError('--zero-band', f'expected a part below 1, got {band:g}')
     found = study(_tables(args), args.kind, band)
     document = dial_gauge_document(found)
+    files = {}
     if args.out:
-        from scara_kinetostatic.files.atomic import write_texts
-        from scara_kinetostatic.studies.dial_gauge import document as json_file
-        from scara_kinetostatic.studies.dial_gauge import page as gauge_html
+        from scara_kinetostatic.render.json_file import json_text
+        from scara_kinetostatic.studies.dial_gauge import page
 
-        texts = {json_file.NAME: json_text(document), gauge_html.NAME: gauge_html.html_text(found)}
-        write_texts(args.out, texts)
-    print(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) if args.json else text(found))
-    if args.out and not args.json:
-        print(f'written: {", ".join(str(args.out / name) for name in texts)}')
+        files = {NAME: json_text(document), page.NAME: page.html_text(found)}
+    print_result(text(found), document, args.json, args.out, files)
     return 0
 
 
@@ -106,9 +102,5 @@ def _tables(args: argparse.Namespace) -> list[DialGaugeReadings]:
         direction=math.nan if args.direction is None else math.radians(args.direction),
         seat=args.seat,
     )
-    seen: set[Path] = set()
-    for path in args.tables:
-        if path.resolve() in seen:
-            raise InputError(path, 'is given twice', 'name each table once')
-        seen.add(path.resolve())
+    check_different(args.tables)
     return [load_readings(path, usual) for path in args.tables]

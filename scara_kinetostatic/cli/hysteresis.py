@@ -1,25 +1,24 @@
-"""`scara-kinetostatic hysteresis`: measured loops of force over displacement, and the law they call for."""
+"""`scara-kinetostatic hysteresis`: model selection for measured force-displacement loops."""
 
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real
-from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.cli.arguments import Subparsers, add_verb, check_different, real
+from scara_kinetostatic.cli.output import print_result
 
 if TYPE_CHECKING:
     from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 
 DESCRIPTION = """\
-Closes the loop on measured force-displacement loops. Law (6) of the paper, slope
-and gap, is fitted; its residual is asked what it depends on; a softening
-spring, a damper, friction in parallel and friction in series are each added and
-fitted to one half of the sweeps, and judged by what they predict of the other
-half. The one that predicts best is named, with those that the data cannot tell
-from it, and the error before and after is reported.
+Fits law (6) of the paper, slope and gap, to measured force-displacement loops,
+and tests what its residual depends on. A softening spring, a damper, friction
+in parallel and friction in series are each added, fitted to one half of the
+sweeps and compared by their prediction of the other half. The best one is
+reported with those that the data cannot distinguish from it, and with the force
+error before and after.
 
 A table needs the columns time_s, force_N and displacement_m (or kN, ms, mm, um).
 """
@@ -32,7 +31,13 @@ EXAMPLE = """\
 def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Adds the verb."""
     parser = add_verb(
-        subparsers, 'hysteresis', 'what loops show beyond slope and gap', DESCRIPTION, EXAMPLE, run, aliases=('loops',)
+        subparsers,
+        'hysteresis',
+        'the law of measured loops of force',
+        DESCRIPTION,
+        EXAMPLE,
+        run,
+        aliases=('loops',),
     )
     parser.add_argument('tables', type=Path, nargs='+', metavar='FILE.csv', help='continuous records')
     parser.add_argument(
@@ -41,21 +46,20 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         nargs='+',
         default=[],
         metavar='T',
-        help='of the band, one per file, any unit: predict each of three or more files from the others',
+        help='of the belt, one per file, any unit: predict each of three or more files from the others',
     )
-    parser.add_argument('--out', type=Path, metavar='DIR', help='write loops.json and loops.html, with pictures, there')
-    parser.add_argument('--json', action='store_true', help='print JSON instead of tables')
+    parser.add_argument('--out', type=Path, metavar='DIR', help='folder for the results as JSON and as a page')
+    parser.add_argument('--json', action='store_true', help='print JSON instead of text')
     return parser
 
 
 def run(args: argparse.Namespace) -> int:
-    """Analyses.
+    """Selects and fits the law.
 
     Raises:
         InputError: a table or an option is wrong, or DIR cannot be written.
         UnsupportedDataError: there are too few reversals.
     """
-    from scara_kinetostatic.render.json_file import json_text
     from scara_kinetostatic.studies.hysteresis.analysis import check_tensions, hysteresis_study
     from scara_kinetostatic.studies.hysteresis.document import NAME, hysteresis_document
     from scara_kinetostatic.studies.hysteresis.text import text
@@ -63,25 +67,18 @@ def run(args: argparse.Namespace) -> int:
     check_tensions(len(args.tables), args.tension)
     study = hysteresis_study(_tables(args.tables), args.tension)
     document = hysteresis_document(study)
+    files = {}
     if args.out:
-        from scara_kinetostatic.files.atomic import write_texts
-        from scara_kinetostatic.studies.hysteresis.page import NAME as PAGE
-        from scara_kinetostatic.studies.hysteresis.page import html_text
+        from scara_kinetostatic.render.json_file import json_text
+        from scara_kinetostatic.studies.hysteresis import page
 
-        texts = {NAME: json_text(document), PAGE: html_text(study)}
-        write_texts(args.out, texts)
-    print(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) if args.json else text(study))
-    if args.out and not args.json:
-        print(f'written: {", ".join(str(args.out / name) for name in texts)}')
+        files = {NAME: json_text(document), page.NAME: page.html_text(study)}
+    print_result(text(study), document, args.json, args.out, files)
     return 0
 
 
 def _tables(paths: list[Path]) -> list[DialGaugeReadings]:
     from scara_kinetostatic.studies.dial_gauge.table_file import load_readings
 
-    seen: set[Path] = set()
-    for path in paths:
-        if path.resolve() in seen:
-            raise InputError(path, 'is given twice', 'name each table once')
-        seen.add(path.resolve())
+    check_different(paths)
     return [load_readings(path) for path in paths]

@@ -1,28 +1,28 @@
-"""`scara-kinetostatic inspect`: what a recording holds, before it is calibrated."""
+"""`scara-kinetostatic inspect`: the contents of a recording and the touches in it."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb
-from scara_kinetostatic.cli.calibrate import find_cell
+from scara_kinetostatic.cli.arguments import Subparsers, add_cell, add_verb, cell_or_recorded
+from scara_kinetostatic.cli.output import print_result
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from scara_kinetostatic.model.cell import Cell
+    from scara_kinetostatic.render.table import Table
     from scara_kinetostatic.touches.detection import Detection
     from scara_kinetostatic.touches.streams import Streams
 
 DESCRIPTION = """\
-Shows what a recording holds: its topics, rates and gaps, and every touch that
-is found in it: when, which disc, which posture of the elbow, how hard, from where,
-how long it was held, and, where it cannot be used, why not.
+Lists the contents of a recording: its topics with their rates and gaps, and
+every touch that is found: time and duration of the hold, object, elbow posture,
+size and direction of the force, and for a rejected touch the reason.
 """
 EXAMPLE = """\
   scara-kinetostatic inspect recording --cell cell.yaml
@@ -31,12 +31,10 @@ EXAMPLE = """\
 
 def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Adds the verb."""
-    parser = add_verb(subparsers, 'inspect', 'show the touches that a recording holds', DESCRIPTION, EXAMPLE, run)
+    parser = add_verb(subparsers, 'inspect', 'list the touches of a recording', DESCRIPTION, EXAMPLE, run)
     parser.add_argument('bag', type=Path, metavar='BAG', help='the recording, or a touch table (.csv)')
-    parser.add_argument(
-        '--cell', type=Path, metavar='FILE', help='cell description; default: the one that the recording carries'
-    )
-    parser.add_argument('--json', action='store_true', help='the same as JSON')
+    add_cell(parser, recorded=True)
+    parser.add_argument('--json', action='store_true', help='print JSON instead of text')
     return parser
 
 
@@ -44,28 +42,28 @@ def run(args: argparse.Namespace) -> int:
     """Inspects.
 
     Raises:
-        InputError: the recording or the cell cannot be read, or makes no sense.
+        InputError: the recording or the cell cannot be read or is invalid.
     """
     from scara_kinetostatic.bags.reader import read_streams
     from scara_kinetostatic.files.touch_table import is_touch_table, load_touch_table
     from scara_kinetostatic.touches.detection import find_touches
     from scara_kinetostatic.touches.table import in_base_frame, touches_of_table
 
-    cell = find_cell(args.cell, [args.bag])
+    cell = cell_or_recorded(args.cell, [args.bag])
     if is_touch_table(args.bag):
         detection = touches_of_table(load_touch_table(args.bag), cell)
-        found = inspection(args.bag, None, detection, in_base_frame(cell))
+        found = _inspection(args.bag, None, detection, in_base_frame(cell))
     else:
         streams = read_streams(args.bag, cell)
-        found = inspection(args.bag, streams, find_touches(streams, cell), cell)
-    print(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False) if args.json else _as_text(found))
+        found = _inspection(args.bag, streams, find_touches(streams, cell), cell)
+    print_result(_as_text(found), found, args.json, None, {})
     return 0
 
 
-def inspection(bag: Path, streams: Streams | None, detection: Detection, cell: Cell) -> dict[str, Any]:
-    """What was found, as plain JSON values; times in s since the first stamp, forces in N in the base frame.
+def _inspection(bag: Path, streams: Streams | None, detection: Detection, cell: Cell) -> dict[str, Any]:
+    """The contents as plain JSON values; times in s since the first stamp, forces in N in the base frame.
 
-    A table of touches has no streams.
+    A touch table has no streams.
     """
     return {
         'recording': str(bag),
@@ -132,34 +130,44 @@ def _touches(detection: Detection, cell: Cell) -> list[dict[str, Any]]:
 
 
 def _as_text(found: dict[str, Any]) -> str:
-    lines = [found['recording'], '']
-    width = max((len(topic['name']) for topic in found['topics']), default=0)
-    for topic in found['topics']:
-        stream = found['streams'].get(topic['name'])
-        numbers = f'  {stream["messages"]:7d} messages, {stream["rate"]:6.1f} Hz, ' if stream else ''
-        numbers += f'longest gap {stream["longest_gap"]:.3f} s, {stream["duration"]:.1f} s' if stream else ''
-        lines.append(f'{topic["name"]:{width}}  {topic["type"]:32}{numbers}'.rstrip())
-    lines += ['', *_table(found['touches'])]
+    from scara_kinetostatic.render.quantities import count
+
     accepted = sum(touch['accepted'] for touch in found['touches'])
     rejected = len(found['touches']) - accepted
-    lines += ['', f'{len(found["touches"])} touches found: {accepted} accepted, {rejected} rejected']
-    lines += [f'note: {warning}' for warning in found['warnings']]
-    return '\n'.join(lines)
+    parts = [
+        found['recording'],
+        *([_topic_table(found).text()] if found['topics'] else []),
+        _touch_table(found['touches']).text() if found['touches'] else 'no contact in the recording',
+        f'{count(len(found["touches"]), "touch", "touches")} found: {accepted} accepted, {rejected} rejected',
+    ]
+    return '\n'.join(['\n\n'.join(parts), *(f'note: {warning}' for warning in found['warnings'])])
 
 
-def _table(touches: list[dict[str, Any]]) -> list[str]:
-    if not touches:
-        return ['no contact in the whole recording']
-    width = max([4, *(len(touch.get('object', '')) for touch in touches)])
-    lines = [f'touch    time   hold  {"disc":{width}}  posture    force  direction']
-    lines.append(f'{"":5}  {"s":>6}  {"s":>5}  {"":{width}}  {"":7}  {"N":>7}  {"deg":>9}')
+def _topic_table(found: dict[str, Any]) -> Table:
+    from scara_kinetostatic.render.table import Table
+
+    rows = []
+    for topic in found['topics']:
+        stream = found['streams'].get(topic['name'])
+        keys = (('messages', 'd'), ('duration', '.1f'), ('rate', '.1f'), ('longest_gap', '.3f'))
+        numbers = [format(stream[key], digits) for key, digits in keys] if stream else [''] * len(keys)
+        rows.append((topic['name'], topic['type'], *numbers))
+    heading = ('topic', 'type', 'messages', 'duration', 'rate', 'longest gap')
+    return Table(heading, ('', '', '', 's', 'Hz', 's'), tuple(rows))
+
+
+def _touch_table(touches: list[dict[str, Any]]) -> Table:
+    from scara_kinetostatic.render.table import Table
+
+    rows: list[tuple[str, ...]] = []
     for touch in touches:
-        start = f'{touch["index"]:5d}  {touch["time"]:6.1f}  {touch["hold"]:5.2f}'
+        start = (str(touch['index']), f'{touch["time"]:.1f}', f'{touch["hold"]:.2f}')
         if touch['accepted']:
             x, y = touch['force']
             posture = 'left' if touch['posture'] > 0 else 'right'
-            angle = math.degrees(math.atan2(y, x))
-            lines.append(f'{start}  {touch["object"]:{width}}  {posture:7}  {math.hypot(x, y):7.2f}  {angle:9.1f}')
+            force = (f'{math.hypot(x, y):.2f}', f'{math.degrees(math.atan2(y, x)):.1f}')
+            rows.append((*start, touch['object'], posture, *force))
         else:
-            lines.append(f'{start}  rejected: {touch["reason"]}')
-    return lines
+            rows.append((*start, f'rejected: {touch["reason"]}'))
+    heading = ('touch', 'time', 'hold', 'object', 'posture', 'force', 'direction')
+    return Table(heading, ('', 's', 's', '', '', 'N', 'deg'), tuple(rows))

@@ -1,4 +1,4 @@
-"""`scara-kinetostatic VERB …`: the one place where exceptions become exit statuses."""
+"""`scara-kinetostatic VERB …`: runs a verb and turns exceptions into exit statuses."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ DEBUG = 'SCARA_KINETOSTATIC_DEBUG'
 DESCRIPTION = """\
 Kinetostatic calibration of a SCARA robot by touch: the robot presses against
 discs of known position while joint angles and forces are recorded; from the
-recording come its link lengths, offsets, compliances and backlashes, each with
-its uncertainty. What this model lacks is looked for, named and added to it.
+recording its link lengths, offsets, compliances and backlashes are estimated,
+each with its uncertainty. Model errors are detected, identified and corrected.
 """
 EXAMPLE = """\
 try it without a robot:
   scara-kinetostatic simulate --out recording
   scara-kinetostatic inspect recording
   scara-kinetostatic calibrate recording --out result
-with something that the model lacks:
+with an effect that the base model lacks:
   scara-kinetostatic simulate --effect 'object_radius[disc_2]:radius=6e-5' --out larger
   scara-kinetostatic calibrate larger --out result
 
@@ -47,15 +47,14 @@ with something that the model lacks:
 
 
 class _TerminatedError(BaseException):
-    """SIGTERM came."""
+    """The process received SIGTERM."""
 
 
 def command() -> int:
-    """Runs the command as a process of its own, which costs it less.
+    """Runs the command as a process of its own.
 
     OpenBLAS gets one thread, unless the user says otherwise: for matrices of some hundred rows and 13 columns, a
-    second thread makes a fit several times slower. What is left at the end is not searched for garbage; it goes with
-    the process.
+    second thread makes a fit several times slower. At the end garbage is not collected; it is freed with the process.
 
     Returns:
         Exit status; see `main`.
@@ -74,9 +73,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     Returns:
         0 done; 2 the command or an input is wrong; 3 the data cannot support a calibration;
-        130 interrupted by Ctrl-C; 143 by SIGTERM; 141 the reader of stdout went away; 1 a bug.
+        130 interrupted by Ctrl-C; 143 by SIGTERM; 141 stdout was closed by its reader; 1 a bug.
     """
-    _settle_streams()
+    _prepare_streams()
     debug = bool(os.environ.get(DEBUG))
     try:
         with _Termination(), _rare_collections():
@@ -98,7 +97,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return _reader_gone()
     except OSError as error:
-        if error.filename is None and error.errno in NO_ROOM:  # as in `… > /dev/full`; files are named
+        if error.filename is None and error.errno in NO_ROOM:  # as in `… > /dev/full`; an error of a file has its name
             return _unwritable(error)
         return _complain_of_bug(error, debug)
     except Exception as error:
@@ -123,7 +122,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 @contextmanager
 def _rare_collections() -> Iterator[None]:
-    """Lets Python look for garbage rarely: a command makes modules and figures that stay to its end."""
+    """Makes Python collect garbage rarely: the modules and figures of a command are needed to its end."""
     before = gc.get_threshold()
     gc.set_threshold(100_000, *before[1:])
     try:
@@ -133,7 +132,7 @@ def _rare_collections() -> Iterator[None]:
 
 
 class _Termination:
-    """Lets SIGTERM unwind the stack, as Ctrl-C does, so that nothing half-written stays. A context manager."""
+    """Makes SIGTERM unwind the stack, as Ctrl-C does, so that no half-written file is left. A context manager."""
 
     def __enter__(self) -> None:
         self._former = None
@@ -149,8 +148,8 @@ def _terminate(number: int, frame: FrameType | None) -> NoReturn:
     raise _TerminatedError
 
 
-def _settle_streams() -> None:
-    """What is written to a closed stream goes nowhere; a terminal without ± gets a question mark, not an exception."""
+def _prepare_streams() -> None:
+    """Discards what is written to a closed stream; writes ``?`` for a character that the terminal does not have."""
     for name in ('stdout', 'stderr'):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open('w', encoding='utf-8'))  # noqa: SIM115  to the end of the process
@@ -172,7 +171,7 @@ def _complain_of_bug(error: Exception, debug: bool) -> int:
 
 def _say(what: object, status: int) -> int:
     line = ' '.join(str(what).split())
-    with suppress(OSError):  # a full disk behind stderr does not change the status
+    with suppress(OSError):  # a full disk behind stderr must not change the status
         print(f'{PROGRAM}: {line}', file=sys.stderr, flush=True)
     return status
 
@@ -196,12 +195,12 @@ def _reader_gone() -> int:
 def _unwritable(error: OSError) -> int:
     """As in `… > /dev/full`."""
     _forget_stdout()
-    return _say(f'stdout cannot be written: {error.strerror}; results in files are not concerned', WRONG_INPUT)
+    return _say(f'stdout cannot be written: {error.strerror}; the result files are complete', WRONG_INPUT)
 
 
 def _forget_stdout() -> None:
-    """What is still to be flushed at exit goes nowhere."""
-    with suppress(OSError):  # it may be no file
+    """Discards what would be flushed at exit."""
+    with suppress(OSError):  # it may not be a file
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb, whole
+from scara_kinetostatic.cli.arguments import Subparsers, add_cell, add_verb, cell_or_paper, whole
 from scara_kinetostatic.errors import OutputError
-
-if TYPE_CHECKING:
-    from scara_kinetostatic.model.cell import Cell
 
 SCENE_NAMES = (
     'plain',
@@ -26,15 +22,15 @@ SCENE_NAMES = (
     'cable',
     'two',
 )
-"""Those of `physics.scene`, here again so that the help needs no numerics."""
+"""The scenes of `simulation.mujoco.scene`, listed here so that the help imports no numerics."""
 TRUTH = '.truth.yaml'
-"""What the truth's file is called behind the name of the recording."""
+"""Suffix of the truth file behind the name of the recording."""
 DESCRIPTION = """\
 Builds a robot and its discs in the physics engine MuJoCo (bodies, springs,
-friction, contact; nothing of this package's own equations of the arm), lets
-it play the touches, and records joint angles and forces. What was built is
-written to OUT.truth.yaml; the recording and its cell do not tell.
-Needs MuJoCo: pip install '.[physics]' in the repository
+friction, contact; none of this package's own equations of the arm), simulates
+the touches, and records joint angles and forces. The true parameters and
+effects are written to OUT.truth.yaml; the recording and its cell description do
+not contain them. Needs MuJoCo: pip install '.[physics]' in the repository
 """
 EXAMPLE = """\
   scara-kinetostatic mujoco recording --scene contact_friction
@@ -60,30 +56,30 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         help='recording to make: a rosbag2 folder, or a file if it ends in .mcap or .bag; must not exist',
     )
     parser.add_argument(
-        '--scene', default='plain', metavar='NAME', help=f'what is built: {", ".join(SCENE_NAMES)} (default: plain)'
+        '--scene', default='plain', metavar='NAME', help=f'robot and discs: {", ".join(SCENE_NAMES)} (default: plain)'
     )
-    parser.add_argument('--cell', type=Path, metavar='FILE', help="cell description; default: the paper's cell")
+    add_cell(parser)
     parser.add_argument('--seed', type=whole(0), default=0, metavar='N', help='seed of the noise (default: 0)')
     parser.add_argument('--per-disc', type=whole(1), default=12, metavar='N', help='points around a disc (default: 12)')
     return parser
 
 
 def run(args: argparse.Namespace) -> int:
-    """Plays a scene.
+    """Simulates a scene.
 
     Raises:
         InputError: the cell, the scene or an option is wrong, OUT or its truth exists, or MuJoCo is not installed.
         UnsupportedDataError: a touch is out of reach.
     """
     from scara_kinetostatic.bags.writer import write_streams
-    from scara_kinetostatic.cli.simulate import truth_of
     from scara_kinetostatic.files.atomic import all_or_nothing
     from scara_kinetostatic.simulation.mujoco import play, scene_named
     from scara_kinetostatic.simulation.mujoco.recorded import usual_plan
     from scara_kinetostatic.simulation.mujoco.truth import truth_of_scene, truth_text
+    from scara_kinetostatic.simulation.truth_file import truth_named
 
-    cell = _cell(args.cell)
-    scene = scene_named(args.scene).with_parameters(truth_of('paper', cell))
+    cell = cell_or_paper(args.cell)
+    scene = scene_named(args.scene).with_parameters(truth_named('paper', cell).parameters)
     truth = truth_text(truth_of_scene(scene, cell, args.seed))
     beside = args.out.with_name(args.out.name + TRUTH)
     if args.out.exists():
@@ -95,13 +91,5 @@ def run(args: argparse.Namespace) -> int:
         write_streams(args.out, streams, cell)
     duration = 1e-9 * float(streams.joints.stamp[-1] - streams.joints.stamp[0])
     print(f'{args.out}: {len(plan)} touches of the scene {scene.name!r} in {duration:.0f} s of simulated time')
-    print(f'{beside}: what was built')
+    print(f'{beside}: true parameters and effects')
     return 0
-
-
-def _cell(path: Path | None) -> Cell:
-    from scara_kinetostatic.files.cell_file import load_cell
-    from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
-    from scara_kinetostatic.model.parameters import PAPER_NOMINAL
-
-    return load_cell(path) if path else Cell(nominal=PAPER_NOMINAL, discs=PAPER_DISCS, noise=Noise(1e-5, 0.3))

@@ -1,21 +1,21 @@
-"""`scara-kinetostatic paper`: sections 4 and 5 of the paper, redone."""
+"""`scara-kinetostatic paper`: reproduction of sections 4 and 5 of the paper."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb
-from scara_kinetostatic.cli.progress import progress
+from scara_kinetostatic.cli.arguments import Subparsers, add_verb, whole
+from scara_kinetostatic.cli.output import progress
 
 DESCRIPTION = """\
-Redoes the studies of the paper: its algorithm on the cell of figure 3, table 2
-without and with noise, the noise behind its third column, the scatter of both
-estimators over many data sets, what one force level cannot show, the smallest
-set of touches, the general gripper of (7), and the gauge experiments of
-section 5.2. Writes into DIR
+Reproduces the studies of the paper: its algorithm on the cell of figure 3, table
+2 without and with noise, the noise of its third column, the scatter of both
+estimators over many data sets, identifiability with one force level, the
+smallest set of touches, the general gripper of (7), and the dial gauge
+experiments of section 5.2. Writes into DIR
 
-  paper.html   the paper's figures and tables beside ours, one page
+  paper.html   the paper's figures and tables beside those computed here
   paper.json   all numbers
   design.*, plan.yaml, plan_spare.yaml   the smallest set, as the verb design
 """
@@ -26,15 +26,15 @@ EXAMPLE = """\
 
 def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Adds the verb."""
-    parser = add_verb(subparsers, 'paper', 'redo the studies of the paper', DESCRIPTION, EXAMPLE, run)
-    parser.add_argument('--out', type=Path, default=Path('paper'), metavar='DIR', help='for the page (default: paper)')
-    parser.add_argument('--runs', type=_count, default=1000, metavar='N', help='noisy data sets (default: 1000)')
-    parser.add_argument('--without-design', action='store_true', help='leave the design question out')
+    parser = add_verb(subparsers, 'paper', 'reproduce the studies of the paper', DESCRIPTION, EXAMPLE, run)
+    parser.add_argument('--out', type=Path, default=Path('paper'), metavar='DIR', help='results (default: paper)')
+    parser.add_argument('--runs', type=whole(2), default=1000, metavar='N', help='noisy data sets (default: 1000)')
+    parser.add_argument('--without-design', action='store_true', help='without the smallest set of touches')
     return parser
 
 
 def run(args: argparse.Namespace) -> int:
-    """Redoes them.
+    """Reproduces them.
 
     Raises:
         OutputError: DIR cannot be written.
@@ -47,8 +47,8 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.studies.paper import page as paper_html
     from scara_kinetostatic.studies.paper.reproduction import reproduce
 
-    with progress() as tell:
-        found = reproduce(args.runs, tell, with_design=not args.without_design)
+    with progress() as show_progress:
+        found = reproduce(args.runs, show_progress, with_design=not args.without_design)
         texts = {
             paper_html.NAME: paper_html.html_text(found),
             paper_document.NAME: json_text(paper_document.paper_document(found)),
@@ -66,16 +66,6 @@ def run(args: argparse.Namespace) -> int:
         ratio = item.found / item.predicted
         print(f'scatter    {name}: {ratio.min():.3f} to {ratio.max():.3f} of the predicted standard deviations')
     if found.design:
-        print(f'design     {headline(found.design)}, predicted; python -m benchmark.design plays it')
+        print(f'design     {headline(found.design)}, predicted; python -m benchmark.design simulates it')
     print('\n'.join(str(args.out / name) for name in texts))
     return 0
-
-
-def _count(text: str) -> int:
-    try:
-        number = int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f'expected a whole number, got {text!r}') from None
-    if number < 2:
-        raise argparse.ArgumentTypeError(f'expected 2 or more, got {number}')
-    return number

@@ -9,22 +9,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real, whole
+from scara_kinetostatic.cli.arguments import Subparsers, add_cell, add_verb, cell_or_paper, real, whole
 from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.model.cell import Cell
-    from scara_kinetostatic.model.parameters import Parameters
     from scara_kinetostatic.simulation.plan import Plan
     from scara_kinetostatic.simulation.sensors import SensorModel
-    from scara_kinetostatic.simulation.truth_file import Truth
 
 DESCRIPTION = """\
 Simulates a robot that touches the discs of a cell, and records joint angles and
 forces as its sensors would report them: approach, press, hold, retract, noise,
 sensor zero, irregular rates. The same seed gives the same recording. With
---effect the robot has what the twelve parameters lack; nothing in the recording
-says so.
+--effect the robot has physical effects beyond the twelve parameters; nothing in
+the recording mentions them.
 """
 EXAMPLE = """\
   scara-kinetostatic simulate --cell cell.yaml --truth measured --seed 7 --out recording
@@ -42,7 +40,7 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         metavar='BAG',
         help='recording to make: a rosbag2 folder, or a file if it ends in .mcap or .bag; must not exist',
     )
-    parser.add_argument('--cell', type=Path, metavar='FILE', help="cell description; default: the paper's cell")
+    add_cell(parser)
     _add_truth(parser)
     parser.add_argument('--seed', type=whole(0), default=0, metavar='N', help='seed of the noise (default: 0)')
     _add_plan(parser)
@@ -64,10 +62,13 @@ def _add_truth(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='NAME[TARGET]:PARAMETER=VALUE,...',
-        help='what the robot has beyond the twelve parameters, SI units; may be repeated (see docs/effects.md)',
+        help='an effect of the robot beyond the twelve parameters, SI units; may be repeated (see docs/effects.md)',
     )
     parser.add_argument(
-        '--truth-file', type=Path, metavar='FILE', help='write parameters and effects there; must not exist'
+        '--truth-file',
+        type=Path,
+        metavar='FILE',
+        help='true parameters and effects; must not exist',
     )
 
 
@@ -83,7 +84,7 @@ def _add_plan(parser: argparse.ArgumentParser) -> None:
         '--overpress',
         type=real(0),
         metavar='PART',
-        help='press every other touch beyond its force by this part of it, then ease down to the hold (default: 0)',
+        help='press every other touch beyond its force by this part of it, then unload to the hold (default: 0)',
     )
 
 
@@ -106,7 +107,9 @@ def _add_form(parser: argparse.ArgumentParser) -> None:
     group.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap', help='of the folder (default: mcap)')
     group.add_argument('--compression', choices=('zstd',), help='default: none')
     group.add_argument(
-        '--plain', action='store_true', help='the two topics alone, as `ros2 bag record` gives them: no cell inside'
+        '--plain',
+        action='store_true',
+        help='the two topics only, as `ros2 bag record` writes them; no cell description',
     )
 
 
@@ -119,15 +122,15 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: the simulated robot cannot reach a touch, or hold its force.
     """
     if args.plan and (args.per_disc or args.levels or args.preload is not None):
-        advice = 'leave --per-disc, --levels and --preload out'
-        raise InputError('--plan', 'a plan says all about the touches', advice)
+        advice = 'leave out --per-disc, --levels and --preload'
+        raise InputError('--plan', 'a plan defines all touches', advice)
     from scara_kinetostatic.bags.writer import write_streams
     from scara_kinetostatic.simulation.chosen_effects import parse_effect, with_effects
     from scara_kinetostatic.simulation.streams import simulate_streams
-    from scara_kinetostatic.simulation.truth_file import Truth, truth_text
+    from scara_kinetostatic.simulation.truth_file import Truth, truth_named, truth_text
 
     cell = _cell(args)
-    known = _truth(args.truth, cell)
+    known = truth_named(args.truth, cell)
     truth = Truth(known.parameters, (*known.effects, *(parse_effect(text, cell) for text in args.effect)))
     robot = with_effects(*truth)
     plan = _plan(args, cell)
@@ -146,7 +149,7 @@ def run(args: argparse.Namespace) -> int:
 
 @contextmanager
 def _beside(path: Path | None, text: str) -> Iterator[None]:
-    """Writes a file if what is done meanwhile succeeds; none for None."""
+    """Writes a file if the block succeeds; none if `path` is None."""
     from scara_kinetostatic.files.atomic import all_or_nothing
 
     if path is None:
@@ -158,36 +161,12 @@ def _beside(path: Path | None, text: str) -> Iterator[None]:
 
 
 def _cell(args: argparse.Namespace) -> Cell:
-    from scara_kinetostatic.files.cell_file import load_cell
-    from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, SensorFrame, SensorSign
-    from scara_kinetostatic.model.parameters import PAPER_NOMINAL
+    from scara_kinetostatic.model.cell import SensorFrame, SensorSign
 
-    if args.cell:
-        cell = load_cell(args.cell)
-    else:
-        cell = Cell(nominal=PAPER_NOMINAL, discs=PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
+    cell = cell_or_paper(args.cell)
     frame = SensorFrame(args.frame) if args.frame else cell.sensor.frame
     sign = SensorSign(args.sign) if args.sign else cell.sensor.sign
     return replace(cell, sensor=cell.sensor._replace(frame=frame, sign=sign))
-
-
-def truth_of(what: str, cell: Cell) -> Parameters:
-    """The true parameters that a word or a file names: `paper`, `measured`, or a YAML file of all twelve."""
-    return _truth(what, cell).parameters
-
-
-def _truth(what: str, cell: Cell) -> Truth:
-    """The same with the effects that the file may hold."""
-    from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
-    from scara_kinetostatic.simulation.truth_file import Truth, load_truth
-
-    known = {'paper': PAPER_ACTUAL, 'measured': PAPER_MEASURED}
-    if what not in known:
-        return load_truth(what, cell)
-    if cell.nominal == PAPER_NOMINAL:
-        return Truth(known[what])
-    deviation = known[what].as_array() - PAPER_NOMINAL.as_array()
-    return Truth(Parameters.from_array(cell.nominal.as_array() + deviation))
 
 
 def _plan(args: argparse.Namespace, cell: Cell) -> Plan:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.gripper import GripperSign as GripperSign
-from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.parameters import PAPER_NOMINAL, Parameters
 
 
 class SensorFrame(str, Enum):
@@ -122,3 +122,5 @@ PAPER_DISCS = (
     Disc('disc_3', 0.05, 0.25, 0.08),
 )
 """The three discs of figure 3."""
+PAPER_CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
+"""The cell of the paper, with typical noise."""

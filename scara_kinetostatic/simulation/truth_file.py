@@ -20,7 +20,7 @@ from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.files.yaml_text import parse_yaml, read_text
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.simulation.chosen_effects import Chosen, choose
 
 SCHEMA = 'scara_kinetostatic/truth/1'
@@ -32,6 +32,26 @@ class Truth(NamedTuple):
 
     parameters: Parameters
     effects: tuple[Chosen, ...] = ()
+
+
+def truth_named(what: str | Path, cell: Cell) -> Truth:
+    """A truth by name.
+
+    Args:
+        what: ``paper`` (table 2) or ``measured`` (figure 4d), as deviations from the nominal parameters of the cell, or
+            a file for `load_truth`.
+        cell: that is simulated.
+
+    Raises:
+        ParameterError: the file cannot be read or is invalid.
+    """
+    published = {'paper': PAPER_ACTUAL, 'measured': PAPER_MEASURED}.get(str(what))
+    if published is None:
+        return load_truth(what, cell)
+    if cell.nominal == PAPER_NOMINAL:
+        return Truth(published)
+    deviation = published.as_array() - PAPER_NOMINAL.as_array()
+    return Truth(Parameters.from_array(cell.nominal.as_array() + deviation))
 
 
 def load_truth(path: str | Path, cell: Cell) -> Truth:

@@ -169,7 +169,7 @@ def test_wrong_places_for_the_residuals(folder, tmp_path, capsys):
     assert run('calibrate', table, '--cell', cell, '--out', tmp_path / 'out', '--residuals', table) == 2
     assert 'is an input and would be replaced' in capsys.readouterr().err
     assert run('calibrate', table, '--out', tmp_path / 'out') == 2
-    assert 'a table carries no cell description; give one by --cell' in capsys.readouterr().err
+    assert 'a table contains no cell description; give one by --cell' in capsys.readouterr().err
     assert run('calibrate', table, '--cell', cell, '--out', tmp_path / 'out', '--residuals', tmp_path) == 2
     assert 'is a folder where a file is to be written' in capsys.readouterr().err
     assert not (tmp_path / 'out').exists()

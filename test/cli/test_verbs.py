@@ -23,7 +23,7 @@ def test_calibrate_writes_and_prints(run: Run, recordings: Path, tmp_path: Path)
     document = json.loads((tmp_path / 'result' / 'calibration.json').read_text(encoding='utf-8'))
     for name, entry in document['parameters'].items():
         assert abs(entry['value'] - TRUTH[name]) < 4 * entry['std']
-    assert result.out.startswith('The twelve-parameter model explains these touches.')
+    assert result.out.startswith('The base model explains these touches.')
     assert '36 used of 36 found' in result.out
     assert result.out.rstrip().endswith('result/report.html')
     assert sorted(path.name for path in tmp_path.iterdir()) == ['result']
@@ -113,10 +113,10 @@ def test_a_recording_that_carries_another_description_is_said(run: Run, recordin
     text = (recordings / 'cell.yaml').read_text()
     (tmp_path / 'same.yaml').write_text(text)
     (tmp_path / 'other.yaml').write_text(text.replace('radius: 0.05', 'radius: 0.0501', 1))
-    assert 'carries another' not in run('calibrate', recordings / 'good', '--cell', 'same.yaml', '--out', 'a').out
+    assert 'contains another' not in run('calibrate', recordings / 'good', '--cell', 'same.yaml', '--out', 'a').out
     assert run('calibrate', recordings / 'good', '--cell', 'other.yaml', '--out', 'b').status == 0
     (warning,) = json.loads((tmp_path / 'b' / 'calibration.json').read_text())['warnings']
-    assert warning.endswith('carries another cell description (disc_2); that of --cell is used')
+    assert warning.endswith('contains another cell description (disc_2); that of --cell is used')
 
 
 def test_simulate_presses_every_other_touch_beyond_its_hold(run: Run, tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ from typing import NamedTuple
 from mujoco_cell.conftest import CELL
 
 from scara_kinetostatic.bags.writer import write_streams
-from scara_kinetostatic.cli.simulate import truth_of
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.simulation.mujoco import Scene, play, scene_named
@@ -21,6 +20,7 @@ from scara_kinetostatic.simulation.mujoco.recorded import usual_plan
 from scara_kinetostatic.simulation.mujoco.truth import truth_of_scene, truth_text
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.sensors import SensorModel
+from scara_kinetostatic.simulation.truth_file import truth_named
 
 BAGS = Path(__file__).parents[2] / 'bags'
 TRUTH = Path(__file__).parents[1] / 'pipeline' / 'truth'
@@ -44,7 +44,7 @@ class EngineRecording(NamedTuple):
     @property
     def robot(self) -> Scene:
         """What is built."""
-        return scene_named(self.scene).with_parameters(truth_of('paper', self.cell))
+        return scene_named(self.scene).with_parameters(truth_named('paper', self.cell).parameters)
 
     @property
     def plan(self) -> Plan:
