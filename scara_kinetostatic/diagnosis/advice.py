@@ -10,7 +10,7 @@ from scipy import special
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.discrimination import DiscriminatingTouch
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
-from scara_kinetostatic.diagnosis.refit import effect_values
+from scara_kinetostatic.diagnosis.refit import fitted_effects
 from scara_kinetostatic.diagnosis.result import Found, Ranked
 from scara_kinetostatic.diagnosis.thresholds import STRICT_SIGNIFICANCE
 from scara_kinetostatic.effects.base import Effect
@@ -102,12 +102,13 @@ def alternative_frequencies(extended: Calibration, alternatives: Sequence[Calibr
         extended: the model.
         alternatives: fits of the same effects with other frequencies.
     """
+    fits = [fitted_effects(fit) for fit in (extended, *alternatives)]
     sentences = []
-    for place, effect in enumerate(extended.model.effects):
-        if not isinstance(effect, Effect) or not effect.grid_parameter:
+    for same in zip(*fits, strict=True):
+        effect = same[0].effect
+        if not effect.grid_parameter:
             continue
-        k = effect.grid_parameter_index
-        found, *others = (f'{effect_values(fit)[place][0][k]:.3g}' for fit in (extended, *alternatives))
+        found, *others = (f'{item.values[effect.grid_parameter_index]:.3g}' for item in same)
         others = sorted(set(others) - {found}, key=float)
         if others:
             sentences.append(

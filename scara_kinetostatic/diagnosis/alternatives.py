@@ -1,65 +1,109 @@
-"""The form of a law is an assumption: what the twelve become under other forms, just as plausible.
+"""Alternative laws and frequencies of the effects found, and standard deviations that cover them.
 
-A contact that yields by f^(2/3) and one that yields by f^(1/2) fit a few force levels alike, and differ in what they
-leave to p_ee and g_ee. Which of the two it is the touches cannot say, so the standard deviations must hold for both.
+The law of an effect is an assumption. A contact that yields by f^(2/3) and one that yields by f^(1/2) fit a few force
+levels alike, and differ in what they leave to p_ee and g_ee. The frequency of a wave may be wrong as well: the
+offsets and link lengths take up most of a slow wave, and the residual resembles one of another frequency; of a small
+wave a neighbouring peak may be higher by chance. Every law and every frequency that fit the touches equally well are
+fitted, and the standard deviations of the extended model are widened to cover them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.diagnosis.evidence import penalised_deviance
-from scara_kinetostatic.diagnosis.linear_problem import pose_problem
+from scara_kinetostatic.diagnosis.candidates import Candidate, as_fitted, explained, gains, refined, scan_trials
+from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
+from scara_kinetostatic.diagnosis.refit import fitted_effects, penalised_deviance, start_from
 from scara_kinetostatic.diagnosis.thresholds import CREDIBLE
-from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, P1, P2, P_EE, THETA1, THETA2
+from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, P1, P2, P_EE
 
-ZEROS = {'joint1': THETA1, 'joint2': THETA2, 'along': G_EE}
-"""Which of the twelve a constant in a channel of an unnamed curve is."""
-STIFF = np.array([P_EE, P1, P2, G_EE, G1, G2])
-SIGNIFICANT = 3.0
-"""Standard deviations below zero from which on a compliance or a backlash is none."""
+Floats = NDArray[np.float64]
+
+COMPLIANCES = np.array([P_EE, P1, P2, G_EE, G1, G2])
+"""Compliances and backlashes: not negative in any robot."""
+SIGNIFICANTLY_NEGATIVE = 3.0
+"""Standard deviations below zero from which on a fit with such a compliance or backlash is discarded."""
+GRID_LOSS = 0.2
+"""Part of what a wave explains that may be lost at the nearest frequency of the grid, with a margin."""
+MOST_PEAKS = 4
+"""Peaks that are fitted at most, the highest first."""
+DISTINCT = 3.0
+"""Standard deviations by which two frequencies must differ to be two."""
 
 
 def fit_alternative_laws(extended: Calibration) -> list[Calibration]:
-    """The touches of an extended model fitted with every other form of each of its effects that fits them as well.
-
-    Args:
-        extended: the fit with effects.
-    """
+    """The touches of an extended model fitted with alternative laws of its effects, where these fit equally well."""
     model, variants = extended.model, []
-    for place, effect in enumerate(model.effects):
-        for other in effect.alternative_laws() if isinstance(effect, Effect) else ():
+    for place, (effect, _, _) in enumerate(fitted_effects(extended)):
+        for other in effect.alternative_laws():
             effects, values = list(model.effects), list(model.effect_values)
             effects[place], values[place] = other, other.start
             variants.append(ExtendedModel(model.parameters, tuple(effects), tuple(values)))
-    return fit_variants(extended, variants)
+    return _fit_variants(extended, variants)
 
 
-def fit_variants(extended: Calibration, variants: Sequence[ExtendedModel]) -> list[Calibration]:
-    """The touches of an extended model fitted with other effects, or from elsewhere, where that fits them as well.
+def fit_alternative_frequencies(extended: Calibration, in_every_model: Container[str]) -> list[Calibration]:
+    """The touches of an extended model fitted with other frequencies of its effects, where these fit equally well.
 
     Args:
-        extended: the fit with effects.
+        extended: the extended model.
+        in_every_model: labels of effects without rivals; the frequency of a rival, which explains a part, is vague.
+    """
+    fitted = fitted_effects(extended)
+    waves = [k for k, (effect, _, _) in enumerate(fitted) if effect.grid_parameter and effect.label in in_every_model]
+    if not waves:
+        return []
+    problem = pose_problem(extended)
+    found = [as_fitted(problem, effect, values, 1) for effect, values, _ in fitted]
+    variants = []
+    for place in waves:
+        k = fitted[place].effect.grid_parameter_index
+        frequency, std = fitted[place].values[k], fitted[place].std[k]
+        for peak in _peaks(problem, found, place, max(1.0, extended.reduced_chi_square)):
+            if abs(peak.trial.place - frequency) > DISTINCT * std:
+                variants.append(start_from(problem, [*found[:place], peak, *found[place + 1 :]])[0])
+    return _fit_variants(extended, variants)
+
+
+def _peaks(problem: Problem, found: list[Candidate], place: int, scale: float) -> list[Candidate]:
+    """The frequencies of an effect that explain nearly as much as the best, beside the other effects."""
+    effect = found[place].effect
+    trials = effect.trials(problem.touch_state, problem.force)
+    others = [candidate.unit for k, candidate in enumerate(found) if k != place]
+    beside = orthonormal(np.concatenate(others, axis=1)) if others else None
+    scan = scan_trials(problem, effect, trials, len(trials))
+    gained = gains(problem, scan, beside)
+    padded = np.concatenate([[-np.inf], gained, [-np.inf]])
+    tops = np.flatnonzero((gained >= padded[:-2]) & (gained >= padded[2:]))
+    least = (1 - GRID_LOSS) * float(gained.max()) - CREDIBLE * scale
+    peaks = [refined(problem, scan, int(k), beside) for k in tops if gained[k] > least]
+    return sorted(peaks, key=lambda peak: -explained(problem, peak))[:MOST_PEAKS]
+
+
+def _fit_variants(extended: Calibration, variants: Sequence[ExtendedModel]) -> list[Calibration]:
+    """Fits that start from other models, where they are credible beside the extended one.
+
+    Args:
+        extended: the extended model.
         variants: the models to start from.
     """
     scale = max(1.0, extended.reduced_chi_square)
-    most = penalised_deviance(extended, 0.0, scale) + CREDIBLE
-    fits = [_with_variant(extended, variant) for variant in variants]
-    return [fit for fit in fits if fit is not None and _is_physical(fit) and penalised_deviance(fit, 0.0, scale) < most]
+    limit = penalised_deviance(extended, 0.0, scale) + CREDIBLE
+    fits = [fit for variant in variants if (fit := _fit_variant(extended, variant)) is not None]
+    return [fit for fit in fits if _has_physical_compliances(fit) and penalised_deviance(fit, 0.0, scale) < limit]
 
 
-def _with_variant(extended: Calibration, start: ExtendedModel) -> Calibration | None:
+def _fit_variant(extended: Calibration, start: ExtendedModel) -> Calibration | None:
     c = extended
     warm_start = WarmStart(start, c.noise, c.used)
     try:
@@ -69,40 +113,44 @@ def _with_variant(extended: Calibration, start: ExtendedModel) -> Calibration | 
     return fit if fit.termination is Termination.CONVERGED else None
 
 
-def _is_physical(fit: Calibration) -> bool:
-    """Whether no compliance and no backlash is significantly negative: no robot is like that."""
-    values, std = fit.parameters.as_array()[STIFF], fit.std[STIFF]
-    return not np.any(values < -SIGNIFICANT * std)
+def _has_physical_compliances(fit: Calibration) -> bool:
+    """Whether no compliance and no backlash is significantly negative."""
+    values, std = fit.parameters.as_array()[COMPLIANCES], fit.std[COMPLIANCES]
+    return not np.any(values < -SIGNIFICANTLY_NEGATIVE * std)
 
 
-def widened_for_each(extended: Calibration, others: Sequence[Calibration]) -> Calibration:
-    """The extended model with sigmas within one of which each other fit lies, the farthest first."""
-    count = len(NAMES)
+def widened_to_each(extended: Calibration, others: Sequence[Calibration]) -> Calibration:
+    """The extended model with standard deviations within one of which every other fit lies.
 
-    def far(other: Calibration) -> float:
+    Args:
+        extended: the extended model.
+        others: the alternatives; the farthest is taken first.
+    """
+
+    def distance(other: Calibration) -> float:
         off = other.parameters.as_array() - extended.parameters.as_array()
         return float(np.nanmax(np.abs(off) / np.where(extended.std > 0, extended.std, np.inf), initial=0.0))
 
     wide = extended
-    for other in sorted(others, key=far, reverse=True):
+    for other in sorted(others, key=distance, reverse=True):
         off = np.abs(other.model.as_array() - extended.model.as_array())
-        alike = other.model.effects == extended.model.effects
+        same_effects = other.model.effects == extended.model.effects
         std = np.concatenate([wide.std, wide.effect_std])
         beyond = off > np.where(std > 0, std, np.inf)
-        if beyond[: len(std) if alike else count].any():
-            wide = widened(wide, [other])
+        if beyond[: len(std) if same_effects else len(NAMES)].any():
+            wide = widened_by(wide, [other])
     return wide
 
 
-def widened(extended: Calibration, others: Sequence[Calibration]) -> Calibration:
-    """The extended model with sigmas that hold for other fits as well: their scatter is added.
+def widened_by(extended: Calibration, others: Sequence[Calibration]) -> Calibration:
+    """The extended model with the scatter of other fits about it added to its covariance.
 
-    To those of the twelve; and to those of the effects where all have the same.
+    It is added to the base parameters, and to those of the effects if all fits have the same.
     """
     if not others:
         return extended
-    alike = all(other.model.effects == extended.model.effects for other in others)
-    count = len(extended.covariance) if alike else len(NAMES)
+    same_effects = all(other.model.effects == extended.model.effects for other in others)
+    count = len(extended.covariance) if same_effects else len(NAMES)
     off = np.array([other.model.as_array()[:count] - extended.model.as_array()[:count] for other in others])
     covariance = extended.covariance.copy()
     covariance[:count, :count] += off.T @ off / len(off)
@@ -112,30 +160,28 @@ def widened(extended: Calibration, others: Sequence[Calibration]) -> Calibration
     return replace(extended, covariance=covariance, std=std[: len(NAMES)], effect_std=std[len(NAMES) :])
 
 
-def with_free_zeros(extended: Calibration, fits: Sequence[Calibration]) -> Calibration:
-    """The extended model with sigmas that allow for the zero of curves without a name.
+def widened_by_constants(extended: Calibration, fits: Sequence[Calibration]) -> Calibration:
+    """The extended model with the undetermined constants of fitted curves added to its covariance.
 
-    A curve over anything may be raised by a constant: an unknown deviation of a joint moves its offset, one along the
-    force the backlash of the gripper. How large that constant is nobody knows; the curve itself tells the scale.
+    A constant added to a curve changes a base parameter instead of the fit (`Effect.undetermined_constant`); of several
+    curves the largest counts.
 
     Args:
-        extended: the fit with effects.
+        extended: the extended model.
         fits: it and those of rivals.
     """
+    largest: dict[str, float] = {}
+    for fit in fits:
+        curves = [(effect, values) for effect, values, _ in fitted_effects(fit) if not effect.is_physical]
+        at = pose_problem(fit).touch_state if curves else None
+        for effect, values in curves:
+            constant = effect.undetermined_constant(at, values) if at is not None else None
+            if constant is not None:
+                name, size = constant
+                largest[name] = max(size, largest.get(name, 0.0))
     covariance = extended.covariance.copy()
-    for name, place in ZEROS.items():
-        known = extended.std[place] > 0
-        size = max((rms for fit in fits for rms in _curve_sizes(fit, name)), default=0.0)
-        covariance[place, place] += size**2 if known else 0.0
+    for name, size in largest.items():
+        place = NAMES.index(name)
+        covariance[place, place] += size**2 if extended.std[place] > 0 else 0.0
     std = np.where(extended.std > 0, np.sqrt(np.diag(covariance)[: len(NAMES)]), extended.std)
     return replace(extended, covariance=covariance, std=std)
-
-
-def _curve_sizes(fit: Calibration, channel: str) -> list[float]:
-    """Root mean square over the touches of each curve without a name that acts in a channel, on all discs."""
-    pairs = list(zip(fit.model.effects, fit.model.effect_arrays, strict=True))
-    curves = [(e, v) for e, v in pairs if isinstance(e, Unnamed) and e.channel == channel and e.disc < 0]
-    if not curves:
-        return []
-    at = pose_problem(fit).touch_state
-    return [float(np.sqrt(np.mean((np.stack(e.functions(at), axis=-1) @ v) ** 2))) for e, v in curves]

@@ -1,9 +1,9 @@
-"""Does the force lean from the normal, in every touch by an angle of its own? Friction as it is.
+"""Contact friction as a random off-normal angle α of each force: score test, and estimate of its standard deviation.
 
-Such a lean moves no mean: it adds a variance σ_α² h_α h_αᵀ to that of the noise, which grows with the disc's
-radius where noise of the force falls with its size. Whether it is there is a score test of that variance
+A random angle shifts no mean. It adds the variance σ_α² h_α h_αᵀ to that of the noise, which grows with the disc's
+radius, whereas that by noise of the force decreases with its size. The test is a score test of this variance
 component beside those of the noise (Rao; for variance components see Searle, Casella and McCulloch, 1992, section 6.8);
-its size follows by expectation and maximisation, σ_α² ← mean of α̂² plus its own variance.
+σ_α is estimated by expectation and maximisation, σ_α² ← mean of α̂² plus its own variance.
 """
 
 from __future__ import annotations
@@ -24,32 +24,35 @@ from scara_kinetostatic.calibration.solver import Point
 from scara_kinetostatic.calibration.variance import whiten_matrix
 from scara_kinetostatic.calibration.whitening import outer, whiten_by
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
-from scara_kinetostatic.diagnosis.refit import with_left_out
+from scara_kinetostatic.diagnosis.refit import fitted_effects, with_rejections_of
 from scara_kinetostatic.effects.off_normal_force import OffNormalForce
 from scara_kinetostatic.model.cell import Noise
 
 Floats = NDArray[np.float64]
 
-FREE = 10.0
-"""A standard deviation of the lean that leaves it free, rad."""
+UNCONSTRAINED_STD = 10.0
+"""A standard deviation of α that leaves it free, rad."""
 FIRST_STD = 0.03
+"""Where the estimation of σ_α begins, rad."""
 TYPICAL_STD = 0.01
+"""Scale of the variance component in the score test, rad; the p-value does not depend on it."""
 LEAST_STD = 1e-4
-TINY = 1e-12
-"""Mean square of a residual that is rounding error."""
+"""Lower limit of σ_α, rad: no sensor resolves less."""
+LEAST_VARIANCE = 1e-12
+"""Lower limit of the residual variance by which the scores are scaled; keeps exact data solvable."""
 ROUNDS = 8
-SETTLED = 0.02
-"""Relative change of the lean at which it has settled."""
+CONVERGED = 0.02
+"""Relative change of σ_α at which the estimation ends."""
 
 
 def off_normal_p_value(calibration: Calibration, beside_growing: bool = False) -> float:
-    """P-value of "no force leans beyond its noise", one-sided.
+    """P-value of "the off-normal angles are noise", one-sided.
 
-    Noise that is stated too small is none of its business: the residuals are taken to have the size that they have.
+    It does not depend on the size of the stated noise: the residuals are scaled to unit variance.
 
     Args:
-        calibration: with or without effects, none of them a lean.
-        beside_growing: whether the noise of the force may grow with it; that shows along the force as well as across.
+        calibration: with or without effects, none of them with an off-normal angle.
+        beside_growing: whether the noise of the force may grow with it, which acts along the force as well as across.
     """
     return _excess(calibration, 'off_normal', ('joint', 'force', 'growing') if beside_growing else ('joint', 'force'))
 
@@ -60,7 +63,7 @@ def growing_p_value(calibration: Calibration) -> float:
 
 
 def _excess(calibration: Calibration, kind: str, beside: tuple[str, ...]) -> float:
-    """P-value of "there is no variance of this kind", beside those of other kinds of any size."""
+    """P-value of "there is no variance of this kind", with those of other kinds of any size."""
     c = calibration
     observations = observe(c.touches.select(c.used), c.cell)
     point = project(observations, c.model, c.noise)
@@ -68,7 +71,7 @@ def _excess(calibration: Calibration, kind: str, beside: tuple[str, ...]) -> flo
     base = orthonormal(jacobian)
     residual = point.whitened.residual.ravel()
     left = residual - base @ (base.T @ residual)
-    size = max(float(left @ left) / max(len(left) - base.shape[1], 1), TINY)
+    size = max(float(left @ left) / max(len(left) - base.shape[1], 1), LEAST_VARIANCE)
     kinds = [_kind(name, observations, point, c.noise) for name in (*beside, kind)]
     rows = base.reshape(-1, 2, base.shape[1])
     kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
@@ -95,12 +98,12 @@ def _kind(name: str, observations: Observations, point: Point, noise: Noise) -> 
 
 
 def fit_with_off_normal(calibration: Calibration) -> Calibration:
-    """The touches of a calibration fitted with a lean of every force, its size estimated.
+    """The touches of a calibration fitted with a random off-normal angle of each force, σ_α estimated.
 
     Effects that the calibration has stay.
     """
     c = calibration
-    others = tuple(effect for effect in c.model.effects if not isinstance(effect, OffNormalForce))
+    others = tuple(effect for effect in c.model.effects if not effect.off_normal_std)
     off_normal, used, latest = FIRST_STD, np.ones(len(c.touches), dtype=bool), c
     for _ in range(ROUNDS):
         effects = (OffNormalForce(off_normal=off_normal), *others)
@@ -108,19 +111,19 @@ def fit_with_off_normal(calibration: Calibration) -> Calibration:
         latest = calibrate(c.touches, c.cell, effects, fixed=c.fixed, warm_start=warm_start)
         used, before = latest.used, off_normal
         off_normal = max(_updated(latest, off_normal), LEAST_STD)
-        if abs(off_normal / before - 1) < SETTLED:
+        if abs(off_normal / before - 1) < CONVERGED:
             break
-    return with_left_out(latest, c)
+    return with_rejections_of(latest, c)
 
 
-def without_direction(calibration: Calibration) -> Calibration:
-    """A calibration with leaning forces as its residual is to be tested: the lean of each touch free.
+def with_free_off_normal_angles(calibration: Calibration) -> Calibration:
+    """The same with unconstrained off-normal angles, where it has them: its residual is then free of them.
 
-    What the leans depend on is friction's own affair; only the other half of the residual is to be clean.
+    Off-normal angles may depend on anything; a test for a lack of fit is to use the other half of the residual.
     """
     effects = tuple(
-        replace(effect, off_normal=FREE) if isinstance(effect, OffNormalForce) else effect
-        for effect in calibration.model.effects
+        effect.with_off_normal_std(UNCONSTRAINED_STD) if effect.off_normal_std else effect
+        for effect, _, _ in fitted_effects(calibration)
     )
     return replace(calibration, model=replace(calibration.model, effects=effects))
 

@@ -1,4 +1,4 @@
-"""The verdict on the twelve-parameter model, and on the one that the search extends it to."""
+"""Diagnosis: whether the base model is complete, what it lacks, and the extended model with its uncertainty."""
 
 from __future__ import annotations
 
@@ -13,16 +13,25 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis import advice
-from scara_kinetostatic.diagnosis.alternatives import fit_alternative_laws, widened, widened_for_each, with_free_zeros
+from scara_kinetostatic.diagnosis.alternatives import (
+    fit_alternative_frequencies,
+    fit_alternative_laws,
+    widened_by,
+    widened_by_constants,
+    widened_to_each,
+)
 from scara_kinetostatic.diagnosis.candidates import CandidateSet
-from scara_kinetostatic.diagnosis.contact_angle import growing_p_value, off_normal_p_value, without_direction
-from scara_kinetostatic.diagnosis.discrimination import DiscriminatingTouch, discriminating_touches
+from scara_kinetostatic.diagnosis.contact_angle import (
+    growing_p_value,
+    off_normal_p_value,
+    with_free_off_normal_angles,
+)
+from scara_kinetostatic.diagnosis.discrimination import discriminating_touches
 from scara_kinetostatic.diagnosis.hypotheses import select_hypothesis
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence, find_dependences
 from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.model_selection import rank_singles
-from scara_kinetostatic.diagnosis.peaks import fit_alternative_frequencies
-from scara_kinetostatic.diagnosis.refit import effect_values
+from scara_kinetostatic.diagnosis.refit import FittedEffect, fitted_effects
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.diagnosis.scores import score_singles, significance, undetected_bias
 from scara_kinetostatic.diagnosis.search import Search, all_candidates
@@ -33,46 +42,32 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.parameters import NAMES
 
 
-class Adequacy(NamedTuple):
-    """Whether a model is enough.
-
-    Attributes:
-        p_value: of "it is", Bonferroni's over all tests.
-        traces: what the residual depends on, significant ones only, the most significant first.
-    """
-
-    p_value: float
-    dependences: tuple[Dependence, ...]
-
-
 def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) -> Diagnosis:
-    """Test whether anything is left in the residual, and find what.
+    """Test whether the base model is complete, and find what it lacks.
 
-    Assumes Gaussian noise and independent touches. The p-value is Bonferroni's over all tests: the F-tests of
-    `find_traces` and of every effect, the score test of leaning forces, and, where the noise was given, chi-square of
-    the residual.
+    Assumes Gaussian noise and independent touches. The p-value is Bonferroni-corrected over all tests: the F-tests of
+    `find_dependences` and of every effect, the score test of off-normal angles, and, where the noise was given, the
+    chi-square test of the residual. Where the stated noise is too large, the noise is estimated.
 
     Args:
-        calibration: of the twelve parameters.
+        calibration: the base model.
         effects: the catalogue; None for all that `effects.registry` lists.
     """
     known = tuple(catalogue(calibration.cell) if effects is None else effects)
-    quiet = advice.overstated_noise(calibration)
-    found = _diagnose(_with_own_noise(calibration) if quiet else calibration, known)
-    if not quiet and found.extended is not None and advice.overstated_noise(found.extended):
-        quiet = advice.overstated_noise(found.extended)
-        found = _diagnose(_with_own_noise(calibration), known)
+    overstated = advice.overstated_noise(calibration)
+    found = _diagnose(_with_estimated_noise(calibration) if overstated else calibration, known)
+    if not overstated and found.extended is not None:
+        overstated = advice.overstated_noise(found.extended)
+        if overstated:
+            found = _diagnose(_with_estimated_noise(calibration), known)
     final = found.extended or calibration
-    off_normal_fit = any(effect.off_normal_std for effect in final.model.effects)
-    growing = 1.0 if off_normal_fit else growing_p_value(final)
-    held = advice.fixed_parameters(calibration) if found.verdict != 'none' else ''
-    return replace(found, advice=advice.joined(quiet, found.advice, held, advice.growing_noise(growing)))
+    growing = '' if final.model.off_normal_std else advice.growing_noise(growing_p_value(final))
+    fixed = advice.fixed_parameters(calibration) if found.verdict != 'none' else ''
+    return replace(found, advice=advice.joined(overstated, found.advice, fixed, growing))
 
 
-def _with_own_noise(calibration: Calibration) -> Calibration:
-    """The fit with the noise that the touches show, where the cell states too much: under it nothing would stand out
-    but what its errors do beyond first order.
-    """
+def _with_estimated_noise(calibration: Calibration) -> Calibration:
+    """The same fit with the noise estimated from its touches; itself where that has no fit."""
     c = calibration
     try:
         warm_start = WarmStart(c.model, c.noise, c.used)
@@ -81,84 +76,134 @@ def _with_own_noise(calibration: Calibration) -> Calibration:
         return c
 
 
-def _diagnose(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
-    c = calibration
+def _diagnose(c: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
+    """Test the base model, select the likeliest hypothesis, and report nothing, a lack of fit or an extended model."""
+    tests = _test_base_model(c, known)
+    found, lead = select_hypothesis(c, known, tests.alarm, tests.off_normal_p_value < SIGNIFICANCE / 2)
+    if found is not None and tests.p_value >= SIGNIFICANCE:
+        tests = tests._replace(p_value=min(tests.p_value, float(np.exp(-lead / 2))))
+    if found is None:
+        return _nothing_missing(c, tests)
+    if not tests.implausible_noise and tests.p_value >= STRICT_SIGNIFICANCE and found.gain < CREDIBLE:
+        return _nothing_missing(c, tests, advice.weak_evidence(tests.p_value, tests.dependences))
+    if found.extended is None:
+        return _unexplained(c, tests, found)
+    return _extended(c, tests, found, found.extended, known)
+
+
+class _BaseTests(NamedTuple):
+    """The tests of the base model.
+
+    Attributes:
+        problem: its linear problem.
+        candidate_set: every effect by itself.
+        p_value: of "the base model is complete".
+        dependences: what its residual depends on significantly.
+        off_normal_p_value: of "the off-normal angles are noise".
+        implausible_noise: why estimated noise is too large to be noise; else empty.
+    """
+
+    problem: Problem
+    candidate_set: CandidateSet
+    p_value: float
+    dependences: tuple[Dependence, ...]
+    off_normal_p_value: float
+    implausible_noise: str
+
+    @property
+    def alarm(self) -> bool:
+        """Whether the base model is not complete."""
+        return self.p_value < SIGNIFICANCE or bool(self.implausible_noise)
+
+
+def _test_base_model(c: Calibration, known: tuple[Effect, ...]) -> _BaseTests:
     problem = pose_problem(c)
     candidate_set = all_candidates(c, problem, known, together=False)
-    before = adequacy(c, problem, candidate_set)
+    fit = adequacy(c, problem, candidate_set)
     off_normal = off_normal_p_value(c)
-    p_value = min(1.0, 2 * min(before.p_value, off_normal))
-    incredible = advice.implausible_noise(c)
-    alarm = p_value < SIGNIFICANCE or bool(incredible)
-    found, lead = select_hypothesis(c, known, alarm, off_normal < SIGNIFICANCE / 2)
-    if found is not None and p_value >= SIGNIFICANCE:
-        p_value = min(p_value, float(np.exp(-lead / 2)))
-    hint = found is not None and not incredible and p_value >= STRICT_SIGNIFICANCE and found.gain < CREDIBLE
-    if found is None or hint:
-        nothing = Search(problem, rank_singles(problem, candidate_set), None, 0.0, (), ())
-        ranking = _ranking(nothing, c)
-        text = advice.joined(
-            advice.weak_evidence(p_value, before.dependences) if hint else '', advice.detection_limit(c, ranking)
-        )
-        return Diagnosis('none', p_value, remaining_p_value=p_value, ranking=ranking, advice=text)
-    ranking = _ranking(found, c)
-    if found.extended is None:
-        text = incredible or advice.unexplained(c, before.dependences)
-        return Diagnosis(
-            verdict='unexplained',
-            p_value=p_value,
-            dependences=before.dependences,
-            remaining=before.dependences,
-            remaining_p_value=p_value,
-            ranking=ranking,
-            advice=text,
-        )
-    return _extend(Diagnosis('explained', p_value, dependences=before.dependences, ranking=ranking), c, found, known)
+    p_value = min(1.0, 2 * min(fit.p_value, off_normal))
+    return _BaseTests(problem, candidate_set, p_value, fit.dependences, off_normal, advice.implausible_noise(c))
 
 
-def _extend(base: Diagnosis, calibration: Calibration, found: Search, known: tuple[Effect, ...]) -> Diagnosis:
-    """A diagnosis with what was found: the verdict, the extended model with its standard deviations, advice."""
-    assert found.extended is not None
-    after = adequacy(found.extended)
-    rivals = _fit_rivals(found, calibration)
-    extended = widened(found.extended, rivals)
-    peaks = fit_alternative_frequencies(found.extended, found.in_every_model)
-    extended = widened_for_each(extended, [*fit_alternative_laws(found.extended), *peaks])
-    extended = with_free_zeros(extended, [extended, *rivals])
-    described = _describe(found._replace(extended=extended), rivals)
-    verdict = _verdict(found, described, after)
-    discriminating = _discriminating_touches(calibration, rivals)
-    return replace(
-        base,
+def _nothing_missing(c: Calibration, tests: _BaseTests, evidence: str = '') -> Diagnosis:
+    """The diagnosis of a complete base model, with the detection limit."""
+    singles = Search(tests.problem, rank_singles(tests.problem, tests.candidate_set), None)
+    ranking = _ranking(singles, c)
+    text = advice.joined(evidence, advice.detection_limit(c, ranking))
+    return Diagnosis('none', tests.p_value, remaining_p_value=tests.p_value, ranking=ranking, advice=text)
+
+
+def _unexplained(c: Calibration, tests: _BaseTests, found: Search) -> Diagnosis:
+    """The diagnosis of a lack of fit that no effect explains."""
+    return Diagnosis(
+        verdict='unexplained',
+        p_value=tests.p_value,
+        dependences=tests.dependences,
+        remaining=tests.dependences,
+        remaining_p_value=tests.p_value,
+        ranking=_ranking(found, c),
+        advice=tests.implausible_noise or advice.unexplained(c, tests.dependences),
+    )
+
+
+def _extended(
+    c: Calibration, tests: _BaseTests, found: Search, fitted: Calibration, known: tuple[Effect, ...]
+) -> Diagnosis:
+    """The diagnosis with an extended model: verdict, effects, standard deviations that cover rivals and alternatives.
+
+    Args:
+        c: the base model.
+        tests: of the base model.
+        found: the selected hypothesis.
+        fitted: its fit.
+        known: the catalogue.
+    """
+    after = adequacy(fitted)
+    rivals = _fit_rivals(c, found, fitted)
+    frequencies = fit_alternative_frequencies(fitted, found.in_every_model)
+    extended = widened_by(fitted, rivals)
+    extended = widened_to_each(extended, [*fit_alternative_laws(fitted), *frequencies])
+    extended = widened_by_constants(extended, [extended, *rivals])
+    effects = _describe(extended, found.in_every_model, rivals)
+    verdict = _verdict(found, effects, after)
+    touches = discriminating_touches(c, rivals) if len(rivals) > 1 else None
+    return Diagnosis(
         verdict=verdict,
-        found=described,
+        p_value=tests.p_value,
+        found=effects,
         rivals=found.rivals,
         extended=extended,
+        dependences=tests.dependences,
         remaining=after.dependences,
         remaining_p_value=after.p_value,
+        ranking=_ranking(found, c),
         advice=advice.joined(
-            advice.open_questions(verdict, described, found.rivals, after.dependences, known, discriminating),
-            advice.alternative_frequencies(found.extended, peaks),
-            advice.alternative_laws(found.extended, extended),
-            advice.large_noise(found.extended),
+            advice.open_questions(verdict, effects, found.rivals, after.dependences, known, touches),
+            advice.alternative_frequencies(fitted, frequencies),
+            advice.alternative_laws(fitted, extended),
+            advice.large_noise(fitted),
         ),
     )
 
 
-def _fit_rivals(found: Search, calibration: Calibration) -> list[Calibration]:
-    """The touches fitted with each credible set by itself, where there are several."""
+def _fit_rivals(c: Calibration, found: Search, fitted: Calibration) -> list[Calibration]:
+    """The touches fitted with each credible set by itself, where there are several; off-normal angles stay."""
     if not found.rivals:
         return []
-    kept = found.extended.model.effects if found.extended else ()
-    off_normal_fit = tuple(effect for effect in kept if effect.off_normal_std)
-    return found.fit_rivals(replace(calibration, model=calibration.model.with_effects(off_normal_fit)))
+    kept = tuple(effect for effect in fitted.model.effects if effect.off_normal_std)
+    return found.fit_rivals(replace(c, model=c.model.with_effects(kept)))
 
 
-def _discriminating_touches(
-    calibration: Calibration, rivals: Sequence[Calibration]
-) -> tuple[DiscriminatingTouch, ...] | None:
-    """The touches that would tell rivals apart; None where there are no two to compare."""
-    return discriminating_touches(calibration, rivals) if len(rivals) > 1 else None
+class Adequacy(NamedTuple):
+    """The test of a model.
+
+    Attributes:
+        p_value: of "it is complete", Bonferroni-corrected over all tests.
+        dependences: what the residual depends on, significant ones only, the most significant first.
+    """
+
+    p_value: float
+    dependences: tuple[Dependence, ...]
 
 
 def adequacy(
@@ -168,75 +213,60 @@ def adequacy(
 
     Args:
         calibration: with or without effects.
-        problem: the linear problem it leaves.
-        field: further candidates to test; None for none.
+        problem: its linear problem.
+        candidate_set: effects to test as well; None for none.
     """
     c = calibration
-    dependences = list(find_dependences(without_direction(c)))
+    dependences = list(find_dependences(with_free_off_normal_angles(c)))
     if problem is not None and candidate_set is not None:
+        best_first = {candidate.effect.label: candidate for candidate in reversed(candidate_set.candidates)}
         dependences += [
-            Dependence(candidate.effect.title, *significance(problem, candidate))
-            for candidate in {
-                candidate.effect.label: candidate for candidate in reversed(candidate_set.candidates)
-            }.values()
+            Dependence(candidate.effect.title, *significance(problem, candidate)) for candidate in best_first.values()
         ]
     given = c.noise_source == 'given'
     size = float(special.chdtrc(c.degrees_of_freedom, c.chi_square)) if given else 1.0
     tests = max(len(dependences) + given, 1)
     smallest = min([size, *(dependence.p_value for dependence in dependences)])
-    found = sorted(
-        (dependence for dependence in dependences if dependence.p_value * tests < SIGNIFICANCE), key=lambda t: t.p_value
-    )
-    return Adequacy(min(1.0, smallest * tests), tuple(found))
+    significant = [dependence for dependence in dependences if dependence.p_value * tests < SIGNIFICANCE]
+    return Adequacy(min(1.0, smallest * tests), tuple(sorted(significant, key=lambda item: item.p_value)))
 
 
-def _verdict(found: Search, described: Sequence[Found], after: Adequacy) -> str:
-    if after.p_value < SIGNIFICANCE or any(not item.effect.is_physical and item.in_every_model for item in described):
+def _verdict(found: Search, effects: Sequence[Found], after: Adequacy) -> str:
+    if after.p_value < SIGNIFICANCE or any(not item.effect.is_physical and item.in_every_model for item in effects):
         return 'unexplained'
     return 'ambiguous' if found.rivals else 'explained'
 
 
-def _describe(found: Search, rivals: Sequence[Calibration]) -> tuple[Found, ...]:
-    """The effects of the extended model with their values; those of a rival are what it has if it is this one."""
-    assert found.extended is not None
+def _describe(extended: Calibration, in_every_model: Sequence[str], rivals: Sequence[Calibration]) -> tuple[Found, ...]:
+    """The effects of the extended model with their values; a rival has those of the model with it alone."""
+    alone = [(item.effect.label, _values(item, rival)) for rival in reversed(rivals) for item in fitted_effects(rival)]
+    by_label = dict(alone)
     items = []
-    for effect, values in _with_values(found.extended):
-        in_every_model = effect.label in found.in_every_model
-        if not in_every_model:
-            alone = [rows for rival in rivals for other, rows in _with_values(rival) if other.label == effect.label]
-            values = alone[0] if alone else tuple(value._replace(value=np.nan, std=np.nan) for value in values)
-            if effect.grid_parameter:  # nobody has looked for other frequencies of this fit
+    for item in fitted_effects(extended):
+        effect, values, is_certain = item.effect, _values(item, extended), item.effect.label in in_every_model
+        if not is_certain:
+            unknown = tuple(value._replace(value=np.nan, std=np.nan) for value in values)
+            values = by_label.get(effect.label, unknown)
+            if effect.grid_parameter:  # alternative frequencies of this fit were not looked for
                 values = tuple(value._replace(std=np.nan) for value in values)
-        items.append(Found(effect, values, in_every_model))
+        items.append(Found(effect, values, is_certain))
     return tuple(items)
 
 
-def _with_values(calibration: Calibration) -> list[tuple[Effect, tuple[Value, ...]]]:
-    """The effects of a calibration with their estimates."""
-    items = []
-    for effect, (values, stds) in zip(calibration.model.effects, effect_values(calibration), strict=True):
-        assert isinstance(effect, Effect)
-        rows = tuple(
-            Value(p.name, float(v), float(s), p.unit, p.meaning)
-            for p, v, s in zip(effect.parameters, values, stds, strict=True)
-        )
-        if effect.off_normal_std:
-            std = effect.off_normal_std / np.sqrt(2 * calibration.used.sum())
-            rows = (
-                Value(
-                    'off_normal_angle',
-                    effect.off_normal_std,
-                    float(std),
-                    'rad',
-                    'of the force from the normal, root mean square',
-                ),
-            )
-        items.append((effect, rows))
-    return items
+def _values(item: FittedEffect, calibration: Calibration) -> tuple[Value, ...]:
+    """The parameters of an effect with their estimates; of random off-normal angles their standard deviation."""
+    size = item.effect.off_normal_std
+    if size:
+        std = float(size / np.sqrt(2 * calibration.used.sum()))
+        return (Value('off_normal_angle', size, std, 'rad', 'of the force from the normal, root mean square'),)
+    return tuple(
+        Value(p.name, float(v), float(s), p.unit, p.meaning)
+        for p, v, s in zip(item.effect.parameters, item.values, item.std, strict=True)
+    )
 
 
 def _ranking(found: Search, calibration: Calibration) -> tuple[Ranked, ...]:
-    """Every effect by itself: its scores and what became of it."""
+    """Every effect by itself: its scores and its role."""
     rivals = {label for group in found.rivals for label in group}
     std = (found.extended or calibration).std
     ranked = []

@@ -1,8 +1,8 @@
-"""Three ways to explain the same touches; the likeliest is told.
+"""Hypotheses for residuals that are too large, and the selection of the likeliest by its penalised deviance.
 
-Residuals that are too large may come from an effect that acts alike in all touches (`search`), from friction that
-lets each force lean by an angle of its own (`leaning`), or from bad touches, some of which an effect
-may have made look bad. Each way is followed to its end and judged by one sum, see `evidence.story`.
+They may come from effects that act in all touches (`search`), from friction that turns each force by a random
+angle (`contact_angle`), or from bad touches, some of which an effect may have made look bad. Each hypothesis that
+applies is fitted, and compared by `refit.penalised_deviance`.
 """
 
 from __future__ import annotations
@@ -20,24 +20,19 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.advice import implausible_noise
 from scara_kinetostatic.diagnosis.contact_angle import fit_with_off_normal, growing_p_value, off_normal_p_value
-from scara_kinetostatic.diagnosis.evidence import penalised_deviance
+from scara_kinetostatic.diagnosis.refit import fitted_effects, penalised_deviance
 from scara_kinetostatic.diagnosis.search import Search, search
 from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, FRICTION_SIGNIFICANCE
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.off_normal_force import OffNormalForce
-from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import UnsupportedDataError
-
-SUSPICIOUS = 1
-"""Rejected touches from which on they are asked whether an effect explains them."""
 
 
 class Selection(NamedTuple):
-    """The likeliest story.
+    """The likeliest hypothesis.
 
     Attributes:
         found: what was found; None if nothing is missing.
-        lead: by how much its sum is below that of the twelve parameters alone.
+        lead: decrease of the penalised deviance against the base model.
     """
 
     found: Search | None
@@ -45,39 +40,47 @@ class Selection(NamedTuple):
 
 
 def select_hypothesis(calibration: Calibration, known: Sequence[Effect], alarm: bool, off_normal: bool) -> Selection:
-    """Find what the twelve parameters lack, if they lack anything.
+    """Find what the base model lacks, if anything.
 
     Args:
-        calibration: of the twelve parameters.
+        calibration: the base model.
         known: the catalogue.
-        alarm: whether something is wrong for sure.
-        leans: whether forces lean by more than their noise.
+        alarm: whether a test of the base model is significant.
+        off_normal: whether that of the off-normal angles is.
     """
     c = calibration
-    ways: list[Search] = []
-    if alarm:
-        ways.append(search(c, known))
-    taken_back = any(way.extended and way.extended.used.all() for way in ways)
-    if (~c.used).sum() >= SUSPICIOUS and not taken_back:
-        ways.append(search(c, known, replace(c, used=np.ones(len(c.touches), dtype=bool))))
-    if alarm and c.noise_source == 'estimated' and not any(way.extended for way in ways):
-        ways += _with_usual_noise(c, known)
-    if off_normal and not any(way.extended and _is_radial(way.extended) for way in ways):
-        ways += _with_off_normal_forces(c, known)
-    converged = [way for way in ways if way.extended is not None]
-    if not converged:
-        return Selection(ways[0] if alarm else None, 0.0)
-    fits = [c, *(way.extended for way in converged if way.extended)]
-    scale = max(1.0, min(fit.reduced_chi_square for fit in fits))
-    sums = [penalised_deviance(way.extended, way.penalty, scale) for way in converged if way.extended]
-    lead = penalised_deviance(c, 0.0, scale) - min(sums)
+    hypotheses = _fit_hypotheses(c, known, alarm, off_normal)
+    fitted = [(found, found.extended) for found in hypotheses if found.extended is not None]
+    if not fitted:
+        return Selection(hypotheses[0] if alarm else None, 0.0)
+    scale = max(1.0, min(fit.reduced_chi_square for fit in (c, *(extended for _, extended in fitted))))
+    deviances = [penalised_deviance(extended, found.penalty, scale) for found, extended in fitted]
+    lead = penalised_deviance(c, 0.0, scale) - min(deviances)
     if lead < CREDIBLE:
-        return Selection(ways[0]._replace(extended=None, in_every_model=(), rivals=()) if alarm else None, 0.0)
-    return Selection(converged[int(np.argmin(sums))], lead)
+        without = hypotheses[0]._replace(extended=None, in_every_model=(), rivals=())
+        return Selection(without if alarm else None, 0.0)
+    return Selection(fitted[int(np.argmin(deviances))][0], lead)
+
+
+def _fit_hypotheses(c: Calibration, known: Sequence[Effect], alarm: bool, off_normal: bool) -> list[Search]:
+    """The hypotheses that apply: an effect; one that explains the rejected touches, too; one so large that it was taken
+    for noise; random off-normal angles.
+    """
+    hypotheses: list[Search] = []
+    if alarm:
+        hypotheses.append(search(c, known))
+    all_used = any(found.extended and found.extended.used.all() for found in hypotheses)
+    if not c.used.all() and not all_used:
+        hypotheses.append(search(c, known, replace(c, used=np.ones(len(c.touches), dtype=bool))))
+    if alarm and c.noise_source == 'estimated' and not any(found.extended for found in hypotheses):
+        hypotheses += _with_usual_noise(c, known)
+    if off_normal and not any(found.extended and _is_radial(found.extended) for found in hypotheses):
+        hypotheses += _with_off_normal_forces(c, known)
+    return hypotheses
 
 
 def _with_usual_noise(calibration: Calibration, known: Sequence[Effect]) -> list[Search]:
-    """The way of an error so large that it passed for noise: it is looked for as if the noise were the usual one."""
+    """Effects so large that they were taken for noise, searched for with the usual noise; empty where it has no fit."""
     c = calibration
     try:
         begin = calibrate(c.touches, replace(c.cell, noise=USUAL_NOISE), fixed=c.fixed)
@@ -87,34 +90,27 @@ def _with_usual_noise(calibration: Calibration, known: Sequence[Effect]) -> list
 
 
 def _with_off_normal_forces(calibration: Calibration, known: Sequence[Effect]) -> list[Search]:
-    """The way of friction: each force leans by an angle of its own, and other effects beside."""
-    others = [effect for effect in known if effect.name != OffNormalForce.name]
+    """Random off-normal angles, and other effects beside them; empty where these are not significant."""
     try:
-        off_normal_fit = fit_with_off_normal(calibration)
-        found = search(off_normal_fit, others)
+        with_angles = fit_with_off_normal(calibration)
+        friction = next(effect for effect, _, _ in fitted_effects(with_angles) if effect.off_normal_std)
+        found = search(with_angles, [effect for effect in known if effect.name != friction.name])
         extended = found.extended
         if extended is not None and len(extended.model.effects) > 1:
             extended = fit_with_off_normal(extended)
     except UnsupportedDataError:
         return []
-    if extended is None or extended.termination is not Termination.CONVERGED:
+    if extended is None or extended.termination is not Termination.CONVERGED or not _is_surely_off_normal(extended):
         return []
-    if not _is_surely_off_normal(extended):
-        return []
-    penalty = float(np.log(len(calibration.touches)) + 2 * np.log(len(known)))
-    return [
-        found._replace(
-            extended=extended,
-            penalty=found.penalty + penalty,
-            in_every_model=(OffNormalForce.name, *found.in_every_model),
-        )
-    ]
+    penalty = found.penalty + float(np.log(len(calibration.touches)) + 2 * np.log(len(known)))
+    labels = (friction.label, *found.in_every_model)
+    return [found._replace(extended=extended, penalty=penalty, in_every_model=labels)]
 
 
 def _is_radial(extended: Calibration) -> bool:
-    """Whether an extended model fits without a curve that has no name, and no force leans in it."""
+    """Whether an extended model fits without a fitted curve and without off-normal angles beyond noise."""
     c = extended
-    if any(isinstance(effect, Unnamed) for effect in c.model.effects):
+    if not all(effect.is_physical for effect, _, _ in fitted_effects(c)):
         return False
     if c.noise_source == 'estimated':
         fits = not implausible_noise(c)
@@ -124,12 +120,12 @@ def _is_radial(extended: Calibration) -> bool:
 
 
 def _is_surely_off_normal(extended: Calibration) -> bool:
-    """Whether, beside the other effects of an extended model, the lean is no noise that grows with the force.
+    """Whether, beside the other effects of an extended model, the off-normal angles are no noise growing with force.
 
-    The test is made at the extended model: a fit without the lean may be far off, as all touches then pull at it.
-    Where noise that grows shows beside the lean, too, the lean has to be the clearer by far.
+    The test is made at the parameters of the extended model: those of a fit without off-normal angles may be far off.
+    Where growing noise is significant beside the angles, these must be more significant by the same factor.
     """
-    others = tuple(effect for effect in extended.model.effects if not isinstance(effect, OffNormalForce))
+    others = tuple(effect for effect in extended.model.effects if not effect.off_normal_std)
     without = replace(extended, model=extended.model.with_effects(others))
     off_normal, growing = off_normal_p_value(without, beside_growing=True), growing_p_value(extended)
     return off_normal < FRICTION_SIGNIFICANCE * (growing if growing < FRICTION_SIGNIFICANCE else 1.0)

@@ -1,19 +1,33 @@
-"""The calibration fitted anew with effects in the model."""
+"""Fits of the extended model, and the penalised deviance by which fits of the same touches are compared.
+
+Fits may differ in their effects and in the touches that they reject: an effect can make a few touches look bad, such as
+a displaced disc of which there are few, or a gain that matters at long reach only. So a rejected touch has a penalty,
+too, the squared distance d² beyond which touches are rejected. Over all touches,
+
+    D = Σ_used d² / s² + Σ_rejected d²_rejection + Σ ln det V + penalty of the effects,
+
+and the smaller D is the likelier model.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
+from scara_kinetostatic.calibration.outliers import FALSE_REJECTIONS
+from scara_kinetostatic.calibration.prediction import observe
+from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.candidates import Candidate
 from scara_kinetostatic.diagnosis.linear_problem import Problem
 from scara_kinetostatic.diagnosis.thresholds import INDEPENDENT_PART
+from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import Parameters
@@ -21,14 +35,19 @@ from scara_kinetostatic.model.parameters import Parameters
 Floats = NDArray[np.float64]
 
 LEAST_SHARE = 0.03
-"""Part of an estimated noise that a fit with effects begins with at least."""
+"""Part of the estimated noise with which a fit with effects begins at least."""
 
 
 def start_from(problem: Problem, members: Sequence[Candidate]) -> tuple[ExtendedModel, float]:
-    """The model with these effects that fits the linear problem best.
+    """The extended model that fits the linear problem best, to start from.
 
-    With it goes the part of the noise that these effects leave over: where it was estimated without them, they are
-    in it.
+    Args:
+        problem: the touches.
+        members: the effects.
+
+    Returns:
+        The model, and the ratio of the noise with these effects to that without: noise estimated without them contains
+        them.
     """
     columns = [problem.columns(member.trial) for member in members]
     together = np.concatenate(columns, axis=1)
@@ -57,9 +76,9 @@ def fit_with(
     """The touches of a calibration fitted with effects.
 
     Args:
-        calibration: that of the twelve parameters; effects that it has stay.
+        calibration: the base model; effects that it has stay.
         latest: the fit at which the problem was posed.
-        problem: where the effects were found.
+        problem: the linear problem in which the effects were found.
         members: the effects.
     """
     start, share = start_from(problem, members)
@@ -72,16 +91,48 @@ def fit_with(
     found = calibrate(
         calibration.touches, calibration.cell, start.effects, fixed=calibration.fixed, warm_start=warm_start
     )
-    return with_left_out(found, calibration)
+    return with_rejections_of(found, calibration)
 
 
-def with_left_out(found: Calibration, before: Calibration) -> Calibration:
-    """A new fit of touches with the rejections of those that never came to a fit."""
+def with_rejections_of(found: Calibration, before: Calibration) -> Calibration:
+    """A new fit of the touches of another, with the touches that were rejected before any fit."""
     places = set(before.touches.index.tolist())
     left_out = [item for item in before.rejected if item.index not in places]
     return replace(found, rejected=tuple(sorted((*left_out, *found.rejected), key=lambda item: item.index)))
 
 
-def effect_values(calibration: Calibration) -> list[tuple[Floats, Floats]]:
-    """Values and standard deviations of the parameters of each effect of a calibration."""
-    return list(zip(calibration.model.effect_arrays, calibration.effect_stds, strict=True))
+def penalised_deviance(calibration: Calibration, penalty: float, scale: float) -> float:
+    """D above, up to a constant of the touches.
+
+    Args:
+        calibration: with or without effects.
+        penalty: of its effects.
+        scale: s², the variance in units of which squared distances are counted.
+    """
+    c = calibration
+    point = project(observe(c.touches, c.cell), c.model, c.noise)
+    l11, _, l22 = point.whitened.root
+    rejection = -2 * np.log(FALSE_REJECTIONS / len(c.touches))
+    distance = np.where(c.used, point.distance / scale, rejection)
+    return float(np.sum(distance + 2 * np.log(l11 * l22))) + penalty
+
+
+class FittedEffect(NamedTuple):
+    """An effect of an extended model with its estimates.
+
+    Attributes:
+        effect: the effect.
+        values: of its parameters, (k,).
+        std: their standard deviations, (k,).
+    """
+
+    effect: Effect
+    values: Floats
+    std: Floats
+
+
+def fitted_effects(calibration: Calibration) -> list[FittedEffect]:
+    """The effects of a calibration with their estimates."""
+    model = calibration.model
+    rows = zip(model.effects, model.effect_arrays, calibration.effect_stds, strict=True)
+    return [FittedEffect(cast('Effect', effect), values, std) for effect, values, std in rows]

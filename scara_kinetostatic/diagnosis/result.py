@@ -1,4 +1,4 @@
-"""The outcome of a diagnosis, frozen."""
+"""The result of a diagnosis."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Found(NamedTuple):
     Attributes:
         effect: the effect.
         values: its parameters; of a rival, what they are if it is this one.
-        proved: whether it is in every set of effects that the data allow; else it has rivals.
+        in_every_model: whether it is in every credible model; else it has rivals.
     """
 
     effect: Effect
@@ -37,19 +37,20 @@ class Found(NamedTuple):
 
 
 class Ranked(NamedTuple):
-    """One effect of the catalogue, judged by itself.
+    """One effect of the catalogue by itself.
 
     Attributes:
         effect: the effect.
         role: ``found``, ``rival``, ``rejected`` or ``unidentifiable``.
-        p_value: of "it is not there", the search over its frequencies counted; NaN if it cannot show.
+        p_value: of "it is not there", corrected for the search over its frequencies; NaN if it is not identifiable.
         share: part of the residual's sum of squares that it explains.
-        gain: twice the logarithm of its odds against no effect, all prices paid.
-        held_out: gain of twice the logarithmic predictive density on touches left out one by one.
-        new: largest part of it that is new beside the twelve; below `candidates.LEAST_NEW` it cannot show.
-        hidden_bend: by how many standard deviations one of the twelve may be off by such an effect that is just
-            too small to be found; NaN if it cannot show.
-        bent: name of that parameter.
+        gain: decrease of the penalised deviance by it.
+        held_out: decrease of the predictive deviance on touches left out one by one.
+        independent_part: largest part of it that is independent of the base model; below
+            `thresholds.INDEPENDENT_PART` it is not identifiable.
+        undetected_bias: bias of a base parameter, in standard deviations, by this effect at the detection
+            limit; NaN if it is not identifiable.
+        biased_parameter: name of that parameter.
     """
 
     effect: Effect
@@ -65,20 +66,19 @@ class Ranked(NamedTuple):
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Whether the twelve-parameter model is enough, and what is behind it if not.
+    """Whether the base model is complete, and what it lacks if not.
 
     Attributes:
         verdict: ``none`` (nothing is missing), ``explained``, ``ambiguous`` or ``unexplained``.
-        p_value: of "the twelve-parameter model is enough", all tests taken together.
-        found: what the extended model has beyond the twelve: effects found, and rivals, which
-            take part together since the data cannot tell which of them it is.
-        rivals: effects that the data cannot tell apart, by label.
-        extended: the calibration with what was found; None if there is nothing.
-        traces: what the residual of the twelve-parameter model depends on, significant ones only.
+        p_value: of "the base model is complete", all tests taken together.
+        found: the effects of the extended model: those found, and rivals, which are fitted together.
+        rivals: effects that the data cannot distinguish, by label.
+        extended: the calibration with these effects; None if there are none.
+        dependences: what the residual of the base model depends on, significant ones only.
         remaining: the same of the extended model.
-        remaining_p_value: of "the extended model is enough"; that of the twelve if there is none.
+        remaining_p_value: of "the extended model is complete"; that of the base model if there is none.
         ranking: the whole catalogue, the best first.
-        advice: what to do next, in words; empty if nothing.
+        advice: what to do next; empty if nothing.
     """
 
     verdict: str

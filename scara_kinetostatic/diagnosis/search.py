@@ -1,9 +1,13 @@
-"""The search for what is missing: contest, fit with the winners, contest again, until nothing changes."""
+"""Search for missing effects: select a set of effects, fit it, select again at that fit, until the set stays the same.
+
+The linear problem in which sets are scored holds near its fit only. So each round poses it at the latest fit, selects
+the credible sets, and fits their union. A round that finds no fit continues from a part of the best set, or without the
+effects whose frequency fits the linear problem alone; `_State` is all that one round hands to the next.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,32 +15,34 @@ import numpy as np
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet, gather
-from scara_kinetostatic.diagnosis.evidence import penalised_deviance
 from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
-from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, score_subsets
-from scara_kinetostatic.diagnosis.refit import effect_values, fit_with
+from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, Subset, score_subsets
+from scara_kinetostatic.diagnosis.refit import fit_with, fitted_effects, penalised_deviance
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import empirical_effects
 from scara_kinetostatic.errors import UnsupportedDataError
 
 ROUNDS = 6
+"""Rounds at most; most searches end after two."""
 ATTEMPTS = 4
-FITTED = 8
-APART = 0.1
-"""Least singular value of the unit columns of effects that are fitted together."""
+"""Credible sets that are fitted one by one, where their union does not converge."""
+MOST_RIVAL_FITS = 8
+"""Credible sets that are fitted by themselves at most."""
+DISTINGUISHABLE = 0.1
+"""Least singular value of the unit columns of effects that may be fitted together though one diverges with an alias."""
 MOST_IN_UNION = 5
-"""Rivals that are fitted together at most; of more, the best ones."""
+"""Effects of several credible sets that are fitted together at most; of more, those of the best sets."""
 
 
 class Search(NamedTuple):
-    """Where the search ended.
+    """The result of a search.
 
     Attributes:
         problem: the last linear problem.
-        contest: its outcome.
-        extended: the fit with the winners; None if it does not settle.
-        price: of the best set of effects.
-        proved: labels of effects in every credible set.
+        scored_subsets: the model selection in it.
+        extended: the fit with the selected effects; None if there is none.
+        penalty: of the best set of effects.
+        in_every_model: labels of effects in every credible set.
         rivals: labels of effects that replace each other.
         start: the fit at which the problem was posed.
     """
@@ -44,9 +50,9 @@ class Search(NamedTuple):
     problem: Problem
     scored_subsets: ScoredSubsets
     extended: Calibration | None
-    penalty: float
-    in_every_model: tuple[str, ...]
-    rivals: tuple[tuple[str, ...], ...]
+    penalty: float = 0.0
+    in_every_model: tuple[str, ...] = ()
+    rivals: tuple[tuple[str, ...], ...] = ()
     start: Calibration | None = None
 
     @property
@@ -56,189 +62,245 @@ class Search(NamedTuple):
         return empty.score - min(subset.score for subset in self.scored_subsets.subsets if subset.members)
 
     def fit_rivals(self, calibration: Calibration) -> list[Calibration]:
-        """The touches of a calibration fitted with each credible set of effects by itself, `FITTED` sets at most.
+        """The touches of a calibration fitted with each credible set of effects by itself.
 
         Args:
             calibration: that with which the search began.
         """
-        fits = []
-        for subset in self.scored_subsets.credible[:FITTED]:
-            members = [self.scored_subsets.candidate_set.candidates[k] for k in subset.members]
-            try:
-                fits.append(fit_with(calibration, self.start or calibration, self.problem, members))
-            except UnsupportedDataError:
-                continue
-        return [fit for fit in fits if fit.termination is Termination.CONVERGED and _is_plausible(fit)]
+        selection = _Selection(calibration, self.start or calibration, self.problem, self.scored_subsets)
+        subsets = self.scored_subsets.credible[:MOST_RIVAL_FITS]
+        fits = [selection.fit(selection.members(subset)) for subset in subsets]
+        return [fit for fit in fits if fit is not None]
 
 
 def search(calibration: Calibration, effects: Sequence[Effect], begin: Calibration | None = None) -> Search:
     """Find the effects that a calibration lacks.
 
     Args:
-        calibration: of the twelve parameters; effects that it has stay.
+        calibration: the base model; effects that it has stay.
         effects: the catalogue.
         begin: another fit to the same touches to begin at, with noise or used touches of its own. Each
-            fit with effects judges anew which touches are bad, and estimates the noise anew if it is not given.
+            fit with effects decides anew which touches are rejected, and estimates the noise anew if it is not given.
     """
-    latest = begin or calibration
-    nothing = calibration if calibration.model.effects else None
-    found: Search | None = None
-    before, out = frozenset[str](), frozenset[str]()
-    given_up: set[frozenset[str]] = set()
+    state = _State(begin or calibration)
     for _ in range(ROUNDS):
-        problem = pose_problem(latest)
-        scored_subsets = score_subsets(
-            problem, all_candidates(latest, problem, [e for e in effects if e.label not in out])
-        )
-        winners = _winners(scored_subsets)
-        if not winners:
-            return found or Search(problem, scored_subsets, nothing, 0.0, (), ())
-        labels = frozenset(candidate.effect.label for candidate in winners)
-        fitted = _converged(calibration, latest, problem, scored_subsets, given_up)
-        waves = {c.effect.label for c in winners if c.tried > 1}
-        part = None
-        if fitted is None and labels != before:
-            part = _part(calibration, latest, problem, scored_subsets, given_up)
-        if part is not None:
-            latest, before = part, labels
-            given_up.clear()
-            continue
-        if fitted is None and waves:
-            out |= waves  # such a frequency explains only the linear problem
-            continue
-        if fitted is None:
-            return found or Search(problem, scored_subsets, nothing, scored_subsets.credible[0].penalty, (), ())
-        if len(scored_subsets.credible) == 1 and labels != before:
-            smaller = _smaller(calibration, latest, problem, scored_subsets, fitted)
-            if smaller is not None:
-                latest, before = smaller, labels
-                continue
-        in_every_model, rivals = _sort_out(scored_subsets)
-        found = Search(
-            problem, scored_subsets, fitted, scored_subsets.credible[0].penalty, in_every_model, rivals, latest
-        )
-        if labels == before:
+        state = _next_state(calibration, effects, state)
+        if state.is_final:
             break
-        latest, before = fitted, labels
-    return found or Search(problem, scored_subsets, nothing, 0.0, (), ())
+    result = state.result or state.fallback
+    assert result is not None
+    return result
 
 
-def _converged(
-    calibration: Calibration,
-    latest: Calibration,
-    problem: Problem,
-    scored_subsets: ScoredSubsets,
-    given_up: set[frozenset[str]],
-) -> Calibration | None:
-    """The fit with all winners; if that does not settle, with the best credible set that does; None if none does.
+class _State(NamedTuple):
+    """A search between two rounds.
 
-    Sets that do not are remembered in `given_up`, and not tried again. Winners that are nearly the same are not tried
-    together where they would run to large values that cancel.
+    Attributes:
+        latest: the fit at which the next linear problem is posed.
+        labels: of the effects that the last round fitted.
+        excluded: labels of effects that are no longer candidates.
+        failed: sets of effects, by labels, whose fit does not converge or is not plausible.
+        result: of the last round that fitted all selected effects.
+        fallback: the result if there is no such round.
+        is_final: whether the search ends here.
     """
-    sets = [
-        [scored_subsets.candidate_set.candidates[k] for k in subset.members]
-        for subset in scored_subsets.credible[:ATTEMPTS]
-    ]
-    together = _winners(scored_subsets)
-    for members in ([together] if _are_apart(together) else []) + sets:
-        labels = frozenset(member.effect.label for member in members)
-        if labels in given_up:
+
+    latest: Calibration
+    labels: frozenset[str] = frozenset()
+    excluded: frozenset[str] = frozenset()
+    failed: frozenset[frozenset[str]] = frozenset()
+    result: Search | None = None
+    fallback: Search | None = None
+    is_final: bool = False
+
+
+class _Selection(NamedTuple):
+    """The model selection of one round, from which effects are fitted.
+
+    Attributes:
+        calibration: that with which the search began.
+        latest: the fit at which the problem is posed.
+        problem: the linear problem.
+        scored_subsets: the model selection in it.
+    """
+
+    calibration: Calibration
+    latest: Calibration
+    problem: Problem
+    scored_subsets: ScoredSubsets
+
+    def members(self, subset: Subset) -> list[Candidate]:
+        """The candidates of a set."""
+        return [self.scored_subsets.candidate_set.candidates[k] for k in subset.members]
+
+    def union(self, subsets: Sequence[Subset]) -> list[Candidate]:
+        """The effects of the first set, and those of the others up to `MOST_IN_UNION`, each once."""
+        union: dict[str, Candidate] = {}
+        for subset in subsets:
+            for candidate in self.members(subset):
+                if len(union) < MOST_IN_UNION or subset is subsets[0]:
+                    union.setdefault(candidate.effect.label, candidate)
+        return list(union.values())
+
+    def fit(self, members: Sequence[Candidate]) -> Calibration | None:
+        """The fit with effects; None if it does not converge or is not plausible."""
+        try:
+            fitted = fit_with(self.calibration, self.latest, self.problem, members)
+        except UnsupportedDataError:
+            return None
+        plausible = all(effect.is_plausible(values) for effect, values, _ in fitted_effects(fitted))
+        return fitted if fitted.termination is Termination.CONVERGED and plausible else None
+
+    def result(self, extended: Calibration, best: Subset) -> Search:
+        """The result with the fit of all selected effects."""
+        in_every_model, rivals = _partition(self.scored_subsets)
+        return Search(self.problem, self.scored_subsets, extended, best.penalty, in_every_model, rivals, self.latest)
+
+    def without_effects(self, penalty: float = 0.0) -> Search:
+        """The result where no effect was fitted: no extended model, unless the search began with one."""
+        extended = self.calibration if self.calibration.model.effects else None
+        return Search(self.problem, self.scored_subsets, extended, penalty)
+
+
+def _next_state(calibration: Calibration, effects: Sequence[Effect], state: _State) -> _State:
+    """One round: select effects at the latest fit, and fit them."""
+    problem = pose_problem(state.latest)
+    remaining = [effect for effect in effects if effect.label not in state.excluded]
+    scored_subsets = score_subsets(problem, all_candidates(state.latest, problem, remaining))
+    selection = _Selection(calibration, state.latest, problem, scored_subsets)
+    state = state._replace(fallback=selection.without_effects())
+    if not scored_subsets.credible:
+        return state._replace(is_final=True)
+    fitted, failed = _fit_first(selection, scored_subsets.credible, state.failed)
+    state = state._replace(failed=failed)
+    return _after_failure(selection, state) if fitted is None else _after_fit(selection, fitted, state)
+
+
+def _fit_first(
+    selection: _Selection, subsets: Sequence[Subset], failed: frozenset[frozenset[str]]
+) -> tuple[Calibration | None, frozenset[frozenset[str]]]:
+    """Fit the union of sets, or else the first of them whose fit converges.
+
+    The union is left out if its effects are nearly the same and would run to large values that cancel.
+
+    Args:
+        selection: of the round.
+        subsets: the best first.
+        failed: sets that are not tried again.
+
+    Returns:
+        The fit, None if none converges; `failed` with those that did not.
+    """
+    union = selection.union(subsets)
+    attempts = [selection.members(subset) for subset in subsets[:ATTEMPTS]]
+    for members in [union, *attempts] if _are_distinguishable(union) else attempts:
+        labels = _labels(members)
+        if labels in failed:
             continue
-        with suppress(UnsupportedDataError):
-            fitted = fit_with(calibration, latest, problem, members)
-            if fitted.termination is Termination.CONVERGED and _is_plausible(fitted):
-                return fitted
-        given_up.add(labels)
-    return None
+        fitted = selection.fit(members)
+        if fitted is not None:
+            return fitted, failed
+        failed |= {labels}
+    return None, failed
 
 
-def _are_apart(members: Sequence[Candidate]) -> bool:
+def _are_distinguishable(members: Sequence[Candidate]) -> bool:
     columns = np.concatenate([member.unit for member in members], axis=1)
     least = float(np.linalg.svd(columns, compute_uv=False)[-1])
-    return least > APART or not any(member.effect.diverges_with_alias for member in members)
+    return least > DISTINGUISHABLE or not any(member.effect.diverges_with_alias for member in members)
 
 
-def _part(
-    calibration: Calibration,
-    latest: Calibration,
-    problem: Problem,
-    scored_subsets: ScoredSubsets,
-    given_up: set[frozenset[str]],
-) -> Calibration | None:
-    """The fit with a part of the best set, where the whole does not settle: from there the rest looks different."""
-    whole = set(scored_subsets.credible[0].members)
-    parts = [subset for subset in scored_subsets.subsets if subset.members and whole > set(subset.members)]
-    scored_subsets = scored_subsets._replace(credible=tuple(parts[:ATTEMPTS]))
-    return _converged(calibration, latest, problem, scored_subsets, given_up) if parts else None
-
-
-def _is_plausible(fitted: Calibration) -> bool:
-    pairs = zip(fitted.model.effects, effect_values(fitted), strict=True)
-    return all(effect.is_plausible(values) for effect, (values, _) in pairs if isinstance(effect, Effect))
-
-
-def _smaller(
-    calibration: Calibration, latest: Calibration, problem: Problem, scored_subsets: ScoredSubsets, fitted: Calibration
-) -> Calibration | None:
-    """A fit without one of the winners that is the likelier story; None if each is needed.
-
-    Where the residuals are large the linear problem may ask for an effect only to make up for its own second order.
+def _after_failure(selection: _Selection, state: _State) -> _State:
+    """Where no credible set could be fitted: continue from a part of the best one, or without effects of unknown
+    frequency, which then explain the linear problem alone; or end.
     """
-    winners = scored_subsets.credible[0].members
-    if len(winners) < 2:
+    scored_subsets = selection.scored_subsets
+    best = scored_subsets.credible[0]
+    selected = selection.union(scored_subsets.credible)
+    labels = _labels(selected)
+    parts = [subset for subset in scored_subsets.subsets if subset.members and set(best.members) > set(subset.members)]
+    if labels != state.labels and parts:
+        part, failed = _fit_first(selection, parts[:ATTEMPTS], state.failed)
+        if part is not None:
+            return state._replace(latest=part, labels=labels, failed=frozenset())
+        state = state._replace(failed=failed)
+    scanned = {candidate.effect.label for candidate in selected if candidate.tried > 1}
+    if scanned:
+        return state._replace(excluded=state.excluded | scanned)
+    return state._replace(fallback=selection.without_effects(best.penalty), is_final=True)
+
+
+def _after_fit(selection: _Selection, fitted: Calibration, state: _State) -> _State:
+    """Continue from the fit, or from a smaller one that is likelier; end where the set stays the same."""
+    credible = selection.scored_subsets.credible
+    labels = _labels(selection.union(credible))
+    if len(credible) == 1 and labels != state.labels:
+        smaller = _fit_smaller(selection, fitted)
+        if smaller is not None:
+            return state._replace(latest=smaller, labels=labels)
+    result = selection.result(fitted, credible[0])
+    return state._replace(result=result, latest=fitted, labels=labels, is_final=labels == state.labels)
+
+
+def _fit_smaller(selection: _Selection, fitted: Calibration) -> Calibration | None:
+    """The likeliest fit without one of the effects, if likelier than with all; None if each is needed.
+
+    Where the residuals are large, the linear problem may select an effect only to make up for its second-order error.
+    """
+    subsets = selection.scored_subsets.subsets
+    best = selection.scored_subsets.credible[0]
+    if len(best.members) < 2:
         return None
-    penalty = {subset.members[0]: subset.penalty for subset in scored_subsets.subsets if len(subset.members) == 1}
+    penalty = {subset.members[0]: subset.penalty for subset in subsets if len(subset.members) == 1}
     scale = max(1.0, fitted.reduced_chi_square)
-    least, best = penalised_deviance(fitted, sum(penalty[k] for k in winners), scale), None
-    for out in winners:
-        kept = [k for k in winners if k != out]
-        try:
-            fit = fit_with(calibration, latest, problem, [scored_subsets.candidate_set.candidates[k] for k in kept])
-        except UnsupportedDataError:
+    least, smaller = penalised_deviance(fitted, sum(penalty[k] for k in best.members), scale), None
+    for out in best.members:
+        kept = tuple(k for k in best.members if k != out)
+        fit = selection.fit(selection.members(best._replace(members=kept)))
+        if fit is None:
             continue
         total = penalised_deviance(fit, sum(penalty[k] for k in kept), scale)
-        if fit.termination is Termination.CONVERGED and _is_plausible(fit) and total < least:
-            least, best = total, fit
-    return best
+        if total < least:
+            least, smaller = total, fit
+    return smaller
 
 
 def all_candidates(
     latest: Calibration, problem: Problem, effects: Sequence[Effect], together: bool = True
 ) -> CandidateSet:
-    """The catalogue and unnamed structure as candidates; `together` as in `gather`."""
-    pairs = zip(latest.model.effects, effect_values(latest), strict=True)
-    fitted = {effect.label: values for effect, (values, _) in pairs if isinstance(effect, Effect) and len(values)}
+    """The catalogue and the fitted curves as candidates.
+
+    Args:
+        latest: the fit at which the problem was posed.
+        problem: the linear problem.
+        effects: the catalogue.
+        together: as in `gather`.
+    """
+    fitted = {effect.label: values for effect, values, _ in fitted_effects(latest) if len(values)}
     discs = [disc.name for disc in latest.cell.discs]
-    return gather(
-        problem, [*effects, *empirical_effects(problem.touch_state, discs, problem.one_level)], fitted, together
-    )
+    curves = empirical_effects(problem.touch_state, discs, problem.one_level)
+    return gather(problem, [*effects, *curves], fitted, together)
 
 
-def _winners(scored_subsets: ScoredSubsets) -> list[Candidate]:
-    """The effects of the best set, and with them those that could replace them."""
-    winners: dict[str, Candidate] = {}
-    for subset in scored_subsets.credible:
-        for k in subset.members:
-            candidate = scored_subsets.candidate_set.candidates[k]
-            if len(winners) < MOST_IN_UNION or subset is scored_subsets.credible[0]:
-                winners.setdefault(candidate.effect.label, candidate)
-    return list(winners.values())
+def _labels(members: Iterable[Candidate]) -> frozenset[str]:
+    return frozenset(member.effect.label for member in members)
 
 
-def _sort_out(scored_subsets: ScoredSubsets) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """Which effects are in every credible set, and which replace each other."""
+def _partition(scored_subsets: ScoredSubsets) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """Labels of the effects in every credible set, and groups of those that replace each other."""
     sets = [set(scored_subsets.labels(subset)) for subset in scored_subsets.credible]
-    in_every_model = set.intersection(*sets)
+    common = set.intersection(*sets)
     best = scored_subsets.labels(scored_subsets.credible[0])
-    open_ones = [label for label in best if label not in in_every_model]
+    replaceable = [label for label in best if label not in common]
     groups: list[tuple[str, ...]] = []
-    for label in open_ones:
-        without = {frozenset(s - (set(best) - {label})) for s in sets if set(best) - {label} <= s}
-        group = [label, *sorted({x for s in without for x in s if x != label})]
+    for label in replaceable:
+        kept = set(best) - {label}
+        instead = {frozenset(labels - kept) for labels in sets if kept <= labels}
+        group = [label, *sorted({x for labels in instead for x in labels if x != label})]
         if len(group) > 1:
             groups.append(tuple(group))
     grouped = {label for group in groups for label in group}
-    rest = sorted({label for s in sets for label in s} - in_every_model - grouped)
+    rest = sorted({label for labels in sets for label in labels} - common - grouped)
     if rest:
-        groups.append(tuple(dict.fromkeys([*open_ones, *rest])))
-    return tuple(label for label in best if label in in_every_model), tuple(groups)
+        groups.append(tuple(dict.fromkeys([*replaceable, *rest])))
+    return tuple(label for label in best if label in common), tuple(groups)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from diagnosis.simulated import CELL, calibrate, deviations, effect, examined, play
 
+from scara_kinetostatic.diagnosis.alternatives import fit_alternative_frequencies
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.diagnosis.peaks import fit_alternative_frequencies
 from scara_kinetostatic.effects.base import JointEffect, Parameter
 
 WAVE = 'transmission_error[joint2]'

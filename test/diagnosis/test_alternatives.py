@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from diagnosis.simulated import CELL, PLAN, calibrate, deviations, effect
 
-from scara_kinetostatic.diagnosis.alternatives import fit_alternative_laws, widened, with_free_zeros
+from scara_kinetostatic.diagnosis.alternatives import fit_alternative_laws, widened_by, widened_by_constants
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
 from scara_kinetostatic.effects.contact_compliance import ContactCompliance
@@ -52,7 +52,7 @@ def test_every_form_that_fits_lies_within_a_standard_deviation():
     assert len(forms) == len(laws[0].alternative_laws())
     wide = extended
     for form in forms:
-        wide = widened(wide, [form])
+        wide = widened_by(wide, [form])
     for form in forms:
         off = form.parameters.as_array() - extended.parameters.as_array()
         assert np.all(np.abs(off) <= wide.std)
@@ -64,7 +64,7 @@ def test_a_form_that_fits_worse_is_none():
     laws = (effect('contact_compliance[disc_2]'),)
     extended = calibrate(played(laws[0], 4e-5), CELL, laws)
     assert fit_alternative_laws(extended) == []
-    assert widened(extended, []) is extended
+    assert widened_by(extended, []) is extended
 
 
 @pytest.mark.parametrize('hinge', [0.25, 0.5, 0.75])
@@ -82,10 +82,10 @@ def test_a_curve_may_be_raised_by_a_constant():
     kink = Unnamed(None, 'joint2', 'q2', 0.0, 2.0, powers=3)
     extended = calibrate(played(effect('encoder_gain[joint2]'), 0.0), CELL, [kink])
     rival = replace(extended, model=ExtendedModel(extended.parameters, (kink,), ((3e-4, 0.0, 0.0),)))
-    wide = with_free_zeros(extended, [rival])
+    wide = widened_by_constants(extended, [rival])
     slope = kink.functions(pose_problem(rival).touch_state)[0]
     size = 3e-4 * np.sqrt(np.mean(slope**2))
     assert wide.std[THETA2] == pytest.approx(np.hypot(extended.std[THETA2], size))
     others = np.arange(12) != THETA2
     np.testing.assert_array_equal(wide.std[others], extended.std[others])
-    assert with_free_zeros(extended, []).std[THETA2] == extended.std[THETA2]
+    assert widened_by_constants(extended, []).std[THETA2] == extended.std[THETA2]
