@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.nodes.declare import EXAMPLE_CELL
+from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain
 from scara_kinetostatic.touches.detection import find_touches
@@ -104,9 +104,9 @@ def examine(output: Path, reported: int) -> dict[str, object]:
     for bag in bags:
         try:
             _open_strictly(bag)
-            if embedded_cell(bag) != EXAMPLE_CELL:
+            if embedded_cell(bag) != PAPER_CELL:
                 problems.append('another cell')
-            touches += len(find_touches(read_streams(bag, EXAMPLE_CELL), EXAMPLE_CELL).touches)
+            touches += len(find_touches(read_streams(bag, PAPER_CELL), PAPER_CELL).touches)
         except RecordingError as error:
             if reported or 'has no messages' not in str(error):
                 problems.append(str(error))

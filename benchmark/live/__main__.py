@@ -22,7 +22,7 @@ import numpy as np
 from std_srvs.srv import Trigger
 
 from scara_kinetostatic.bags.reader import read_streams
-from scara_kinetostatic.nodes.declare import EXAMPLE_CELL
+from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain
 from scara_kinetostatic.touches.detection import find_touches
@@ -103,11 +103,11 @@ def _ask(client: DemoClient, seconds: float, collector: int) -> dict[str, object
 
 def _compare(bag: Path, published: int) -> dict[str, object]:
     """Whether every message that was published stands in the bag, once."""
-    streams = read_streams(bag, EXAMPLE_CELL)
+    streams = read_streams(bag, PAPER_CELL)
     found = {'joint states': streams.joints.stamp, 'wrenches': streams.wrench.stamp}
     return {
         **{f'lost {name}': published - len(np.unique(stamp)) for name, stamp in found.items()},
-        'touches in the bag': find_touches(streams, EXAMPLE_CELL).found,
+        'touches in the bag': find_touches(streams, PAPER_CELL).found,
         'warnings': list(streams.warnings),
     }
 

@@ -20,8 +20,8 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 
 from scara_kinetostatic.bags.encoding import joint_state_messages, wrench_messages
+from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.nodes.declare import EXAMPLE_CELL
 from scara_kinetostatic.nodes.stream_subscription import RELIABLE_STREAM
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
@@ -80,7 +80,7 @@ def _serialized(streams: Streams) -> Iterator[tuple[float, bytes, bytes]]:
     now = time_ns()
     joints, wrench = streams.joints, streams.wrench
     count = min(len(joints.stamp), len(wrench.stamp))
-    positions = joint_state_messages(joints.stamp[:count] + now, joints.position[:count], EXAMPLE_CELL.joint_names)
+    positions = joint_state_messages(joints.stamp[:count] + now, joints.position[:count], PAPER_CELL.joint_names)
     forces = wrench_messages(wrench.stamp[:count] + now, wrench.force[:count], 'base')
     yield from zip((joints.stamp[:count] / SECOND).tolist(), positions, forces, strict=True)
 
@@ -94,7 +94,7 @@ def main() -> int:
     rclpy.init()
     player = Player()
     sensors = SensorModel(joint_rate=options.rate, wrench_rate=options.rate)
-    streams = simulate_streams(EXAMPLE_CELL, PAPER_ACTUAL, default_plan(EXAMPLE_CELL), sensors=sensors, start=0)
+    streams = simulate_streams(PAPER_CELL, PAPER_ACTUAL, default_plan(PAPER_CELL), sensors=sensors, start=0)
     player.wait_for_subscriber()
     print('ready', flush=True)
     sys.stdin.readline()

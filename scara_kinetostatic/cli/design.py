@@ -156,7 +156,7 @@ def _question(args: argparse.Namespace) -> Question:
 def _robot(args: argparse.Namespace) -> Robot:
     from scara_kinetostatic.model.cell import Noise
     from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE
-    from scara_kinetostatic.simulation.truth_file import truth_named
+    from scara_kinetostatic.simulation.truth import truth_named
     from scara_kinetostatic.studies.design.prediction import Robot
 
     cell = cell_or_paper(args.cell)

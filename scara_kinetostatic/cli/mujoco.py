@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.simulation.mujoco import play, scene_named
     from scara_kinetostatic.simulation.mujoco.recorded import usual_plan
     from scara_kinetostatic.simulation.mujoco.truth import truth_of_scene, truth_text
-    from scara_kinetostatic.simulation.truth_file import truth_named
+    from scara_kinetostatic.simulation.truth import truth_named
 
     cell = cell_or_paper(args.cell)
     scene = scene_named(args.scene).with_parameters(truth_named('paper', cell).parameters)

@@ -125,23 +125,20 @@ def run(args: argparse.Namespace) -> int:
         advice = 'leave out --per-disc, --levels and --preload'
         raise InputError('--plan', 'a plan defines all touches', advice)
     from scara_kinetostatic.bags.writer import write_streams
-    from scara_kinetostatic.simulation.chosen_effects import parse_effect, with_effects
     from scara_kinetostatic.simulation.streams import simulate_streams
-    from scara_kinetostatic.simulation.truth_file import Truth, truth_named, truth_text
+    from scara_kinetostatic.simulation.truth import parse_effect, truth_named, truth_text, with_effects
 
     cell = _cell(args)
-    known = truth_named(args.truth, cell)
-    truth = Truth(known.parameters, (*known.effects, *(parse_effect(text, cell) for text in args.effect)))
-    robot = with_effects(*truth)
+    truth = with_effects(truth_named(args.truth, cell), [parse_effect(text, cell) for text in args.effect])
     plan = _plan(args, cell)
-    with _beside(args.truth_file, truth_text(*truth, args.seed)):
-        streams = simulate_streams(cell, robot, plan, sensors=_sensors(args, cell), seed=args.seed)
+    with _beside(args.truth_file, truth_text(truth, args.seed)):
+        streams = simulate_streams(cell, truth, plan, sensors=_sensors(args, cell), seed=args.seed)
         form = {'storage': args.storage, 'compression': args.compression, 'with_cell': not args.plain}
         write_streams(args.out, streams, cell, **form)
     duration = 1e-9 * float(max(streams.joints.stamp[-1], streams.wrench.stamp[-1]) - streams.joints.stamp[0])
     print(f'{args.out}: {len(plan)} touches in {duration:.0f} s of simulated time')
     print('truth: ' + ', '.join(f'{name} {value:.6g}' for name, value in truth.parameters.as_dict().items()))
-    for effect, values in truth.effects:
+    for effect, values in zip(truth.effects, truth.effect_values, strict=True):
         shown = (f'{p.name} {value:.6g} {p.unit}' for p, value in zip(effect.parameters, values, strict=True))
         print(f'effect: {effect.label}: ' + ', '.join(shown))
     return 0

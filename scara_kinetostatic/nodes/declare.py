@@ -14,11 +14,8 @@ from rclpy.node import Node
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.files.cell_file import load_cell
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
-from scara_kinetostatic.model.parameters import PAPER_NOMINAL
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell
 
-EXAMPLE_CELL = Cell(nominal=PAPER_NOMINAL, discs=PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
-"""The cell of figure 3, the same as `config/cell.yaml`."""
 _KINDS = {
     str: 'a string',
     list: 'a list of strings',
@@ -92,7 +89,7 @@ def cell_or_example(node: Node) -> Cell:
     if path:
         return load_cell(place('cell', path))
     node.get_logger().warning('no cell given, taking the example cell of figure 3; set the parameter cell')
-    return EXAMPLE_CELL
+    return PAPER_CELL
 
 
 def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> Any:

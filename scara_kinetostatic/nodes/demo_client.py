@@ -24,9 +24,8 @@ from std_srvs.srv import Trigger
 
 from scara_kinetostatic.errors import InputError, UnsupportedDataError
 from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.nodes.declare import EXAMPLE_CELL
 from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain
 from scara_kinetostatic.nodes.results import DEVIATION, VALUE
 from scara_kinetostatic.nodes.stream_subscription import LATCHED
@@ -184,7 +183,7 @@ def run_demo(folder: Path, cell: Cell | None, settings: Mapping[str, object], pr
     """
     domain = free_domain()
     with NodeProcesses(domain, folder / 'logs') as nodes:
-        description = {'cell': _write_cell(folder, cell or EXAMPLE_CELL)}
+        description = {'cell': _write_cell(folder, cell or PAPER_CELL)}
         progress('starting the nodes', 0)
         nodes.start('calibrator', {'output': folder / 'calibration'})
         nodes.start('collector', {**description, 'output': folder, 'autostart': True})

@@ -12,13 +12,13 @@ from rclpy.node import Node
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import DESCRIPTIONS, PAPER_ACTUAL, PAPER_NOMINAL, UNITS, Parameters
+from scara_kinetostatic.model.parameters import DESCRIPTIONS, UNITS, Parameters
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.declare import Range, cell_or_example
-from scara_kinetostatic.simulation.chosen_effects import parse_effect, with_effects
 from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, Plan, default_plan
 from scara_kinetostatic.simulation.plan_file import load_plan
 from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, SensorModel
+from scara_kinetostatic.simulation.truth import deviating_robot, parse_effect, with_effects
 
 TRUTH_RANGES = {
     'x0': Range(-100.0, 100.0), 'y0': Range(-100.0, 100.0),
@@ -111,16 +111,9 @@ def _truth(node: Node, nominal: Parameters) -> Parameters:
         name: declare.number(
             node, f'truth.{name}', default, f'true {DESCRIPTIONS[name]}, {UNITS[name]}', TRUTH_RANGES[name]
         )
-        for name, default in deviating(nominal).as_dict().items()
+        for name, default in deviating_robot(nominal).as_dict().items()
     }
     return Parameters(**values)
-
-
-def deviating(nominal: Parameters) -> Parameters:
-    """A robot that deviates from its nominal parameters as that of table 2 does from its own."""
-    if nominal == PAPER_NOMINAL:
-        return PAPER_ACTUAL
-    return Parameters.from_array(nominal.as_array() + PAPER_ACTUAL.as_array() - PAPER_NOMINAL.as_array())
 
 
 def _sensors(node: Node, cell: Cell) -> SensorModel:

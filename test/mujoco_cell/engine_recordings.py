@@ -20,7 +20,7 @@ from scara_kinetostatic.simulation.mujoco.recorded import usual_plan
 from scara_kinetostatic.simulation.mujoco.truth import truth_of_scene, truth_text
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.sensors import SensorModel
-from scara_kinetostatic.simulation.truth_file import truth_named
+from scara_kinetostatic.simulation.truth import truth_named
 
 BAGS = Path(__file__).parents[2] / 'bags'
 TRUTH = Path(__file__).parents[1] / 'pipeline' / 'truth'

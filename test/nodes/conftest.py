@@ -15,8 +15,8 @@ from rclpy.node import Node  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
 
 from scara_kinetostatic.files.cell_file import dump_cell  # noqa: E402
+from scara_kinetostatic.model.cell import PAPER_CELL  # noqa: E402
 from scara_kinetostatic.nodes.calibrator import PatientExecutor  # noqa: E402
-from scara_kinetostatic.nodes.declare import EXAMPLE_CELL  # noqa: E402
 from scara_kinetostatic.nodes.demo_client import DemoClient  # noqa: E402
 from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain  # noqa: E402
 
@@ -29,7 +29,7 @@ def domain() -> int:
 @pytest.fixture
 def cell_file(tmp_path: Path) -> Path:
     path = tmp_path / 'cell.yaml'
-    path.write_text(dump_cell(EXAMPLE_CELL))
+    path.write_text(dump_cell(PAPER_CELL))
     return path
 
 

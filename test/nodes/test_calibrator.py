@@ -17,10 +17,10 @@ from std_srvs.srv import Trigger
 
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 from scara_kinetostatic.nodes import calibrator as module
 from scara_kinetostatic.nodes.calibrator import Calibrator
-from scara_kinetostatic.nodes.declare import EXAMPLE_CELL
 from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK
 from scara_kinetostatic.nodes.processes import NodeProcesses
@@ -38,18 +38,18 @@ THREADS = 3
 @pytest.fixture(scope='module')
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp('bags') / 'touches'
-    streams = simulate_streams(EXAMPLE_CELL, PAPER_ACTUAL, default_plan(EXAMPLE_CELL), seed=3)
-    write_streams(path, streams, EXAMPLE_CELL)
+    streams = simulate_streams(PAPER_CELL, PAPER_ACTUAL, default_plan(PAPER_CELL), seed=3)
+    write_streams(path, streams, PAPER_CELL)
     return path
 
 
 @pytest.fixture(scope='module')
 def grown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording with a disc that is larger than its cell description says."""
-    first, second, *rest = EXAMPLE_CELL.discs
-    true = replace(EXAMPLE_CELL, discs=(first, second._replace(radius=second.radius + GROWN), *rest))
+    first, second, *rest = PAPER_CELL.discs
+    true = replace(PAPER_CELL, discs=(first, second._replace(radius=second.radius + GROWN), *rest))
     path = tmp_path_factory.mktemp('bags') / 'grown'
-    write_streams(path, simulate_streams(true, PAPER_ACTUAL, default_plan(EXAMPLE_CELL), seed=3), EXAMPLE_CELL)
+    write_streams(path, simulate_streams(true, PAPER_ACTUAL, default_plan(PAPER_CELL), seed=3), PAPER_CELL)
     return path
 
 
@@ -86,7 +86,7 @@ def test_a_calibration_becomes_parameters_and_files(
     assert str(tmp_path) in answer.message
     assert node._condition.level == OK
 
-    expected = calibrate_recordings([recording], EXAMPLE_CELL).calibration
+    expected = calibrate_recordings([recording], PAPER_CELL).calibration
     assert values(node, 'calibrated') == list(expected.parameters.as_array())
     assert values(node, 'calibrated_std') == list(expected.std)
     parameters = yaml.safe_load((tmp_path / 'calibration.yaml').read_text())['/**']['ros__parameters']
@@ -103,7 +103,7 @@ def test_a_parameter_file_of_results_can_be_loaded_again(
 ) -> None:
     from scara_kinetostatic.report.write import write_results
 
-    outcome = calibrate_recordings([recording], EXAMPLE_CELL, fixed={'g_ee': 1e-4})
+    outcome = calibrate_recordings([recording], PAPER_CELL, fixed={'g_ee': 1e-4})
     files = write_results(outcome, tmp_path / 'results')
     node = spin(Calibrator, '--ros-args', '--params-file', str(files.parameters), threads=THREADS)
     np.testing.assert_array_equal(values(node, 'calibrated'), outcome.calibration.parameters.as_array())
@@ -124,17 +124,17 @@ def test_effects_come_and_go_with_the_calibration_that_finds_them(
     assert effects(node) == {}
     answer = calibrate(client)
     assert answer.success, answer.message
-    label = f'object_radius[{EXAMPLE_CELL.discs[1].name}]'
+    label = f'object_radius[{PAPER_CELL.discs[1].name}]'
     assert f'missing effects: explained, {label}; with them' in answer.message
     assert node._condition.values['effects'] == label
     assert float(node._condition.values['force error, held out, extended [N]']) < 0.5 * float(
         node._condition.values['force error, held out [N]']
     )
-    name = f'object_radius.{EXAMPLE_CELL.discs[1].name}.radius'
+    name = f'object_radius.{PAPER_CELL.discs[1].name}.radius'
     found = effects(node)
     assert list(found) == [f'effects.{name}', f'effects_std.{name}']
     assert abs(found[f'effects.{name}'] - GROWN) < 4 * found[f'effects_std.{name}']
-    final = calibrate_recordings([grown], EXAMPLE_CELL).final
+    final = calibrate_recordings([grown], PAPER_CELL).final
     assert values(node, 'calibrated') == list(final.parameters.as_dict().values())
     assert values(node, 'calibrated_std') == list(final.std)
     assert 'read-only' in set_parameter(client, f'effects.{name}', 1.0)
@@ -150,7 +150,7 @@ def test_a_parameter_file_with_effects_can_be_loaded_again(
 ) -> None:
     from scara_kinetostatic.report.write import write_results
 
-    outcome = calibrate_recordings([grown], EXAMPLE_CELL)
+    outcome = calibrate_recordings([grown], PAPER_CELL)
     files = write_results(outcome, tmp_path / 'results')
     arguments = ('--params-file', str(files.parameters), '-p', f'recording:={recording}', '-p', f'output:={tmp_path}')
     node = spin(Calibrator, '--ros-args', *arguments, threads=THREADS)

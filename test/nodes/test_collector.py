@@ -18,10 +18,10 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
+from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.nodes import conversion, session
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.conversion import Sample
-from scara_kinetostatic.nodes.declare import EXAMPLE_CELL
 from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN
 from scara_kinetostatic.nodes.processes import NodeProcesses
@@ -75,9 +75,9 @@ def test_start_and_stop_each_make_sense_once(
     assert trigger(client, '/collector/stop').success
     assert trigger(client, '/collector/start').success
     client.wait('another recording', lambda: client.recording != str(first), WAIT)
-    assert embedded_cell(first) == EXAMPLE_CELL
+    assert embedded_cell(first) == PAPER_CELL
     assert processes.stop() == {'collector': 0}
-    assert embedded_cell(client.recording) == EXAMPLE_CELL
+    assert embedded_cell(client.recording) == PAPER_CELL
 
 
 def test_every_message_of_a_fast_stream_is_recorded(spin: Callable[..., Node], tmp_path: Path) -> None:
@@ -86,7 +86,7 @@ def test_every_message_of_a_fast_stream_is_recorded(spin: Callable[..., Node], t
     assert eventually(lambda: all(monitor.count == 1000 for monitor in collector._monitors.values()))
     collector.close()
     (bag,) = tmp_path.iterdir()
-    streams = read_streams(bag, EXAMPLE_CELL)
+    streams = read_streams(bag, PAPER_CELL)
     assert len(streams.joints.stamp) == len(streams.wrench.stamp) == 1000
 
 
@@ -170,7 +170,7 @@ def test_a_folder_that_cannot_be_written_leaves_the_node_up(spin: Callable[..., 
 def test_two_collectors_that_choose_the_same_name_record_both(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     names = iter(['taken', 'taken', 'free'])
     monkeypatch.setattr(session, 'fresh_folder', lambda parent, stem: parent / next(names))
-    sessions = [session.Session(tmp_path, EXAMPLE_CELL, 1) for _ in range(2)]
+    sessions = [session.Session(tmp_path, PAPER_CELL, 1) for _ in range(2)]
     assert [one.folder.name for one in sessions] == ['taken', 'free']
     for one in sessions:
         one.close()
@@ -224,5 +224,5 @@ def test_reported_touches_survive_a_kill(
     client.wait('touches', lambda: client.touches >= enough and client.recording != '', WAIT)
     os.kill(collector, signal.SIGKILL)
     cell = embedded_cell(client.recording)
-    assert cell == EXAMPLE_CELL
+    assert cell == PAPER_CELL
     assert len(find_touches(read_streams(client.recording, cell), cell).touches) >= client.touches >= enough

@@ -18,12 +18,12 @@ from std_srvs.srv import Trigger
 
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.nodes import conversion, stream_subscription
 from scara_kinetostatic.nodes.calibrator import Calibrator
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.conversion import Sample
-from scara_kinetostatic.nodes.declare import EXAMPLE_CELL
 from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.session import Stream
 from scara_kinetostatic.nodes.stream_monitor import SequenceMonitor
@@ -65,7 +65,7 @@ def test_a_publisher_that_comes_back_with_another_joint_order(spin: Callable[...
     assert [monitor.unusable for monitor in collector._monitors.values()] == [0, 0]
     collector.close()
     (bag,) = tmp_path.iterdir()
-    read = read_streams(bag, EXAMPLE_CELL)
+    read = read_streams(bag, PAPER_CELL)
     assert len(read.joints.stamp) == 40
     np.testing.assert_array_equal(read.joints.position, np.tile([0.1, 0.2], (40, 1)))
     assert read.warnings == ()

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import scara_kinetostatic
 from scara_kinetostatic.files.cell_file import load_cell
-from scara_kinetostatic.nodes.declare import EXAMPLE_CELL
+from scara_kinetostatic.model.cell import PAPER_CELL
 
 ROOT = Path(__file__).parents[2]
 NAME = 'scara_kinetostatic'
@@ -45,4 +45,4 @@ def test_every_executable_exists() -> None:
 
 
 def test_the_example_cell_is_the_cell_that_the_nodes_take_by_themselves() -> None:
-    assert load_cell(ROOT / 'config' / 'cell.yaml') == EXAMPLE_CELL
+    assert load_cell(ROOT / 'config' / 'cell.yaml') == PAPER_CELL

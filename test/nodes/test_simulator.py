@@ -14,7 +14,7 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.playback import Playback
-from scara_kinetostatic.nodes.simulator_settings import deviating
+from scara_kinetostatic.simulation.truth import deviating_robot
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 STREAMS = Streams(
@@ -58,9 +58,9 @@ def test_parameters_have_descriptions_and_ranges(spin: Callable[..., Node]) -> N
 
 def test_the_default_truth_deviates_from_the_nominal_values_as_in_the_paper() -> None:
     longer = PAPER_NOMINAL.replace(l1=0.5)
-    assert deviating(PAPER_NOMINAL) == PAPER_ACTUAL
-    assert deviating(longer).l1 == pytest.approx(0.5002)
-    assert deviating(longer).x0 == pytest.approx(PAPER_ACTUAL.x0)
+    assert deviating_robot(PAPER_NOMINAL) == PAPER_ACTUAL
+    assert deviating_robot(longer).l1 == pytest.approx(0.5002)
+    assert deviating_robot(longer).x0 == pytest.approx(PAPER_ACTUAL.x0)
 
 
 def test_frame_and_sign_can_be_other_than_the_cell_says(spin: Callable[..., Node]) -> None:

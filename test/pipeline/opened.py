@@ -75,9 +75,10 @@ def table(name: str) -> str:
 
 def effects(name: str, outcome: Outcome) -> Iterator[str]:
     """What was found beyond the twelve beside what is there."""
-    for there in true_robot(name, outcome.calibration.cell).effects:
-        named = zip(there.effect.parameters, there.values, strict=True)
-        yield f'there: {there.effect.label}: ' + ', '.join(f'{one.name} {value:g} {one.unit}' for one, value in named)
+    truth = true_robot(name, outcome.calibration.cell)
+    for there, values in zip(truth.effects, truth.effect_values, strict=True):
+        named = zip(there.parameters, values, strict=True)
+        yield f'there: {there.label}: ' + ', '.join(f'{one.name} {value:g} {one.unit}' for one, value in named)
     for found in outcome.diagnosis.found:
         values = ', '.join(f'{one.name} {one.value:.3g} ± {one.std:.2g} {one.unit}' for one in found.values)
         yield f'found: {found.effect.label}: {values}'

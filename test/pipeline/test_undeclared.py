@@ -19,7 +19,6 @@ from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.simulation.chosen_effects import with_effects
 
 LARGEST = 1_000_000
 RECORDINGS = pytest.mark.parametrize('name', [one.name for one in ALL])
@@ -51,7 +50,7 @@ def test_nothing_declares_the_effect(name: str) -> None:
     effects = true_robot(name, cell_of(name)).effects
     assert len(effects) == 1
     told = path_of(name).read_bytes().lower()
-    for word in ('effect', 'truth', effects[0].effect.name):
+    for word in ('effect', 'truth', effects[0].name):
         assert word.encode() not in told
     assert (cell_of(name).noise is None) == (name == 'undeclared_b')
     assert 0 < path_of(name).stat().st_size < LARGEST
@@ -68,11 +67,12 @@ def test_every_touch_is_used_and_the_twelve_alone_are_not_enough(name: str) -> N
 
 @LISTED
 def test_the_effect_is_named_with_its_values(name: str) -> None:
-    outcome, (true,) = outcome_of(name), true_robot(name, cell_of(name)).effects
+    outcome, truth = outcome_of(name), true_robot(name, cell_of(name))
+    (true,), (true_values,) = truth.effects, truth.effect_values
     assert outcome.diagnosis.verdict == 'explained'
     (found,) = outcome.diagnosis.found
-    assert found.effect.label == true.effect.label
-    for value, expected in zip(found.values, true.values, strict=True):
+    assert found.effect.label == true.label
+    for value, expected in zip(found.values, true_values, strict=True):
         assert abs(value.value - expected) < 4 * value.std
 
 
@@ -100,7 +100,7 @@ def test_touches_not_used_are_predicted_better_with_the_effect(name: str) -> Non
 @LISTED
 def test_the_prediction_is_as_good_as_with_the_effect_known_beforehand(name: str) -> None:
     outcome, truth = outcome_of(name), true_robot(name, cell_of(name))
-    best = calibrate(outcome.calibration.touches, cell_of(name), start=with_effects(*truth))
+    best = calibrate(outcome.calibration.touches, cell_of(name), start=truth)
     assert outcome.final.force_error == pytest.approx(best.force_error, rel=0.05)
 
 

@@ -17,7 +17,8 @@ from simulation.oval import OvalDisc
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.effects.registry import register, unregister
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.simulation.truth_file import Truth, load_truth
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.simulation.truth import load_truth
 
 BAGS = Path(__file__).parents[2] / 'bags'
 TRUTH = Path(__file__).parent / 'truth'
@@ -52,7 +53,7 @@ def oval_discs_listed() -> Iterator[None]:
         unregister(oval_discs)
 
 
-def true_robot(name: str, cell: Cell) -> Truth:
+def true_robot(name: str, cell: Cell) -> ExtendedModel:
     """What the truth file of a recording says."""
     with oval_discs_listed():
         return load_truth(TRUTH / f'{name}.yaml', cell)

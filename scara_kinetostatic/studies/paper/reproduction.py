@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.model.cell import PAPER_CELL, Noise
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.studies.design.optimal_design import design
@@ -91,7 +91,7 @@ def reproduce(
     tell('the gauge experiments', 0.04)
     gauge = study([simulate_experiments()])
     tell('the general gripper', 0.05)
-    cell = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
+    cell = PAPER_CELL
     touches = simulate_touches(cell, PAPER_ACTUAL, default_plan(cell), Noise(0.0, 0.0))
     gripper = see_parts(touches, cell, PAPER_ACTUAL, cell.noise or stated)
     scatter = compare(

@@ -8,12 +8,20 @@ from effects.scenes import EFFECTS, LABELS, plausible
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
-from scara_kinetostatic.simulation.chosen_effects import Chosen, parse_effect, wanted, with_effects
-from scara_kinetostatic.simulation.truth_file import Truth, load_truth, truth_text
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
+from scara_kinetostatic.simulation.truth import (
+    TrueEffect,
+    deviating_robot,
+    load_truth,
+    parameter_list,
+    parse_effect,
+    truth_named,
+    truth_text,
+    with_effects,
+)
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS)
-CHOSEN = [Chosen(effect, tuple(float(value) for value in plausible(effect))) for effect in EFFECTS]
+CHOSEN = [TrueEffect(effect, tuple(float(value) for value in plausible(effect))) for effect in EFFECTS]
 
 
 @pytest.mark.parametrize('chosen', CHOSEN, ids=LABELS)
@@ -32,6 +40,12 @@ def test_the_robot_has_the_chosen_effects_with_their_values():
     assert with_effects(PAPER_ACTUAL, []) == ExtendedModel(PAPER_ACTUAL)
     with pytest.raises(ParameterError, match=r"sensor_bias': is given twice"):
         with_effects(PAPER_ACTUAL, [CHOSEN[2], *CHOSEN])
+
+
+def test_a_robot_by_name_deviates_from_the_nominal_values_as_in_the_paper():
+    assert truth_named('measured', CELL) == ExtendedModel(PAPER_MEASURED)
+    longer = PAPER_NOMINAL.replace(l1=0.5)
+    assert deviating_robot(longer).l1 == pytest.approx(0.5002)
 
 
 def test_disc_of_any_name():
@@ -62,16 +76,16 @@ def test_senseless_texts(text, message):
 
 def test_what_is_wanted_of_each_effect():
     for effect in EFFECTS:
-        text = wanted(effect)
+        text = parameter_list(effect)
         assert all(f'{parameter.name} ({parameter.unit}; ' in text for parameter in effect.parameters)
 
 
 def test_truth_survives_its_file(tmp_path):
     path = tmp_path / 'truth.yaml'
-    path.write_text(truth_text(PAPER_ACTUAL, CHOSEN, 7))
-    assert load_truth(path, CELL) == Truth(PAPER_ACTUAL, tuple(CHOSEN))
+    path.write_text(truth_text(with_effects(PAPER_ACTUAL, CHOSEN), 7))
+    assert load_truth(path, CELL) == with_effects(PAPER_ACTUAL, CHOSEN)
     path.write_text(truth_text(PAPER_ACTUAL))
-    assert load_truth(path, CELL) == Truth(PAPER_ACTUAL)
+    assert load_truth(path, CELL) == ExtendedModel(PAPER_ACTUAL)
 
 
 TWELVE = f'parameters: {PAPER_ACTUAL.as_dict()}\n'

@@ -1,0 +1,179 @@
+"""The true parameters and effects of a simulated robot: by name, as text, as a file. Never part of a recording.
+
+Effects are written ``name[target]:parameter=value,…``. A truth file:
+
+```yaml
+parameters: {x0: 2.5e-3, …}          # all twelve
+effects:                             # may be left out
+- {name: object_radius, target: disc_2, parameters: {radius: 6.0e-5}}
+```
+A file that holds nothing but the twelve parameters by name is accepted as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from math import isfinite
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import yaml
+
+from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.registry import find
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.files.yaml_text import parse_yaml, read_text
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
+
+SCHEMA = 'scara_kinetostatic/truth/1'
+PAPER_ROBOTS = {'paper': PAPER_ACTUAL, 'measured': PAPER_MEASURED}
+"""Robots by name: L̄a of table 2 and the compliances and backlashes of figure 4(d)."""
+_FORM = 'write parameters: {x0: 0.0025, ...} with all twelve, and effects: [{name: ..., target: ..., parameters: ...}]'
+
+
+class TrueEffect(NamedTuple):
+    """An effect of a simulated robot.
+
+    Attributes:
+        effect: the effect.
+        values: of its parameters, in their order and units.
+    """
+
+    effect: Effect
+    values: tuple[float, ...]
+
+
+def parse_effect(text: str, cell: Cell) -> TrueEffect:
+    """The effect that a text describes, such as ``object_radius[disc_2]:radius=6e-5``.
+
+    Args:
+        text: label of the effect, then each of its parameters once, SI units.
+        cell: that has the joints and discs.
+
+    Raises:
+        ParameterError: no such effect, or not exactly its parameters; the message lists the possible ones.
+    """
+    where = f'effect {text!r}'
+    label, _, listed = text.rpartition(':') if ':' in text else (text, '', '')
+    effect = find(cell, label.strip())
+    given: dict[str, float] = {}
+    for item in (part.strip() for part in listed.split(',') if part.strip()):
+        name, _, value = (part.strip() for part in item.partition('='))
+        if name in given:
+            raise ParameterError(where, f'{name!r} is given twice', parameter_list(effect))
+        try:
+            given[name] = float(value)
+        except ValueError:
+            raise ParameterError(where, f'expected parameter=value, got {item!r}', parameter_list(effect)) from None
+    return _with_values(effect, given, where)
+
+
+def parameter_list(effect: Effect) -> str:
+    """Name, unit and meaning of the parameters of an effect, as text."""
+    listed = ', '.join(f'{p.name} ({p.unit}; {p.meaning})' for p in effect.parameters)
+    return f'the parameters of {effect.label} are {listed}' if listed else f'{effect.label} has no parameters'
+
+
+def with_effects(truth: ExtendedModel | Parameters, effects: Iterable[TrueEffect]) -> ExtendedModel:
+    """The robot with further effects.
+
+    Raises:
+        ParameterError: the robot would have an effect twice.
+    """
+    model, added = as_model(truth), tuple(effects)
+    labels = [effect.label for effect in model.effects] + [item.effect.label for item in added]
+    for label in labels:
+        if labels.count(label) > 1:
+            raise ParameterError(f'effect {label!r}', 'is given twice', 'give it once')
+    return ExtendedModel(
+        model.parameters,
+        (*model.effects, *(item.effect for item in added)),
+        (*model.effect_values, *(item.values for item in added)),
+    )
+
+
+def truth_named(what: str, cell: Cell) -> ExtendedModel:
+    """The robot that a name of `PAPER_ROBOTS` or a truth file states.
+
+    Args:
+        what: ``paper`` or ``measured``: deviating from the nominal parameters of the cell as the robot of the paper
+            does from its own; otherwise the path of a file.
+        cell: nominal parameters, joints and discs.
+
+    Raises:
+        ParameterError: the file cannot be read, or its content is not valid.
+    """
+    if what not in PAPER_ROBOTS:
+        return load_truth(what, cell)
+    return ExtendedModel(deviating_robot(cell.nominal, PAPER_ROBOTS[what]))
+
+
+def deviating_robot(nominal: Parameters, robot: Parameters = PAPER_ACTUAL) -> Parameters:
+    """A robot that deviates from its nominal parameters as a robot of the paper does from its own."""
+    if nominal == PAPER_NOMINAL:
+        return robot
+    return Parameters.from_array(nominal.as_array() + robot.as_array() - PAPER_NOMINAL.as_array())
+
+
+def load_truth(path: str | Path, cell: Cell) -> ExtendedModel:
+    """Reads a truth file.
+
+    Args:
+        path: the file.
+        cell: that has the joints and discs of the effects.
+
+    Raises:
+        ParameterError: the file cannot be read, or its content is not valid.
+    """
+    where = str(path)
+    data = parse_yaml(read_text(path, ParameterError), path, ParameterError)
+    if not isinstance(data, dict):
+        raise ParameterError(where, 'expected the twelve parameters by name', 'write x0: 0.0025 and so on')
+    if 'parameters' not in data:
+        data = {'parameters': data}
+    unknown = [key for key in data if key not in ('schema', 'seed', 'parameters', 'effects')]
+    if unknown:
+        raise ParameterError(where, f'unknown key {unknown[0]!r}', _FORM)
+    base, listed = data['parameters'], data.get('effects') or []
+    if not isinstance(base, dict) or not isinstance(listed, list):
+        raise ParameterError(where, 'expected parameters by name and a list of effects', _FORM)
+    parameters = Parameters.from_mapping(base, where)
+    parameters.check_physical(where)
+    return with_effects(parameters, (_parse_entry(item, cell, where) for item in listed))
+
+
+def _parse_entry(item: Any, cell: Cell, where: str) -> TrueEffect:
+    if not isinstance(item, dict) or not {'name'} <= set(item) <= {'name', 'target', 'parameters'}:
+        raise ParameterError(where, 'effects: expected name, target and parameters', _FORM)
+    effect = find(cell, f'{item["name"]}[{item["target"]}]' if item.get('target') else str(item['name']))
+    values = item.get('parameters') or {}
+    if not isinstance(values, dict) or not all(type(value) in (int, float) for value in values.values()):
+        raise ParameterError(where, f'{effect.label}: expected its parameters by name, as numbers', _FORM)
+    return _with_values(effect, values, f'{where}: {effect.label}')
+
+
+def _with_values(effect: Effect, given: Mapping[str, float], where: str) -> TrueEffect:
+    """An effect with values by name; `where` for messages."""
+    names = [parameter.name for parameter in effect.parameters]
+    for name in given:
+        if name not in names:
+            raise ParameterError(where, f'unknown parameter {name!r}', parameter_list(effect))
+    for name in names:
+        if name not in given:
+            raise ParameterError(where, f'parameter {name!r} is missing', parameter_list(effect))
+        if not isfinite(given[name]):
+            raise ParameterError(where, f'{name}: expected a finite number, got {given[name]}', parameter_list(effect))
+    return TrueEffect(effect, tuple(float(given[name]) for name in names))
+
+
+def truth_text(truth: ExtendedModel | Parameters, seed: int = 0) -> str:
+    """The text of a truth file; `load_truth` reads it, without the seed."""
+    model = as_model(truth)
+    listed = [
+        {'name': effect.name, 'target': effect.target, 'parameters': model.values[effect.label]}
+        for effect in cast('tuple[Effect, ...]', model.effects)
+    ]
+    content = {'schema': SCHEMA, 'seed': seed, 'parameters': model.parameters.as_dict(), 'effects': listed}
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
