@@ -9,6 +9,7 @@ ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps
 PHYSICS = ['mujoco>=3.13']  # the first with the integrator `discrete`; only the verb physics needs it
 TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML', *PHYSICS]
 BENCH = ['casadi', 'mcap-ros2-support', *PHYSICS]  # the peers that `benchmark` measures against
+DOCS = ['sphinx>=7.2', 'myst-parser>=3', 'furo', 'latex2mathml']  # builds the site in docs/
 README = Path('README.md')
 
 
@@ -53,7 +54,7 @@ setup(
         'lz4',
         'zstandard',
     ],
-    extras_require={'ros': ROS, 'test': TEST, 'physics': PHYSICS, 'bench': BENCH},
+    extras_require={'ros': ROS, 'test': TEST, 'physics': PHYSICS, 'bench': BENCH, 'docs': DOCS},
     zip_safe=False,
     entry_points={
         'console_scripts': [

@@ -11,7 +11,9 @@ from docutils import nodes
 from docutils.statemachine import StringList
 from sphinx.util.docutils import SphinxDirective
 
-PACKAGE = Path(__file__).parents[2] / 'scara_kinetostatic'
+import scara_kinetostatic
+
+PACKAGE = Path(scara_kinetostatic.__file__).parent
 
 
 class MarkdownDirective(SphinxDirective):

@@ -1,6 +1,6 @@
 """What each node declares when it starts, as JSON: parameters, topics, services. Needs no ROS.
 
-    python docs/_ext/node_record.py
+    PYTHONPATH=. python docs/_ext/node_record.py
 
 The nodes are created as ever, but `rclpy` and the message packages are replaced by recording stand-ins.
 """
@@ -12,11 +12,8 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.machinery import ModuleSpec
-from pathlib import Path
 from types import ModuleType
 from typing import Any
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 REPLACED = (
     'rclpy', 'rcl_interfaces', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'rosgraph_msgs', 'sensor_msgs',

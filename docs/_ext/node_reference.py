@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from functools import cache
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from command_reference import escape
-from common import MarkdownDirective, code, table
+from common import PACKAGE, MarkdownDirective, code, table
 from sphinx.application import Sphinx
 
 
@@ -18,7 +19,9 @@ from sphinx.application import Sphinx
 def nodes_declared() -> dict[str, Any]:
     """What `node_record.py` finds, in a process of its own."""
     script = Path(__file__).with_name('node_record.py')
-    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False)
+    places = {'PYTHONPATH': os.pathsep.join([str(PACKAGE.parent), os.environ.get('PYTHONPATH', '')])}
+    command = [sys.executable, str(script)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **places})
     if done.returncode:
         raise RuntimeError(f'{script.name} failed:\n{done.stderr}')
     return dict(json.loads(done.stdout))

@@ -5,7 +5,7 @@
 - any block whose first line is ``# file: NAME`` is that file;
 - other blocks are not run.
 
-In shown output ``…`` stands for anything; figures may differ by `WITHIN`.
+In shown output ``…`` stands for anything; figures may differ by `WITHIN` and by one in the last decimal place.
 """
 
 from __future__ import annotations
@@ -97,12 +97,20 @@ def compare(shown: str, printed: str, source: str) -> None:
         assert at >= 0, f'{source} does not print {wanted!r}, but\n{printed}'
         before = words[:at].count('#')
         for one, other in zip(numbers, figures[before : before + len(numbers)], strict=True):
-            assert abs(one - other) <= WITHIN * abs(other), f'{source} prints {other:g}, not {one:g}, in {wanted!r}'
+            near = abs(float(one) - float(other)) <= WITHIN * abs(float(other)) + _last_place(one)
+            assert near, f'{source} prints {other}, not {one}, in {wanted!r}'
         place = at + len(wanted)
 
 
-def _figures(text: str) -> list[float]:
-    return [float(each) for each in _NUMBER.findall(text.replace('−', '-'))]
+def _figures(text: str) -> list[str]:
+    return _NUMBER.findall(text.replace('−', '-'))
+
+
+def _last_place(figure: str) -> float:
+    """The unit of the last decimal place, by which rounding may differ; zero for a whole number."""
+    mantissa, _, exponent = figure.partition('e')
+    places = len(mantissa.partition('.')[2])
+    return 10.0 ** (int(exponent or 0) - places) if places else 0.0
 
 
 def _words(text: str) -> str:
