@@ -87,7 +87,7 @@ def test_errors_before_and_after(name: str) -> None:
     (line,) = (line for line in README.splitlines() if line.startswith('|') and f'`bags/{name}.mcap`' in line)
     *_, force, tip = cells(line)
     found = outcome(name).comparison
-    sides = (found.alone, found.extended) if '→' in force else (found.extended,)
+    sides = (found.base, found.extended) if '→' in force else (found.extended,)
     assert ('→' in force) == (outcome(name).diagnosis.extended is not None)
     assert figures(force) == pytest.approx([side.held_out for side in sides], rel=WITHIN)
     assert figures(tip) == pytest.approx([1e3 * side.tip.held_out for side in sides], rel=WITHIN)

@@ -1,13 +1,13 @@
-"""The twelve parameters alone beside the extended model: errors in N and at the tip, fitted and held out.
+"""Comparison of the base model with the extended model: errors of force and tip, fitted and held out; bias.
 
-Both are judged on the same touches, those that the extended model uses, and by the same noise, that of the extended
-model. Where nothing was found the two are one.
+Both are evaluated on the same touches, those that the extended model uses, and with the same noise, that of the
+extended model. Where nothing was found the two are one.
 
-**Error of the tip.** At the measured Q and F a model places the tip; its distance from the circle is h of
+**Error of the tip.** At the measured Q and F a model predicts the tip; its distance from the circle of contact is h of
 `model.equations` along the circle's normal, which is the force's unless friction turns it. The error is its root mean
-square over the touches, linearised so that the noise in the direction of F, which alone would put the tip
-r (σ_f/f)²/2 off, does not count. Held out means here that each touch is predicted by a fit without it, to first
-order: (I - H_k)⁻¹ e_k, H_k its block of the projection on the fit's columns.
+square over the touches, linearised, so that the noise in the direction of F, which would displace the tip
+by r (σ_f/f)²/2, does not count. Held out means here that each touch is predicted by a fit without it, to first
+order: (I - H_k)⁻¹ e_k, with H_k its block of the projection on the fit's columns.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ from scara_kinetostatic.model.parameters import NAMES
 
 Floats = NDArray[np.float64]
 
-LEAST_KEPT = 1e-6
+LEAST_EIGENVALUE = 1e-6
+"""Of I - H_k; less is that of a touch which alone determines a parameter."""
 
 
 class TipError(NamedTuple):
@@ -38,7 +39,7 @@ class TipError(NamedTuple):
     Attributes:
         fitted: distance of the predicted tip from the circle it touches.
         held_out: the same of touches left out of the fit one by one, to first order.
-        noise: what the noise of joints and force alone gives.
+        noise: expected from the noise of joints and force alone.
     """
 
     fitted: float
@@ -46,8 +47,8 @@ class TipError(NamedTuple):
     noise: float
 
 
-class Side(NamedTuple):
-    """How good one model is.
+class ModelErrors(NamedTuple):
+    """The errors of one model.
 
     Attributes:
         force_error: e_f (10) over the used touches, N.
@@ -63,78 +64,77 @@ class Side(NamedTuple):
 
 
 class Bias(NamedTuple):
-    """How far a missing effect had bent one parameter.
+    """Bias of one parameter of the base model by the effects that it lacks.
 
     Attributes:
         name: of the parameter.
-        alone: estimate of the twelve parameters alone.
-        alone_std: its standard deviation; NaN where there is none.
+        base: estimate of the base model.
+        base_std: its standard deviation; NaN where there is none.
         value: estimate of the extended model.
         std: its standard deviation.
-        shift: `alone` less `value`.
-        in_std: the same in units of `alone_std`; NaN where either fit has no standard deviation.
+        shift: the bias, `base` less `value`.
+        in_std: the same in units of `base_std`; NaN where either fit has no standard deviation.
     """
 
     name: str
-    alone: float
-    alone_std: float
+    base: float
+    base_std: float
     value: float
     std: float
     shift: float
     in_std: float
 
     @property
-    def sure(self) -> bool:
-        """Whether the shift is more than the standard deviation of the extended model; rivals may leave that wide."""
+    def is_significant(self) -> bool:
+        """Whether the bias exceeds the standard deviation of the extended model, which rivals may have widened."""
         return bool(np.isfinite(self.in_std)) and abs(self.shift) > self.std
 
 
 class Comparison(NamedTuple):
-    """Before and after.
+    """The errors of the nominal, the base and the extended model, and the bias of the base model.
 
     Attributes:
         nominal: e_f with the nominal parameters, N.
-        alone: the twelve parameters alone.
-        extended: with what was found; the same where nothing was.
-        moved: displacement of the tip H(L̄, Q) by the bias of base, offsets and link lengths: root mean square over the
-            touches, m.
-        moved_most: the largest such displacement, m.
+        base: the base model.
+        extended: the extended model; the same where nothing was found.
+        tip_bias: displacement of the tip H(L̄, Q) by the bias of base, offsets and link lengths: root mean square over
+            the touches, m.
+        largest_tip_bias: the largest such displacement, m.
         biases: of the base model's parameters, in the order of `NAMES`.
     """
 
     nominal: float
-    alone: Side
-    extended: Side
-    moved: float
-    moved_most: float
+    base: ModelErrors
+    extended: ModelErrors
+    tip_bias: float
+    largest_tip_bias: float
     biases: tuple[Bias, ...]
 
 
-def compare(alone: Calibration, final: Calibration, held_out: float, final_held_out: float) -> Comparison:
+def compare(base: Calibration, final: Calibration, held_out: float, final_held_out: float) -> Comparison:
     """Compare the base model and the final one on the touches that the final one uses.
 
     Args:
-        alone: the base model.
-        final: the extended model; `alone` itself where nothing was found.
-        held_out: force error of `alone` on touches not used in the fit, N.
+        base: the base model.
+        final: the extended model; `base` itself where nothing was found.
+        held_out: force error of `base` on touches not used in the fit, N.
         final_held_out: the same of `final`.
     """
-    before = replace(alone, used=final.used)
-    extended = _side(final, final, final_held_out)
-    unlike = final is not alone
+    before = replace(base, used=final.used)
+    extended = _errors(final, final, final_held_out)
     joints = final.touches.joints[final.used]
-    moved = np.linalg.norm(forward(alone.parameters, joints) - forward(final.parameters, joints), axis=1)
+    moved = np.linalg.norm(forward(base.parameters, joints) - forward(final.parameters, joints), axis=1)
     return Comparison(
-        nominal=force_error(alone.nominal_residual[final.used]),
-        alone=_side(before, final, held_out) if unlike else extended,
+        nominal=force_error(base.nominal_residual[final.used]),
+        base=extended if final is base else _errors(before, final, held_out),
         extended=extended,
-        moved=float(np.sqrt(np.mean(moved**2))),
-        moved_most=float(moved.max()),
-        biases=tuple(_bias(name, alone, final) for name in NAMES),
+        tip_bias=float(np.sqrt(np.mean(moved**2))),
+        largest_tip_bias=float(moved.max()),
+        biases=tuple(_bias(name, base, final) for name in NAMES),
     )
 
 
-def _side(c: Calibration, final: Calibration, held_out: float) -> Side:
+def _errors(c: Calibration, final: Calibration, held_out: float) -> ModelErrors:
     """One model in the noise of the final one."""
     n = int(c.used.sum())
     observations = observe(c.touches.select(c.used), c.cell)
@@ -147,7 +147,7 @@ def _side(c: Calibration, final: Calibration, held_out: float) -> Side:
         _rms((_left_out(base, point.whitened.residual) * across_circle).sum(axis=1)),
         _rms(across_circle.ravel()) * 2**0.5,
     )
-    return Side(force_error(c.residual[c.used]), held_out, chi_square / (2 * n - c.subspace.basis.shape[1]), tip)
+    return ModelErrors(force_error(c.residual[c.used]), held_out, chi_square / (2 * n - c.subspace.basis.shape[1]), tip)
 
 
 def _whitened_normal(observations: Observations, point: Point) -> Floats:
@@ -170,7 +170,7 @@ def _left_out(base: Floats, residual: Floats) -> Floats:
     rows = base.reshape(-1, 2, base.shape[1])
     kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
     values, vectors = np.linalg.eigh(kept)
-    turned = np.einsum('nij,ni->nj', vectors, residual) / np.maximum(values, LEAST_KEPT)
+    turned = np.einsum('nij,ni->nj', vectors, residual) / np.maximum(values, LEAST_EIGENVALUE)
     return np.asarray(np.einsum('nij,nj->ni', vectors, turned))
 
 
@@ -178,9 +178,9 @@ def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _bias(name: str, alone: Calibration, final: Calibration) -> Bias:
-    """What the missing effects made of one parameter of the base model."""
-    before, after = getattr(alone.parameters, name), getattr(final.parameters, name)
-    std, final_std = alone.std_of(name), final.std_of(name)
+def _bias(name: str, base: Calibration, final: Calibration) -> Bias:
+    """The bias of one parameter."""
+    before, after = getattr(base.parameters, name), getattr(final.parameters, name)
+    std, final_std = base.std_of(name), final.std_of(name)
     in_std = (before - after) / std if std > 0 and np.isfinite(final_std) else np.nan
     return Bias(name, before, std, after, final_std, before - after, float(in_std))

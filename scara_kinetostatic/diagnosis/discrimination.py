@@ -1,8 +1,8 @@
-"""Which touches would decide between rivals: those where they, each fitted to the data, predict different forces.
+"""Discrimination of rivals: the touches at which their predictions of the force, each fitted to the data, differ most.
 
-From a pool of touches all over the discs, in both elbow postures, at three force levels, pressed straight or
-beyond the force and let down to it, those are chosen at which the predictions lie farthest apart in standard
-deviations of a measured force, Σ_F + A_Q Σ_Q A_Qᵀ. That is the criterion of T-optimality (Atkinson and Fedorov,
+From a pool of touches all around the discs, in both elbow postures, at three force levels, pressed to the force or
+preloaded beyond it and unloaded to it, those are chosen at which the predictions differ most in standard
+deviations of a measured force, Σ_F + A_Q Σ_Q A_Qᵀ: the criterion of T-optimality (Atkinson and Fedorov,
 Biometrika 62 (1975) 57).
 """
 
@@ -25,62 +25,73 @@ from scara_kinetostatic.model.touch import TouchSet
 Floats = NDArray[np.float64]
 
 DIRECTIONS = 24
-UNLOADED = 0.3
+"""Touches of the pool around each disc."""
+PRELOAD = 0.3
+"""Part of the force by which a touch is preloaded beyond it."""
 FIRST_FORCE = 1e-3
-REACHED = 0.95
+"""At the beginning of a touch that is pressed to its force, N."""
+LARGEST_REACH = 0.95
 """Part of the length of the arm beyond which no touch is advised."""
-APART = 2.0
-"""Standard deviations by which the predictions must differ for a touch to be worth while."""
+LEAST_DIFFERENCE = 2.0
+"""Standard deviations by which the predictions must differ for a touch to be advised."""
+NEIGHBOURS = 0.5
+"""Cosine of the angle between two touches on a disc above which one of them is enough."""
 
 
 class DiscriminatingTouch(NamedTuple):
-    """A touch that would tell two rivals apart.
+    """A touch that would discriminate between two rivals.
 
     Attributes:
         disc: name of the disc.
         angle: place on it, direction from its centre, rad.
         posture: elbow, +1 or -1.
         force: N.
-        let_down: whether it is pressed harder first and let down to the force.
-        apart: distance of the two predictions, N.
-        sigmas: the same in standard deviations.
+        is_unloaded: whether it is preloaded beyond the force and then unloaded to it.
+        difference: of the two predictions, N.
+        in_std: the same in standard deviations.
     """
 
     disc: str
     angle: float
     posture: int
     force: float
-    unloaded: bool
-    apart: float
-    sigmas: float
+    is_unloaded: bool
+    difference: float
+    in_std: float
 
     def __str__(self) -> str:
-        """In words."""
-        how = f'pressed beyond {self.force:.0f} N and let down to it' if self.unloaded else f'with {self.force:.0f} N'
+        """As in advice: ``disc_1 from 30°, elbow +1, with 40 N (predictions differ by 1.2 N)``."""
+        how = (
+            f'preloaded beyond {self.force:.0f} N, then unloaded to it'
+            if self.is_unloaded
+            else f'with {self.force:.0f} N'
+        )
         side = f'{np.degrees(self.angle) % 360:.0f}°'
-        return f'{self.disc} from {side}, elbow {self.posture:+d}, {how} ({self.apart:.1f} N apart)'
+        return (
+            f'{self.disc} from {side}, elbow {self.posture:+d}, {how} (predictions differ by {self.difference:.1f} N)'
+        )
 
 
 def discriminating_touches(
     calibration: Calibration, rivals: Sequence[Calibration], most: int = 4
 ) -> tuple[DiscriminatingTouch, ...]:
-    """The touches that tell fitted rivals apart best, one per disc and side.
+    """The touches that discriminate best between fitted rivals, one per disc and side.
 
     Args:
-        calibration: of the twelve parameters; its touches give the force levels.
+        calibration: the base model; its touches give the force levels.
         rivals: the same touches fitted with each rival, two or more.
         most: how many touches at most.
     """
-    pool, angle, unloaded = _pool(calibration)
-    apart, sigmas = np.zeros(len(pool)), np.zeros(len(pool))
+    pool, angle, is_unloaded = _pool(calibration)
+    difference, in_std = np.zeros(len(pool)), np.zeros(len(pool))
     for one, other in combinations([_predict(pool, rival) for rival in rivals], 2):
-        distance, off_normal_std = _apart(one, other)
-        farther = distance / off_normal_std > sigmas
-        apart, sigmas = np.where(farther, distance, apart), np.where(farther, distance / off_normal_std, sigmas)
+        distance, std = _difference(one, other)
+        larger = distance / std > in_std
+        difference, in_std = np.where(larger, distance, difference), np.where(larger, distance / std, in_std)
     chosen: list[int] = []
-    for k in np.argsort(-sigmas):
-        warm_start = any(pool.disc[k] == pool.disc[j] and np.cos(angle[k] - angle[j]) > 0.5 for j in chosen)
-        if sigmas[k] >= APART and not warm_start and len(chosen) < most:
+    for k in np.argsort(-in_std):
+        is_near = any(pool.disc[k] == pool.disc[j] and np.cos(angle[k] - angle[j]) > NEIGHBOURS for j in chosen)
+        if in_std[k] >= LEAST_DIFFERENCE and not is_near and len(chosen) < most:
             chosen.append(int(k))
     magnitude = np.hypot(*pool.force.T)
     names = [disc.name for disc in calibration.cell.discs]
@@ -90,9 +101,9 @@ def discriminating_touches(
             float(angle[k]),
             int(pool.posture[k]),
             float(magnitude[k]),
-            bool(unloaded[k]),
-            float(apart[k]),
-            float(sigmas[k]),
+            bool(is_unloaded[k]),
+            float(difference[k]),
+            float(in_std[k]),
         )
         for k in chosen
     )
@@ -120,8 +131,8 @@ def _predict(pool: TouchSet, fit: Calibration) -> _Predicted:
     return _Predicted(np.where(reached, found.force, np.nan), by_joints, fit.noise)
 
 
-def _apart(one: _Predicted, other: _Predicted) -> tuple[Floats, Floats]:
-    """How far two predictions lie apart, N, and the standard deviation of that distance."""
+def _difference(one: _Predicted, other: _Predicted) -> tuple[Floats, Floats]:
+    """The distance of two predictions, N, and its standard deviation, (n,) each."""
     difference = one.force - other.force
     distance = np.nan_to_num(np.hypot(difference[:, 0], difference[:, 1]))
     along = np.nan_to_num(difference / np.maximum(distance, 1e-12)[:, None])
@@ -130,11 +141,11 @@ def _apart(one: _Predicted, other: _Predicted) -> tuple[Floats, Floats]:
 
 
 def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]]:
-    """Touches to choose from, with their places on the discs and whether they are let down to their force."""
+    """Touches to choose from, their places on the discs, and whether they are unloaded to their force."""
     cell, p = calibration.cell, calibration.parameters
     magnitude = np.hypot(*calibration.force.T)
     levels = np.unique(np.round(np.quantile(magnitude, (0.05, 0.5, 0.95)), 0))
-    disc, direction, posture, level, down = (
+    disc, direction, posture, level, is_unloaded = (
         axis.ravel()
         for axis in np.meshgrid(
             np.arange(len(cell.discs)), np.arange(DIRECTIONS), (1, -1), levels, (False, True), indexing='ij'
@@ -144,17 +155,18 @@ def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]
     outward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     tip = cell.centers[disc] + cell.radii[disc, None] * outward
     reach = np.hypot(tip[:, 0] - p.x0, tip[:, 1] - p.y0)
-    warm_start = (reach < REACHED * (p.l1 + p.l2)) & (reach > (1 - REACHED) * (p.l1 + p.l2) + abs(p.l1 - p.l2))
-    parts = [array[warm_start] for array in (disc, angle, posture, level, down, tip, outward)]
-    disc, angle, posture, level, down, tip, outward = parts
+    length = p.l1 + p.l2
+    reachable = (reach < LARGEST_REACH * length) & (reach > (1 - LARGEST_REACH) * length + abs(p.l1 - p.l2))
+    parts = [array[reachable] for array in (disc, angle, posture, level, is_unloaded, tip, outward)]
+    disc, angle, posture, level, is_unloaded, tip, outward = parts
 
     def pressed(force: Floats) -> Floats:
         return inverse_kinetostatics(p, tip, -force[:, None] * outward, posture, cell.gripper)[0]
 
     joints = pressed(level)
-    before = np.where(down, (1 + UNLOADED) * level, FIRST_FORCE)
+    before = np.where(is_unloaded, (1 + PRELOAD) * level, FIRST_FORCE)
     motion = joints - pressed(before)
     motion = (motion + np.pi) % (2 * np.pi) - np.pi
     time = np.full(len(disc), float(calibration.touches.time.max()))
     pool = TouchSet(joints, -level[:, None] * outward, disc, posture, time=time, approach=motion, press=motion)
-    return pool, angle, down
+    return pool, angle, is_unloaded

@@ -1,11 +1,11 @@
-"""What a fit left over, as a linear problem in which every effect can be tried without fitting anew.
+"""The residual of a fit as a linear problem, in which every effect is tested without another fit.
 
 At a fit, the whitened misclosures of the used touches are linear in what is added to the model,
 
     y + J Δ + X θ = ε,   ε ~ (0, s² I),
 
-with J the derivatives by the twelve and X those by the parameters of effects. Where the fit already has effects, y is
-what would be left without them, to first order. So all effects, those found included, compete on equal terms;
+with J the derivatives by L̄ and X those by the parameters of effects. Where the fit already has effects, y is
+what it would be without them, to first order. So all effects, those already fitted included, are compared alike;
 fitting them only improves the point of linearisation and the noise.
 """
 
@@ -35,43 +35,43 @@ from scara_kinetostatic.model.sensor_error import along_and_across, true_force
 Floats = NDArray[np.float64]
 
 MOST = 2000
-"""Touches that a diagnosis looks at; the fit itself takes all."""
+"""Touches that a diagnosis uses at most; the fit uses all."""
 NEGLIGIBLE = 1e-9
-"""A unit column with less than this left beside the others adds no rank."""
+"""Singular value of unit columns below which a direction adds no rank."""
 
 
 class Problem(NamedTuple):
     """The linear problem of n touches.
 
     Attributes:
-        point: where all is linearised.
+        point: of the linearisation.
         equations: of the touches there.
         situation: the touches as effects see them.
         force: true forces in the sensor's frame, (n, 2), N.
-        noisy: the same touches, each force larger by one standard deviation of the noise that is left in it.
+        larger_by_noise: the same touches, each force larger by one standard deviation of the noise left in it.
         base: orthonormal basis of J, (2n, r).
-        left: y less what the twelve can take up, (2n,).
+        left: y projected off J, (2n,).
         noise_given: whether s is known to be 1.
-        one_level: whether all forces are the same but for their noise: what is read off their differences is noise.
-        response: what the twelve become when y does: L̄ follows y by it, (12, 2n).
-        without: by how much the twelve move, to first order, when the fit's effects are left out, (12,).
+        one_level: whether all forces are the same but for their noise, so that their differences are noise.
+        response: derivative of L̄ by y, (12, 2n).
+        without_effects: change of L̄ where the effects of the fit are left out, to first order, (12,).
     """
 
     point: Point
     equations: Equations
     touch_state: TouchState
     force: Floats
-    noisy: TouchState
+    larger_by_noise: TouchState
     base: Floats
     left: Floats
     noise_given: bool
     one_level: bool
     response: Floats
-    without: Floats
+    without_effects: Floats
 
     @property
     def freedoms(self) -> int:
-        """Rows less what the twelve take."""
+        """Degrees of freedom: rows less the rank of J."""
         return len(self.left) - self.base.shape[1]
 
     def columns(self, trial: Trial) -> Floats:
@@ -84,12 +84,12 @@ class Problem(NamedTuple):
 
     def noise_columns(self, effect: Effect, trial: Trial) -> Floats:
         """How the columns of an effect's only trial change by one standard deviation of the noise in F̂, (2n, m)."""
-        grown = self.force * (self.noisy.magnitude / self.touch_state.magnitude)[:, None]
-        (changed,) = effect.trials(self.noisy, grown)
+        grown = self.force * (self.larger_by_noise.magnitude / self.touch_state.magnitude)[:, None]
+        (changed,) = effect.trials(self.larger_by_noise, grown)
         return self.columns(changed) - self.columns(trial)
 
     def column(self, shift: Shift, sensor_error: Floats | None = None) -> Floats:
-        """What a shift, and an error of the sensor, do to the whitened misclosures, (2n,)."""
+        """Change of the whitened misclosures by a shift and an error of the sensor, (2n,)."""
         h = shift_column(shift, self.point.adjusted.state, self.equations)
         if sensor_error is not None:
             off = along_and_across(sensor_error, self.point.adjusted.force)
@@ -98,7 +98,7 @@ class Problem(NamedTuple):
 
 
 def pose_problem(calibration: Calibration) -> Problem:
-    """The linear problem that a calibration leaves; with effects or without.
+    """The linear problem of a calibration with or without effects.
 
     Args:
         calibration: the fit.
@@ -107,7 +107,7 @@ def pose_problem(calibration: Calibration) -> Problem:
     touches = c.touches.select(_some(c.used))
     observations = observe(touches, c.cell)
     point = project(observations, c.model, c.noise)
-    seen = _seen(c, observations, point) if c.model.effects else c.subspace.basis
+    identifiable = _identifiable(c, observations, point) if c.model.effects else c.subspace.basis
     contact_problem = observations.contact_problem(point.adjusted.joints, point.adjusted.off_normal)
     state = point.adjusted.state
     equations, touch_state = (
@@ -119,32 +119,32 @@ def pose_problem(calibration: Calibration) -> Problem:
         touch_state
     ).items():  # the effects are to be taken out, and this with them
         by_base[:, :, NAMES.index(name)] -= whiten_by(shift_column(shift, state, equations), point.whitened.root)
-    jacobian = (by_base @ seen).reshape(2 * len(touches), -1)
+    jacobian = (by_base @ identifiable).reshape(2 * len(touches), -1)
     base = orthonormal(jacobian)
     problem = Problem(
         point=point,
         equations=equations,
         touch_state=touch_state,
         force=true_force(c.model, point.adjusted.force),
-        noisy=_noisy(touch_state, noise_left(point.linear, point.whitened.root, c.noise, 0)),
+        larger_by_noise=_with_larger_force(touch_state, noise_left(point.linear, point.whitened.root, c.noise, 0)),
         base=base,
         left=np.empty(0),
         noise_given=c.noise_source == 'given',
         one_level=bool(np.std(point.adjusted.state.magnitude) < FORCE_LEVELS * c.noise.force),
-        response=-seen @ np.linalg.pinv(jacobian),
-        without=np.zeros(len(NAMES)),
+        response=-identifiable @ np.linalg.pinv(jacobian),
+        without_effects=np.zeros(len(NAMES)),
     )
     amplitudes = [effect.amplitudes(part) for effect, part in zip(c.model.effects, c.model.effect_arrays, strict=True)]
     effects = point.whitened.derivative[:, :, len(NAMES) :].reshape(len(base), -1)
     y = point.whitened.residual.ravel() - effects @ np.concatenate([np.empty(0), *amplitudes])
-    return problem._replace(left=y - base @ (base.T @ y), without=problem.response @ y)
+    return problem._replace(left=y - base @ (base.T @ y), without_effects=problem.response @ y)
 
 
-def _seen(calibration: Calibration, observations: Observations, point: Point) -> Floats:
-    """The directions of the twelve that the touches show at a fit with effects, (12, r).
+def _identifiable(calibration: Calibration, observations: Observations, point: Point) -> Floats:
+    """The identifiable directions of L̄ at a fit with effects, (12, r).
 
-    Judged without the effects, with which an unseen direction may mix; and judged here, as without the effects the
-    noise may have been so large that little was seen.
+    They are determined without the effects, with which an unidentifiable direction may mix, but with the noise of this
+    fit: that of the base model may have been so large that little was identifiable.
     """
     c = calibration
     free = np.array([k for k, name in enumerate(NAMES) if name not in c.fixed], dtype=np.intp)
@@ -155,8 +155,8 @@ def _seen(calibration: Calibration, observations: Observations, point: Point) ->
     return restrict(Subspace(c.model.as_array(), everything), unidentifiable).basis[: len(NAMES)]
 
 
-def _noisy(touch_state: TouchState, more: Floats) -> TouchState:
-    """The touches with forces (n,) larger, the rest as it is."""
+def _with_larger_force(touch_state: TouchState, more: Floats) -> TouchState:
+    """The touches with each force larger by `more`, (n,), N."""
     larger = 1 + more / touch_state.magnitude
     return touch_state._replace(
         magnitude=touch_state.magnitude * larger,
@@ -166,7 +166,7 @@ def _noisy(touch_state: TouchState, more: Floats) -> TouchState:
 
 
 def _some(which: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """As many of the touches as are needed: `MOST`, drawn at random, if there are more."""
+    """`MOST` of the used touches, drawn at random, if there are more."""
     places = np.flatnonzero(which)
     if len(places) <= MOST:
         return which

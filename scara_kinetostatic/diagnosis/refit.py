@@ -64,7 +64,7 @@ def start_from(problem: Problem, members: Sequence[Candidate]) -> tuple[Extended
         member.trial.values(found[end - part.shape[1] : end])
         for member, part, end in zip(members, columns, ends, strict=True)
     ]
-    moved = problem.without + problem.response @ np.concatenate(columns, axis=1) @ found
+    moved = problem.without_effects + problem.response @ np.concatenate(columns, axis=1) @ found
     base = Parameters.from_array(problem.point.parameters.as_array() + moved)
     effects = tuple(member.effect for member in members)
     return ExtendedModel(base, effects, tuple(tuple(part) for part in values)), max(share, LEAST_SHARE)

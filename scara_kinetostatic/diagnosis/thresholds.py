@@ -22,7 +22,7 @@ INDEPENDENT_PART = 0.012
 made by the noise of the measured force.
 """
 INDEPENDENT_PART_CAUTIOUS = 0.03
-"""The same where all forces are alike, and of families of functions that stand for no certain effect."""
+"""The same where all forces are alike, and of the families of functions that test for a lack of fit."""
 FORCE_LEVELS = 3.0
 """Standard deviations of the noise by which forces must scatter to be of several levels."""
 ROUNDING = 1e-8

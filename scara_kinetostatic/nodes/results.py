@@ -115,7 +115,7 @@ class ResultParameters:
 def one_line(outcome: Outcome) -> str:
     """What came out: touches, force error before and after, fit, what cannot be told apart, verdict, effects."""
     result, compared = outcome.final, outcome.comparison
-    alone, extended = compared.alone, compared.extended
+    alone, extended = compared.base, compared.extended
     parts = [
         f'{int(result.used.sum())} of {outcome.found} touches used',
         f'force error {compared.nominal:.4g} N before, {alone.force_error:.4g} N after',
@@ -143,7 +143,7 @@ def _verdict(outcome: Outcome) -> str:
 def details(outcome: Outcome) -> dict[str, str]:
     """The same by name."""
     result, compared = outcome.final, outcome.comparison
-    alone, extended = compared.alone, compared.extended
+    alone, extended = compared.base, compared.extended
     found = outcome.diagnosis.found
     return {
         'touches found': str(outcome.found),

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from scara_kinetostatic.diagnosis.comparison import Bias, Comparison, Side
+from scara_kinetostatic.diagnosis.comparison import Bias, Comparison, ModelErrors
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked
@@ -84,8 +84,8 @@ def diagnosis_context(outcome: Outcome) -> dict[str, Any]:
         'more_curves': _more_curves(d),
         'errors': _errors(compared, extended),
         'tip_noise': _mm(compared.extended.tip.noise),
-        'moved': _mm(compared.moved),
-        'moved_most': _mm(compared.moved_most),
+        'moved': _mm(compared.tip_bias),
+        'moved_most': _mm(compared.largest_tip_bias),
         'biases': [_bias(row) for row in compared.biases] if extended else [],
         'bias_picture': bias_picture(compared.biases) if extended else None,
         'rivals': [[messages.group_names(d, [label]) for label in group] for group in d.rivals],
@@ -161,12 +161,12 @@ def _errors(compared: Comparison, extended: bool) -> Table:
     """Force and tip, fitted and held out, and chi-square, of the nominal, the base and the extended model."""
     heading = ('', 'force error', 'held out', 'tip error', 'held out', 'reduced chi-square')
     rows = [('nominal parameters', f'{compared.nominal:.3g}', '', '', '', '')]
-    rows.append(('base model', *_side(compared.alone)))
+    rows.append(('base model', *_side(compared.base)))
     rows += [('extended model', *_side(compared.extended))] if extended else []
     return Table(heading, ('', 'N', 'N', 'mm', 'mm', ''), tuple(rows))
 
 
-def _side(side: Side) -> tuple[str, str, str, str, str]:
+def _side(side: ModelErrors) -> tuple[str, str, str, str, str]:
     return (
         f'{side.force_error:.3g}',
         f'{side.held_out:.3g}',
@@ -187,14 +187,14 @@ def _bias(row: Bias) -> dict[str, str]:
 
     return {
         'name': row.name,
-        'base': text(row.alone),
-        'base_std': text(row.alone_std) if row.alone_std > 0 else '',
+        'base': text(row.base),
+        'base_std': text(row.base_std) if row.base_std > 0 else '',
         'value': text(row.value),
         'std': text(row.std) if known else '',
         'bias': text(row.shift) if known else '',
         'in_std': _signed(row.in_std),
         'unit': unit,
-        'notable': 'lost' if row.sure and abs(row.in_std) > NOTABLE else '',
+        'notable': 'lost' if row.is_significant and abs(row.in_std) > NOTABLE else '',
     }
 
 

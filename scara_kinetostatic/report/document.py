@@ -63,7 +63,7 @@ def _number(value: float) -> float | None:
 def _errors(outcome: Outcome) -> Document:
     """Errors of the base model and of the extended model on the same touches."""
     compared = outcome.comparison
-    alone, extended = compared.alone, compared.extended
+    alone, extended = compared.base, compared.extended
     return {
         'force_error': {
             'nominal': _number(compared.nominal),
@@ -84,7 +84,7 @@ def _errors(outcome: Outcome) -> Document:
             'extended': _number(extended.tip.fitted),
             'held_out': {'calibrated': _number(alone.tip.held_out), 'extended': _number(extended.tip.held_out)},
             'noise': _number(extended.tip.noise),
-            'bias': {'rms': _number(compared.moved), 'largest': _number(compared.moved_most)},
+            'bias': {'rms': _number(compared.tip_bias), 'largest': _number(compared.largest_tip_bias)},
         },
     }
 
@@ -110,8 +110,8 @@ def _parameters(outcome: Outcome) -> Document:
             'unit': UNITS[bias.name],
             'status': c.status[bias.name],
             'base_model': {
-                'value': bias.alone,
-                'std': _number(bias.alone_std),
+                'value': bias.base,
+                'std': _number(bias.base_std),
                 'bias': bias.shift,
                 'bias_in_std': _number(bias.in_std),
             },

@@ -88,7 +88,7 @@ def bias_picture(rows: Sequence[Bias]) -> Markup:
     figure, (axes,) = new_figure(WIDTH, 300)
     places = np.arange(len(rows))
     shifts = np.array([row.in_std for row in rows])
-    spread = np.array([row.std / row.alone_std if row.alone_std > 0 else np.nan for row in rows])
+    spread = np.array([row.std / row.base_std if row.base_std > 0 else np.nan for row in rows])
     axes.axhspan(-1, 1, color=SERIES[0], alpha=0.12, lw=0)
     axes.axhline(0, color=FAINT, lw=0.9)
     for place, shift, std in zip(places, shifts, spread, strict=True):

@@ -125,7 +125,7 @@ def group_names(d: Diagnosis, group: Sequence[str]) -> str:
 def force_errors(outcome: Outcome) -> str:
     """The force error e_f before and after, in the fit and on held-out touches."""
     compared = outcome.comparison
-    base, extended, folds = compared.alone, compared.extended, outcome.extended_held_out.folds
+    base, extended, folds = compared.base, compared.extended, outcome.extended_held_out.folds
     if outcome.final is outcome.calibration:
         return (
             f'{compared.nominal:.3g} N with the nominal parameters, {base.force_error:.3g} N calibrated; '
@@ -141,7 +141,7 @@ def force_errors(outcome: Outcome) -> str:
 def tip_errors(outcome: Outcome) -> str:
     """The error of the tip in mm before and after, in the fit and on held-out touches, and that by noise."""
     compared = outcome.comparison
-    (a, a_out, _), (e, e_out, noise_alone) = (1e3 * np.array(side.tip) for side in (compared.alone, compared.extended))
+    (a, a_out, _), (e, e_out, noise_alone) = (1e3 * np.array(side.tip) for side in (compared.base, compared.extended))
     expected = f'{noise_alone:.3g} mm is expected from noise'
     if outcome.final is outcome.calibration:
         return f'{a:.3g} mm from the circle of contact (rms), {a_out:.3g} mm on held-out touches; {expected}'
@@ -155,9 +155,9 @@ def bias(outcome: Outcome) -> str:
     """By how much the base model's parameters and tip are biased; empty where no model error was found."""
     if outcome.final is outcome.calibration:
         return ''
-    rows = sorted((row for row in outcome.comparison.biases if row.sure), key=lambda row: -abs(row.in_std))
+    rows = sorted((row for row in outcome.comparison.biases if row.is_significant), key=lambda row: -abs(row.in_std))
     worst = ', '.join(f'{row.name} by {abs(row.in_std):.2g} σ' for row in rows[:MOST_BIASES])
-    tip = f'the tip by {outcome.comparison.moved * 1e3:.3g} mm (rms over the touches)'
+    tip = f'the tip by {outcome.comparison.tip_bias * 1e3:.3g} mm (rms over the touches)'
     return f'ignoring it would bias {f"{worst} and " if worst else ""}{tip}'
 
 

@@ -64,7 +64,7 @@ def html_text(outcome: Outcome) -> str:
 def _facts(outcome: Outcome) -> list[tuple[str, str, str]]:
     """The four numbers at the top: value, unit, what it is."""
     c, compared = outcome.final, outcome.comparison
-    alone, extended = compared.alone, compared.extended
+    alone, extended = compared.base, compared.extended
     errors, held_out = [compared.nominal, alone.force_error], [alone.held_out]
     chi_square, steps = [alone.reduced_chi_square], 'nominal → calibrated'
     if c is not outcome.calibration:

@@ -20,18 +20,18 @@ from scara_kinetostatic.model.cell import Noise
 def test_chi_square_of_both_is_in_the_same_noise(unnamed: Outcome) -> None:
     given = unnamed.comparison
     assert (unnamed.calibration.used == unnamed.final.used).all()
-    assert given.alone.reduced_chi_square == pytest.approx(unnamed.calibration.reduced_chi_square, rel=1e-3)
+    assert given.base.reduced_chi_square == pytest.approx(unnamed.calibration.reduced_chi_square, rel=1e-3)
     assert given.extended.reduced_chi_square == unnamed.final.reduced_chi_square
     louder = Noise(2 * unnamed.final.noise.joint, 2 * unnamed.final.noise.force)
     doubled = replace(unnamed, diagnosis=replace(unnamed.diagnosis, extended=replace(unnamed.final, noise=louder)))
-    assert doubled.comparison.alone.reduced_chi_square == pytest.approx(given.alone.reduced_chi_square / 4, rel=0.05)
+    assert doubled.comparison.base.reduced_chi_square == pytest.approx(given.base.reduced_chi_square / 4, rel=0.05)
 
 
 def test_both_are_compared_on_the_touches_of_the_final_model(grown: Outcome) -> None:
     assert grown.calibration.used.sum() < grown.final.used.sum(), 'touches that the base model rejects'
     lengths = np.hypot(*grown.calibration.residual[grown.final.used].T)
-    assert grown.comparison.alone.force_error == pytest.approx(lengths.mean(), rel=1e-12)
-    assert grown.comparison.alone.reduced_chi_square > grown.calibration.reduced_chi_square
+    assert grown.comparison.base.force_error == pytest.approx(lengths.mean(), rel=1e-12)
+    assert grown.comparison.base.reduced_chi_square > grown.calibration.reduced_chi_square
 
 
 def test_the_tip_left_out_is_that_of_a_fit_without_it(plain: Outcome) -> None:
@@ -55,7 +55,7 @@ def test_noise_alone_explains_the_tip_of_the_right_model(grown: Outcome, ambiguo
 def test_biases_are_in_units_of_what_was_claimed(grown: Outcome, confounded: Outcome) -> None:
     rows = {row.name: row for row in grown.comparison.biases}
     assert max(abs(row.in_std) for row in rows.values()) > 3
-    assert rows['l2'].shift == rows['l2'].alone - rows['l2'].value
+    assert rows['l2'].shift == rows['l2'].base - rows['l2'].value
     none = {row.name: row for row in confounded.comparison.biases}
     assert np.isnan(none['l1'].in_std)
     assert np.isnan(none['p_ee'].in_std)

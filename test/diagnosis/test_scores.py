@@ -90,8 +90,8 @@ def test_touches_that_decide_are_those_where_rivals_differ():
     rivals = [fit_with(fit, fit, problem, [candidate]) for candidate in candidate_set.candidates]
     touches = discriminating_touches(fit, rivals)
     assert 1 <= len(touches) <= 4
-    assert all(touch.sigmas > 2 and touch.apart > 0 for touch in touches)
-    assert all(a.sigmas >= b.sigmas for a, b in pairwise(touches))
+    assert all(touch.in_std > 2 and touch.difference > 0 for touch in touches)
+    assert all(a.in_std >= b.in_std for a, b in pairwise(touches))
     assert not discriminating_touches(fit, [rivals[0], rivals[0]])
 
 

@@ -144,7 +144,7 @@ def test_an_effect_is_shown_with_all_about_it(extended_pages: dict[str, str], gr
     (item,) = grown.diagnosis.found
     assert item.effect.label in text
     compared = grown.comparison
-    for side in (compared.alone, compared.extended):
+    for side in (compared.base, compared.extended):
         cells = (f'{side.force_error:.3g}', f'{side.held_out:.3g}', f'{1e3 * side.tip.fitted:.3g}')
         assert ''.join(f'<td class="n">{cell}</td>' for cell in cells) in page
     assert f'{1e6 * item.values[0].value:.1f} ± {1e6 * item.values[0].std:.1f} µm' in text
@@ -169,7 +169,7 @@ def test_rivals_stand_side_by_side(extended_pages: dict[str, str]) -> None:
 def test_what_has_no_name_is_described(extended_pages: dict[str, str]) -> None:
     text = words_of(extended_pages['unnamed'])
     assert 'a fitted curve (joint 1 deviates by an angle, depending on the angle of joint 2)' in text
-    assert 'No effect of the list explains what is left' in text
+    assert 'No effect of the catalogue explains the model error' in text
     assert 'cos1' not in text, 'coefficients say nothing by themselves'
 
 

@@ -62,7 +62,7 @@ def test_effects_have_their_lines(grown: Outcome, ambiguous: Outcome, unnamed: O
     compared = grown.comparison
     assert f'added to the base model\n  {item.effect.label}\n    radius  ' in text
     joined = ' '.join(text.split())
-    alone, extended = compared.alone, compared.extended
+    alone, extended = compared.base, compared.extended
     assert f'{alone.force_error:.3g} N with the base model, {extended.force_error:.3g} N with the extended' in joined
     assert f'{alone.held_out:.3g} N and {extended.held_out:.3g} N' in joined
     assert f'{1e3 * alone.tip.fitted:.3g} mm from the circle' in joined
