@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import sys
 from pathlib import Path
@@ -73,3 +74,13 @@ def test_another_output_is_noticed(shown: str, printed: str) -> None:
 
 def test_an_elision_stands_for_anything() -> None:
     compare('a …\nb 2\n…', 'a 1 2 3\nb 2\nc', 'it')
+
+
+@pytest.mark.parametrize('page', [*pages(), ROOT / 'README.md', ROOT / 'bags' / 'README.md'], ids=str)
+def test_modules_and_files_that_are_named_exist(page: Path) -> None:
+    text = page.read_text(encoding='utf-8')
+    for module in re.findall(r'python -m ([\w.]+\w)', text):
+        folders = [folder / module.replace('.', '/') for folder in (ROOT, ROOT / 'test')]
+        assert module == 'pytest' or any(f.with_suffix('.py').exists() or f.is_dir() for f in folders), module
+    for path in re.findall(r'`((?:test|config|benchmark)/[\w./-]+)`', text):
+        assert (ROOT / path).exists(), path
