@@ -1,8 +1,8 @@
-"""Recordings: reading any form into arrays, writing them crash-safe, finding the touches in them.
+"""Recordings: read in any form into arrays of joint angles and forces, and written crash-safe.
 
-From the bytes up: `raw` (what every source gives) <- `mcap_checksum`, `mcap_records`
-<- `mcap_file`, `sqlite_file`, `ros1_file`, `bag_folder` <- `sources` (which form is it) <- `decoding` (bytes to
-arrays) <- `clock` (both topics on one clock) <- `reader`. The other way:
-`encoding`, `metadata`, `mcap_piece`, `mcap_join`, `folders` <- `bag_writer` (live)
-<- `writer` (arrays). The cell description: `yaml_text` <- `cell_file`.
+Reading, from the bytes up: `messages` (what every source yields) <- `decompression`, `mcap_records` <- `mcap_file`,
+`sqlite_file`, `ros1_file`, `bag_folder` <- `sources` (which form a path has) <- `decoding` (bytes to arrays) <- `clock`
+(both topics on one clock) <- `reader`.
+Writing: `encoding` (arrays to bytes), `metadata`, `mcap_writer` <- `bag_writer` (message by message, crash-safe) <-
+`writer` (whole streams, in every form).
 """

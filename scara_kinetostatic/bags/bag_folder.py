@@ -70,7 +70,7 @@ class BagFolder:
         except RecordingError as error:
             if len(self._files) == 1:
                 raise
-            self.warnings.append(f'{path.name} was left out: {error.problem}')
+            self.warnings.append(f'{path.name} was skipped: {error.problem}')
             return
         self._topics += source.topics()
         self.warnings += source.warnings
@@ -86,15 +86,15 @@ class BagFolder:
             self.warnings.append(f'{count} messages recovered from {path.name}, which {METADATA} does not list')
 
     def _compare_counts(self, wanted: Collection[str]) -> None:
-        """Whether as much was read as the metadata counts; a damaged database loses messages without a word."""
+        """Warns where other numbers of messages were read than the metadata states: a database has no checksums."""
         for topic in wanted:
             lost = self._counts.get(topic, self._read_counts[topic]) - self._read_counts[topic]
             if lost and not self.warnings:
                 more = 'more' if lost > 0 else 'fewer'
-                self.warnings.append(f'{topic}: {METADATA} counts {abs(lost)} {more} messages than the files hold')
+                self.warnings.append(f'{topic}: {METADATA} states {abs(lost)} {more} messages than the files contain')
 
     def _listed_files(self) -> list[Path] | None:
-        """The files that the metadata lists; None where they have to be looked for."""
+        """The files that the metadata lists; None where there is no usable list."""
         metadata = self.path / METADATA
         if not metadata.exists():
             return None
@@ -102,22 +102,24 @@ class BagFolder:
             names, self._counts = _contents(metadata)
         except (AttributeError, LookupError, OSError, RecursionError, TypeError, ValueError) as error:
             reason = ' '.join(str(error).split())[:80] or type(error).__name__
-            self.warnings.append(f'{METADATA} cannot be read ({reason}): the files of the folder were read in order')
+            self.warnings.append(f'{METADATA} cannot be read ({reason}): all files of the folder were read, in order')
             return None
         files = [self.path / name for name in names]
         missing = [file.name for file in files if not file.exists()]
         if missing and len(missing) == len(files):
-            self.warnings.append(f'{METADATA} lists {missing[0]}, which is missing: the files found were read in order')
+            self.warnings.append(
+                f'{METADATA} lists {missing[0]}, which is missing: all files of the folder were read, in order'
+            )
             return None
         if missing:
-            self.warnings.append(f'{METADATA} lists {", ".join(missing)}, which is missing: read without')
+            self.warnings.append(f'{METADATA} lists {", ".join(missing)}, which is missing: the others were read')
         return [file for file in files if file.exists()]
 
     def _all_files(self) -> list[Path]:
-        """The recordings in the folder in their order, `…_2` before `…_10`."""
+        """The MCAP and SQLite files in the folder by number, `…_2` before `…_10`."""
         files = [file for file in self._entries() if _STORED.match(file.name) and not file.name.startswith('.')]
         if files and not (self.path / METADATA).exists():
-            self.warnings.append(f'{METADATA} is missing: the files of the folder were read in order')
+            self.warnings.append(f'{METADATA} is missing: all files of the folder were read, in order')
         return sorted(files, key=_natural)
 
     def _left_over_files(self) -> list[Path]:

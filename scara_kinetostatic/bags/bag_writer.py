@@ -42,8 +42,8 @@ class BagWriter:
         folder: the folder.
 
     Raises:
-        OutputError: the folder exists, or cannot be written; also in every method. What the last
-            checkpoint had secured stays.
+        OutputError: the folder exists, or cannot be written; so do all methods. The recording up to the last checkpoint
+            stays.
     """
 
     def __init__(self, folder: str | Path, cell: Cell, *, log_time: int | None = None) -> None:
@@ -132,12 +132,12 @@ class BagWriter:
     def _guarded(self) -> Iterator[None]:
         """Raises after the end of the recording, and ends it where the disk fails."""
         if self._state != 'open':
-            raise OutputError(self.folder, f'the recording is {self._state}', 'start a new one')
+            raise OutputError(self.folder, f'the recording was {self._state}', 'start a new one')
         try:
             with writing(self.folder):
                 yield
         except OutputError:
-            self._state = 'broken off'
+            self._state = 'stopped by an error'
             self._drop_draft()
             raise
 

@@ -1,12 +1,10 @@
-"""One clock for both streams: header stamps where they can be trusted, else the times of recording.
+"""One clock for both topics: the header stamps where they are valid, else the recording times.
 
-The two topics are brought together by their stamps, so both must be on one
-clock. Header stamps are not to be trusted where they are missing or stand
-still, where they run back by more than `RESET` (a simulation restarted, a bag
-played in a loop), or where the two topics' clocks disagree. The times of
-recording then serve for both topics, if they are sound. Where both run back,
-as when the computer's clock was set back, the parts in between are put one
-after the other.
+Joint angles and forces are matched by their stamps, so both must come from one clock. Header stamps are not valid where
+they are zero or constant, where they step back by more than `LARGEST_STEP_BACK` (a simulation restarted, a bag played
+in a loop), or where the clocks of the topics differ. The recording times (log times) then replace them in both topics,
+if these are valid. Where both step back, as when the computer's clock was set back, the parts between the steps are
+placed one after another.
 """
 
 from __future__ import annotations
@@ -21,24 +19,22 @@ from numpy.typing import NDArray
 from scara_kinetostatic.bags.decoding import Samples
 from scara_kinetostatic.errors import RecordingError
 
-RESET = 1_000_000_000
-"""A step back larger than this is no disorder but another clock, ns."""
-
-STRAY = 60_000_000_000
-"""A single stamp this far from the others is a slip, ns."""
-
+LARGEST_STEP_BACK = 1_000_000_000
+"""Stamps that step back by more than this are from a clock that was set; by less, from messages out of order, ns."""
+OUTLIER = 60_000_000_000
+"""A stamp that differs by more than this from the median of its neighbours is an outlier, ns."""
+LARGEST_OUTLIER_SHARE = 20
+"""Outliers are dropped if they are at most one in so many stamps."""
 PAUSE = 1_000_000_000
-"""Between the parts of a recording whose clock was set back, ns: too long for a touch to reach across."""
-
-DISAGREEMENT = 250_000_000
-"""Two clocks this far apart would put a force beside the wrong joint angles, ns."""
-
-STRETCH, LEAST_STRETCHES, MOST_STRETCHES = 2_000_000_000, 8, 200
-"""Lags that vary are compared stretch by stretch, of at least so many ns each."""
-SHORT = 0.04
-"""That the lags are apart in a smaller part of the stretches is no matter."""
-PACE = 0.03
-"""Stamps and times of recording go at one pace if they differ by less over a stretch; clocks drift far less."""
+"""Time inserted between the parts of a recording whose clock was set back, ns: longer than a gap within a touch."""
+LARGEST_OFFSET = 250_000_000
+"""Clocks that differ by more than this would assign forces to wrong joint angles, ns."""
+INTERVAL, FEWEST_INTERVALS, MOST_INTERVALS = 2_000_000_000, 8, 200
+"""Offsets that vary are compared by intervals: shortest one, ns, fewest, most."""
+LARGEST_SHARE_APART = 0.04
+"""A larger offset in at most this part of the intervals is accepted."""
+SAME_RATE = 0.03
+"""Stamps and recording times run at the same rate if they differ by less over an interval; clocks drift far less."""
 
 
 class Timed(NamedTuple):
@@ -49,91 +45,95 @@ class Timed(NamedTuple):
 
 
 def on_one_clock(source: str, streams: dict[str, Samples], warnings: list[str]) -> list[Timed]:
-    """Both streams in order on one clock.
+    """Both topics sorted by time on one clock.
 
     Args:
         source: the recording, for messages.
         streams: by topic, at least one sample each.
-        warnings: what was mended is added here.
+        warnings: what was corrected is appended here.
+
+    Returns:
+        The samples of each topic in the order given.
 
     Raises:
-        RecordingError: neither header stamps nor times of recording make sense.
+        RecordingError: neither the header stamps nor the recording times are valid.
     """
-    streams = {topic: _without_strays(topic, samples, warnings) for topic, samples in streams.items()}
-    complaint = _complaint(streams, 'stamp') or _disagreement(streams)
+    streams = {topic: _without_outliers(topic, samples, warnings) for topic, samples in streams.items()}
+    problem = _problem(streams, 'stamp') or _clock_offset(streams)
     use = 'stamp'
-    if complaint:
-        mended = _end_to_end(streams, 'stamp')
-        sound = not _complaint(streams, 'log_time')
-        if sound and (mended is None or _at_one_pace(streams)):
+    if problem:
+        joined = _parts_in_turn(streams, 'stamp')
+        valid = not _problem(streams, 'log_time')
+        if valid and (joined is None or _at_one_rate(streams)):
             use = 'log_time'
-            warnings.append(f'{complaint}: the times of recording were used instead')
-        elif (mended := mended or _end_to_end(streams, 'log_time')) is not None:
-            streams = mended
-            why = 'the times of recording go at another pace' if sound else 'the times of recording as well'
-            warnings.append(f'{complaint}, {why}: the parts were put one after the other')
+            warnings.append(f'{problem}: the recording times were used instead')
+        elif (joined := joined or _parts_in_turn(streams, 'log_time')) is not None:
+            streams = joined
+            why = 'the recording times run at another rate' if valid else 'so do the recording times'
+            warnings.append(f'{problem}, {why}: the parts were placed one after another')
         else:
-            remedy = 'record the robot in one go, with stamps from one clock'
-            raise RecordingError(source, f'{complaint}, and the times of recording are no better', remedy)
+            remedy = 'record in one run, with stamps from one clock'
+            raise RecordingError(source, f'{problem}, and the recording times are not valid either', remedy)
     return [_in_order(topic, getattr(samples, use), samples.values, warnings) for topic, samples in streams.items()]
 
 
-def _without_strays(topic: str, samples: Samples, warnings: list[str]) -> Samples:
-    """Drop the few messages whose stamp is missing or a minute off those around it."""
-    if np.all(np.abs(np.diff(samples.stamp)) < STRAY):
+def _without_outliers(topic: str, samples: Samples, warnings: list[str]) -> Samples:
+    """The samples without the few whose stamp is zero or more than `OUTLIER` from those around it."""
+    if np.all(np.abs(np.diff(samples.stamp)) < OUTLIER):
         return samples
     around = sliding_window_view(np.pad(samples.stamp, 3, mode='symmetric'), 7)
-    stray = np.abs(samples.stamp - np.median(around, axis=1)) > STRAY
-    number = int(np.sum(stray))
-    if number == 0 or number > max(1, len(stray) // 20):
+    outlier = np.abs(samples.stamp - np.median(around, axis=1)) > OUTLIER
+    number = int(np.sum(outlier))
+    if number == 0 or number > max(1, len(outlier) // LARGEST_OUTLIER_SHARE):
         return samples
-    warnings.append(f'{topic}: {counted(number)} with a stamp far off dropped')
+    warnings.append(f'{topic}: {counted(number)} dropped whose stamp is more than 60 s off')
     return samples._replace(
-        stamp=samples.stamp[~stray], log_time=samples.log_time[~stray], values=samples.values[~stray]
+        stamp=samples.stamp[~outlier], log_time=samples.log_time[~outlier], values=samples.values[~outlier]
     )
 
 
-def _complaint(streams: dict[str, Samples], use: str) -> str:
-    """Why the times of a kind cannot be used; empty where they can."""
+def _problem(streams: dict[str, Samples], use: str) -> str:
+    """Why stamps (`use` is stamp) or recording times (log_time) are not valid; empty if they are."""
     for topic, samples in streams.items():
         times: NDArray[np.int64] = getattr(samples, use)
         if np.all(times == 0):
-            return f'the stamps of {topic} are all zero'
+            return f'`header.stamp` of {topic} is zero'
         if len(times) > 2 and np.all(times == times[0]):
-            return f'the stamps of {topic} stand still'
+            return f'`header.stamp` of {topic} is constant'
         step = int(np.min(np.diff(times), initial=0))
-        if step < -RESET:
-            return f'the stamps of {topic} jump back by {-step / 1e9:.3g} s'
+        if step < -LARGEST_STEP_BACK:
+            return f'`header.stamp` of {topic} steps back by {-step / 1e9:.3g} s'
     return ''
 
 
-def _disagreement(streams: dict[str, Samples]) -> str:
-    """Whether the clocks of the two topics are apart, or run apart, by their lags against the times of recording."""
-    if _complaint(streams, 'log_time'):
+def _clock_offset(streams: dict[str, Samples]) -> str:
+    """Why the stamps of the topics are not from one clock, by their lags behind the recording times; or empty."""
+    if _problem(streams, 'log_time'):
         return ''
     lags = []
     for samples in streams.values():
         lag = samples.stamp - samples.log_time
         low, middle, high = np.percentile(lag - lag[0], [5, 50, 95])
-        if high - low > DISAGREEMENT:
-            return _running_apart(streams)
+        if high - low > LARGEST_OFFSET:
+            return _clock_drift(streams)
         lags.append(int(lag[0]) + int(middle))
     apart = max(lags) - min(lags)
-    if apart < DISAGREEMENT:
+    if apart < LARGEST_OFFSET:
         return ''
-    return f'the stamps of {" and ".join(streams)} come from clocks that are {apart / 1e9:.3g} s apart'
+    return f'`header.stamp` of {" and ".join(streams)} comes from clocks that differ by {apart / 1e9:.3g} s'
 
 
-def _running_apart(streams: dict[str, Samples]) -> str:
-    """Whether the lags differ where stamps and times of recording go at one pace.
+def _clock_drift(streams: dict[str, Samples]) -> str:
+    """Why the stamps of the topics drift apart, by their lags in intervals; empty if they do not.
 
-    Elsewhere a recorder stood still or caught up, or what it recorded was played fast: the stamps are the better clock.
+    Only intervals count in which stamps and recording times run at the same rate. In others the recorder paused or
+    caught up, or a bag was played fast: there the stamps are the better clock.
     """
     samples = list(streams.values())
     begin = max(int(one.log_time.min()) for one in samples)
     end = min(int(one.log_time.max()) for one in samples)
-    number = min((end - begin) // STRETCH, MOST_STRETCHES)
-    if number < LEAST_STRETCHES:
+    number = min((end - begin) // INTERVAL, MOST_INTERVALS)
+    if number < FEWEST_INTERVALS:
         return ''
     edges = np.linspace(begin, end, number + 1)
     apart = []
@@ -141,26 +141,25 @@ def _running_apart(streams: dict[str, Samples]) -> str:
         lags = [_lag(one, low, high) for one in samples]
         if not any(np.isnan(lags)):
             apart.append(abs(lags[0] - lags[1]))
-    if len(apart) < LEAST_STRETCHES or np.mean(np.array(apart) > DISAGREEMENT) < SHORT:
+    if len(apart) < FEWEST_INTERVALS or np.mean(np.array(apart) > LARGEST_OFFSET) < LARGEST_SHARE_APART:
         return ''
-    return f'the stamps of {" and ".join(streams)} run apart, by up to {max(apart) / 1e9:.3g} s'
+    topics = ' and '.join(streams)
+    return f'`header.stamp` of {topics} comes from clocks that drift apart, by up to {max(apart) / 1e9:.3g} s'
 
 
 def _lag(samples: Samples, begin: float, end: float) -> float:
-    """Median lag of the stamps behind the times of recording within a stretch, ns; NaN where the two go at different
-    paces.
-    """
+    """Median of stamp - recording time in an interval, ns; NaN where the two run at different rates."""
     first, last = np.searchsorted(samples.log_time, [begin, end])
     stamp, recorded = samples.stamp[first:last].astype(float), samples.log_time[first:last].astype(float)
-    if len(stamp) < 3 or abs((recorded[-1] - recorded[0]) - (stamp[-1] - stamp[0])) > PACE * (end - begin):
+    if len(stamp) < 3 or abs((recorded[-1] - recorded[0]) - (stamp[-1] - stamp[0])) > SAME_RATE * (end - begin):
         return np.nan
     return float(np.median(stamp - recorded))
 
 
-def _at_one_pace(streams: dict[str, Samples]) -> bool:
-    """Whether stamps and times of recording go at about the same pace; a bag that was played fast has others.
+def _at_one_rate(streams: dict[str, Samples]) -> bool:
+    """Whether stamps and recording times run at the same rate within a factor of 2, unlike in a bag played fast.
 
-    Judged over many samples, as a recorder may take several at a time.
+    By the medians of differences over many samples, since a recorder may take several at a time.
     """
     for samples in streams.values():
         apart = max(1, len(samples.stamp) // 64)
@@ -172,13 +171,13 @@ def _at_one_pace(streams: dict[str, Samples]) -> bool:
     return True
 
 
-def _end_to_end(streams: dict[str, Samples], use: str) -> dict[str, Samples] | None:
-    """The streams with stamps that run on, from times that were set back on all topics together; None from others.
+def _parts_in_turn(streams: dict[str, Samples], use: str) -> dict[str, Samples] | None:
+    """The samples with the parts between steps back placed one after another; None where the topics step differently.
 
-    Each part of all topics is moved by the same time, so that forces stay beside their joint angles.
+    All topics are shifted by the same time in each part, so that forces and joint angles stay together.
     """
     times = [np.array(getattr(samples, use)) for samples in streams.values()]
-    cuts = [[0, *(np.flatnonzero(np.diff(time) < -RESET) + 1).tolist(), len(time)] for time in times]
+    cuts = [[0, *(np.flatnonzero(np.diff(time) < -LARGEST_STEP_BACK) + 1).tolist(), len(time)] for time in times]
     if len({len(cut) for cut in cuts}) != 1 or len(cuts[0]) < 3 or any(np.all(time == 0) for time in times):
         return None
     for part in range(1, len(cuts[0]) - 1):
@@ -190,15 +189,15 @@ def _end_to_end(streams: dict[str, Samples], use: str) -> dict[str, Samples] | N
 
 
 def _in_order(topic: str, stamp: NDArray[np.int64], values: NDArray[np.float64], warnings: list[str]) -> Timed:
-    """Sort what is out of order and keep the first of equal stamps."""
+    """The samples sorted by stamp, the first of equal stamps only."""
     backwards = int(np.sum(np.diff(stamp) < 0))
     if backwards:
-        warnings.append(f'{topic}: stamps run backwards ({backwards} times), sorted')
+        warnings.append(f'{topic}: {counted(backwards)} out of order, sorted')
         order = np.argsort(stamp, kind='stable')
         stamp, values = stamp[order], values[order]
     repeated = np.concatenate([[False], np.diff(stamp) == 0])
     if np.any(repeated):
-        warnings.append(f'{topic}: {counted(int(np.sum(repeated)))} with the stamp of another dropped')
+        warnings.append(f'{topic}: {counted(int(np.sum(repeated)))} dropped whose stamp is that of another')
         stamp, values = stamp[~repeated], values[~repeated]
     stamp.flags.writeable = False
     values.flags.writeable = False
@@ -206,5 +205,5 @@ def _in_order(topic: str, stamp: NDArray[np.int64], values: NDArray[np.float64],
 
 
 def counted(number: int) -> str:
-    """So many messages, in words that fit."""
+    """`1 message`, `2 messages` and so on."""
     return f'{number} message' if number == 1 else f'{number} messages'

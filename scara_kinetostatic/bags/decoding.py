@@ -1,4 +1,4 @@
-"""From the bytes of messages to arrays: whole batches at once, without an object per message.
+"""Decoding: the bytes of messages to arrays, whole batches at once, without an object for each message.
 
 The three message types have a fixed layout once the lengths of their strings
 are known. Messages of one length and one `frame_id` length share it, so they
@@ -27,27 +27,28 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.bags.messages import Batch
 
-_ABSURD = 1e9
-"""Larger than any angle in rad or force in N."""
+_LARGEST_VALUE = 1e9
+"""Larger values, and those that are not finite, are dropped, rad or N."""
 
 _LONGEST = 1 << 24
-"""Longer than any such message, bytes."""
+"""Longer messages are dropped, bytes."""
 
-_BROKEN = 'broken off'
-_MANY = 64
+_INCOMPLETE = 'incomplete'
+_MOST_PROBLEMS = 64
+"""After so many unusable layouts in a batch, the rest of it is dropped: these are not the expected messages."""
 _SMALL, _TOGETHER = 1 << 20, 8
 """Batches of fewer than so many bytes are decoded up to so many at a time; 15 % faster with MCAP chunks of 256 KiB."""
 
 
 class Samples(NamedTuple):
-    """What the decoder read of one topic, in the order of recording.
+    """The decoded messages of one topic, in the order of recording.
 
     Attributes:
         stamp: header stamps, (n,), ns.
         log_time: when each was recorded, (n,), ns.
         values: q1, q2 or fx, fy, (n, 2), rad or N.
-        dropped: why how many messages gave no sample.
-        names: for joint states, the joint names seen in messages that lack q1 or q2.
+        dropped: number of messages without a sample, by reason.
+        names: for joint states, the joint names in messages without q1 or q2.
     """
 
     stamp: NDArray[np.int64]
@@ -94,7 +95,7 @@ class Decoder:
             stamp[where] = layout.stamp(rows)
             values[where] = layout.values(rows)
             good[where] = True
-        finite = np.all(np.abs(values) < _ABSURD, axis=1)  # false for NaN, too
+        finite = np.all(np.abs(values) < _LARGEST_VALUE, axis=1)  # false for NaN, too
         self._count('with values that are not finite', int(np.sum(good & ~finite)))
         good &= finite
         self._parts.append((stamp[good], batch.log_time[good], values[good]))
@@ -124,15 +125,15 @@ class Decoder:
                     yield layout, rows[same], where[same]
                 rows, where = rows[~same], where[~same]
                 problems += bool(layout.problem)
-                if problems == _MANY:  # no two alike: not the messages they claim to be
-                    self._count(_BROKEN, len(rows))
+                if problems == _MOST_PROBLEMS:
+                    self._count(_INCOMPLETE, len(rows))
                     break
 
     def _same_shape(self, batch: Batch) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.intp], str, int]]:
         """Messages of one length, byte order and length of `frame_id`."""
-        believable = (batch.length >= 20) & (batch.length <= _LONGEST)
-        self._count(_BROKEN, int(np.sum(~believable)))
-        where = np.flatnonzero(believable)
+        plausible = (batch.length >= 20) & (batch.length <= _LONGEST)
+        self._count(_INCOMPLETE, int(np.sum(~plausible)))
+        where = np.flatnonzero(plausible)
         if len(where) == 0:
             return
         head = sliding_window_view(batch.buffer, 16)[batch.start[where]]
@@ -154,7 +155,7 @@ class Decoder:
             cursor = _Cursor(message, order, origin)
             return _wrench_layout(cursor) if self._joint_names is None else _joint_layout(cursor, self._joint_names)
         except (struct.error, ValueError):
-            return _Layout(order, 0, slice(0, len(message)), message, problem=_BROKEN)
+            return _Layout(order, 0, slice(0, len(message)), message, problem=_INCOMPLETE)
 
 
 class _Layout(NamedTuple):
@@ -263,9 +264,9 @@ def decode_string(payload: bytes, encoding: str) -> str:
     """
     at, order = (0, '<') if encoding == 'ros1' else (4, '>' if payload[1:2] == b'\0' else '<')
     if len(payload) < at + 4:
-        raise ValueError('broken off')
+        raise ValueError('incomplete')
     (size,) = struct.unpack_from(order + 'I', payload, at)
     text = payload[at + 4 : at + 4 + size]
     if len(text) < size:
-        raise ValueError('broken off')
+        raise ValueError('incomplete')
     return text.rstrip(b'\0').decode('utf-8')

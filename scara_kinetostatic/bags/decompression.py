@@ -1,4 +1,4 @@
-"""Decompression that never gives back more than it was told to expect, and what there is of a cut-off input."""
+"""Decompression with a limit on the output, which also works for input that is cut off."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from scara_kinetostatic.bags.messages import Batch
 
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 LARGEST_CHUNK = 1 << 28
+"""Larger chunks are refused, bytes."""
 LARGEST_MESSAGE = 1 << 20
-"""No joint state, wrench or cell description has more bytes; what has is none."""
+"""A joint state, wrench or cell description is smaller than this, bytes; larger messages are refused."""
 PORTION = 1 << 25
 """So many bytes of decompressed messages are held at a time."""
 LEAST_ALLOWED, LARGEST_RATIO = 1 << 28, 200
-"""A file that is decompressed as a whole may grow to so many bytes, or by this factor."""
+"""A file that is decompressed as a whole may grow to so many bytes, or to so many times its size."""
 
 
 def decompress(data: bytes, compression: str, size: int) -> bytes:
@@ -32,10 +33,10 @@ def decompress(data: bytes, compression: str, size: int) -> bytes:
         The first `size` bytes, fewer where the input ends early.
 
     Raises:
-        ValueError: the compression is unknown, or the size beyond belief.
+        ValueError: the compression is unknown, or the size exceeds `LARGEST_CHUNK`.
     """
     if size > LARGEST_CHUNK:
-        raise ValueError(f'a chunk claims to hold {size} bytes')
+        raise ValueError(f'a chunk of {size} bytes, expected at most {LARGEST_CHUNK}')
     if compression in ('', 'none'):
         return data[:size]
     if compression == 'zstd':
@@ -62,7 +63,7 @@ def decompress_messages(batch: Batch) -> Iterator[Batch]:
     """The same messages in portions, decompressed where each was compressed on its own (rosbag2's compression mode
     `message`).
 
-    No message starts like a zstd frame, so none is taken for one by mistake.
+    A message that is not compressed never starts with the magic number of a zstd frame.
     """
     if len(batch.start) == 0 or batch.payload(0)[:4] != ZSTD_MAGIC:
         yield batch
@@ -93,11 +94,11 @@ def unpack(packed: IO[bytes], plain: IO[bytes], compressed: int) -> None:
         compressed: size of the compressed file.
 
     Raises:
-        ValueError: it holds more than any recording would; nothing beyond that is written.
+        ValueError: it grows beyond the limit; nothing beyond that is written.
     """
-    left = max(LEAST_ALLOWED, LARGEST_RATIO * compressed)
+    left = limit = max(LEAST_ALLOWED, LARGEST_RATIO * compressed)
     while part := packed.read(1 << 20):
         left -= len(part)
         if left < 0:
-            raise ValueError('it unpacks to more than a recording would')
+            raise ValueError(f'it exceeds {limit} bytes when decompressed')
         plain.write(part)

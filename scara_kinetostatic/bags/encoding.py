@@ -1,7 +1,6 @@
-"""From arrays to the bytes of messages, whole streams at once; the counterpart of `decoding`.
+"""Encoding: arrays to the bytes of messages, whole streams at once; the inverse of `decoding`.
 
-Also what a recording says about its topics: message definitions, type
-hashes and quality of service.
+Also the description of topics in a recording: message definitions, type hashes and quality of service.
 """
 
 from __future__ import annotations
@@ -72,7 +71,7 @@ def _definition(msgtype: str) -> tuple[str, str]:
 
 
 class _Template:
-    """Builds one message field by field; the counterpart of the decoder's cursor."""
+    """Builds one message field by field; the inverse of the decoder's cursor."""
 
     def __init__(self, *, ros1: bool) -> None:
         self.data = bytearray(4 if ros1 else b'\0\1\0\0')

@@ -39,7 +39,7 @@ from scara_kinetostatic.bags.mcap_records import (
 from scara_kinetostatic.bags.messages import Batch, Batches, Topic, ros2_type, ros_topic
 
 _SMALL = 1 << 26
-"""So large a file is read in no time, bytes."""
+"""The checksum of the whole file is verified up to this size even if most of it was not read, bytes (0.1 s)."""
 _DAMAGE = (
     McapError,
     CRCValidationError,
@@ -57,7 +57,7 @@ class McapFile:
 
     Args:
         path: the file.
-        stream: what to read it from where that is not the file itself (a decompressor); need not seek.
+        stream: what to read instead of the file itself, a decompressor, say; need not be seekable.
     """
 
     def __init__(self, path: Path, stream: IO[bytes] | None = None) -> None:
@@ -78,34 +78,34 @@ class McapFile:
     def batches(self, wanted: Collection[str]) -> Batches:
         """The messages of the wanted topics, chunk by chunk."""
         with self._stream or self.path.open('rb') as stream:
-            summary, sound = self._summary(stream) if self._stream is None else (None, True)
-            messages = self._from_front(stream, wanted) if summary is None else self._by_index(stream, summary, wanted)
+            summary, intact = self._summary(stream) if self._stream is None else (None, True)
+            messages = self._from_start(stream, wanted) if summary is None else self._by_index(stream, summary, wanted)
             for batch in messages:
                 self._read[batch.topic.name] += len(batch.start)
                 yield batch
-            if not self.warnings and not sound:
-                self.warnings.append(f'{self.path.name}: the index at its end is damaged; read from the front')
+            if not self.warnings and not intact:
+                self.warnings.append(f'{self.path.name}: the index at its end is damaged; read from the start')
             if not self.warnings:
                 self._check(stream, wanted)
 
     def _summary(self, stream: IO[bytes]) -> tuple[Summary | None, bool]:
-        """The index at the end of the file, if it serves; and whether what there is of it is sound."""
+        """The index at the end of the file, None if it cannot be used, and whether it is undamaged."""
         summary = None
         try:
-            sound = summary_is_intact(stream)
+            intact = summary_is_intact(stream)
             stream.seek(0)
-            if sound:
+            if intact:
                 summary = SeekingReader(stream, record_size_limit=self._limit).get_summary()
         except _DAMAGE:
-            sound = False
+            intact = False
         stream.seek(0)
         if summary is None or summary.statistics is None or not summary.channels:
-            return None, sound
+            return None, intact
         self._statistics = summary.statistics
         if len(summary.chunk_indexes) != summary.statistics.chunk_count:
-            return None, sound
+            return None, intact
         loose = summary.statistics.message_count and not summary.chunk_indexes
-        return None if loose else summary, sound
+        return None if loose else summary, intact
 
     def _by_index(self, stream: IO[bytes], summary: Summary, wanted: Collection[str]) -> Iterator[Batch]:
         for schema in summary.schemas.values():
@@ -123,14 +123,14 @@ class McapFile:
                 stream.seek(index.chunk_start_offset)
                 opcode, length = RECORD.unpack(stream.read(9))
                 if opcode != CHUNK or length > self._limit:
-                    raise ValueError('no chunk where the index says')
+                    raise ValueError('no chunk at the place in the index')
                 chunk = Chunk.read(ReadDataStream(stream))
             except _DAMAGE as error:
                 self._damaged(index.chunk_start_offset, error)
                 continue
             yield from self._chunk(chunk, index.chunk_start_offset, wanted)
 
-    def _from_front(self, stream: IO[bytes], wanted: Collection[str]) -> Iterator[Batch]:
+    def _from_start(self, stream: IO[bytes], wanted: Collection[str]) -> Iterator[Batch]:
         loose = MessageBuffer()
         offset = len(MAGIC)
         records = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=self._limit).records
@@ -155,27 +155,27 @@ class McapFile:
         except _DAMAGE:
             yield from loose.flush()
             self.warnings.append(
-                f'{self.path.name} breaks off after {offset} bytes (writer killed, or copy not complete): '
-                'read as far as it goes'
+                f'{self.path.name} ends early, after {offset} bytes (writer killed, or copy not complete): '
+                'read up to there'
             )
-            yield from self._torn_chunk(stream, offset, wanted)
+            yield from self._incomplete_chunk(stream, offset, wanted)
         else:
             yield from loose.flush()
 
-    def _torn_chunk(self, stream: IO[bytes], offset: int, wanted: Collection[str]) -> Iterator[Batch]:
-        """What can be had of a chunk whose end is missing."""
+    def _incomplete_chunk(self, stream: IO[bytes], offset: int, wanted: Collection[str]) -> Iterator[Batch]:
+        """The messages in a chunk whose end is missing."""
         if self._stream is not None:
             return
         try:
             stream.seek(offset)
-            torn = stream.read(self._limit - offset)
-            opcode, _ = RECORD.unpack_from(torn)
+            part = stream.read(self._limit - offset)
+            opcode, _ = RECORD.unpack_from(part)
             if opcode != CHUNK:
                 return
-            size, name_length = struct.unpack_from('<16xQ4xI', torn, 9)
+            size, name_length = struct.unpack_from('<16xQ4xI', part, 9)
             data_at = 9 + 32 + name_length + 8
-            compression = torn[9 + 32 : 9 + 32 + name_length].decode()
-            data = decompress(torn[data_at:], compression, size)
+            compression = part[9 + 32 : 9 + 32 + name_length].decode()
+            data = decompress(part[data_at:], compression, size)
         except _DAMAGE:
             return
         yield from self._messages(data, offset, wanted)
@@ -193,24 +193,24 @@ class McapFile:
         yield from self._messages(data, offset, wanted)
 
     def _messages(self, data: bytes, offset: int, wanted: Collection[str]) -> Iterator[Batch]:
-        """The messages in the bytes of one chunk; what does not look like a record ends it."""
+        """The messages in the bytes of one chunk, up to the first invalid record."""
         found = chunk_records(data)
-        sound = found.complete
+        intact = found.complete
         for opcode, content in found.definitions:
-            sound &= self._define(opcode, content)
+            intact &= self._define(opcode, content)
         starts: dict[Topic, list[int]] = {}
         for key, places in found.messages.items():
             topic = self._channels.get(key)
-            sound &= topic is not None
+            intact &= topic is not None
             if topic is not None and topic.name in wanted:
                 starts.setdefault(topic, []).extend(places)
         for topic, places in starts.items():
             yield message_batch(topic, data, places)
-        if not sound and not self.warnings:
-            self.warnings.append(f'{self.path.name}: the chunk at byte {offset} is damaged: read as far as it goes')
+        if not intact and not self.warnings:
+            self.warnings.append(f'{self.path.name}: the chunk at byte {offset} is damaged: read up to the damage')
 
     def _define(self, opcode: int, content: bytes) -> bool:
-        """Takes in a schema or channel that stands in a chunk; whether it is one."""
+        """Adds a schema or channel that a chunk contains; returns whether it is valid."""
         stream = ReadDataStream(BytesIO(content))
         try:
             if opcode == SCHEMA:
@@ -229,9 +229,9 @@ class McapFile:
         self._channels[channel.id] = Topic(ros_topic(channel.topic), msgtype, channel.message_encoding)
 
     def _check(self, stream: IO[bytes], wanted: Collection[str]) -> None:
-        """Whether as many messages were read as the file counts, and its data have their checksum.
+        """Warns where other numbers of messages were read than the file states, or the checksum of its data differs.
 
-        The latter reads the whole file, so it is left out where that is large and most of it not wanted.
+        The checksum needs the whole file; it is not verified where that is large and most of it was not read.
         """
         counts = self._statistics.channel_message_counts if self._statistics else {}
         for topic in wanted if counts else ():
@@ -239,15 +239,15 @@ class McapFile:
             expected = sum(counts.get(key, 0) for key in ids)
             if expected != self._read[topic]:
                 self.warnings.append(
-                    f'{self.path.name}: its index counts {expected} messages of {topic}, read were {self._read[topic]}'
+                    f'{self.path.name}: its index states {expected} messages of {topic}, read were {self._read[topic]}'
                 )
         worth_it = self._stream is None and (self._limit < _SMALL or 2 * self._bytes_read > self._limit)
         if worth_it and not data_is_intact(stream):
             self._data_damaged()
 
     def _data_damaged(self) -> None:
-        self.warnings.append(f'{self.path.name}: something in it is damaged, the checksum of the file does not match')
+        self.warnings.append(f'{self.path.name}: damaged somewhere: the checksum of its data does not match')
 
     def _damaged(self, offset: int, error: Exception) -> None:
         reason = str(error) or type(error).__name__
-        self.warnings.append(f'{self.path.name}: a damaged chunk at byte {offset} was left out ({reason})')
+        self.warnings.append(f'{self.path.name}: the damaged chunk at byte {offset} was skipped ({reason})')

@@ -1,4 +1,4 @@
-"""Messages as they lie in a file: bytes, not yet decoded, many at a time."""
+"""Messages as bytes, not yet decoded, in batches: what every source of a recording yields."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class Source(Protocol):
     """A recording, of whatever form.
 
     Attributes:
-        warnings: what was found damaged and how it was mended, complete once `batches` has run out.
+        warnings: what is damaged and how it was dealt with; complete once `batches` is exhausted.
     """
 
     warnings: list[str]
@@ -102,12 +102,19 @@ class Source(Protocol):
         """The messages of the wanted topics, in the order of their recording, within each topic."""
 
     def topics(self) -> list[Topic]:
-        """Every topic of the recording, complete once `batches` has run out."""
+        """Every topic of the recording, complete once `batches` is exhausted."""
 
 
 @contextmanager
 def reading(path: str | Path) -> Iterator[None]:
-    """Everything that goes wrong inside leaves as a `RecordingError`; the only place where that is done."""
+    """Turns every exception inside into a `RecordingError`; the only place where that is done.
+
+    Args:
+        path: the recording, for the message.
+
+    Raises:
+        RecordingError: something went wrong.
+    """
     try:
         yield
     except ScaraKinetostaticError:
@@ -120,7 +127,7 @@ def reading(path: str | Path) -> Iterator[None]:
 
 
 def printable(text: str) -> str:
-    """The text with a mark for everything that would disturb a terminal; names in damaged files hold anything."""
+    """The text with U+FFFD for every character that is not printable; names in damaged files contain anything."""
     if text.isprintable():
         return text
     return ''.join(letter if letter.isprintable() else '\ufffd' for letter in text)

@@ -11,7 +11,7 @@ from rosbags.interfaces import Qos
 from scara_kinetostatic.bags.encoding import Channel
 
 _NONE_YET = (1 << 63) - 1
-"""Starting time of a recording without messages."""
+"""Start time that rosbag2 writes for a recording without messages, ns."""
 
 
 class FileInfo(NamedTuple):

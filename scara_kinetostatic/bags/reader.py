@@ -1,9 +1,8 @@
 """Any supported recording to `Streams`.
 
-A recording is a rosbag2 folder (MCAP or SQLite, split, compressed or not), a
-bare `.mcap` or `.db3` file, or a ROS 1 `.bag`. From the cell's two topics come
-arrays; what cannot be used is dropped and counted in the warnings, what cannot
-be mended is a `RecordingError` that says what to do.
+A recording is a rosbag2 folder (MCAP or SQLite, split, compressed or not), a bare `.mcap` or `.db3` file, or a ROS 1
+`.bag`. The cell's two topics become arrays. Messages that cannot be used are dropped and counted in the warnings; a
+recording that cannot be used is a `RecordingError` that says what to do.
 """
 
 from __future__ import annotations
@@ -56,11 +55,11 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
 
 
 def embedded_cell(path: str | Path) -> Cell | None:
-    """The cell description that travels in a recording, None where it carries none.
+    """The cell description in a recording, on topic `/cell_description`; None where there is none.
 
     Raises:
         RecordingError: there is no such recording, or it cannot be read.
-        CellError: what the recording carries is no cell description.
+        CellError: the message on that topic is not a valid cell description.
     """
     with reading(path), closing(open_recording(path).batches({CELL_TOPIC})) as batches:
         for batch in batches:
@@ -77,7 +76,7 @@ def _nothing_usable(
     topics = source.topics()
     here = [item for item in topics if item.name == topic]
     if source.warnings and not samples.dropped:
-        problem = f'nothing is left of topic {topic}: {"; ".join(source.warnings[:2])}'
+        problem = f'no message of {topic} can be read: {"; ".join(source.warnings[:2])}'
         return RecordingError(path, problem, 'copy the file again, or record again')
     if not here:
         return _missing(path, topic, msgtype, topics)

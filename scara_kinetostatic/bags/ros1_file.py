@@ -61,5 +61,5 @@ class Ros1File:
         expected = sum(item.msgcount for item in connections)
         if count != expected and not self.warnings:
             self.warnings.append(
-                f'{self.path.name}: its index counts {expected} messages of {connections[0].topic}, read were {count}'
+                f'{self.path.name}: its index states {expected} messages of {connections[0].topic}, read were {count}'
             )

@@ -1,4 +1,4 @@
-"""Which form a recording has, told by its first bytes, and its source."""
+"""The source for a recording: a reader for its form, which its first bytes show."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def open_recording(path: str | Path) -> Source:
         path: a rosbag2 folder, an `.mcap` or `.db3` file, plain or `.zstd`, or a ROS 1 `.bag`.
 
     Raises:
-        RecordingError: there is none, or it is of no known form.
+        RecordingError: it does not exist, or its form is not known.
     """
     path = Path(path)
     with reading(path):
@@ -44,14 +44,14 @@ def open_file(path: Path) -> Source:
     """The source of a single file.
 
     Raises:
-        RecordingError: it is empty or of no known form.
+        RecordingError: it is empty, or its form is not known.
     """
     if not stat.S_ISREG(path.stat().st_mode):
         raise RecordingError(path, 'neither a file nor a folder', f'give {_FORMS}')
     with path.open('rb') as stream:
         start = stream.read(16)
     if not start:
-        raise RecordingError(path, 'the file is empty', 'the recorder may not have been closed; record again')
+        raise RecordingError(path, 'the file is empty', 'the recorder was perhaps not stopped properly; record again')
     if start.startswith(ZSTD_MAGIC):
         return _open_compressed(path)
     source = _plain(path, start)
@@ -82,12 +82,12 @@ def _open_compressed(path: Path) -> Source:
     if start.startswith(MCAP_MAGIC):
         return McapFile(path, cast('IO[bytes]', zstandard.open(path, 'rb')))
     if start.startswith((SQLITE_MAGIC, ROS1_MAGIC)):
-        return _Unpacked(path)
-    raise RecordingError(path, 'holds no recording once decompressed', f'give {_FORMS}')
+        return _Decompressed(path)
+    raise RecordingError(path, 'contains no recording after decompression', f'give {_FORMS}')
 
 
-class _Unpacked:
-    """A compressed file whose reader must seek: unpacked into a temporary folder while it is read; a `Source`."""
+class _Decompressed:
+    """A compressed file whose reader must seek: decompressed into a temporary file while it is read; a `Source`."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -106,7 +106,7 @@ class _Unpacked:
                 try:
                     unpack(packed, unpacked, self.path.stat().st_size)
                 except zstandard.ZstdError as error:
-                    self.warnings.append(f'{self.path.name} breaks off ({error}): read as far as it goes')
+                    self.warnings.append(f'{self.path.name} ends early ({error}): read up to there')
             yield from self._read(plain, wanted)
 
     def _read(self, plain: Path, wanted: Collection[str]) -> Batches:

@@ -12,19 +12,18 @@ from scara_kinetostatic.bags.decompression import LARGEST_MESSAGE
 from scara_kinetostatic.bags.messages import BATCH, Batch, Batches, Topic, ros2_type, ros_topic
 from scara_kinetostatic.errors import RecordingError
 
-_SMALL = 1 << 30
-"""So large a file is checked as a whole, bytes; a larger one holds other things than these messages."""
+_LARGEST_CHECKED = 1 << 30
+"""The structure of a file up to this size is checked, bytes; larger ones contain camera images or the like."""
 
-_CAREFUL = ('PRAGMA trusted_schema = OFF', 'PRAGMA ignore_check_constraints = ON')
-"""Expressions that stand in the schema of a file may neither call what has effects nor be checked at length."""
+_SAFETY = ('PRAGMA trusted_schema = OFF', 'PRAGMA ignore_check_constraints = ON')
+"""Against malicious files: expressions in a schema cannot call functions with side effects; constraints are ignored."""
 _TABLES = "SELECT name, sql FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')"
 
 
 class SqliteFile:
     """Reads the two tables that every version of the storage has; a `Source`.
 
-    A database that is damaged in the middle gives what comes before the
-    damage, with a warning.
+    Of a database that is damaged in the middle, the messages before the damage are read, with a warning.
     """
 
     def __init__(self, path: Path) -> None:
@@ -48,21 +47,21 @@ class SqliteFile:
                 self._check_rows(database)
 
     def _check_size(self) -> None:
-        """SQLite itself says nothing about lost pages that it does not come across."""
+        """Warns where the file is shorter than it states: SQLite reports missing pages only when it needs them."""
         with self.path.open('rb') as stream:
             head = stream.read(100)
         page_size, pages = int.from_bytes(head[16:18], 'big'), int.from_bytes(head[28:32], 'big')
         expected = (65536 if page_size == 1 else page_size) * pages
         if head[24:28] == head[92:96] and self.path.stat().st_size < expected:
-            self.warnings.append(f'{self.path.name} is cut off: expected {expected} bytes, read as far as it goes')
+            self.warnings.append(f'{self.path.name} is cut off: expected {expected} bytes, read up to there')
 
     def _check_rows(self, database: sqlite3.Connection) -> None:
-        """Whether the structure is sound and every message has a topic; there are no checksums that would tell more."""
-        stray = 'SELECT count(*) FROM messages WHERE topic_id NOT IN (SELECT id FROM topics)'
+        """Warns where the structure is damaged or a message has no topic; the format has no checksums."""
+        without_topic = 'SELECT count(*) FROM messages WHERE topic_id NOT IN (SELECT id FROM topics)'
         try:
-            small = self.path.stat().st_size < _SMALL
-            (problem,) = database.execute('PRAGMA quick_check(1)').fetchone() if small else ('ok',)
-            (lost,) = database.execute(stray).fetchone()
+            checked = self.path.stat().st_size < _LARGEST_CHECKED
+            (problem,) = database.execute('PRAGMA quick_check(1)').fetchone() if checked else ('ok',)
+            (lost,) = database.execute(without_topic).fetchone()
         except sqlite3.DatabaseError as error:
             self.warnings.append(f'{self.path.name} is damaged ({error})')
             return
@@ -72,7 +71,7 @@ class SqliteFile:
             self.warnings.append(f'{self.path.name} is damaged: {lost} messages belong to no topic')
 
     def _connect(self) -> sqlite3.Connection:
-        """Open for reading alone; what a killed writer left in the write-ahead log is taken in where possible."""
+        """Opens the file read-only; includes what a killed writer left in the write-ahead log, where possible."""
         uri = self.path.resolve().as_uri()
         logs = [self.path.with_name(self.path.name + suffix) for suffix in ('-wal', '-journal')]
         modes = ['mode=ro'] if any(log.exists() and log.stat().st_size for log in logs) else []
@@ -80,8 +79,8 @@ class SqliteFile:
             database = sqlite3.connect(f'{uri}?{mode}', uri=True)
             database.text_factory = lambda text: text.decode('utf-8', 'replace')
             try:
-                for contact_problem in _CAREFUL:
-                    database.execute(contact_problem)
+                for statement in _SAFETY:
+                    database.execute(statement)
                 database.execute('SELECT count(*) FROM sqlite_master').fetchone()
             except sqlite3.Error as error:
                 database.close()
@@ -93,7 +92,7 @@ class SqliteFile:
     def _read_topics(self, database: sqlite3.Connection) -> None:
         tables = database.execute(_TABLES).fetchall()
         if len(tables) != 2 or not all(_stored(database, name, str(sql)) for name, sql in tables):
-            raise RecordingError(self.path, 'this database is no recording', 'expected the tables of rosbag2')
+            raise RecordingError(self.path, 'this database is not a recording', 'expected the tables of rosbag2')
         rows = database.execute('SELECT id, name, type, serialization_format FROM topics ORDER BY id')
         for key, name, msgtype, encoding in rows:
             self._topics[key] = Topic(ros_topic(str(name)), ros2_type(str(msgtype)), str(encoding))
@@ -114,6 +113,6 @@ class SqliteFile:
 
 
 def _stored(database: sqlite3.Connection, table: str, sql: str) -> bool:
-    """Whether all of a table stands in the file: a virtual table or a generated column is worked out on reading."""
+    """Whether a table is plain data: the content of virtual tables and generated columns is computed on reading."""
     hidden = [column[6] for column in database.execute(f'PRAGMA table_xinfo({table})')]
     return not any(hidden) and not re.match(r'create\s+virtual', sql, re.IGNORECASE)

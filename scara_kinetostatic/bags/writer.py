@@ -1,7 +1,6 @@
-"""Recordings from arrays, all or nothing; and the live `BagWriter`.
+"""Writes whole streams as a recording, atomically, in every form that the reader reads.
 
-`write_streams` makes every form that the reader reads: a rosbag2 folder
-(MCAP or SQLite, compressed or not), a bare `.mcap` file, a ROS 1 `.bag`.
+These are a rosbag2 folder (MCAP or SQLite, compressed or not), a bare `.mcap` file, a ROS 1 `.bag`.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ def write_streams(
     Args:
         path: what to make: a bare file if it ends in `.mcap`, a ROS 1 bag if in `.bag`, else a rosbag2 folder.
         streams: the messages; each is logged at its stamp.
-        cell: names the topics and joints, and travels in the recording.
+        cell: names the topics and joints; written into the recording.
         storage: of a rosbag2 folder.
         compression: MCAP is compressed chunk by chunk, SQLite as a file; a ROS 1 bag is not.
         with_cell: whether the recording starts with the cell description; plain recordings do not.
@@ -60,7 +59,7 @@ def write_streams(
     """
     path = Path(path)
     if len(streams.joints.stamp) + len(streams.wrench.stamp) == 0:
-        raise OutputError(path, 'there is nothing to record', 'give streams with samples')
+        raise OutputError(path, 'nothing to record: both streams are empty', 'give streams with samples')
     with all_or_nothing(path) as workshop:
         made = workshop / path.name
         if path.suffix == '.bag':

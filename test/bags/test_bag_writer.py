@@ -116,7 +116,7 @@ def test_after_the_end(tmp_path: Path) -> None:
     bag = BagWriter(tmp_path / 'run', CELL)
     bag.close()
     bag.close()
-    with pytest.raises(OutputError, match='the recording is closed; start a new one'):
+    with pytest.raises(OutputError, match='the recording was closed; start a new one'):
         bag.write_wrench(b'', 0)
     with pytest.raises(OutputError, match='closed'):
         bag.checkpoint()
@@ -190,7 +190,7 @@ def test_the_disk_is_full(tmp_path: Path, streams: Streams, calls: int, monkeypa
             bag.checkpoint()
     assert bag.recorded == 100
     assert strict_count(folder) >= 100
-    with pytest.raises(OutputError, match='the recording is broken off'):
+    with pytest.raises(OutputError, match='the recording was stopped by an error'):
         bag.write_wrench(b'', 0)
     bag.close()
     assert strict_count(folder) >= 100

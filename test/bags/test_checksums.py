@@ -62,7 +62,7 @@ def test_a_damaged_index_is_told(tmp_path: Path, streams: Streams) -> None:
     (tmp_path / 'a.mcap').write_bytes(content)
     read = read_streams(tmp_path / 'a.mcap', CELL)
     assert_same(read, streams)
-    assert read.warnings == ('a.mcap: the index at its end is damaged; read from the front',)
+    assert read.warnings == ('a.mcap: the index at its end is damaged; read from the start',)
 
 
 @pytest.mark.parametrize('use_chunking', [True, False])
@@ -77,7 +77,7 @@ def test_messages_lost_without_a_checksum_are_missed(tmp_path: Path, streams: St
     read = read_streams(tmp_path / 'a.mcap', CELL)
     assert len(read.joints.stamp) + len(read.wrench.stamp) == 639
     assert len(read.warnings) == 1
-    assert 'its index counts' in read.warnings[0]
+    assert 'its index states' in read.warnings[0]
 
 
 def test_a_chunk_of_senseless_records_is_told(tmp_path: Path, streams: Streams) -> None:
@@ -88,7 +88,7 @@ def test_a_chunk_of_senseless_records_is_told(tmp_path: Path, streams: Streams) 
     (tmp_path / 'a.mcap').write_bytes(content)
     read = read_streams(tmp_path / 'a.mcap', CELL)
     assert 500 < len(read.joints.stamp) + len(read.wrench.stamp) < 640
-    assert 'is damaged: read as far as it goes' in read.warnings[0]
+    assert 'is damaged: read up to the damage' in read.warnings[0]
 
 
 def test_rows_that_got_lost_in_a_bare_database_are_missed(tmp_path: Path, streams: Streams) -> None:
@@ -117,7 +117,7 @@ def test_more_messages_than_the_metadata_count(tmp_path: Path, streams: Streams)
     write_streams(tmp_path / 'bag', streams, CELL)
     metadata = tmp_path / 'bag/metadata.yaml'
     metadata.write_text(metadata.read_text().replace('message_count: 340', 'message_count: 240'))
-    assert told(tmp_path / 'bag') == '/wrench: metadata.yaml counts 100 fewer messages than the files hold'
+    assert told(tmp_path / 'bag') == '/wrench: metadata.yaml states 100 fewer messages than the files contain'
 
 
 def test_what_is_said_can_be_printed(tmp_path: Path, streams: Streams) -> None:

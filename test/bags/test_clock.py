@@ -18,7 +18,7 @@ SECOND = 1_000_000_000
 def record(
     path: Path, joints: np.ndarray, wrench: np.ndarray, log_joints: np.ndarray, log_wrench: np.ndarray
 ) -> Streams:
-    """A recording with the given header stamps and times of recording, read again."""
+    """A recording with the given header stamps and recording times, read again."""
     made = make_streams(len(joints), len(wrench))
     made = Streams('x', JointStream(joints, made.joints.position), WrenchStream(wrench, made.wrench.force))
     items = [item._replace(log_time=int(t)) for item, t in zip(joint_messages(made), log_joints, strict=True)]
@@ -52,12 +52,14 @@ def test_missing_stamps_fall_back_to_log_times(
     np.testing.assert_array_equal(read.joints.stamp, joints + 5)
     np.testing.assert_array_equal(read.wrench.stamp, wrench + 9)
     assert len(read.warnings) == 1
-    assert 'the times of recording were used instead' in read.warnings[0]
+    assert 'the recording times were used instead' in read.warnings[0]
 
 
 def test_no_time_at_all(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
     joints, wrench = stamps
-    with pytest.raises(RecordingError, match=r'stamps of /joint_states are all zero, and the times .* no better'):
+    with pytest.raises(
+        RecordingError, match=r'`header.stamp` of /joint_states is zero, and the recording times are not valid'
+    ):
         record(tmp_path, joints * 0, wrench * 0, joints * 0, wrench * 0)
 
 
@@ -67,7 +69,7 @@ def test_a_few_messages_without_stamp(tmp_path: Path, stamps: tuple[np.ndarray, 
     some[[3, 77]] = 0
     read = record(tmp_path, some, wrench, joints, wrench)
     np.testing.assert_array_equal(read.joints.stamp, np.delete(joints, [3, 77]))
-    assert read.warnings == ('/joint_states: 2 messages with a stamp far off dropped',)
+    assert read.warnings == ('/joint_states: 2 messages dropped whose stamp is more than 60 s off',)
 
 
 def test_one_stamp_far_off(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
@@ -76,7 +78,7 @@ def test_one_stamp_far_off(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]
     wild[50] += 3600 * SECOND
     read = record(tmp_path, joints, wild, joints, wrench)
     np.testing.assert_array_equal(read.wrench.stamp, np.delete(wrench, 50))
-    assert read.warnings == ('/wrench: 1 message with a stamp far off dropped',)
+    assert read.warnings == ('/wrench: 1 message dropped whose stamp is more than 60 s off',)
 
 
 def test_strays_at_the_ends_and_a_long_pause(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
@@ -86,7 +88,7 @@ def test_strays_at_the_ends_and_a_long_pause(tmp_path: Path, stamps: tuple[np.nd
     read = record(tmp_path, wild, wrench, joints, wrench)
     np.testing.assert_array_equal(read.joints.stamp, joints[1:-1])
     np.testing.assert_array_equal(read.wrench.stamp, wrench)
-    assert read.warnings == ('/joint_states: 2 messages with a stamp far off dropped',)
+    assert read.warnings == ('/joint_states: 2 messages dropped whose stamp is more than 60 s off',)
 
 
 def test_disorder_is_sorted(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
@@ -98,7 +100,7 @@ def test_disorder_is_sorted(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray
     expected = make_streams().joints.position
     expected[[10, 11]] = expected[[11, 10]]
     np.testing.assert_array_equal(read.joints.position, expected)
-    assert read.warnings == ('/joint_states: stamps run backwards (1 times), sorted',)
+    assert read.warnings == ('/joint_states: 1 message out of order, sorted',)
 
 
 def test_repeated_stamps_are_dropped(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
@@ -108,18 +110,18 @@ def test_repeated_stamps_are_dropped(tmp_path: Path, stamps: tuple[np.ndarray, n
     read = record(tmp_path, joints, repeated, joints, wrench)
     np.testing.assert_array_equal(read.wrench.stamp, np.delete(wrench, [20, 21]))
     np.testing.assert_array_equal(read.wrench.force, np.delete(make_streams().wrench.force, [20, 21], axis=0))
-    assert read.warnings == ('/wrench: 2 messages with the stamp of another dropped',)
+    assert read.warnings == ('/wrench: 2 messages dropped whose stamp is that of another',)
 
 
 def test_a_clock_that_was_reset(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
-    """As when a simulation restarts: times of recording run on."""
+    """As when a simulation restarts: the recording times run on."""
     joints, wrench = stamps
     reset = joints.copy()
     reset[150:] -= 2 * SECOND
     read = record(tmp_path, reset, wrench, joints, wrench)
     np.testing.assert_array_equal(read.joints.stamp, joints)
     assert read.warnings == (
-        'the stamps of /joint_states jump back by 1.99 s: the times of recording were used instead',
+        '`header.stamp` of /joint_states steps back by 1.99 s: the recording times were used instead',
     )
 
 
@@ -129,7 +131,7 @@ def test_both_clocks_reset(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]
     made = make_streams()
     made = Streams('x', JointStream(order, made.joints.position), made.wrench)
     write_mcap(tmp_path / 'a.mcap', [*joint_messages(made), *force_messages(made)])
-    with pytest.raises(RecordingError, match=r'jump back by 1\.99 s, and the times of recording are no better'):
+    with pytest.raises(RecordingError, match=r'steps back by 1\.99 s, and the recording times are not valid either'):
         read_streams(tmp_path / 'a.mcap', CELL)
 
 
@@ -139,7 +141,7 @@ def test_topics_on_different_clocks(tmp_path: Path, stamps: tuple[np.ndarray, np
     np.testing.assert_array_equal(read.joints.stamp, joints + 3)
     np.testing.assert_array_equal(read.wrench.stamp, wrench + 4)
     assert len(read.warnings) == 1
-    assert 'come from clocks that are 1.7e+09 s apart' in read.warnings[0]
+    assert 'comes from clocks that differ by 1.7e+09 s' in read.warnings[0]
 
 
 def test_a_simulated_clock_is_fine(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
@@ -174,7 +176,8 @@ def test_one_clock_that_steps_back_a_little(tmp_path: Path, stamps: tuple[np.nda
     read = record(tmp_path, stepped, wrench, joints, wrench)
     np.testing.assert_array_equal(read.joints.stamp, joints)
     assert read.warnings == (
-        'the stamps of /joint_states and /wrench run apart, by up to 0.9 s: the times of recording were used instead',
+        '`header.stamp` of /joint_states and /wrench comes from clocks that drift apart, by up to 0.9 s: '
+        'the recording times were used instead',
     )
 
 
@@ -182,7 +185,7 @@ def test_clocks_that_drift_apart(tmp_path: Path, stamps: tuple[np.ndarray, np.nd
     joints, wrench = slow(stamps)
     read = record(tmp_path, joints + (joints - T0) // 100, wrench, joints, wrench)
     np.testing.assert_array_equal(read.joints.stamp, joints)
-    assert 'run apart, by up to 1.5' in read.warnings[0]
+    assert 'drift apart, by up to 1.5' in read.warnings[0]
 
 
 @pytest.mark.parametrize('every', [1, 4])
@@ -197,15 +200,13 @@ def test_a_recorder_that_writes_in_bursts_is_not_believed(
 
 
 def test_a_clock_that_was_reset_while_played_fast(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
-    """The times of recording run on, but five times too fast: touches would be too short."""
+    """The the recording times run on, but five times too fast: touches would be too short."""
     joints, wrench = slow(stamps)
     back = [np.where(stamp > joints[150], stamp - 3600 * SECOND, stamp) for stamp in (joints, wrench)]
     read = record(tmp_path, *back, T0 + (joints - T0) // 5, T0 + (wrench - T0) // 5)
     np.testing.assert_array_equal(np.diff(read.joints.stamp)[:140], np.diff(joints)[:140])
     np.testing.assert_array_equal(np.diff(read.joints.stamp)[-140:], np.diff(joints)[-140:])
-    assert read.warnings[0].endswith(
-        'the times of recording go at another pace: the parts were put one after the other'
-    )
+    assert read.warnings[0].endswith('the recording times run at another rate: the parts were placed one after another')
 
 
 def test_a_recorder_that_stood_still_and_catches_up_is_not_believed(tmp_path: Path) -> None:
@@ -226,4 +227,4 @@ def test_clocks_apart_are_seen_though_messages_are_taken_several_at_a_time(
     joints, wrench = stamps[0][:280], stamps[1][:280]
     taken = [np.repeat(stamp[3::4], 4) + np.tile(np.arange(4), 70) * 1000 for stamp in (joints, wrench)]
     read = record(tmp_path, joints, wrench + 3 * SECOND, *taken)
-    assert 'come from clocks that are 3 s apart' in read.warnings[0]
+    assert 'comes from clocks that differ by 3 s' in read.warnings[0]

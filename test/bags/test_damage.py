@@ -39,7 +39,7 @@ def test_mcap_without_its_end(tmp_path: Path, streams: Streams, compression: Com
     read = read_streams(tmp_path / 'a.mcap', CELL)
     assert check_part(read, streams) > 500
     assert len(read.warnings) == 1
-    assert 'a.mcap breaks off after' in read.warnings[0]
+    assert 'a.mcap ends early, after' in read.warnings[0]
 
 
 @pytest.mark.parametrize('compression', [CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4])
@@ -53,10 +53,10 @@ def test_mcap_cut_anywhere(tmp_path: Path, streams: Streams, compression: Compre
         try:
             read = read_streams(tmp_path / 'cut.mcap', CELL)
         except RecordingError as error:
-            assert 'breaks off' in str(error)
+            assert 'ends early' in str(error)
             found.append(0)
         else:
-            assert 'breaks off' in read.warnings[0]
+            assert 'ends early' in read.warnings[0]
             found.append(check_part(read, streams))
     assert found == sorted(found)
     assert found[-1] == 640
@@ -70,7 +70,7 @@ def test_a_damaged_chunk_costs_that_chunk(tmp_path: Path, streams: Streams) -> N
     (tmp_path / 'a.mcap').write_bytes(content)
     read = read_streams(tmp_path / 'a.mcap', CELL)
     assert 500 < check_part(read, streams) < 640
-    assert 'a damaged chunk at byte' in read.warnings[0]
+    assert 'the damaged chunk at byte' in read.warnings[0]
 
 
 def test_a_damaged_index_is_not_believed(tmp_path: Path, streams: Streams) -> None:
@@ -102,7 +102,7 @@ def test_lost_rows_are_noticed_by_the_count(tmp_path: Path, streams: Streams) ->
     read = read_streams(tmp_path / 'bag', CELL)
     lost = 640 - check_part(read, streams)
     assert lost > 100
-    assert read.warnings == (f'/wrench: metadata.yaml counts {lost} more messages than the files hold',)
+    assert read.warnings == (f'/wrench: metadata.yaml states {lost} more messages than the files contain',)
 
 
 def test_a_database_that_was_still_open(tmp_path: Path, streams: Streams) -> None:

@@ -239,7 +239,7 @@ def test_split_files_in_the_order_of_their_numbers(tmp_path: Path, cell: Cell, s
     (tmp_path / 'bag/metadata.yaml').unlink()
     read = read_streams(tmp_path / 'bag', cell)
     assert_same(read, streams)
-    assert read.warnings == ('metadata.yaml is missing: the files of the folder were read in order',)
+    assert read.warnings == ('metadata.yaml is missing: all files of the folder were read, in order',)
 
 
 def test_one_file_of_several_is_lost(tmp_path: Path, cell: Cell, streams: Streams) -> None:
@@ -252,7 +252,7 @@ def test_one_file_of_several_is_lost(tmp_path: Path, cell: Cell, streams: Stream
     (tmp_path / 'bag/part_1.mcap').touch()
     read = read_streams(tmp_path / 'bag', cell)
     assert len(read.joints.stamp) + len(read.wrench.stamp) == 440
-    assert read.warnings == ('part_1.mcap was left out: the file is empty',)
+    assert read.warnings == ('part_1.mcap was skipped: the file is empty',)
 
 
 def test_paths_in_metadata_do_not_lead_out_of_the_folder(tmp_path: Path, cell: Cell, streams: Streams) -> None:
@@ -288,7 +288,7 @@ def test_compression_bombs_are_refused(tmp_path: Path, streams: Streams) -> None
     content[at : at + 8] = (1 << 42).to_bytes(8, 'little')
     (tmp_path / 'a.mcap').write_bytes(content)
     read = read_streams(tmp_path / 'a.mcap', CELL)
-    assert 'a chunk claims to hold 4398046511104 bytes' in read.warnings[0]
+    assert 'a chunk of 4398046511104 bytes, expected at most' in read.warnings[0]
 
 
 def test_a_record_of_giant_length(tmp_path: Path) -> None:
@@ -296,7 +296,7 @@ def test_a_record_of_giant_length(tmp_path: Path) -> None:
     content = bytearray((tmp_path / 'a.mcap').read_bytes())
     content[9:17] = b'\xff' * 8
     (tmp_path / 'a.mcap').write_bytes(content)
-    assert 'breaks off after 8 bytes' in refused(tmp_path / 'a.mcap')
+    assert 'ends early, after 8 bytes' in refused(tmp_path / 'a.mcap')
 
 
 DEEP = 'rosbag2_bagfile_information: ' + 50_000 * '[' + 50_000 * ']'
@@ -320,7 +320,7 @@ def test_metadata_that_would_take_the_stack_or_all_time(
     metadata.write_text(head + ('' if head is DEEP else metadata.read_text()))
     read = read_streams(tmp_path / 'bag', cell)
     assert_same(read, streams)
-    warning = f'metadata.yaml cannot be read ({reason}): the files of the folder were read in order'
+    warning = f'metadata.yaml cannot be read ({reason}): all files of the folder were read, in order'
     assert read.warnings == ((warning,) if reason else ())
 
 
@@ -348,7 +348,7 @@ def test_a_file_that_is_listed_twice_is_read_once(tmp_path: Path, cell: Cell, st
         'CREATE VIEW messages AS SELECT 1 AS id, 1 AS topic_id, 0 AS timestamp, zeroblob(500000000) AS data',
     ],
 )
-def test_a_database_whose_messages_would_be_worked_out_on_reading(tmp_path: Path, schema: str) -> None:
+def test_a_database_whose_messages_would_be_computed_on_reading(tmp_path: Path, schema: str) -> None:
     with closing(sqlite3.connect(tmp_path / 'a.db3')) as database:
         database.execute('CREATE TABLE topics(id INTEGER PRIMARY KEY, name, type, serialization_format)')
         database.execute(f"INSERT INTO topics VALUES (1, '/joint_states', '{JOINT_STATE}', 'cdr')")
@@ -356,7 +356,7 @@ def test_a_database_whose_messages_would_be_worked_out_on_reading(tmp_path: Path
         if 'VIRTUAL)' in schema:
             database.executemany('INSERT INTO messages VALUES (?, 1, 0)', [(number,) for number in range(50)])
         database.commit()
-    assert 'this database is no recording' in refused(tmp_path / 'a.db3')
+    assert 'this database is not a recording' in refused(tmp_path / 'a.db3')
 
 
 def test_messages_that_decompress_to_far_more_than_a_message_are_dropped(tmp_path: Path, streams: Streams) -> None:
@@ -375,7 +375,7 @@ def test_messages_that_decompress_to_far_more_than_a_message_are_dropped(tmp_pat
     assert peak < 1 << 28
 
 
-def test_a_file_that_unpacks_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_grows_without_end_when_decompressed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(decompress, 'LEAST_ALLOWED', 1 << 20)
     (tmp_path / 'a.db3.zstd').write_bytes(zstandard.compress(b'SQLite format 3\0' + bytes(1 << 24)))
-    assert 'unpacks to more than a recording would' in refused(tmp_path / 'a.db3.zstd')
+    assert 'bytes when decompressed' in refused(tmp_path / 'a.db3.zstd')

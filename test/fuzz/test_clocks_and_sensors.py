@@ -86,7 +86,7 @@ def test_the_parts_keep_forces_beside_their_angles(tmp_path: Path) -> None:
     )
     collect(tmp_path / 'bag', joints, wrench, log_too=True)
     streams = read_streams(tmp_path / 'bag', CELL)
-    assert 'the parts were put one after the other' in streams.warnings[0]
+    assert 'the parts were placed one after another' in streams.warnings[0]
     moved = streams.joints.stamp - STREAMS.joints.stamp
     assert set(moved[STREAMS.joints.stamp < cut].tolist()) == {0}
     (later,) = set(moved[STREAMS.joints.stamp >= cut].tolist())
