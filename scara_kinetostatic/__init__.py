@@ -1,21 +1,40 @@
-"""Kinetostatic calibration of a SCARA robot by touch, and what its twelve parameters lack.
+"""Kinetostatic calibration of a SCARA robot by touch, and the errors of its base model of twelve parameters.
 
-The layers, from the top; each imports only from those below it (`test/test_architecture.py` holds that):
+From a recording to a compensated joint angle::
 
-    nodes, cli             thin: ROS nodes and the command line convert, delegate, publish
-    report                 an outcome as data, text, JSON, ROS parameter file, HTML
-    pipeline               from recordings to the outcome
-    recording, simulation, bags, touches in a stream; a cell that plays both topics;
-    experiments, physics   the paper's studies, designs, gauge readings, loops; a cell in the engine MuJoCo
-    diagnosis              is anything left in the residual? which effects explain it, and which rivals have they?
-    calibration            from touches to the twelve parameters, and to those of effects beside them
-    effects                what the twelve parameters lack, one physical effect per file, and the list of them
-    model                  parameters, cell, touches, kinematics, kinetostatics, contact
-    errors                 one root for all errors
+    import scara_kinetostatic as sk
 
-`rclpy` is imported under `nodes` alone, `rosbags` and `mcap` under `recording` alone, `matplotlib` under
-`report` alone, `mujoco` under `physics` alone. What is named here is the interface for other programs; it is
-loaded on first use.
+    cell = sk.load_cell('cell.yaml')                          # nominal robot, discs, sensor
+    outcome = sk.diagnose('recording.mcap', cell)             # touches found, calibrated, diagnosed
+    print(outcome.verdict, outcome['l1'].value, outcome['l1'].std, outcome['l1'].unit)
+    for label, parameters in outcome.effects.items():         # model errors found and corrected
+        for name, estimate in parameters.items():
+            print(label, name, estimate.value, estimate.std, estimate.unit)
+    sk.write_results(outcome, 'result')                       # calibration.yaml, calibration.json, report.html
+
+    angles = sk.compensate(outcome, [0.30, 0.20], force=[0.0, 30.0], elbow='right')
+    print(angles.joints, angles.std)                          # rad, and their standard uncertainty
+    tip = sk.locate(outcome, angles.joints, [0.0, 30.0])
+    print(tip.position, tip.std)                              # back at the place, m
+
+What `__all__` names is stable, typed and loaded on first use. The packages, from the top; each imports only from those
+below it (`test/test_architecture.py` checks that):
+
+    nodes, cli     thin: ROS nodes and the command line convert, delegate, publish
+    interface      the functions of this page
+    studies        design of recordings, dial gauge, hysteresis, the paper
+    report         an outcome as text, JSON, ROS parameter file, page
+    render         figures, tables, quantities with units
+    pipeline       from recordings or touches to the outcome
+    simulation     a simulated cell and its sensors
+    bags           recordings of all formats, read and written
+    touches        from streams to touches, and the object each belongs to
+    files          cell description, touch table, safe YAML, atomic writing
+    diagnosis      is the model complete? which effects explain the residual, and which rivals have they?
+    calibration    from touches to the parameters, with their uncertainty
+    effects        the physical effects that the base model lacks, one per file
+    model          parameters, cell, touches, kinematics, kinetostatics, contact
+    errors         one root for all errors
 """
 
 from __future__ import annotations
@@ -24,94 +43,118 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.bags.reader import read_streams
+    from scara_kinetostatic.bags.reader import read_streams as read_streams
     from scara_kinetostatic.calibration.calibrate import calibrate
     from scara_kinetostatic.calibration.result import Calibration
-    from scara_kinetostatic.diagnosis.diagnose import diagnose
     from scara_kinetostatic.diagnosis.outcome import Outcome
-    from scara_kinetostatic.diagnosis.result import Diagnosis
+    from scara_kinetostatic.diagnosis.result import Diagnosis as Diagnosis
     from scara_kinetostatic.effects.base import Effect
     from scara_kinetostatic.effects.registry import catalogue, register
-    from scara_kinetostatic.errors import InputError, ScaraKinetostaticError, UnsupportedDataError
+    from scara_kinetostatic.errors import InputError, UnsupportedDataError
+    from scara_kinetostatic.errors import ScaraKinetostaticError as ScaraKinetostaticError
     from scara_kinetostatic.files.cell_file import load_cell
-    from scara_kinetostatic.model.cell import Cell, Disc, Noise, Sensor
-    from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
+    from scara_kinetostatic.interface import (
+        JointAngles,
+        TipPosition,
+        compensate,
+        diagnose,
+        locate,
+        make_touches,
+        predict_force,
+        read_touches,
+        simulate,
+    )
+    from scara_kinetostatic.model.cell import Cell
+    from scara_kinetostatic.model.cell import Disc as Disc
+    from scara_kinetostatic.model.cell import Noise as Noise
+    from scara_kinetostatic.model.cell import Sensor as Sensor
+    from scara_kinetostatic.model.parameters import NAMES as NAMES
+    from scara_kinetostatic.model.parameters import PAPER_ACTUAL as PAPER_ACTUAL
+    from scara_kinetostatic.model.parameters import PAPER_MEASURED as PAPER_MEASURED
+    from scara_kinetostatic.model.parameters import PAPER_NOMINAL as PAPER_NOMINAL
+    from scara_kinetostatic.model.parameters import Parameters as Parameters
     from scara_kinetostatic.model.touch import TouchSet
-    from scara_kinetostatic.pipeline import calibrate_recordings
-    from scara_kinetostatic.report.document import as_document
+    from scara_kinetostatic.pipeline import calibrate_recordings as calibrate_recordings
+    from scara_kinetostatic.report.document import as_document as as_document
     from scara_kinetostatic.report.write import write_results
-    from scara_kinetostatic.touches.detection import Detection, find_touches
+    from scara_kinetostatic.touches.detection import Detection as Detection
+    from scara_kinetostatic.touches.detection import find_touches as find_touches
 
 __version__ = '0.1.0'
 
 _HOME = {
-    'calibrate': 'calibration.calibrate',
     'Calibration': 'calibration.result',
-    'diagnose': 'diagnosis.diagnose',
-    'Diagnosis': 'diagnosis.result',
-    'Effect': 'effects.base',
-    'catalogue': 'effects.registry',
-    'register': 'effects.registry',
-    'InputError': 'errors',
-    'ScaraKinetostaticError': 'errors',
-    'UnsupportedDataError': 'errors',
     'Cell': 'model.cell',
+    'Effect': 'effects.base',
+    'InputError': 'errors',
+    'JointAngles': 'interface',
+    'Outcome': 'diagnosis.outcome',
+    'TipPosition': 'interface',
+    'TouchSet': 'model.touch',
+    'UnsupportedDataError': 'errors',
+    'calibrate': 'calibration.calibrate',
+    'catalogue': 'effects.registry',
+    'compensate': 'interface',
+    'diagnose': 'interface',
+    'load_cell': 'files.cell_file',
+    'locate': 'interface',
+    'make_touches': 'interface',
+    'predict_force': 'interface',
+    'read_touches': 'interface',
+    'register': 'effects.registry',
+    'simulate': 'interface',
+    'write_results': 'report.write',
+}
+_FORMER = {
+    'Detection': 'touches.detection',
+    'Diagnosis': 'diagnosis.result',
     'Disc': 'model.cell',
-    'Noise': 'model.cell',
-    'Sensor': 'model.cell',
     'NAMES': 'model.parameters',
+    'Noise': 'model.cell',
     'PAPER_ACTUAL': 'model.parameters',
     'PAPER_MEASURED': 'model.parameters',
     'PAPER_NOMINAL': 'model.parameters',
     'Parameters': 'model.parameters',
-    'TouchSet': 'model.touch',
-    'Outcome': 'diagnosis.outcome',
+    'ScaraKinetostaticError': 'errors',
+    'Sensor': 'model.cell',
+    'as_document': 'report.document',
     'calibrate_recordings': 'pipeline',
-    'load_cell': 'files.cell_file',
-    'Detection': 'touches.detection',
     'find_touches': 'touches.detection',
     'read_streams': 'bags.reader',
-    'as_document': 'report.document',
-    'write_results': 'report.write',
 }
+"""Names of earlier versions and of parts of the above; they can be imported still."""
 
 __all__ = [
-    'NAMES',
-    'PAPER_ACTUAL',
-    'PAPER_MEASURED',
-    'PAPER_NOMINAL',
     'Calibration',
     'Cell',
-    'Detection',
-    'Diagnosis',
-    'Disc',
     'Effect',
     'InputError',
-    'Noise',
+    'JointAngles',
     'Outcome',
-    'Parameters',
-    'ScaraKinetostaticError',
-    'Sensor',
+    'TipPosition',
     'TouchSet',
     'UnsupportedDataError',
     '__version__',
-    'as_document',
     'calibrate',
-    'calibrate_recordings',
     'catalogue',
+    'compensate',
     'diagnose',
-    'find_touches',
     'load_cell',
-    'read_streams',
+    'locate',
+    'make_touches',
+    'predict_force',
+    'read_touches',
     'register',
+    'simulate',
     'write_results',
 ]
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
+    home = _HOME.get(name) or _FORMER.get(name)
+    if home is None:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    value = getattr(import_module(f'{__name__}.{_HOME[name]}'), name)
+    value = getattr(import_module(f'{__name__}.{home}'), name)
     globals()[name] = value
     return value
 

@@ -30,6 +30,14 @@ class InputError(ScaraKinetostaticError):
         where: the file, topic, option or parameter at fault.
         problem: what is wrong with it ("expected X, got Y").
         remedy: what the user can do about it.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> try:
+        ...     sk.load_cell('no_such_cell.yaml')
+        ... except sk.InputError as error:
+        ...     print(error.where)
+        no_such_cell.yaml
     """
 
     def __init__(self, where: str | Path, problem: str, remedy: str = '') -> None:
@@ -61,6 +69,16 @@ class UnsupportedDataError(ScaraKinetostaticError):
     Args:
         problem: what is lacking.
         remedy: which data would do.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> touches = sk.make_touches([0.8355, 2.1317], [-9.8, -0.1], cell)
+        >>> try:
+        ...     sk.calibrate(touches, cell)
+        ... except sk.UnsupportedDataError as error:
+        ...     print('too few' in error.problem)
+        True
     """
 
     def __init__(self, problem: str, remedy: str = '') -> None:

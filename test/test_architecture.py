@@ -33,6 +33,7 @@ ORDER = (
     'studies.hysteresis',
     'studies.design',
     'studies.paper',
+    'interface',
     'nodes',
     'cli',
 )

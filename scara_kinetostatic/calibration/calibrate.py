@@ -56,6 +56,16 @@ def calibrate(
         UnsupportedDataError: too few touches for the free parameters, touches so much
             alike that they determine less than half of them, or a fit that diverges.
         CellError: the forces contradict the cell's sensor sign or frame.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> touches = sk.simulate(cell, {'l1': 0.3302}, seed=1)
+        >>> calibration = sk.calibrate(touches, cell, fixed={'x0': 0.0})
+        >>> calibration['x0'].status, calibration['l1'].unit
+        ('fixed', 'm')
+        >>> bool(abs(calibration['l1'].value - 0.3302) < 4 * calibration['l1'].std)
+        True
     """
     fixed = dict(fixed or {})
     start = _start(cell, effects, start, fixed)

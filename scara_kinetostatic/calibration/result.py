@@ -82,6 +82,15 @@ class Calibration:
         iterations: solver steps, all stages together.
         termination: how the last stage ended.
         history: cost after each step of the last stage.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> calibration = sk.calibrate(sk.simulate(cell, {'l1': 0.3302}), cell)
+        >>> calibration['l1'].nominal, calibration['l1'].status
+        (0.33, 'estimated')
+        >>> calibration.residual.shape, calibration.covariance.shape
+        ((72, 2), (12, 12))
     """
 
     cell: Cell

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from scara_kinetostatic.calibration.held_out import HeldOut
-from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.result import Calibration, Estimate
 from scara_kinetostatic.diagnosis.comparison import Comparison, compare
 from scara_kinetostatic.diagnosis.effect_residual import EffectResidual, effect_residuals
 from scara_kinetostatic.diagnosis.result import Diagnosis
@@ -29,6 +31,15 @@ class Outcome:
         rejected: all that were not used, by index: by the detection and by the fit.
         sources: the recordings.
         warnings: irregularities of the recordings, one sentence each.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> outcome = sk.diagnose('touches.csv', cell)
+        >>> outcome.verdict, list(outcome.effects)
+        ('explained', ['object_radius[disc_2]'])
+        >>> outcome['p_ee'].unit, outcome.found, outcome.final.used.sum().item()
+        ('m/N', 72, 72)
     """
 
     calibration: Calibration
@@ -39,6 +50,33 @@ class Outcome:
     rejected: tuple[Rejection, ...]
     sources: tuple[str, ...]
     warnings: tuple[str, ...]
+
+    def __getitem__(self, name: str) -> Estimate:
+        """One of the twelve parameters of the final model by name: ``outcome['l1'].value``, ``.std``, ``.unit``.
+
+        Raises:
+            KeyError: no such parameter.
+        """
+        return self.final[name]
+
+    @property
+    def effects(self) -> dict[str, dict[str, Estimate]]:
+        """The parameters of the effects found by label and name: ``effects['object_radius[disc_2]']['radius'].std``.
+
+        Of an effect that has rivals the values are those it has if it is this one.
+        """
+        return {
+            item.effect.label: {
+                v.name: Estimate(v.value, v.std, v.unit, 'confounded' if np.isnan(v.std) else 'estimated', 0.0)
+                for v in item.values
+            }
+            for item in self.diagnosis.found
+        }
+
+    @property
+    def verdict(self) -> str:
+        """``none`` (the base model is enough), ``explained``, ``ambiguous`` or ``unexplained``."""
+        return self.diagnosis.verdict
 
     @property
     def final(self) -> Calibration:

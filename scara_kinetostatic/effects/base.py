@@ -102,6 +102,23 @@ class Effect(ABC):
 
     Raises:
         TypeError: when a class is defined that lacks one of these; names the class and the attribute.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> from dataclasses import dataclass
+        >>> from scara_kinetostatic.effects import JointEffect, Parameter
+        >>> @dataclass(frozen=True)
+        ... class Creep(JointEffect):
+        ...     name = 'creep'
+        ...     parameters = (Parameter('size', 'rad', 1e-3, 'angle after a long time'),)
+        ...     statement = '{target} creeps under load'
+        ...     confounded_with = 'the compliance of the joint'
+        ...     identified_by = 'touches early and late in a recording'
+        ...     plot_variable = 'time'
+        ...     def angles(self, at):
+        ...         return (np.sign(at.torques[:, self.joint]) * (1 - np.exp(-at.metadata.time / 100)),)
+        >>> isinstance(Creep.of(1), sk.Effect), Creep.of(1).label
+        (True, 'creep[joint2]')
     """
 
     target: str | None = None

@@ -55,6 +55,15 @@ def register(factory: Factory) -> Factory:
 
     Returns:
         The factory, so that this can stand above it as a decorator.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> from scara_kinetostatic.effects.encoder_gain import EncoderGain
+        >>> offered = sk.register(lambda cell: [EncoderGain(target='belt', joint=1)])
+        >>> sk.catalogue(sk.load_cell('cell.yaml'))[-1].label
+        'encoder_gain[belt]'
+        >>> from scara_kinetostatic.effects import unregister
+        >>> unregister(offered)
     """
     if factory not in _registered:
         _registered.append(factory)
@@ -72,6 +81,12 @@ def catalogue(cell: Cell) -> tuple[Effect, ...]:
 
     Raises:
         ParameterError: a registered effect has a label that is taken.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> [effect.label for effect in sk.catalogue(cell)][:4]
+        ['contact_friction', 'sensor_rotation', 'sensor_bias', 'sensor_nonlinearity']
     """
     effects = {effect.label: effect for kind in built_in() for effect in kind.instances(cell)}
     for plugin in _plugins():

@@ -47,6 +47,14 @@ def load_cell(path: str | Path) -> Cell:
 
     Raises:
         CellError: the file cannot be read, or says something senseless.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> [disc.name for disc in cell.discs]
+        ['disc_1', 'disc_2', 'disc_3']
+        >>> cell.nominal.l1
+        0.33
     """
     return parse_cell(read_text(path, CellError), path)
 

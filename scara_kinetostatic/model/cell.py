@@ -76,6 +76,13 @@ class Cell:
 
     Raises:
         ParameterError: a noise level is not above 0.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> disc = sk.Disc('pin', x=0.3, y=0.2, radius=0.05)
+        >>> cell = sk.Cell(nominal=sk.Parameters(l1=0.25, l2=0.2), discs=(disc,))
+        >>> cell.centers
+        array([[0.3, 0.2]])
     """
 
     nominal: Parameters

@@ -34,6 +34,12 @@ class TouchSet:
 
     Raises:
         ValueError: shapes that do not fit, or values that are not finite.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> touches = sk.TouchSet(joints=[[0.8, 2.1]], force=[[-9.8, -0.1]], disc=[0], posture=[1])
+        >>> len(touches), touches.force.shape
+        (1, (1, 2))
     """
 
     joints: Floats

@@ -40,6 +40,13 @@ def write_results(outcome: Outcome, folder: str | Path) -> WrittenFiles:
 
     Raises:
         OutputError: the folder cannot be written.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> files = sk.write_results(sk.diagnose('touches.csv', cell), 'result')
+        >>> files.document.name, files.report.name
+        ('calibration.json', 'report.html')
     """
     folder = Path(folder)
     texts = {

@@ -1,0 +1,412 @@
+"""The functions of the Python interface, ``import scara_kinetostatic as sk``: plain NumPy arrays in and out.
+
+Joint angles, forces and places are arrays (n, 2), one row per touch or pose; one pair alone is taken as n = 1. Forces
+are those of the robot on the object. All SI units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from scara_kinetostatic.calibration.prediction import base_force, force_residual, observe
+from scara_kinetostatic.calibration.propagation import propagated, tip_under_force
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.outcome import Outcome
+from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError
+from scara_kinetostatic.files.touch_table import is_touch_table
+from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame
+from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.kinematics import posture
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
+from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.pipeline import calibrate_recordings, calibrate_touches, gather_touches
+from scara_kinetostatic.simulation.chosen_effects import parse_effect, with_effects
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
+from scara_kinetostatic.touches.association import associate
+
+USUAL_NOISE = Noise(joint=1e-5, force=0.3)
+"""Noise of simulated touches where the cell does not say."""
+ELBOWS = {'left': 1, 'right': -1}
+Paths = str | Path | Sequence[str | Path]
+
+
+class TipPosition(NamedTuple):
+    """Places of the tip with their uncertainty.
+
+    Attributes:
+        position: S in the base frame, (n, 2), m.
+        covariance: by the uncertainty of the calibration, (n, 2, 2), m²; NaN where the data do not determine it.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> place = sk.TipPosition(np.array([[0.3, 0.1]]), np.array([[[4e-12, 0.0], [0.0, 1e-12]]]))
+        >>> place.std
+        array([[2.e-06, 1.e-06]])
+    """
+
+    position: Floats
+    covariance: Floats
+
+    @property
+    def std(self) -> Floats:
+        """Standard uncertainty of x and y, (n, 2), m."""
+        return _std(self.covariance)
+
+
+class JointAngles(NamedTuple):
+    """Compensated joint angles with their uncertainty.
+
+    Attributes:
+        joints: Q, (n, 2), rad; NaN where the place is out of reach.
+        torques: of the actuators, C, (n, 2), Nm.
+        covariance: of Q by the uncertainty of the calibration, (n, 2, 2), rad²; NaN where the data do not determine
+            it.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> pose = sk.JointAngles(np.zeros((1, 2)), np.zeros((1, 2)), np.array([[[4e-12, 0.0], [0.0, 1e-12]]]))
+        >>> pose.std
+        array([[2.e-06, 1.e-06]])
+    """
+
+    joints: Floats
+    torques: Floats
+    covariance: Floats
+
+    @property
+    def std(self) -> Floats:
+        """Standard uncertainty of both angles, (n, 2), rad."""
+        return _std(self.covariance)
+
+
+def make_touches(
+    joints: ArrayLike,
+    force: ArrayLike,
+    cell: Cell,
+    *,
+    objects: Sequence[str] | None = None,
+    time: ArrayLike | None = None,
+    approach: ArrayLike | None = None,
+) -> TouchSet:
+    """Touches from arrays.
+
+    Args:
+        joints: Q, (n, 2), rad.
+        force: on the object, in the frame of the cell's sensor (usually the base frame), (n, 2), N.
+        cell: the cell.
+        objects: name of the touched object, n of them; None: each is found by place and force.
+        time: of each touch, (n,), s; None: unknown.
+        approach: each joint's last movement before the hold, (n, 2), rad; None: unknown, so that hysteresis and
+            friction cannot be identified.
+
+    Raises:
+        InputError: arrays of other shapes, values that are not finite, an unknown object, a touch where no object is.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> touches = sk.make_touches([[0.8355, 2.1317], [2.9658, -2.1322]], [[-9.8, -0.1], [-25.1, 0.1]], cell)
+        >>> [cell.discs[number].name for number in touches.disc]
+        ['disc_1', 'disc_1']
+    """
+    q = _pairs(joints, 'joints')
+    f = _rows(force, 'force', len(q))
+    moved = np.zeros_like(q) if approach is None else _rows(approach, 'approach', len(q))
+    when = np.zeros(len(q)) if time is None else _finite(time, 'time', (len(q),))
+    if objects is None:
+        association = associate(q, f, cell)
+        for k in np.flatnonzero(~association.known):
+            nearest = f'the nearest, {cell.discs[association.disc[k]].name!r}, is {association.miss[k]:.3f} m away'
+            raise InputError(f'touch {k}', f'no object there; {nearest}', association.advice or 'leave it out')
+        disc = association.disc
+    else:
+        disc = _discs(objects, cell, len(q))
+    return TouchSet(q, f, disc, posture(cell.nominal, q), time=when, approach=moved, press=moved)
+
+
+def read_touches(paths: Paths, cell: Cell) -> TouchSet:
+    """The usable touches of recordings and touch tables.
+
+    Args:
+        paths: a recording or a table (``.csv``), or several, of one robot in one cell.
+        cell: the cell.
+
+    Raises:
+        InputError: a file cannot be read; a table where the cell's sensor reports in the tool frame.
+        UnsupportedDataError: there is no usable touch.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> len(sk.read_touches(['touches.csv', 'recording.mcap'], cell))
+        144
+    """
+    listed = _listed(paths)
+    tables = [path for path in listed if is_touch_table(path)]
+    if tables and cell.sensor.frame is SensorFrame.TOOL:
+        problem = "a table has its forces in the base frame, the cell's sensor in the tool frame"
+        raise InputError(tables[0], problem, 'give a cell with sensor.frame base')
+    detection = gather_touches(listed, cell)
+    if detection.contradiction:
+        raise InputError('cell: sensor.frame, sensor.sign', detection.contradiction, 'correct the cell description')
+    if not len(detection.touches):
+        reason = detection.rejected[0].reason if detection.rejected else 'no contact found'
+        raise UnsupportedDataError(f'{", ".join(map(str, listed))}: no usable touch: {reason}')
+    return detection.touches
+
+
+def simulate(
+    cell: Cell,
+    truth: Parameters | Mapping[str, float],
+    *,
+    effects: Iterable[str] = (),
+    per_disc: int = 12,
+    preload: float = 0.3,
+    seed: int = 0,
+) -> TouchSet:
+    """The touches that a simulated robot makes all round the objects of a cell.
+
+    Args:
+        cell: the cell; its noise is that of the touches, 1e-5 rad and 0.3 N where it does not say.
+        truth: parameters of the robot; those not given are nominal.
+        effects: what the robot has besides, such as ``object_radius[disc_2]:radius=6e-5``.
+        per_disc: touches of each disc and elbow posture.
+        preload: part of the force by which every other touch is pressed beyond it first, so that the joints come to
+            rest from both sides.
+        seed: of the noise.
+
+    Raises:
+        InputError: an unknown parameter or effect.
+        UnsupportedDataError: the robot cannot reach the objects.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> touches = sk.simulate(cell, {'l1': 0.3302, 'p_ee': 1.1e-5}, effects=['encoder_gain[joint1]:gain=1e-3'])
+        >>> touches.joints.shape
+        (72, 2)
+    """
+    if not isinstance(truth, Parameters):
+        unknown = [name for name in truth if name not in NAMES]
+        if unknown:
+            raise ParameterError('truth', f'unknown parameter {unknown[0]!r}', f'the names are {" ".join(NAMES)}')
+        truth = cell.nominal.replace(**truth)
+    robot = with_effects(truth, [parse_effect(text, cell) for text in effects])
+    return simulate_touches(cell, robot, default_plan(cell, per_disc, preload=preload), cell.noise or USUAL_NOISE, seed)
+
+
+def diagnose(
+    source: Calibration | TouchSet | Paths, cell: Cell | None = None, *, fixed: Mapping[str, float] | None = None
+) -> Outcome:
+    """Calibrate, look for model errors, and extend the model by those found: the whole outcome of the command.
+
+    Args:
+        source: touches, or the recordings and touch tables that hold them, or a calibration of the base model.
+        cell: the cell; that of the calibration where `source` is one.
+        fixed: parameters to hold, by name, at these values.
+
+    Returns:
+        ``outcome.verdict``; ``outcome['l1'].value``, ``.std``, ``.unit`` of the twelve parameters, and
+        ``outcome.effects['object_radius[disc_2]']['radius']`` alike; more in `Outcome`.
+
+    Raises:
+        InputError: a file or the cell is wrong; no cell is given.
+        UnsupportedDataError: the touches cannot support a calibration.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> outcome = sk.diagnose('touches.csv', cell)
+        >>> outcome.verdict
+        'explained'
+        >>> radius = outcome.effects['object_radius[disc_2]']['radius']
+        >>> print(f'{1e6 * radius.value:.0f} ± {1e6 * radius.std:.0f} µm')
+        60 ± 1 µm
+    """
+    if isinstance(source, Calibration):
+        return calibrate_touches(source.touches, source.cell, fixed=source.fixed)
+    if cell is None:
+        raise InputError('cell', 'is missing', "give one, such as load_cell('cell.yaml')")
+    if isinstance(source, TouchSet):
+        return calibrate_touches(source, cell, fixed=fixed)
+    return calibrate_recordings(_listed(source), cell, fixed=fixed)
+
+
+def predict_force(
+    result: Outcome | Calibration, touches: TouchSet | ArrayLike, objects: str | Sequence[str] | None = None
+) -> Floats:
+    """F = A(Q, L̄): the contact force that the calibrated model predicts.
+
+    Args:
+        result: of `diagnose` or `calibrate`.
+        touches: the touches, or joint angles alone, (n, 2), rad.
+        objects: names of the touched objects, one for all or n; only with joint angles.
+
+    Returns:
+        On the object, base frame, (n, 2), N; zero where the tip does not reach the object.
+
+    Raises:
+        InputError: arrays of other shapes, or an unknown object.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> outcome = sk.diagnose('touches.csv', cell)
+        >>> sk.predict_force(outcome, [0.8355, 2.1317], 'disc_1').round(0)
+        array([[-10.,   0.]])
+    """
+    c = _final(result)
+    if isinstance(touches, TouchSet):
+        observations = observe(touches, c.cell)
+        return np.asarray(base_force(observations, c.model) - force_residual(observations, c.model))
+    joints = _pairs(touches, 'joints')
+    if objects is None:
+        raise InputError('objects', 'is missing', 'name the touched objects')
+    names = [objects] * len(joints) if isinstance(objects, str) else list(objects)
+    place = TouchSet(joints, np.zeros_like(joints), _discs(names, c.cell, len(joints)), posture(c.parameters, joints))
+    o = observe(place, c.cell)
+    return contact(c.model, joints, o.centers, o.radii, c.cell.gripper, metadata=o.metadata).force
+
+
+def locate(result: Outcome | Calibration, joints: ArrayLike, force: ArrayLike = (0.0, 0.0)) -> TipPosition:
+    """H̄: where the tip is, from measured joint angles and the force.
+
+    Args:
+        result: of `diagnose` or `calibrate`.
+        joints: Q, (n, 2), rad.
+        force: on the object, base frame, (n, 2), or one for all, N; without force the joints are taken to be in the
+            middle of their backlash.
+
+    Raises:
+        InputError: arrays of other shapes, or values that are not finite.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> outcome = sk.diagnose('touches.csv', cell)
+        >>> tip = sk.locate(outcome, [0.8, 2.1], [-20.0, 0.0])
+        >>> tip.position.round(4)
+        array([[-0.0867,  0.3136]])
+        >>> bool((tip.std < 1e-5).all())
+        True
+    """
+    c = _final(result)
+    q = _pairs(joints, 'joints')
+    f = _rows(force, 'force', len(q))
+    position, _ = tip_under_force(c.model, q, f, c.cell.gripper)
+    covariance = propagated(c, lambda model: tip_under_force(model, q, f, c.cell.gripper)[0])
+    return TipPosition(position, covariance)
+
+
+def compensate(
+    result: Outcome | Calibration,
+    position: ArrayLike,
+    force: ArrayLike = (0.0, 0.0),
+    elbow: str | Sequence[str] = 'left',
+) -> JointAngles:
+    """Ḡ: the joint angles that bring the tip to a place under a force.
+
+    Args:
+        result: of `diagnose` or `calibrate`.
+        position: of the tip, base frame, (n, 2), m.
+        force: on the object, base frame, (n, 2), or one for all, N.
+        elbow: ``left``, sin(q2 + theta2) > 0, or ``right``; one for all or n.
+
+    Raises:
+        InputError: arrays of other shapes, values that are not finite, or another elbow.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> outcome = sk.diagnose('touches.csv', cell)
+        >>> angles = sk.compensate(outcome, [0.3, 0.2], [0.0, 30.0], elbow='right')
+        >>> angles.joints.round(4)
+        array([[ 1.593 , -1.9882]])
+        >>> sk.locate(outcome, angles.joints, [0.0, 30.0]).position.round(9)
+        array([[0.3, 0.2]])
+    """
+    c = _final(result)
+    tip = _pairs(position, 'position')
+    f = _rows(force, 'force', len(tip))
+    sides = np.array([_side(name) for name in ([elbow] * len(tip) if isinstance(elbow, str) else elbow)])
+    if len(sides) != len(tip):
+        raise InputError('elbow', f'expected one, or {len(tip)}, got {len(sides)}')
+    joints, torques = inverse_kinetostatics(c.model, tip, f, sides, c.cell.gripper)
+    covariance = propagated(c, lambda model: inverse_kinetostatics(model, tip, f, sides, c.cell.gripper)[0])
+    return JointAngles(joints, torques, covariance)
+
+
+def _final(result: Outcome | Calibration) -> Calibration:
+    if isinstance(result, Outcome):
+        return result.final
+    if isinstance(result, Calibration):
+        return result
+    raise InputError('result', f'expected what diagnose or calibrate return, got {type(result).__name__}')
+
+
+def _listed(paths: Paths) -> list[str | Path]:
+    listed: list[str | Path] = [paths] if isinstance(paths, (str, Path)) else list(paths)
+    if not listed:
+        raise InputError('paths', 'expected one or more files, got none')
+    return listed
+
+
+def _rows(values: ArrayLike, name: str, n: int) -> Floats:
+    """Values as (n, 2), finite; one pair alone stands for all n."""
+    pairs = _pairs(values, name)
+    if len(pairs) not in (1, n):
+        raise InputError(name, f'expected shape ({n}, 2), got {np.shape(values)}', 'give one row per touch or pose')
+    return np.array(np.broadcast_to(pairs, (n, 2)))
+
+
+def _pairs(values: ArrayLike, name: str) -> Floats:
+    """Values as (n, 2), finite; one pair alone is one row.
+
+    Raises:
+        InputError: another shape, or a value that is not finite.
+    """
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(name, f'expected numbers of shape (n, 2), got {values!r:.60}') from error
+    array = array[None] if array.ndim == 1 else array
+    if array.ndim != 2 or array.shape[1] != 2 or not len(array):
+        raise InputError(name, f'expected shape (n, 2), got {np.shape(values)}', 'give one row per touch or pose')
+    if not np.isfinite(array).all():
+        raise InputError(name, f'expected finite numbers, got {array[~np.isfinite(array)][0]}')
+    return array
+
+
+def _finite(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Floats:
+    array = np.array(values, dtype=float)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise InputError(name, f'expected finite numbers of shape {shape}, got shape {array.shape}')
+    return array
+
+
+def _discs(names: Sequence[str], cell: Cell, n: int) -> Indices:
+    known = [disc.name for disc in cell.discs]
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise InputError('objects', f'the cell has no object {unknown[0]!r}', f'its objects are {", ".join(known)}')
+    if len(names) != n:
+        raise InputError('objects', f'expected {n} names, got {len(names)}')
+    return np.array([known.index(name) for name in names], dtype=np.intp)
+
+
+def _side(elbow: str) -> int:
+    if elbow not in ELBOWS:
+        raise InputError('elbow', f"expected 'left' or 'right', got {elbow!r}")
+    return ELBOWS[elbow]
+
+
+def _std(covariance: Floats) -> Floats:
+    return np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))

@@ -1,0 +1,39 @@
+"""Files that the examples of the Python interface name."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+import scara_kinetostatic as sk
+from scara_kinetostatic.cli.main import main
+from scara_kinetostatic.files.touch_table import TouchTable, dump_touch_table
+
+ROOT = Path(__file__).parents[2]
+EFFECT = 'object_radius[disc_2]:radius=6e-5'
+
+
+@pytest.fixture(scope='session')
+def example_files(tmp_path_factory) -> Path:
+    """A folder with the cell, a table of touches and a recording of the same robot."""
+    folder = tmp_path_factory.mktemp('examples')
+    shutil.copy(ROOT / 'config' / 'cell.yaml', folder / 'cell.yaml')
+    cell = sk.load_cell(folder / 'cell.yaml')
+    touches = sk.simulate(cell, sk.PAPER_ACTUAL, effects=[EFFECT], seed=1)
+    names = tuple(cell.discs[number].name for number in touches.disc)
+    table = TouchTable(touches.joints, touches.force, names, touches.time, touches.approach, (), '')
+    (folder / 'touches.csv').write_text(dump_touch_table(table), encoding='utf-8')
+    recording = ['--out', str(folder / 'recording.mcap'), '--cell', str(folder / 'cell.yaml'), '--effect', EFFECT]
+    assert main(['simulate', *recording, '--joint-rate', '20', '--wrench-rate', '25', '--preload', '0.3']) == 0
+    return folder
+
+
+@pytest.fixture
+def in_example_files(example_files, tmp_path, monkeypatch) -> Path:
+    """A fresh copy of the files as the working directory."""
+    place = tmp_path / 'work'
+    shutil.copytree(example_files, place)
+    monkeypatch.chdir(place)
+    return place

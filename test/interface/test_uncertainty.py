@@ -1,0 +1,114 @@
+"""H̄ and Ḡ through the interface: identities, and their uncertainty against Monte Carlo."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import scara_kinetostatic as sk
+from scara_kinetostatic.calibration.propagation import tip_under_force
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
+
+FORCE = np.array([[-20.0, 5.0], [0.0, 30.0], [12.0, -9.0], [3.0, 1.0]])
+POSITION = np.array([[0.3, 0.2], [-0.25, 0.3], [0.1, 0.4], [-0.1, -0.35]])
+ELBOW = ['left', 'right', 'left', 'right']
+SAMPLES = 3000
+
+
+@pytest.fixture(scope='module', params=['base', 'extended'])
+def outcome(request, example_files):
+    """With the base model alone, and with effects of joints and sensor."""
+    cell = sk.load_cell(example_files / 'cell.yaml')
+    effects = ['transmission_error[joint1]:amplitude=2e-4,phase=0.7,cycles=7.3'] if request.param == 'extended' else []
+    found = sk.diagnose(sk.simulate(cell, sk.PAPER_ACTUAL, effects=effects, per_disc=18, seed=3), cell)
+    assert found.verdict == ('explained' if effects else 'none')
+    return found
+
+
+def test_one_undoes_the_other(outcome):
+    angles = sk.compensate(outcome, POSITION, FORCE, ELBOW)
+    back = sk.locate(outcome, angles.joints, FORCE)
+    np.testing.assert_allclose(back.position, POSITION, rtol=0, atol=1e-12)
+    assert angles.joints.shape == angles.torques.shape == angles.std.shape == (4, 2)
+    assert back.covariance.shape == (4, 2, 2)
+
+
+def test_uncertainty_is_that_of_monte_carlo(outcome):
+    c = outcome.final
+    angles = sk.compensate(outcome, POSITION, FORCE, ELBOW)
+    place = sk.locate(outcome, angles.joints, FORCE)
+    random = np.random.default_rng(7)
+    drawn = random.multivariate_normal(c.model.as_array(), c.covariance, SAMPLES, method='eigh')
+    models = [c.model.with_array(values) for values in drawn]
+    gripper, sides = c.cell.gripper, np.array([1, -1, 1, -1])
+    tips = np.array([tip_under_force(model, angles.joints, FORCE, gripper)[0] for model in models])
+    joints = np.array([inverse_kinetostatics(model, POSITION, FORCE, sides, gripper)[0] for model in models])
+    for found, sample in ((place, tips), (angles, joints)):
+        std = sample.std(axis=0)
+        np.testing.assert_allclose(found.std, std, rtol=5 / np.sqrt(2 * SAMPLES))
+        for k in range(4):
+            correlation = np.corrcoef(sample[:, k].T)[0, 1]
+            expected = found.covariance[k, 0, 1] / np.prod(found.std[k])
+            assert abs(correlation - expected) < 5 / np.sqrt(SAMPLES)
+
+
+def test_free_of_force_the_joints_are_in_the_middle_of_their_backlash(outcome):
+    joints = [0.4, 1.1]
+    free = sk.locate(outcome, joints).position
+    both = sk.locate(outcome, [joints, joints], [[0.0, 1e-6], [0.0, -1e-6]]).position
+    np.testing.assert_allclose(both.mean(axis=0), free[0], rtol=0, atol=2e-6)
+    assert np.abs(both - free).max() > 1e-5
+
+
+def test_what_the_data_do_not_determine_has_no_uncertainty(example_files):
+    cell = sk.load_cell(example_files / 'cell.yaml')
+    touches = sk.simulate(cell, sk.PAPER_ACTUAL, per_disc=18, preload=0.0, seed=3)
+    size = np.hypot(*touches.force.T)
+    calibration = sk.calibrate(touches.select(np.abs(size - 25) < 5), cell)
+    assert calibration['p_ee'].status == 'confounded'
+    place = sk.locate(calibration, [[0.4, 1.1]] * 2, [[25.0, 0.0], [250.0, 0.0]])
+    assert np.isfinite(place.std[0]).all()
+    assert np.isnan(place.std[1]).any()
+
+
+def test_out_of_reach_is_not_a_number(outcome):
+    angles = sk.compensate(outcome, [[0.9, 0.0], [0.3, 0.2]])
+    assert np.isnan(angles.joints[0]).all()
+    assert np.isfinite(angles.joints[1]).all()
+    assert np.isfinite(angles.std[1]).all()
+
+
+def test_predicted_forces_are_measured_less_residual(outcome):
+    c = outcome.final
+    np.testing.assert_allclose(sk.predict_force(outcome, c.touches), c.force - c.residual, rtol=0, atol=1e-9)
+    names = [c.cell.discs[number].name for number in c.touches.disc]
+    alone = sk.predict_force(outcome, c.touches.joints, names)
+    assert np.median(np.hypot(*(alone - c.force).T)) < 1.0
+
+
+@pytest.mark.parametrize(
+    ('call', 'message'),
+    [
+        (lambda o: sk.locate(o, [1, 2, 3]), r'joints: expected shape \(n, 2\), got \(3,\)'),
+        (lambda o: sk.locate(o, [[1, 'a']]), r'joints: expected numbers of shape \(n, 2\)'),
+        (lambda o: sk.locate(o, np.empty((0, 2))), r'joints: expected shape \(n, 2\), got \(0, 2\)'),
+        (lambda o: sk.locate(o, [1, 2], [np.nan, 0]), 'force: expected finite numbers, got nan'),
+        (lambda o: sk.locate(o, [[1, 2]] * 3, [[1, 2]] * 2), r'force: expected shape \(3, 2\), got \(2, 2\)'),
+        (lambda o: sk.locate('result', [1, 2]), 'result: expected what diagnose or calibrate return, got str'),
+        (lambda o: sk.compensate(o, [0.3, 0.2], elbow='up'), "elbow: expected 'left' or 'right', got 'up'"),
+        (lambda o: sk.compensate(o, [0.3, 0.2], elbow=['left'] * 2), 'elbow: expected one, or 1, got 2'),
+        (lambda o: sk.predict_force(o, [1, 2]), 'objects: is missing'),
+        (lambda o: sk.predict_force(o, [1, 2], 'disc_9'), "no object 'disc_9'; its objects are disc_1, disc_2, disc_3"),
+        (lambda o: sk.predict_force(o, [[1, 2]] * 2, ['disc_1']), 'objects: expected 2 names, got 1'),
+        (lambda o: sk.diagnose(o.final.touches), 'cell: is missing'),
+        (lambda o: sk.diagnose([], o.final.cell), 'paths: expected one or more files, got none'),
+        (lambda o: sk.simulate(o.final.cell, {'l3': 1.0}), "unknown parameter 'l3'"),
+        (lambda o: sk.simulate(o.final.cell, {}, effects=['rust']), "effect 'rust': no such effect"),
+        (lambda o: sk.make_touches([1, 2], [3, 4], o.final.cell), 'touch 0: no object there; the nearest'),
+        (lambda o: sk.make_touches([1, 2], [3, 4], o.final.cell, time=[1, 2]), 'time: expected finite numbers'),
+        (lambda o: o['l3'], "no parameter 'l3'"),
+    ],
+)  # fmt: skip
+def test_wrong_arguments_are_one_clear_line(outcome, call, message):
+    with pytest.raises((sk.InputError, KeyError), match=message):
+        call(outcome)
