@@ -27,9 +27,9 @@ from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_recordings, calibrate_touches, gather_touches
-from scara_kinetostatic.simulation.chosen_effects import parse_effect, with_effects
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
+from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 from scara_kinetostatic.touches.association import associate
 
 USUAL_NOISE = Noise(joint=1e-5, force=0.3)
