@@ -47,24 +47,20 @@ class NodeParameters(MarkdownDirective):
         rows = []
         for name, one in nodes_declared()[self.arguments[0]]['parameters'].items():
             if not one['result']:
-                rows.append((code(name), escape(one['description']), default(one), limits(one), changeable(one)))
-        return table(('parameter', 'meaning', 'default', 'range', 'at runtime'), rows)
+                meaning = one['description'] + ('' if one['read_only'] else '; may be set at runtime')
+                rows.append((code(name), escape(meaning), default(one), limits(one)))
+        return table(('parameter', 'meaning', 'default', 'range'), rows)
 
 
 def default(one: dict[str, Any]) -> str:
     """The default value of a parameter."""
-    value = one['default']
+    value = one['default'] if one['default'] != [''] else []  # ROS cannot declare an empty list
     return code(f'{value:.6g}' if isinstance(value, float) else json.dumps(value))
 
 
 def limits(one: dict[str, Any]) -> str:
     """The range of a number."""
-    return '{:g} … {:g}'.format(*one['range']) if one['range'] else ''
-
-
-def changeable(one: dict[str, Any]) -> str:
-    """Whether it may be set while the node runs."""
-    return 'fixed' if one['read_only'] else 'settable'
+    return '{:.4g} … {:.4g}'.format(*one['range']).replace(' ', '\u00a0') if one['range'] else ''
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

@@ -32,7 +32,8 @@ def kind_of(thing: Any) -> str:
     return 'Functions' if callable(thing) else 'Constants'
 
 
-GROUPS = ('Functions', 'Classes', 'Exceptions', 'Constants')
+KINDS = {'Functions': 'function', 'Classes': 'class', 'Exceptions': 'exception', 'Constants': 'constant'}
+"""Headings and kinds, in the order of the page."""
 DIRECTIVES = {'Functions': 'autofunction', 'Classes': 'autoclass', 'Exceptions': 'autoexception'}
 
 
@@ -41,20 +42,12 @@ class PythonTable(MarkdownDirective):
 
     def markdown(self) -> str:
         rows = []
-        for group in GROUPS:
+        for group, kind in KINDS.items():
             for name, thing in public():
                 if kind_of(thing) == group:
-                    text = (inspect.getdoc(thing) or '').splitlines() if group != 'Constants' else ['']
-                    link = (
-                        f'[{code(name)}](#{PACKAGE}.{name})' if group != 'Constants' else f'[{code(name)}](#constants)'
-                    )
-                    rows.append(
-                        (
-                            link,
-                            group.lower().removesuffix('s').removesuffix('e') + ('s' if group == 'Classes' else ''),
-                            text[0],
-                        )
-                    )
+                    place = f'{PACKAGE}.{name}' if group in DIRECTIVES else 'constants'
+                    first = (inspect.getdoc(thing) or '').split('\n')[0] if group in DIRECTIVES else ''
+                    rows.append((f'[{code(name)}](#{place})', kind, first))
         return table(('name', 'kind', 'purpose'), rows)
 
 
@@ -63,7 +56,7 @@ class PythonReference(MarkdownDirective):
 
     def markdown(self) -> str:
         parts = []
-        for group in GROUPS:
+        for group in KINDS:
             members = [(name, thing) for name, thing in public() if kind_of(thing) == group]
             if members:
                 parts.append(f'## {group}')
