@@ -29,9 +29,9 @@ from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMIN
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.studies.design.optimal_design import design
+from scara_kinetostatic.studies.design.optimal_design import optimal_design
 from scara_kinetostatic.studies.design.prediction import Robot, predict
-from scara_kinetostatic.studies.design.result import Design, Question
+from scara_kinetostatic.studies.design.result import Design, Requirements
 from scara_kinetostatic.studies.design.workspace import Tip, free_tip, make_workspace, tip_std
 
 NOISE = Noise(joint=1e-5, force=0.3)
@@ -102,19 +102,19 @@ def main() -> int:
     parser.add_argument('--number', type=int, default=200)
     parser.add_argument('--json', type=Path)
     options = parser.parse_args()
-    question = Question(accuracy=1e-5, most_discs=0)
-    expected: Design = design(Robot.of(CELL, PAPER_ACTUAL), question)
-    nominal: Design = design(Robot.of(CELL), question)
+    requirements = Requirements(accuracy=1e-5, most_discs=0)
+    expected: Design = optimal_design(Robot.of(CELL, PAPER_ACTUAL), requirements)
+    nominal: Design = optimal_design(Robot.of(CELL), requirements)
     cases = {
         'designed for table 2': expected.smallest,
         'designed for the nominal robot': nominal.smallest,
         'one to spare': expected.spare,
     }
     result: dict[str, object] = {'runs': options.number, 'sampling_error': 1 / np.sqrt(2 * (options.number - 1))}
-    for name, choice in cases.items():
+    for name, designed in cases.items():
         for noise in ('independent', 'balanced'):
-            found = compare(PAPER_ACTUAL, choice.plan, options.number, noise == 'balanced')
-            result[f'{name}, {noise} noise'] = {'promised_by_the_design': choice.row.free.largest, **found}
+            found = compare(PAPER_ACTUAL, designed.plan, options.number, noise == 'balanced')
+            result[f'{name}, {noise} noise'] = {'promised_by_the_design': designed.row.free.largest, **found}
     text = json.dumps(result, indent=2)
     print(text)
     if options.json:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scara_kinetostatic.studies.dial_gauge.point_analysis import analyse
+from scara_kinetostatic.studies.dial_gauge.point_analysis import analyse_points
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2
 from scara_kinetostatic.studies.dial_gauge.simulation import DialGaugeTruth, simulate_experiments
 
@@ -25,7 +25,7 @@ def play(number: int) -> dict[str, object]:
     truth = DialGaugeTruth()
     z, warned, isotropy, ellipse = [], 0, [], []
     for seed in range(number):
-        found = analyse(simulate_experiments(truth, seed=seed))
+        found = analyse_points(simulate_experiments(truth, seed=seed))
         gripper = found.part(GRIPPER)
         wanted = [(run, truth.p_ee, float(truth.gripper_gap(run.direction))) for run in gripper.runs]
         wanted += [(found.part(JOINT1), truth.p1, truth.gap1), (found.part(JOINT2), truth.p2, truth.gap2)]

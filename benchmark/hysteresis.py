@@ -15,7 +15,7 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-from scara_kinetostatic.studies.hysteresis.dependence import anything_left, dependences
+from scara_kinetostatic.studies.hysteresis.dependence import dependences, p_independent
 from scara_kinetostatic.studies.hysteresis.fit import fit
 from scara_kinetostatic.studies.hysteresis.laws import (
     BACKLASH,
@@ -26,9 +26,9 @@ from scara_kinetostatic.studies.hysteresis.laws import (
     SOFTENING,
     VISCOUS,
     Law,
-    played,
+    simulate_record,
 )
-from scara_kinetostatic.studies.hysteresis.model_selection import LEVEL, NONE, UNEXPLAINED, Choice, choose
+from scara_kinetostatic.studies.hysteresis.model_selection import LEVEL, NONE, UNEXPLAINED, ModelSelection, select_model
 from scara_kinetostatic.studies.hysteresis.motion import Motion
 
 NOISE = 100.0
@@ -50,17 +50,21 @@ def values(law: Law, size: float) -> dict[str, float]:
     return {each.name: {**TRUTH, **more}[each.name] for each in law.parameters}
 
 
-def named(choice: Choice) -> str:
+def named(selection: ModelSelection) -> str:
     """What came out, in a word."""
-    if choice.winner is None:
-        return choice.verdict
-    return choice.winner.law.name if not choice.rivals else '|'.join(sorted((choice.winner.law.name, *choice.rivals)))
+    if selection.selected is None:
+        return selection.verdict
+    return (
+        selection.selected.law.name
+        if not selection.rivals
+        else '|'.join(sorted((selection.selected.law.name, *selection.rivals)))
+    )
 
 
 def alarmed(motion: Motion) -> bool:
     """Whether the residual of law (6) is found to have structure."""
     residual = fit(BACKLASH, motion, motion.scored | ~motion.scored).residual
-    return anything_left(dependences(motion, residual)) < LEVEL
+    return p_independent(dependences(motion, residual)) < LEVEL
 
 
 def main() -> int:
@@ -72,12 +76,14 @@ def main() -> int:
     args = parser.parse_args()
     found: dict[str, dict[str, int]] = {}
     for correlation in CORRELATIONS:
-        alarms = sum(alarmed(played(BACKLASH, TRUTH, NOISE, seed, correlation)) for seed in range(args.alarms))
+        alarms = sum(alarmed(simulate_record(BACKLASH, TRUTH, NOISE, seed, correlation)) for seed in range(args.alarms))
         found[f'backlash, correlation {correlation:g}'] = {'alarm': alarms, NONE: args.alarms - alarms}
         for law in CANDIDATES:
             for size in SIZES[law.name]:
-                records = (played(law, values(law, size), NOISE, seed, correlation) for seed in range(args.seeds))
-                counts = Counter(named(choose(record)) for record in records)
+                records = (
+                    simulate_record(law, values(law, size), NOISE, seed, correlation) for seed in range(args.seeds)
+                )
+                counts = Counter(named(select_model(record)) for record in records)
                 found[f'{law.name} {size:g}, correlation {correlation:g}'] = dict(counts)
     right = sum(counts.get(name.split()[0], 0) for name, counts in found.items() if not name.startswith('backlash'))
     total = sum(sum(counts.values()) for name, counts in found.items() if not name.startswith('backlash'))

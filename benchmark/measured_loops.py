@@ -27,10 +27,10 @@ from scara_kinetostatic.studies.dial_gauge.analysis import sense_name
 from scara_kinetostatic.studies.dial_gauge.loop_analysis import LoopAnalysis, Sense, analyse_loops
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.dial_gauge.reversals import find_sweeps
-from scara_kinetostatic.studies.dial_gauge.statistics import agreement
+from scara_kinetostatic.studies.dial_gauge.statistics import combine_estimates
 from scara_kinetostatic.studies.dial_gauge.table_file import load_readings
 
-QUANTITIES = {'gap': (1e6, 'µm'), 'compliance': (1e9, 'nm/N')}
+_QUANTITIES = {'gap': (1e6, 'µm'), 'compliance': (1e9, 'nm/N')}
 
 
 def replayed(readings: DialGaugeReadings, analysis: LoopAnalysis) -> dict[int, tuple[float, float]]:
@@ -64,14 +64,14 @@ def examine(path: Path) -> list[dict[str, object]]:
     sampling = replayed(readings, analysis)
     records = []
     for sense in analysis.senses:
-        for place, (name, (factor, unit)) in enumerate(QUANTITIES.items()):
+        for place, (name, (factor, unit)) in enumerate(_QUANTITIES.items()):
             values, line = np.array([getattr(each, name) for each in sense.reversals]).T
             slope = float(np.mean([each.compliance.value for each in sense.reversals]))
             one = float(np.hypot(analysis.noise[0], slope * analysis.noise[1]))
             reading = line * one / np.array(sense.sigma).mean()
-            test, bare = getattr(sense, name), agreement(values, reading, np.inf)
-            trend = next(each for each in sense.trends if each.quantity == name and each.over == 'speed')
-            drift = next(each for each in sense.trends if each.quantity == name and each.over == 'time')
+            test, bare = getattr(sense, name), combine_estimates(values, reading, np.inf)
+            trend = next(each for each in sense.trends if each.quantity == name and each.variable == 'speed')
+            zero_drift = next(each for each in sense.trends if each.quantity == name and each.variable == 'time')
             records.append(
                 {
                     'file': path.name,
@@ -81,7 +81,7 @@ def examine(path: Path) -> list[dict[str, object]]:
                     'reversals': len(values),
                     'mean': factor * test.mean,
                     'std': factor * test.std,
-                    'definition': factor * sense.definition[place],
+                    'definition': factor * sense.definitional_uncertainty[place],
                     'scatter': factor * scatter(sense, name),
                     'reading': factor * float(np.sqrt((reading**2).mean())),
                     'line': factor * float(np.sqrt((line**2).mean())),
@@ -95,7 +95,7 @@ def examine(path: Path) -> list[dict[str, object]]:
                     'per_mm_s_std': 1e-3 * factor * trend.slope.std,
                     'p_speed': trend.p_value,
                     'left_after_speed': factor * trend.left,
-                    'p_time': drift.p_value,
+                    'p_time': zero_drift.p_value,
                 }
             )
     return records

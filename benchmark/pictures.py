@@ -26,7 +26,7 @@ from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.studies.design import figures as design_pictures
 from scara_kinetostatic.studies.dial_gauge import figures as gauge_pictures
-from scara_kinetostatic.studies.dial_gauge.analysis import study
+from scara_kinetostatic.studies.dial_gauge.analysis import analyse_tables
 from scara_kinetostatic.studies.dial_gauge.simulation import simulate_experiments
 from scara_kinetostatic.studies.paper import figures as paper_pictures
 from scara_kinetostatic.studies.paper.reproduction import reproduce
@@ -60,7 +60,7 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     yield 'number_of_touches', design_pictures.number_picture(paper.design)
     yield 'tip', design_pictures.tip_picture(paper.design)
     yield 'scatter', paper_pictures.scatter_picture(paper)
-    gauge = study([simulate_experiments()]).points
+    gauge = analyse_tables([simulate_experiments()]).points
     assert gauge is not None
     gripper = gauge.part('gripper')
     assert gripper.gap_map is not None

@@ -12,7 +12,7 @@ from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.studies.design.prediction import Robot
-    from scara_kinetostatic.studies.design.result import Design, Question
+    from scara_kinetostatic.studies.design.result import Design, Requirements
 
 PLAN, SPARE_PLAN = 'plan.yaml', 'plan_spare.yaml'
 DESCRIPTION = """\
@@ -44,7 +44,7 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     )
     parser.add_argument('--json', action='store_true', help='print JSON instead of text')
     _add_robot(parser)
-    _add_choice(parser)
+    _add_candidates(parser)
     return parser
 
 
@@ -72,8 +72,8 @@ def _add_robot(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_choice(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group('touches and discs to choose from')
+def _add_candidates(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group('candidate touches and discs')
     group.add_argument(
         '--levels', type=real(0, above=True), nargs='+', metavar='F', default=[10.0, 25.0, 40.0],
         help='force levels, N (default: 10 25 40)',
@@ -101,44 +101,43 @@ def run(args: argparse.Namespace) -> int:
         InputError: the cell, the expected robot or an option is wrong, or DIR cannot be written.
         UnsupportedDataError: the accuracy is out of reach.
     """
-    question, robot = _question(args), _robot(args)
+    requirements, robot = _requirements(args), _robot(args)
     from scara_kinetostatic.studies.design.document import design_document
-    from scara_kinetostatic.studies.design.optimal_design import design
+    from scara_kinetostatic.studies.design.optimal_design import optimal_design
     from scara_kinetostatic.studies.design.text import text
 
     with progress() as show_progress:
-        found = design(robot, question, show_progress)
-        files = design_texts(found) if args.out else {}
-    print_result(text(found), design_document(found), args.json, args.out, files)
+        design = optimal_design(robot, requirements, show_progress)
+        files = design_texts(design) if args.out else {}
+    print_result(text(design), design_document(design), args.json, args.out, files)
     return 0
 
 
-def design_texts(found: Design) -> dict[str, str]:
-    """What goes into each file of a design, by name: both plans, the numbers, the page."""
+def design_texts(design: Design) -> dict[str, str]:
+    """The files of a design by name: both plans, the numbers, the page."""
     from scara_kinetostatic.render.json_file import json_text
     from scara_kinetostatic.simulation.plan_file import dump_plan
-    from scara_kinetostatic.studies.design import document as design_document
-    from scara_kinetostatic.studies.design import page as design_html
-    from scara_kinetostatic.studies.design.text import choice_sentences
+    from scara_kinetostatic.studies.design import document, page
+    from scara_kinetostatic.studies.design.text import set_sentences
 
-    cell = found.robot.cell
+    cell = design.robot.cell
     return {
-        PLAN: dump_plan(found.smallest.plan, cell, tuple(choice_sentences(found.smallest, found))),
-        SPARE_PLAN: dump_plan(found.spare.plan, cell, tuple(choice_sentences(found.spare, found))),
-        design_document.NAME: json_text(design_document.design_document(found)),
-        design_html.NAME: design_html.html_text(found),
+        PLAN: dump_plan(design.smallest.plan, cell, tuple(set_sentences(design.smallest, design))),
+        SPARE_PLAN: dump_plan(design.spare.plan, cell, tuple(set_sentences(design.spare, design))),
+        document.NAME: json_text(document.design_document(design)),
+        page.NAME: page.html_text(design),
     }
 
 
-def _question(args: argparse.Namespace) -> Question:
-    from scara_kinetostatic.studies.design.result import Question
+def _requirements(args: argparse.Namespace) -> Requirements:
+    from scara_kinetostatic.studies.design.result import Requirements
     from scara_kinetostatic.studies.design.workspace import Region
 
     for option, values in (('--region', args.region), ('--disc-radius', args.disc_radius)):
         for low, high in zip((values or [])[::2], (values or [])[1::2], strict=True):
             if low > high or (low == high and option == '--region'):
                 raise InputError(option, f'expected the lower limit first, got {low:g} {high:g}')
-    return Question(
+    return Requirements(
         accuracy=args.accuracy,
         levels=tuple(dict.fromkeys(args.levels)),
         postures={'both': (1, -1), 'left': (1,), 'right': (-1,)}[args.postures],

@@ -21,12 +21,12 @@ and displacement. The slope is the compliance, the gap at zero force the
 backlash, each with its standard deviation.
 
 The first line of a table names its columns with their units:
-  force_N displacement_mm         needed; also kN, m, um
+  force_N displacement_mm         required; also kN, m, um
   direction_deg                   of the positive force
   cycle                           1, 2, 3, ... ; else taken from the order of the rows
   part                            gripper, joint1 or joint2
   lever_m                         of the force about the joint
-  seat                            where the dial gauge measures: tip or link
+  gauge_at                        where the dial gauge measures: tip or link
   time_s                          for a continuous record of loops
 """
 EXAMPLE = """\
@@ -47,21 +47,23 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         aliases=('gauge',),
     )
     parser.add_argument('tables', type=Path, nargs='+', metavar='FILE.csv', help='tables of readings')
-    parser.add_argument('--out', type=Path, metavar='DIR', help='folder for the results as JSON and as a page')
+    parser.add_argument('--out', type=Path, metavar='DIR', help='folder for dial_gauge.json and dial_gauge.html')
     parser.add_argument('--json', action='store_true', help='print JSON instead of text')
     group = parser.add_argument_group('for tables without these columns')
     group.add_argument('--part', choices=('gripper', 'joint1', 'joint2'), help='the elastic part (default: gripper)')
     group.add_argument('--lever', type=real(0, above=True), metavar='M', help='of the force about the joint, m')
     group.add_argument('--direction', type=real(), metavar='DEG', help='of the positive force')
-    group.add_argument('--seat', choices=('tip', 'link'), help='place of the dial gauge (default: link for a joint)')
+    group.add_argument(
+        '--gauge-at', '--seat', choices=('tip', 'link'), help='place of the dial gauge (default: link for a joint)'
+    )
     group.add_argument(
         '--kind', choices=('auto', 'points', 'loops'), default='auto', help='of the tables (default: by their columns)'
     )
     parser.add_argument(
         '--zero-band',
         type=real(0),
-        metavar='PART',
-        help='loads below this part of the largest are taken for zero (default: 0.02)',
+        metavar='SHARE',
+        help='loads up to this share of the largest are taken for zero (default: 0.02)',
     )
     return parser
 
@@ -73,34 +75,34 @@ def run(args: argparse.Namespace) -> int:
         InputError: a table or an option is wrong, or DIR cannot be written.
         UnsupportedDataError: there is no reversal, or there are too few rows.
     """
-    from scara_kinetostatic.studies.dial_gauge.analysis import study
+    from scara_kinetostatic.studies.dial_gauge.analysis import analyse_tables
     from scara_kinetostatic.studies.dial_gauge.document import NAME, dial_gauge_document
     from scara_kinetostatic.studies.dial_gauge.run_fit import ZERO_BAND
     from scara_kinetostatic.studies.dial_gauge.text import text
 
     band = ZERO_BAND if args.zero_band is None else args.zero_band
     if band >= 1:
-        raise InputError('--zero-band', f'expected a part below 1, got {band:g}')
-    found = study(_tables(args), args.kind, band)
-    document = dial_gauge_document(found)
+        raise InputError('--zero-band', f'expected a share below 1, got {band:g}')
+    analysis = analyse_tables(_tables(args), args.kind, band)
+    document = dial_gauge_document(analysis)
     files = {}
     if args.out:
         from scara_kinetostatic.render.json_file import json_text
         from scara_kinetostatic.studies.dial_gauge import page
 
-        files = {NAME: json_text(document), page.NAME: page.html_text(found)}
-    print_result(text(found), document, args.json, args.out, files)
+        files = {NAME: json_text(document), page.NAME: page.html_text(analysis)}
+    print_result(text(analysis), document, args.json, args.out, files)
     return 0
 
 
 def _tables(args: argparse.Namespace) -> list[DialGaugeReadings]:
-    from scara_kinetostatic.studies.dial_gauge.table_file import Usual, load_readings
+    from scara_kinetostatic.studies.dial_gauge.table_file import TableDefaults, load_readings
 
-    usual = Usual(
+    defaults = TableDefaults(
         part=args.part or 'gripper',
         lever=math.nan if args.lever is None else args.lever,
         direction=math.nan if args.direction is None else math.radians(args.direction),
-        seat=args.seat,
+        gauge_at=args.gauge_at,
     )
     check_different(args.tables)
-    return [load_readings(path, usual) for path in args.tables]
+    return [load_readings(path, defaults) for path in args.tables]

@@ -33,7 +33,7 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     parser = add_verb(
         subparsers,
         'hysteresis',
-        'the law of measured loops of force',
+        'the law of measured force-displacement loops',
         DESCRIPTION,
         EXAMPLE,
         run,
@@ -48,7 +48,7 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         metavar='T',
         help='of the belt, one per file, any unit: predict each of three or more files from the others',
     )
-    parser.add_argument('--out', type=Path, metavar='DIR', help='folder for the results as JSON and as a page')
+    parser.add_argument('--out', type=Path, metavar='DIR', help='folder for hysteresis.json and hysteresis.html')
     parser.add_argument('--json', action='store_true', help='print JSON instead of text')
     return parser
 
@@ -60,20 +60,20 @@ def run(args: argparse.Namespace) -> int:
         InputError: a table or an option is wrong, or DIR cannot be written.
         UnsupportedDataError: there are too few reversals.
     """
-    from scara_kinetostatic.studies.hysteresis.analysis import check_tensions, hysteresis_study
+    from scara_kinetostatic.studies.hysteresis.analysis import analyse_hysteresis, check_tensions
     from scara_kinetostatic.studies.hysteresis.document import NAME, hysteresis_document
     from scara_kinetostatic.studies.hysteresis.text import text
 
     check_tensions(len(args.tables), args.tension)
-    study = hysteresis_study(_tables(args.tables), args.tension)
-    document = hysteresis_document(study)
+    analysis = analyse_hysteresis(_tables(args.tables), args.tension)
+    document = hysteresis_document(analysis)
     files = {}
     if args.out:
         from scara_kinetostatic.render.json_file import json_text
         from scara_kinetostatic.studies.hysteresis import page
 
-        files = {NAME: json_text(document), page.NAME: page.html_text(study)}
-    print_result(text(study), document, args.json, args.out, files)
+        files = {NAME: json_text(document), page.NAME: page.html_text(analysis)}
+    print_result(text(analysis), document, args.json, args.out, files)
     return 0
 
 

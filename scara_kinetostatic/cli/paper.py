@@ -43,28 +43,25 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.render.json_file import json_text
     from scara_kinetostatic.studies.design.text import headline
-    from scara_kinetostatic.studies.paper import document as paper_document
-    from scara_kinetostatic.studies.paper import page as paper_html
+    from scara_kinetostatic.studies.paper import document, page
     from scara_kinetostatic.studies.paper.reproduction import reproduce
 
     with progress() as show_progress:
         found = reproduce(args.runs, show_progress, with_design=not args.without_design)
         texts = {
-            paper_html.NAME: paper_html.html_text(found),
-            paper_document.NAME: json_text(paper_document.paper_document(found)),
+            page.NAME: page.html_text(found),
+            document.NAME: json_text(document.paper_document(found)),
         }
         if found.design:
             texts.update(design_texts(found.design))
         write_texts(args.out, texts)
-    exact, scatter = found.exact, found.scatter
+    exact, study = found.exact, found.monte_carlo
     print(f'figure 3   e_f {exact.paper.force_error:.1e} N after {exact.paper.iterations} iterations (paper: 4.5e-5 N)')
-    print(f'table 2    rank {found.one_level.rank} of 12 with one force level, p_ee and g_ee only as 40 p_ee - g_ee')
-    print(
-        f'noise      e_f {scatter.paper.force_error:.2f} N over {scatter.paper.runs} data sets (paper: 1.25 to 1.35 N)'
-    )
-    for item, name in ((scatter.paper, 'unweighted'), (scatter.ours, 'weighted')):
+    print(f'table 2    rank {found.one_level.rank} of 12 with one force level, only 40 p_ee - g_ee is determined')
+    print(f'noise      e_f {study.paper.force_error:.2f} N over {study.paper.runs} data sets (paper: 1.25 to 1.35 N)')
+    for item, name in ((study.paper, 'unweighted'), (study.weighted, 'weighted')):
         ratio = item.found / item.predicted
-        print(f'scatter    {name}: {ratio.min():.3f} to {ratio.max():.3f} of the predicted standard deviations')
+        print(f'Monte Carlo {name}: {ratio.min():.3f} to {ratio.max():.3f} of the predicted standard deviations')
     if found.design:
         print(f'design     {headline(found.design)}, predicted; python -m benchmark.design simulates it')
     print('\n'.join(str(args.out / name) for name in texts))

@@ -1,4 +1,4 @@
-"""The verb `gauge`: tables in, tables and a page out, one line where something is wrong."""
+"""The verb `dial-gauge`: tables in, tables and a page out, one line where something is wrong."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ ONE = 'force_N;displacement_um\n' + ''.join(
 def loops() -> str:
     """Loops of the measured ones' form, coarse."""
     time = np.arange(0, 12, 1 / 200)
-    moved = 0.02 * np.sin(np.pi * time)
+    displacement = 0.02 * np.sin(np.pi * time)
     rows = ['time_s,displacement_m,force_N']
     turn, sense, last = 0.0, 1.0, 0.0
-    for at, x in zip(time.tolist(), moved.tolist(), strict=True):
+    for at, x in zip(time.tolist(), displacement.tolist(), strict=True):
         if (x - last) * sense < 0:
             turn, sense = last, -sense
         force = sense * np.interp(sense * (x - turn), [0, 0.002, 0.0045, 0.0085], [-1e4, 0, 0, 1e4])
@@ -54,16 +54,16 @@ def test_json_and_page_in_a_folder(run: Run, table: Path, tmp_path: Path) -> Non
     (tmp_path / 'loops.csv').write_text(loops())
     result = run('gauge', table, 'loops.csv', '--out', 'result')
     assert result.status == 0
-    assert {path.name for path in (tmp_path / 'result').iterdir()} == {'gauge.json', 'gauge.html'}
-    document = json.loads((tmp_path / 'result' / 'gauge.json').read_text(encoding='utf-8'))
-    assert document['schema'] == 'scara_kinetostatic/gauge/1'
+    assert {path.name for path in (tmp_path / 'result').iterdir()} == {'dial_gauge.json', 'dial_gauge.html'}
+    document = json.loads((tmp_path / 'result' / 'dial_gauge.json').read_text(encoding='utf-8'))
+    assert document['schema'] == 'scara_kinetostatic/dial_gauge/1'
     joint = document['parts']['joint1']
     assert joint['compliance']['value'] == pytest.approx(3.23e-5, abs=5 * joint['compliance']['std'])
     assert joint['half_gap']['value'] == joint['gap']['value'] / 2
     assert joint['gap']['unit'] == 'rad'
     gap = document['loops'][0]['senses']['rising']['gap']
     assert gap['value'] == pytest.approx(0.0025, rel=0.01)
-    page = (tmp_path / 'result' / 'gauge.html').read_text(encoding='utf-8')
+    page = (tmp_path / 'result' / 'dial_gauge.html').read_text(encoding='utf-8')
     assert page.count('<svg') == 2 + 2 + 1 + 2 * 2 + 2
     assert '#01020' not in page  # no stand-in colour left
     assert 'http' not in page.replace('http://www.w3.org', '')
@@ -72,7 +72,7 @@ def test_json_and_page_in_a_folder(run: Run, table: Path, tmp_path: Path) -> Non
 def test_json_on_stdout_is_that_of_the_file(run: Run, tmp_path: Path) -> None:
     (tmp_path / 'one.csv').write_text(ONE)
     printed = json.loads(run('gauge', 'one.csv', '--json', '--out', 'result').out)
-    assert printed == json.loads((tmp_path / 'result' / 'gauge.json').read_text(encoding='utf-8'))
+    assert printed == json.loads((tmp_path / 'result' / 'dial_gauge.json').read_text(encoding='utf-8'))
 
 
 def test_options_say_what_the_table_does_not(run: Run, tmp_path: Path) -> None:
@@ -90,7 +90,7 @@ def test_options_say_what_the_table_does_not(run: Run, tmp_path: Path) -> None:
         (None, [], 2, 'one.csv: there is no such file'),
         ('force_N,displacement_mm\n1,x\n', [], 2, 'one.csv: line 2: displacement_mm: expected a number'),
         (ONE, ['--part', 'joint1'], 2, 'one.csv: line 2: a joint needs its lever'),
-        (ONE, ['--zero-band', '1'], 2, '--zero-band: expected a part below 1'),
+        (ONE, ['--zero-band', '1'], 2, '--zero-band: expected a share below 1'),
         (ONE, ['one.csv'], 2, 'one.csv: is given twice'),
         (ONE, ['--lever', '0'], 2, 'expected above 0'),
         (ONE, ['--out', 'one.csv'], 2, 'one.csv'),
@@ -125,6 +125,6 @@ def test_names_of_files_come_out_as_they_are(run: Run, tmp_path: Path) -> None:
     name = '<b>&$\\frac$.csv'
     (tmp_path / name).write_text(ONE.replace('displacement_um', 'displacement_um;what'))
     assert run('gauge', name, '--out', 'result').status == 0
-    page = (tmp_path / 'result' / 'gauge.html').read_text(encoding='utf-8')
+    page = (tmp_path / 'result' / 'dial_gauge.html').read_text(encoding='utf-8')
     assert '<b>' not in page
     assert '&lt;b&gt;&amp;$\\frac$.csv' in page

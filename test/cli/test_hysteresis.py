@@ -1,4 +1,4 @@
-"""The verb `loops`: records in, tables and a page out, one line where something is wrong."""
+"""The verb `hysteresis`: records in, tables and a page out, one line where something is wrong."""
 
 from __future__ import annotations
 
@@ -39,19 +39,25 @@ def test_tables_json_and_page(run: Run, records: list[str], tmp_path: Path) -> N
     result = run('loops', *records, '--tension', '4', '6', '8', '--out', 'result')
     assert result.status == 0
     assert result.err == ''
-    for word in ('Law (6) lacks friction in series', 'named', 'Before and after', 'held out', 'predicted'):
+    for word in (
+        'Law (6) is not sufficient: Coulomb friction in series',
+        'selected',
+        'Before and after',
+        'held out',
+        'predicted',
+    ):
         assert word in result.out
-    assert {path.name for path in (tmp_path / 'result').iterdir()} == {'loops.json', 'loops.html'}
-    document = json.loads((tmp_path / 'result' / 'loops.json').read_text(encoding='utf-8'))
-    assert document['schema'] == 'scara_kinetostatic/loops/1'
+    assert {path.name for path in (tmp_path / 'result').iterdir()} == {'hysteresis.json', 'hysteresis.html'}
+    document = json.loads((tmp_path / 'result' / 'hysteresis.json').read_text(encoding='utf-8'))
+    assert document['schema'] == 'scara_kinetostatic/hysteresis/1'
     for found, slip in zip(document['records'], (4e3, 6e3, 8e3), strict=True):
         assert found['effects'] == ['slip']
         assert found['force_error']['after']['held_out'] < 0.1 * found['force_error']['before']['held_out']
         estimate = found['parameters']['slip']['slip_positive']
         assert estimate['value'] == pytest.approx(slip, rel=0.01)
         assert estimate['unit'] == 'N'
-    assert len(document['predicted_from_the_others']) == 3
-    page = (tmp_path / 'result' / 'loops.html').read_text(encoding='utf-8')
+    assert len(document['leave_one_out']) == 3
+    page = (tmp_path / 'result' / 'hysteresis.html').read_text(encoding='utf-8')
     assert page.count('<svg') == 2 * 3 + 1
     assert '#01020' not in page  # no stand-in colour left
     assert 'http' not in page.replace('http://www.w3.org', '')
@@ -59,15 +65,15 @@ def test_tables_json_and_page(run: Run, records: list[str], tmp_path: Path) -> N
 
 def test_json_on_stdout_is_that_of_the_file(run: Run, records: list[str], tmp_path: Path) -> None:
     printed = json.loads(run('loops', records[0], '--json', '--out', 'result').out)
-    assert printed == json.loads((tmp_path / 'result' / 'loops.json').read_text(encoding='utf-8'))
-    assert printed['predicted_from_the_others'] == []
+    assert printed == json.loads((tmp_path / 'result' / 'hysteresis.json').read_text(encoding='utf-8'))
+    assert printed['leave_one_out'] == []
 
 
 def test_a_joint_that_never_slips_needs_nothing(run: Run, tmp_path: Path) -> None:
     (tmp_path / 'still.csv').write_text(record(slip=1e9))
     result = run('loops', 'still.csv', '--out', 'result')
     assert result.status == 0
-    assert 'Law (6) is enough' in result.out
+    assert 'Law (6), slope and gap, is sufficient' in result.out
     assert 'friction in series' not in result.out
 
 
@@ -110,6 +116,6 @@ def test_names_of_files_come_out_as_they_are(run: Run, tmp_path: Path) -> None:
     name = '<b>&$\\frac$.csv'
     (tmp_path / name).write_text(record())
     assert run('loops', name, '--out', 'result').status == 0
-    page = (tmp_path / 'result' / 'loops.html').read_text(encoding='utf-8')
+    page = (tmp_path / 'result' / 'hysteresis.html').read_text(encoding='utf-8')
     assert '<b>' not in page
     assert '&lt;b&gt;&amp;$\\frac$.csv' in page

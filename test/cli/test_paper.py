@@ -14,7 +14,7 @@ def test_writes_the_page_and_the_numbers(tmp_path, capsys):
     numbers = json.loads((tmp_path / 'out' / 'paper.json').read_text())
     assert numbers['one_level']['paper_algorithm']['force_error'] < 1e-9
     assert numbers['one_level']['weighted']['confounded'] == [['p_ee', 'g_ee']]
-    assert numbers['scatter']['weighted']['runs'] == 4
+    assert numbers['monte_carlo']['weighted']['runs'] == 4
     page = (tmp_path / 'out' / 'paper.html').read_text()
     assert page.count('<svg') >= 9
     assert 'http' not in page.replace('http://www.w3.org', '')

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from scara_kinetostatic.studies.hysteresis.laws import sine
-from scara_kinetostatic.studies.hysteresis.motion import Motion, cut
+from scara_kinetostatic.studies.hysteresis.motion import Motion, cut_at_reversals
 
 TRUTH = {'zero': 0.001, 'compliance': 1e-6, 'half_gap': 2e-3, 'force_zero': 50.0}
 SLIP_POSITIVE, SLIP_NEGATIVE = 8e3, 6e3
@@ -28,4 +28,4 @@ def slipping(noise: float = 0.0, seed: int = 0, samples: int = 640) -> Motion:
         if k % FINE == 0:
             forces.append(force)
     force = np.array(forces) + TRUTH['force_zero']
-    return cut(time, moved, force + noise * np.random.default_rng(seed).standard_normal(len(force)))
+    return cut_at_reversals(time, moved, force + noise * np.random.default_rng(seed).standard_normal(len(force)))

@@ -10,13 +10,13 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.studies.design.candidates import PRIOR, candidate_plan, make_pool, pack
-from scara_kinetostatic.studies.design.exchange import improve, largest_variance, with_each
-from scara_kinetostatic.studies.design.lower_bound import find_bound
-from scara_kinetostatic.studies.design.optimal_design import design
+from scara_kinetostatic.studies.design.candidates import PRIOR, candidate_plan, pack, prepare_candidates
+from scara_kinetostatic.studies.design.exchange import improve, largest_variance, variance_with_each
+from scara_kinetostatic.studies.design.lower_bound import find_lower_bound
+from scara_kinetostatic.studies.design.optimal_design import optimal_design
 from scara_kinetostatic.studies.design.prediction import Robot, exact_plan, predict
-from scara_kinetostatic.studies.design.result import Question
-from scara_kinetostatic.studies.design.selection import best_set, check, largest_of_sets, random_sets, smallest_set
+from scara_kinetostatic.studies.design.result import Requirements
+from scara_kinetostatic.studies.design.selection import best_set, check_set, largest_of_sets, random_sets, smallest_set
 from scara_kinetostatic.studies.design.workspace import free_tip, make_workspace, tip_std
 
 NOISE = Noise(joint=1e-5, force=0.3)
@@ -26,66 +26,66 @@ TARGET = 1.2e-5
 
 
 @pytest.fixture(scope='module')
-def pool():
+def candidates():
     plan = candidate_plan(ROBOT, (10.0, 40.0), per_disc=18)
-    return make_pool(ROBOT, plan, free_tip(ROBOT, make_workspace(ROBOT, radii=3, angles=18)))
+    return prepare_candidates(ROBOT, plan, free_tip(ROBOT, make_workspace(ROBOT, radii=3, angles=18)))
 
 
 @pytest.fixture(scope='module')
-def bound(pool):
-    return find_bound(pool)
+def bound(candidates):
+    return find_lower_bound(candidates)
 
 
 @pytest.fixture(scope='module')
-def found(pool, bound):
-    return smallest_set(pool, bound, TARGET, effort=60)
+def found(candidates, bound):
+    return smallest_set(candidates, bound, TARGET, effort=60)
 
 
-def test_candidates_keep_off_the_axes(pool):
-    assert exact_plan(ROBOT, pool.plan).arms.min() >= 0.02
+def test_candidates_keep_off_the_axes(candidates):
+    assert exact_plan(ROBOT, candidates.plan).arms.min() >= 0.02
 
 
-def test_pool_judges_as_the_prediction_does(pool):
-    chosen = random_sets(pool, 30, 1)[0]
+def test_pool_judges_as_the_prediction_does(candidates):
+    chosen = random_sets(candidates, 30, 1)[0]
     tip = free_tip(ROBOT, make_workspace(ROBOT, radii=3, angles=18))
-    expected = tip_std(tip, predict(ROBOT, pool.plan.select(chosen))).largest
-    assert np.sqrt(largest_variance(pool, chosen.tolist())) == pytest.approx(expected, rel=1e-4)
-    assert largest_of_sets(pool, chosen[None])[0] == pytest.approx(expected, rel=1e-4)
+    expected = tip_std(tip, predict(ROBOT, candidates.plan.select(chosen))).largest
+    assert np.sqrt(largest_variance(candidates, chosen.tolist())) == pytest.approx(expected, rel=1e-4)
+    assert largest_of_sets(candidates, chosen[None])[0] == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.parametrize('smooth', [False, True])
-def test_an_added_touch_is_judged_as_if_it_were_in_the_set(pool, smooth):
-    chosen = random_sets(pool, 14, 1)[0].tolist()
-    judged = with_each(pool, chosen, smooth=smooth)
+def test_an_added_touch_is_judged_as_if_it_were_in_the_set(candidates, smooth):
+    chosen = random_sets(candidates, 14, 1)[0].tolist()
+    values = variance_with_each(candidates, chosen, smooth=smooth)
     for other in (0, 17, 101):
-        assert judged[other] == pytest.approx(largest_variance(pool, [*chosen, other], smooth=smooth), rel=1e-9)
+        assert values[other] == pytest.approx(largest_variance(candidates, [*chosen, other], smooth=smooth), rel=1e-9)
 
 
-def test_exchange_never_makes_it_worse(pool):
-    chosen = random_sets(pool, 14, 1)[0].tolist()
-    better = improve(pool, chosen)
+def test_exchange_never_makes_it_worse(candidates):
+    chosen = random_sets(candidates, 14, 1)[0].tolist()
+    better = improve(candidates, chosen)
     assert len(set(better)) == 14
-    assert largest_variance(pool, better) < largest_variance(pool, chosen)
+    assert largest_variance(candidates, better) < largest_variance(candidates, chosen)
 
 
-def test_bound_holds_and_is_tight(pool, bound):
+def test_bound_holds_and_is_tight(candidates, bound):
     assert 0.97 * bound.reached < bound.least <= bound.reached
     for number in (14, 24, 60):
-        assert best_set(pool, bound, number, starts=1).value ** 2 >= bound.least / number
+        assert best_set(candidates, bound, number, starts=1).value ** 2 >= bound.least / number
 
 
-def test_the_smallest_set_is_minimal(pool, bound, found):
+def test_the_smallest_set_is_minimal(candidates, bound, found):
     assert found.value <= TARGET
     assert bound.number(TARGET) <= len(found.chosen) <= bound.number(TARGET) + 3
-    checked = check(ROBOT, pool, found.chosen, pool.plan.select(np.array(found.chosen)), _tip(), seed=1)
+    checked = check_set(ROBOT, candidates, found.chosen, candidates.plan.select(np.array(found.chosen)), _tip(), seed=1)
     assert checked.without_each.min() > TARGET
     assert checked.random[0] > found.value
-    assert checked.softer > found.value
+    assert checked.more_compliant > found.value
 
 
-def test_one_to_spare_survives_every_loss(pool, bound, found):
-    spare = smallest_set(pool, bound, 1.3 * TARGET, spare=1, least=len(found.chosen), effort=20)
-    checked = check(ROBOT, pool, spare.chosen, pool.plan.select(np.array(spare.chosen)), _tip())
+def test_one_to_spare_survives_every_loss(candidates, bound, found):
+    spare = smallest_set(candidates, bound, 1.3 * TARGET, spare=1, least=len(found.chosen), effort=20)
+    checked = check_set(ROBOT, candidates, spare.chosen, candidates.plan.select(np.array(spare.chosen)), _tip())
     assert checked.without_each.max() == pytest.approx(spare.value, rel=1e-6)
     assert spare.value <= 1.3 * TARGET
 
@@ -93,17 +93,17 @@ def test_one_to_spare_survives_every_loss(pool, bound, found):
 def test_one_disc_does_not_determine_the_tip():
     robot = Robot.of(Cell(PAPER_NOMINAL, PAPER_DISCS[:1], noise=NOISE))
     with pytest.raises(UnsupportedDataError, match='second disc'):
-        design(robot, Question(per_disc=12))
+        optimal_design(robot, Requirements(per_disc=12))
 
 
-def test_out_of_reach_is_said(pool, bound):
+def test_out_of_reach_is_said(candidates, bound):
     with pytest.raises(UnsupportedDataError, match='out of reach'):
-        smallest_set(pool, bound, 1e-7)
+        smallest_set(candidates, bound, 1e-7)
 
 
-def test_scatter_of_calibrations_with_the_smallest_set(pool, found):
+def test_scatter_of_calibrations_with_the_smallest_set(candidates, found):
     """Balanced noise: the sample covariance is exactly the stated one, so that no sampling error is left."""
-    plan, runs = pool.plan.select(np.array(found.chosen)), 80
+    plan, runs = candidates.plan.select(np.array(found.chosen)), 80
     predicted = predict(ROBOT, plan)
     exact = simulate_touches(CELL, PAPER_ACTUAL, plan, Noise(0.0, 0.0))
     drawn = np.random.default_rng(1).standard_normal((runs, 4 * len(plan)))

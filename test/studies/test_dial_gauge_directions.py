@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.studies.dial_gauge.directions import direction_map
-from scara_kinetostatic.studies.dial_gauge.statistics import agreement
+from scara_kinetostatic.studies.dial_gauge.statistics import combine_estimates
 
 DIRECTIONS = np.radians(np.arange(0, 360, 30))
 DOF = np.full(12, 82.0)
@@ -59,7 +59,9 @@ def test_agreement_with_few_degrees_of_freedom_raises_no_false_alarm(shared):
     rng, p = np.random.default_rng(3), []
     for _ in range(2000):
         scale = np.sqrt(rng.chisquare(8) / 8) if shared else np.sqrt(rng.chisquare(8, 6) / 8)
-        p.append(agreement(rng.standard_normal(6), np.ones(6) * scale, 8.0 if shared else np.full(6, 8.0)).p_value)
+        p.append(
+            combine_estimates(rng.standard_normal(6), np.ones(6) * scale, 8.0 if shared else np.full(6, 8.0)).p_value
+        )
     assert np.mean(np.array(p) < 0.05) == pytest.approx(0.05, abs=0.015)
 
 
@@ -67,7 +69,7 @@ def test_disagreement_is_measured_and_widens_the_mean():
     rng = np.random.default_rng(4)
     between, inside = [], []
     for _ in range(300):
-        test = agreement(3 * rng.standard_normal(10) + rng.standard_normal(10), np.ones(10), np.inf)
+        test = combine_estimates(3 * rng.standard_normal(10) + rng.standard_normal(10), np.ones(10), np.inf)
         between.append(test.between**2)
         inside.append(abs(test.mean) < 1.96 * test.std)
     assert np.mean(between) == pytest.approx(9, rel=0.1)

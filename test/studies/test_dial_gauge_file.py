@@ -9,7 +9,7 @@ import pytest
 
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.studies.dial_gauge.simulation import simulate_experiments
-from scara_kinetostatic.studies.dial_gauge.table_file import Usual, dump_readings, load_readings, parse_readings
+from scara_kinetostatic.studies.dial_gauge.table_file import TableDefaults, dump_readings, load_readings, parse_readings
 
 
 def test_what_is_written_is_read_back():
@@ -18,7 +18,7 @@ def test_what_is_written_is_read_back():
     np.testing.assert_allclose(back.displacement, readings.displacement, rtol=0, atol=1e-11)
     for name in ('force', 'direction', 'lever'):
         np.testing.assert_allclose(getattr(back, name), getattr(readings, name), rtol=1e-8, atol=1e-12)
-    for name in ('cycle', 'part', 'seat'):
+    for name in ('cycle', 'part', 'gauge_at'):
         assert np.array_equal(getattr(back, name), getattr(readings, name))
     assert back.line.tolist() == list(range(2, len(readings) + 2))
     assert back.sources == ('table.csv',)
@@ -53,33 +53,33 @@ def test_encodings_of_spreadsheets(encoding, tmp_path):
 def test_optional_columns_and_what_holds_without_them():
     heading = 'force_N,displacement_m,direction_deg,cycle,Joint,lever_mm,seat,time_s'
     text = f'{heading}\n1,2e-6,90,3,Joint 2,330,TIP,0.5\n1,2e-6\n'
-    usual = Usual(part='joint1', lever=0.66, direction=math.pi, seat='link')
-    readings = parse_readings(text, 'table.csv', usual)
+    defaults = TableDefaults(part='joint1', lever=0.66, direction=math.pi, gauge_at='link')
+    readings = parse_readings(text, 'table.csv', defaults)
     assert readings.part.tolist() == ['joint2', 'joint1']
     assert readings.lever.tolist() == pytest.approx([0.33, 0.66])
     assert readings.direction.tolist() == pytest.approx([math.pi / 2, math.pi])
     assert readings.cycle.tolist() == [3, -1]
-    assert readings.seat.tolist() == ['tip', 'link']
+    assert readings.gauge_at.tolist() == ['tip', 'link']
     assert readings.time[0] == 0.5
     assert math.isnan(readings.time[1])
 
 
 def test_a_gauge_is_at_the_tip_of_a_gripper_and_at_the_link_of_a_joint():
     text = 'force_N,displacement_m,part,lever_m\n1,0,gripper,\n1,0,joint1,0.66\n'
-    assert parse_readings(text, 'table.csv').seat.tolist() == ['tip', 'link']
+    assert parse_readings(text, 'table.csv').gauge_at.tolist() == ['tip', 'link']
 
 
 def test_an_unknown_column_is_mentioned():
     assert parse_readings('force_N,displacement_m,levr_m\n1,0,2\n', 't.csv').notes == (
-        "t.csv: the column 'levr_m' is not known and not used",
+        "t.csv: the column 'levr_m' is unknown and not used",
     )
 
 
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
-        ('', 'nothing in it'),
-        ('\n;;\n# only this\n', 'nothing in it'),
+        ('', 'the file is empty'),
+        ('\n;;\n# only this\n', 'the file is empty'),
         ('force_N,displacement_mm\n', 'no rows below the heading'),
         ('1,2\n3,4\n', 'expected a heading in the first line, got numbers'),
         ('force_N\n1\n', 'no column of displacement'),
@@ -95,9 +95,12 @@ def test_an_unknown_column_is_mentioned():
         ('force_N,displacement_mm\n1,#DIV/0!\n', "got '#DIV/0!'"),
         ('force_N,displacement_mm\n1_0,1\n', "got '1_0'"),
         ('force_N;displacement_mm\n1.234,5;1\n', "got '1.234,5'"),
-        ('force_N,displacement_m\n1,25.1\n', 'line 2: displacement_m: 25.1 is out of all reason; check the unit'),
-        ('force_N,displacement_m\n1e9,0\n', 'line 2: force_N: 1e9 is out of all reason'),
-        ('force_N,displacement_m\n1e999,0\n', 'out of all reason'),
+        (
+            'force_N,displacement_m\n1,25.1\n',
+            'line 2: displacement_m: 25.1 is too large to be plausible; check the unit',
+        ),
+        ('force_N,displacement_m\n1e9,0\n', 'line 2: force_N: 1e9 is too large to be plausible'),
+        ('force_N,displacement_m\n1e999,0\n', 'too large to be plausible'),
         ('force_N,displacement_mm\n1,5,0,2\n', 'line 2: expected 2 columns, got 4 .a decimal comma needs semicolons'),
         ('force_N,displacement_m,cycle\n1,0,first\n', "line 2: cycle: expected the number of a cycle, got 'first'"),
         (
@@ -105,7 +108,10 @@ def test_an_unknown_column_is_mentioned():
             "line 2: part: expected one of .*, got 'elbow'",
         ),
         ('force_N,displacement_m,lever_m\n1,0,0\n', 'line 2: lever_m: expected a lever above 0'),
-        ('force_N,displacement_m,direction_deg\n1,0,9000\n', 'line 2: direction_deg: 9000 is out of all reason'),
+        (
+            'force_N,displacement_m,direction_deg\n1,0,9000\n',
+            'line 2: direction_deg: 9000 is too large to be plausible',
+        ),
         ('force_N,displacement_m\n1,"2\n', 'not CSV'),
         ('force_N,displacement_m\n' + 'x,0\n' * 9, 'also wrong: lines 3, 4, 5, 6, 7 and 3 more'),
     ],

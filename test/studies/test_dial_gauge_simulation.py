@@ -9,7 +9,7 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2, TIP
 from scara_kinetostatic.studies.dial_gauge.simulation import (
-    STRETCHED,
+    _STRETCHED,
     DialGaugeSensors,
     DialGaugeTruth,
     LoadPlan,
@@ -41,8 +41,8 @@ def test_every_part_is_loaded_three_times_in_both_senses():
 def test_a_joint_moves_the_end_by_lever_times_its_deflection(joint, lever):
     force, sense, _ = LoadPlan().run()
     p, gap = (TRUTH.p1, TRUTH.gap1) if joint == 1 else (TRUTH.p2, TRUTH.gap2)
-    moved = joint_displacement(TRUTH.with_one_joint(joint), force, sense)
-    np.testing.assert_allclose(moved, p * lever**2 * force + gap / 2 * lever * sense, rtol=0, atol=2e-9)
+    displacement = joint_displacement(TRUTH.with_one_joint(joint), force, sense)
+    np.testing.assert_allclose(displacement, p * lever**2 * force + gap / 2 * lever * sense, rtol=0, atol=2e-9)
 
 
 @pytest.mark.parametrize('joint', [1, 2])
@@ -50,16 +50,16 @@ def test_displacement_is_that_of_the_inverse_kinetostatics(joint):
     """Where the loaded end stands, Ḡ must ask for the very joint angles that were held."""
     parameters = TRUTH.with_one_joint(joint)
     force = np.array([25.0, -40.0, 5.0])
-    moved = joint_displacement(parameters, force, np.sign(force))
-    angle = moved / (0.33 if joint == 2 else 0.66)
-    links = STRETCHED - np.stack([np.arcsin(angle), np.zeros(3)] if joint == 1 else [np.zeros(3), np.arcsin(angle)], 1)
+    displacement = joint_displacement(parameters, force, np.sign(force))
+    angle = displacement / (0.33 if joint == 2 else 0.66)
+    links = _STRETCHED - np.stack([np.arcsin(angle), np.zeros(3)] if joint == 1 else [np.zeros(3), np.arcsin(angle)], 1)
     ends = np.stack([np.cos(links[:, 0]), np.sin(links[:, 0])], 1) * 0.33
     ends += np.stack([np.cos(links.sum(1)), np.sin(links.sum(1))], 1) * 0.33
     ends *= 1 - 1e-14  # not a rounding error out of reach
     on_object = np.stack([-force, np.zeros(3)], axis=1)
     posture = np.where(np.sin(links[:, 1]) >= 0, 1, -1)
     held, _ = inverse_kinetostatics(parameters, ends, on_object, posture)
-    np.testing.assert_allclose(held, np.broadcast_to(STRETCHED, held.shape), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(held, np.broadcast_to(_STRETCHED, held.shape), rtol=0, atol=1e-6)
 
 
 def test_at_the_tip_the_gripper_is_seen_as_well():
@@ -67,7 +67,7 @@ def test_at_the_tip_the_gripper_is_seen_as_well():
     force, sense, _ = plan.run()
     rng = np.random.default_rng(0)
     alone = simulate_joint(2, TRUTH, plan, EXACT, rng)
-    both = simulate_joint(2, TRUTH, plan, EXACT, rng, seat=TIP)
+    both = simulate_joint(2, TRUTH, plan, EXACT, rng, gauge_at=TIP)
     more = TRUTH.p_ee * force + TRUTH.gap_major / 2 * sense
     np.testing.assert_allclose(both.displacement - alone.displacement, more, rtol=0, atol=1e-15)
 

@@ -17,14 +17,14 @@ from scara_kinetostatic.studies.hysteresis.laws import (
     SLIP,
     SLIP_NO_GAP,
     _Spring,
-    played,
     refined,
+    simulate_record,
     sine,
 )
-from scara_kinetostatic.studies.hysteresis.motion import cut, motion_of, repeatability
+from scara_kinetostatic.studies.hysteresis.motion import cut_at_reversals, motion_from_readings, repeatability
 
-SLIPS = {'slip_positive': SLIP_POSITIVE, 'slip_negative': SLIP_NEGATIVE}
-VALUES = {**TRUTH, **SLIPS, 'start': 0.0}
+_SLIPS = {'slip_positive': SLIP_POSITIVE, 'slip_negative': SLIP_NEGATIVE}
+VALUES = {**TRUTH, **_SLIPS, 'start': 0.0}
 
 
 def everything(motion):
@@ -40,7 +40,7 @@ def test_slip_agrees_with_an_independent_simulation_in_small_steps():
 
 
 def test_without_slip_it_is_law_6():
-    motion = played(BACKLASH, TRUTH, 0.0, 0)
+    motion = simulate_record(BACKLASH, TRUTH, 0.0, 0)
     start = motion.displacement[0] - motion.displacement.mean() - TRUTH['zero']
     first = motion.force[0] - TRUTH['force_zero']
     place = np.clip(first / (0.02 * motion.force_range), -1, 1)
@@ -51,7 +51,7 @@ def test_without_slip_it_is_law_6():
 
 def test_no_gap_is_slip_with_a_gap_of_zero():
     motion = slipping()
-    values = {**SLIPS, 'start': 1e-4, 'compliance': 1e-6}
+    values = {**_SLIPS, 'start': 1e-4, 'compliance': 1e-6}
     with_gap = SLIP.force({**values, 'half_gap': 0.0, 'force_zero': 0.0}, motion)
     assert SLIP_NO_GAP.force(values, motion) == pytest.approx(with_gap, abs=1e-9)
 
@@ -94,7 +94,7 @@ def test_told_the_force_law_6_starts_every_sweep_where_it_was_measured():
 def test_parameters_come_back(noise):
     motion = slipping(noise)
     found = with_std(fit(SLIP, motion, everything(motion)), motion)
-    for name, truth in {**TRUTH, **SLIPS}.items():
+    for name, truth in {**TRUTH, **_SLIPS}.items():
         if name != 'zero':
             scale = {'half_gap': 2e-6, 'compliance': 1e-10}.get(name, 0.5)
             assert found[name].value == pytest.approx(truth, abs=max(6 * found[name].std, scale)), name
@@ -120,7 +120,7 @@ def test_only_some_parameters_are_fitted_on_request():
 
 def test_a_refinement_is_found_from_the_law_without_it():
     rounding = next(each for each in REFINEMENTS if each.name == 'rounding')
-    motion = played(refined(SLIP, rounding), {**VALUES, 'rounding': 4e-4}, 10.0, 0)
+    motion = simulate_record(refined(SLIP, rounding), {**VALUES, 'rounding': 4e-4}, 10.0, 0)
     base = fit(SLIP, motion, everything(motion))
     found = fit_refined(base, rounding, motion, everything(motion))
     assert found.values['rounding'] == pytest.approx(4e-4, rel=0.05)
@@ -131,7 +131,7 @@ def test_the_motion_is_cut_at_its_reversals_and_its_still_ends_are_left_out():
     time, moved = sine(640)
     still = np.full(100, moved[-1])
     force = np.arange(740.0)
-    motion = cut(np.arange(740) * (time[1] - time[0]), np.concatenate([moved, still]), force)
+    motion = cut_at_reversals(np.arange(740) * (time[1] - time[0]), np.concatenate([moved, still]), force)
     assert motion.sweeps == 11
     assert len(motion) < 645
     assert set(np.unique(motion.sense)) == {-1.0, 1.0}
@@ -145,7 +145,7 @@ def test_the_motion_is_cut_at_its_reversals_and_its_still_ends_are_left_out():
 def test_repeatability_is_the_scatter_where_the_motion_repeats():
     assert repeatability(slipping(50.0)) == pytest.approx(50.0, rel=0.15)
     time = np.linspace(0, 10, 500)
-    growing = cut(time, time * np.sin(np.pi * time), time)
+    growing = cut_at_reversals(time, time * np.sin(np.pi * time), time)
     assert np.isnan(repeatability(growing))
 
 
@@ -162,12 +162,12 @@ def test_repeatability_is_the_scatter_where_the_motion_repeats():
 )
 def test_records_that_are_no_loops_are_refused(time, moved, force, problem):
     with pytest.raises(UnsupportedDataError, match=problem):
-        cut(time, moved, force)
+        cut_at_reversals(time, moved, force)
 
 
 def test_loops_need_times():
     with pytest.raises(UnsupportedDataError, match='time'):
-        motion_of(DialGaugeReadings.of([1.0, 2.0], [0.0, 1.0]))
+        motion_from_readings(DialGaugeReadings.of([1.0, 2.0], [0.0, 1.0]))
 
 
 def test_every_candidate_has_starts_and_a_finite_force():

@@ -1,1 +1,1 @@
-"""The design question: how many touches, on which discs, where, how hard."""
+"""Optimal design of a calibration: how many touches, on which discs, where, in which posture and with which force."""

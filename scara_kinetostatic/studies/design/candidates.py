@@ -1,13 +1,13 @@
-"""The touches that a design may choose from, ready for the search.
+"""The candidate touches of a design, with their information and the tip whose variance is to be minimised.
 
-A candidate is a point of a disc, a posture and a force level. Left out is what the arm does not reach, and every
-touch whose line of force passes close to a joint's axis: which flank of the backlash such a joint rests on would
-be settled by noise, or by the few millimetres that the robot is not where its nominal parameters say, and the
-prediction would be about another touch.
+A candidate is a point on a disc, a posture and a force level. Points out of reach are left out, and touches whose line
+of force passes close to a joint's axis: there the torque is so small that noise, or a geometry some millimetres off the
+nominal one, decides on which flank of the backlash the joint rests, and the prediction would not hold for the touch
+made.
 
-For the search alone every parameter is taken as known to within its plausible range (`SCALES`) beforehand. That keeps
-every matrix regular, makes no difference to what touches determine well, and bounds what they do not
-determine. The numbers that are reported come from `design_prediction`, without it.
+For the search alone every parameter has a prior: its plausible range (`SCALES`) as standard deviation. It keeps all
+matrices regular, does not change what touches determine well, and bounds what they do not determine. The reported
+numbers come from `prediction`, without the prior.
 """
 
 from __future__ import annotations
@@ -28,22 +28,23 @@ from scara_kinetostatic.studies.design.workspace import Tip
 Floats = NDArray[np.float64]
 
 LEAST_ARM = 0.02
-"""Least distance of the line of force from each joint's axis, m."""
+"""Smallest distance of the line of force from each joint's axis, m; well above usual errors of the nominal geometry."""
 PER_DISC = 36
-SERIAL = 200_000
-"""Multiplications that BLAS does in one thread."""
+"""Points around a disc."""
+_SINGLE_THREAD = 200_000
+"""Size of a matrix product up to which OpenBLAS works in one thread, multiplications."""
 PRIOR = np.eye(len(NAMES))
-"""The plausible range as information, in `SCALES`."""
+"""Information of the prior, in `SCALES`, (12, 12)."""
 
 
-class Pool(NamedTuple):
-    """Candidates and what is asked of them; parameters in `SCALES`.
+class CandidateTouches(NamedTuple):
+    """Candidates and the tip whose variance counts; parameters in `SCALES`.
 
     Attributes:
         plan: the n candidates.
-        derivative: whitened Jacobian of each, (n, 2, 12).
-        information: of each, (n, 12, 12).
-        rows: the parameters that the tip depends on, (k,).
+        derivative: whitened Jacobian J of each, (n, 2, 12).
+        information: JᵀJ of each, (n, 12, 12).
+        rows: indices of the parameters on which the tip depends, (k,).
         quadric: TᵀT over these at each place, packed, (k (k + 1) / 2, g).
     """
 
@@ -60,32 +61,38 @@ class Pool(NamedTuple):
     def traces(self, packed: Floats) -> Floats:
         """Trace of TᵀT times packed matrices (…, k (k + 1) / 2) at each place, (…, g).
 
-        In pieces so small that BLAS starts no threads for them: on a busy machine those cost far more than they gain.
+        Computed in pieces small enough for a single BLAS thread: threads cost more than they gain on such products.
         """
-        piece = max(1, SERIAL // self.quadric.size)
+        piece = max(1, _SINGLE_THREAD // self.quadric.size)
         if packed.ndim < 2 or len(packed) <= piece:
             return packed @ self.quadric
         return np.concatenate([packed[i : i + piece] @ self.quadric for i in range(0, len(packed), piece)])
 
-    def of(self, chosen: Sequence[int]) -> Floats:
-        """The information of chosen candidates and of the plausible range, (12, 12)."""
+    def information_of(self, chosen: Sequence[int]) -> Floats:
+        """Information of a set of candidates and of the prior, (12, 12)."""
         return PRIOR + self.information[list(chosen)].sum(axis=0)
 
 
 def candidate_plan(
     robot: Robot, levels: Sequence[float], postures: Sequence[int] = (1, -1), per_disc: int = PER_DISC
 ) -> Plan:
-    """All candidates of the robot's cell.
+    """All candidates in the robot's cell.
+
+    Args:
+        robot: the robot with its cell.
+        levels: force levels, N.
+        postures: of the elbow, +1 and -1.
+        per_disc: points around a disc.
 
     Raises:
         CellError: a disc has no point within reach.
-        UnsupportedDataError: no candidate is left.
+        UnsupportedDataError: every point is excluded by its line of force.
     """
     points = default_plan(robot.cell, per_disc, levels[:1], postures)
     points = points.select(np.flatnonzero((exact_plan(robot, points).arms >= LEAST_ARM).all(axis=1)))
     if not len(points):
         raise UnsupportedDataError(
-            f'at every point within reach the line of force passes an axis by less than {LEAST_ARM} m',
+            f'at every point within reach the line of force passes a joint axis at less than {LEAST_ARM} m',
             'move the discs, or allow both postures',
         )
     count = len(levels)
@@ -97,20 +104,26 @@ def candidate_plan(
     )
 
 
-def make_pool(robot: Robot, plan: Plan, tip: Tip) -> Pool:
-    """The candidates of a plan, and the tip whose uncertainty is to be small."""
+def prepare_candidates(robot: Robot, plan: Plan, tip: Tip) -> CandidateTouches:
+    """Candidates from a plan.
+
+    Args:
+        robot: the robot.
+        plan: all touches to choose from.
+        tip: the tip whose variance is to be minimised.
+    """
     derivative = exact_plan(robot, plan).point.whitened.derivative * SCALES
     scaled = (tip.derivative * SCALES).reshape(-1, 2, len(NAMES))
     rows = np.flatnonzero(np.abs(scaled).max(axis=(0, 1)) > 0)
     scaled = scaled[:, :, rows]
     squares = pack(np.einsum('gik,gil->gkl', scaled, scaled), twice=True)
-    return Pool(plan, derivative, np.einsum('nik,nil->nkl', derivative, derivative), rows, squares.T.copy())
+    return CandidateTouches(plan, derivative, np.einsum('nik,nil->nkl', derivative, derivative), rows, squares.T.copy())
 
 
 def pack(matrices: Floats, *, twice: bool = False) -> Floats:
-    """The lower triangle of symmetric matrices (…, k, k), (…, k (k + 1) / 2); `twice` doubles what is off the diagonal.
+    """Lower triangles of symmetric matrices (…, k, k) as vectors, (…, k (k + 1) / 2).
 
-    So `pack(a) @ pack(b, twice=True)` is the trace of a b.
+    With `twice` the elements off the diagonal are doubled, so that `pack(a) @ pack(b, twice=True)` is trace(a b).
     """
     i, j = np.tril_indices(matrices.shape[-1])
     packed = matrices[..., i, j]

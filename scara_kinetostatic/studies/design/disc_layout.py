@@ -1,8 +1,9 @@
-"""Discs that need not be there yet: many layouts at once, judged by touches spread evenly over them.
+"""Accuracy of many layouts of discs at once, each with touches evenly distributed over it.
 
-A layout is a few discs. Its touches go evenly around every disc, in the given postures, the force levels in turn,
-wherever the arm reaches, no other disc stands before the point and no joint's axis is close to the line of force.
-What is judged is the largest standard deviation of the tip for a given number of touches spread evenly over these.
+A layout is a few discs, which need not be in the cell. Its touches are evenly distributed around every disc, in the
+given postures and with the force levels in turn, wherever the arm reaches, no other disc is in the way and no joint's
+axis is close to the line of force. The criterion is the largest standard deviation of the tip for a given number of
+touches.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from scara_kinetostatic.studies.design.workspace import Tip, reach
 
 Floats = NDArray[np.float64]
 
-POINTS = 24
-"""Around a disc."""
+_POINTS = 24
+"""Touches around a disc from which its information is averaged."""
 LEAST_SHARE = 0.15
-"""A disc of which less can be touched is of no use."""
+"""A disc of which a smaller share of the touches can be made is not placed."""
 
 
-class Touching(NamedTuple):
+class TouchPattern(NamedTuple):
     """How discs are touched.
 
     Attributes:
@@ -39,31 +40,31 @@ class Touching(NamedTuple):
 
     levels: Sequence[float] = (10.0, 25.0, 40.0)
     postures: Sequence[int] = (1, -1)
-    points: int = POINTS
+    points: int = _POINTS
 
 
-class Spread(NamedTuple):
-    """Information of touches spread evenly over b discs.
+class EvenTouches(NamedTuple):
+    """Information of touches evenly distributed over b discs.
 
     Attributes:
-        information: mean over what can be touched of each disc, in `SCALES`, (b, 12, 12).
-        share: part of each disc's touches that can be made, (b,).
+        information: mean over the touches of each disc that can be made, in `SCALES`, (b, 12, 12).
+        share: share of each disc's touches that can be made, (b,).
     """
 
     information: Floats
     share: Floats
 
 
-def spread_over(robot: Robot, discs: Floats, others: Floats, touching: Touching) -> Spread:
-    """What even touches of discs tell.
+def even_touches(robot: Robot, discs: Floats, others: Floats, pattern: TouchPattern) -> EvenTouches:
+    """Information of evenly distributed touches.
 
     Args:
         robot: the robot; the discs of its cell do not count.
-        discs: (b, 3): x, y, radius, m.
-        others: the discs that stand beside each, (b, k, 3), m; NaN for none.
-        touching: how.
+        discs: x, y, radius, (b, 3), m.
+        others: the other discs of each one's layout, (b, k, 3), m; NaN for none.
+        pattern: how the discs are touched.
     """
-    angle, posture, force = _pattern(touching)
+    angle, posture, force = _pattern(pattern)
     b, m = len(discs), len(angle)
     outward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     contact = discs[:, None, :2] + discs[:, None, 2:] * outward
@@ -79,7 +80,7 @@ def spread_over(robot: Robot, discs: Floats, others: Floats, touching: Touching)
     flat = rows.reshape(b, -1, len(NAMES))
     count = np.bincount(disc[good], minlength=b)
     information = np.swapaxes(flat, 1, 2) @ flat / np.maximum(count, 1)[:, None, None]
-    return Spread(information, count / m)
+    return EvenTouches(information, count / m)
 
 
 def largest_std(information: Floats, tip: Tip) -> Floats:
@@ -91,15 +92,15 @@ def largest_std(information: Floats, tip: Tip) -> Floats:
 
 
 def within_reach_of(robot: Robot, places: Floats) -> NDArray[np.bool_]:
-    """Which places, (…, 2), the nominal arm reaches with a margin, (…)."""
+    """Whether the nominal arm reaches places, (…, 2), m, with a margin, (…)."""
     nominal = robot.cell.nominal
     distance = np.hypot(places[..., 0] - nominal.x0, places[..., 1] - nominal.y0)
     least, most = reach(robot)
     return np.asarray((distance >= least) & (distance <= most))
 
 
-def clash(robot: Robot, layouts: Floats) -> Floats:
-    """By how much discs of each layout (b, d, 3) stand in one another or in the base, (b,), m; 0 where they do not."""
+def overlap(robot: Robot, layouts: Floats) -> Floats:
+    """Sum of the overlaps of discs with one another or with the base in layouts (b, d, 3), (b,), m; 0 without any."""
     nominal = robot.cell.nominal
     to_base = np.hypot(layouts[..., 0] - nominal.x0, layouts[..., 1] - nominal.y0) - layouts[..., 2]
     wrong = np.maximum(BASE_MARGIN - to_base, 0).sum(axis=1)
@@ -111,9 +112,9 @@ def clash(robot: Robot, layouts: Floats) -> Floats:
     return np.asarray(wrong)
 
 
-def _pattern(touching: Touching) -> tuple[Floats, NDArray[np.intp], Floats]:
-    """Angle, posture and force of the touches of a disc, the levels in turn along it."""
-    point, side = np.meshgrid(np.arange(touching.points), np.arange(len(touching.postures)), indexing='ij')
-    levels = np.asarray(touching.levels, dtype=float)
-    angle = 2 * np.pi * point.ravel() / touching.points
-    return angle, np.asarray(touching.postures)[side.ravel()], levels[(point + side).ravel() % len(levels)]
+def _pattern(pattern: TouchPattern) -> tuple[Floats, NDArray[np.intp], Floats]:
+    """Angle (rad), posture and force (N) of the touches of a disc, the force levels in turn."""
+    point, side = np.meshgrid(np.arange(pattern.points), np.arange(len(pattern.postures)), indexing='ij')
+    levels = np.asarray(pattern.levels, dtype=float)
+    angle = 2 * np.pi * point.ravel() / pattern.points
+    return angle, np.asarray(pattern.postures)[side.ravel()], levels[(point + side).ravel() % len(levels)]

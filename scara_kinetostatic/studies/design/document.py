@@ -1,4 +1,4 @@
-"""The design study as data: `design.json`. SI units; null where something is not determined."""
+"""`design.json`: the optimal design as data, SI units; null where a quantity is not determined."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES
-from scara_kinetostatic.studies.design.result import Choice, Design, Placed
+from scara_kinetostatic.studies.design.result import Design, DesignedSet, PlacedDiscs
+from scara_kinetostatic.studies.design.selection import COMPLIANCE_FACTOR
 from scara_kinetostatic.studies.design.sensitivity import BAND, Row
 from scara_kinetostatic.studies.design.workspace import TipStd
 
@@ -20,11 +21,11 @@ SCHEMA = 'scara_kinetostatic/design/1'
 
 def design_document(design: Design) -> dict[str, Any]:
     """Plain JSON values."""
-    q, robot, curve, one_more = design.question, design.robot, design.curve, design.map
+    q, robot, curve, additional = design.requirements, design.robot, design.curve, design.additional_disc
     place = best_place(design)
     return {
         'schema': SCHEMA,
-        'question': {
+        'requirements': {
             'accuracy': q.accuracy,
             'of': 'loaded tip' if q.under_load else 'free tip',
             'levels': list(q.levels),
@@ -35,48 +36,48 @@ def design_document(design: Design) -> dict[str, Any]:
             'seed': q.seed,
         },
         'robot': {'parameters': robot.parameters.as_dict(), 'noise': robot.noise._asdict()},
-        'smallest': _choice(design.smallest, robot.cell),
-        'with_one_to_spare': _choice(design.spare, robot.cell),
+        'smallest': _designed_set(design.smallest, robot.cell),
+        'one_to_spare': _designed_set(design.spare, robot.cell),
         'by_number': {
             'touches': curve.number.tolist(),
             'chosen': _numbers(curve.chosen),
-            'spread': _numbers(curve.spread),
+            'evenly_distributed': _numbers(curve.even),
             'random': {f'{100 * share:g} %': _numbers(curve.random[:, k]) for k, share in enumerate(BAND)},
-            'bound': _numbers(curve.bound),
+            'lower_bound': _numbers(curve.bound),
         },
         'tables': {name: [_row(row) for row in rows] for name, rows in design.tables.items()},
         'placed': [_placed(placed) for placed in design.placed],
-        'one_more_disc': {
-            'radius': one_more.radius,
-            'touches': list(one_more.touches),
-            'without': _number(one_more.without),
+        'additional_disc': {
+            'radius': additional.radius,
+            'touches': list(additional.touches),
+            'without': _number(additional.without),
             'best': None if place is None else {'center': list(place[:2]), 'tip': place[2]},
         },
     }
 
 
 def best_place(design: Design) -> tuple[float, float, float] | None:
-    """Where one more disc helps most, x and y in m, and what the tip's largest standard deviation is then, m."""
-    one_more = design.map
-    if np.isnan(one_more.largest).all():
+    """The best place of an additional disc, x and y in m, and the tip's largest standard deviation with it, m."""
+    disc = design.additional_disc
+    if np.isnan(disc.largest).all():
         return None
-    row, column = np.unravel_index(int(np.nanargmin(one_more.largest)), one_more.largest.shape)
-    return float(one_more.x[column]), float(one_more.y[row]), float(one_more.largest[row, column])
+    row, column = np.unravel_index(int(np.nanargmin(disc.largest)), disc.largest.shape)
+    return float(disc.x[column]), float(disc.y[row]), float(disc.largest[row, column])
 
 
-def _choice(choice: Choice, cell: Cell) -> dict[str, Any]:
-    check = choice.check
+def _designed_set(designed: DesignedSet, cell: Cell) -> dict[str, Any]:
+    check = designed.check
     return {
-        **_row(choice.row),
-        'value': choice.value,
-        'fewest_possible': choice.least,
-        'smaller_sets_reach': {str(number): _number(value) for number, value in sorted(choice.tried.items())},
-        'largest_leverage': float(choice.row.prediction.leverage.max()),
+        **_row(designed.row),
+        'value': designed.value,
+        'lower_bound': designed.least,
+        'smaller_sets': {str(number): _number(value) for number, value in sorted(designed.tried.items())},
+        'largest_leverage': float(designed.row.prediction.leverage.max()),
         'without_each_touch': _numbers(check.without_each),
         'random_sets': {'number': len(check.random), 'best': _number(check.random[0]),
                         'median': _number(float(np.median(check.random)))},
-        'compliances_half_as_large_again': _number(check.softer),
-        'plan': _plan(choice.plan, cell),
+        'more_compliant': {'factor': COMPLIANCE_FACTOR, 'largest': _number(check.more_compliant)},
+        'plan': _plan(designed.plan, cell),
     }  # fmt: skip
 
 
@@ -112,7 +113,7 @@ def _tip(tip: TipStd) -> dict[str, float | None]:
     return {'largest': _number(tip.largest), 'rms': _number(tip.rms)}
 
 
-def _placed(placed: Placed) -> dict[str, Any]:
+def _placed(placed: PlacedDiscs) -> dict[str, Any]:
     return {
         'discs': [_disc(disc) for disc in placed.layout.discs],
         'prediction': None if placed.row is None else _row(placed.row),

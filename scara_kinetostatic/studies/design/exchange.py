@@ -1,11 +1,12 @@
-"""Exchange of touches one by one (Fedorov): how good a set is, and how it is made better.
+"""Fedorov's exchange: a set of touches is improved by replacing one touch at a time.
 
-One touch changes the covariance C = I⁻¹ by -C Jᵀ (1 + J C Jᵀ)⁻¹ J C, so that all candidates for one place in the
-set are judged in a few matrix products. The largest variance over the workspace has edges at which exchange gets
-stuck; its stand-in, a mean of high power, has none. A set is improved by the stand-in first.
+The criterion is the largest variance of the tip over the workspace. Adding a touch changes the covariance C = I⁻¹ by -C
+Jᵀ (1 + J C Jᵀ)⁻¹ J C, so that all candidates for one position in the set are evaluated by a few matrix products. The
+largest variance is not smooth, and exchange stops early at its edges; a mean of high power of the variances is smooth
+and is minimised first.
 
-With a `spare`, the judgement is on what is left after the loss of the touch that is missed most; exchanges are
-found among the few worst losses, and accepted by all.
+With `spare` touches the criterion is the largest variance after the loss of any one touch. An exchange is sought for
+the worst few losses and accepted if it lowers the criterion over all of them.
 
 Source: Fedorov, Theory of Optimal Experiments (1972), chapter 3.
 """
@@ -15,86 +16,96 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.studies.design.candidates import Pool, pack
+from scara_kinetostatic.studies.design.candidates import CandidateTouches, pack
 
 Floats = NDArray[np.float64]
 
-GAIN = 1e-4
-"""An exchange that gains a smaller part is not worth it."""
-SWEEPS = 12
-DOUBLINGS = 4
-"""The stand-in is the mean of power 2**DOUBLINGS."""
-WORST = 3
-"""So many of the worst losses are looked at when an exchange is sought."""
+_LEAST_GAIN = 1e-4
+"""Smallest relative decrease of the criterion for which touches are exchanged."""
+_SWEEPS = 12
+"""Largest number of passes over all positions of a set."""
+_DOUBLINGS = 4
+"""The smooth criterion is the mean of power 2**DOUBLINGS."""
+_WORST_CASES = 3
+"""Number of the worst losses for which an exchange is sought."""
 
 
-def largest_variance(pool: Pool, chosen: list[int], spare: int = 0, *, smooth: bool = False) -> float:
-    """Largest variance of the tip over the workspace, m²; with a spare, after the worst loss."""
-    return float(_judge(pool.variance(_inverse(_cases(pool, chosen, spare))), smooth).max())
+def largest_variance(candidates: CandidateTouches, chosen: list[int], spare: int = 0, *, smooth: bool = False) -> float:
+    """Largest variance of the tip over the workspace, m².
+
+    Args:
+        candidates: the candidates.
+        chosen: the set, indices of candidates.
+        spare: 0, or 1 for the variance after the loss of the touch that matters most.
+        smooth: whether the smooth criterion is meant.
+    """
+    return float(_criterion(candidates.variance(_inverse(_cases(candidates, chosen, spare))), smooth).max())
 
 
-def improve(pool: Pool, chosen: list[int], spare: int = 0, sweeps: int = SWEEPS) -> list[int]:
-    """Exchange until nothing helps: by the stand-in, then by the largest variance, then with the spare."""
+def improve(candidates: CandidateTouches, chosen: list[int], spare: int = 0, sweeps: int = _SWEEPS) -> list[int]:
+    """Exchanges touches until none lowers the smooth criterion, then the largest variance, then that with a spare."""
     for stage_spare, smooth in [(0, True), (0, False), (1, False)][: 2 + spare]:
-        chosen = _improve(pool, chosen, stage_spare, smooth, sweeps)
+        chosen = _improve(candidates, chosen, stage_spare, smooth, sweeps)
     return chosen
 
 
-def _improve(pool: Pool, chosen: list[int], spare: int, smooth: bool, sweeps: int) -> list[int]:
-    chosen, best = list(chosen), largest_variance(pool, chosen, spare, smooth=smooth)
+def _improve(candidates: CandidateTouches, chosen: list[int], spare: int, smooth: bool, sweeps: int) -> list[int]:
+    chosen, best = list(chosen), largest_variance(candidates, chosen, spare, smooth=smooth)
     for _ in range(sweeps):
         before = best
         for place in range(len(chosen)):
             others = chosen[:place] + chosen[place + 1 :]
-            judged = with_each(pool, others, spare, smooth=smooth)
-            judged[chosen] = np.inf
-            found = int(np.argmin(judged))
-            if judged[found] < best * (1 - GAIN):
+            values = variance_with_each(candidates, others, spare, smooth=smooth)
+            values[chosen] = np.inf
+            found = int(np.argmin(values))
+            if values[found] < best * (1 - _LEAST_GAIN):
                 trial = [*others[:place], found, *others[place:]]
-                reached = largest_variance(pool, trial, spare, smooth=smooth) if spare else float(judged[found])
-                if reached < best * (1 - GAIN):
+                reached = largest_variance(candidates, trial, spare, smooth=smooth) if spare else float(values[found])
+                if reached < best * (1 - _LEAST_GAIN):
                     chosen, best = trial, reached
-        if best > before * (1 - 10 * GAIN):
+        if best > before * (1 - 10 * _LEAST_GAIN):
             break
     return chosen
 
 
-def with_each(pool: Pool, chosen: list[int], spare: int = 0, *, smooth: bool = False) -> Floats:
-    """The largest variance, m², that each candidate would bring if added, (n,); with a spare, an optimistic one."""
-    covariances = _inverse(_cases(pool, chosen, spare))
+def variance_with_each(
+    candidates: CandidateTouches, chosen: list[int], spare: int = 0, *, smooth: bool = False
+) -> Floats:
+    """The largest variance with each candidate added to a set, (n,), m²; with a spare a lower bound of it."""
+    covariances = _inverse(_cases(candidates, chosen, spare))
     if spare:
-        order = np.argsort(_judge(pool.variance(covariances), False))
-        covariances = covariances[order[-WORST:]]
-    judged = [_judge(_added(pool, covariance), smooth) for covariance in covariances]
-    return np.asarray(np.max(judged, axis=0))
+        order = np.argsort(_criterion(candidates.variance(covariances), False))
+        covariances = covariances[order[-_WORST_CASES:]]
+    values = [_criterion(_added(candidates, covariance), smooth) for covariance in covariances]
+    return np.asarray(np.max(values, axis=0))
 
 
 def _inverse(information: Floats) -> Floats:
     return np.asarray(np.linalg.inv(information), dtype=float)
 
 
-def _cases(pool: Pool, chosen: list[int], spare: int) -> Floats:
-    """The information that is left in each case that counts, (c, 12, 12)."""
-    together = pool.of(chosen)[None]
-    return together - pool.information[chosen] if spare else together
+def _cases(candidates: CandidateTouches, chosen: list[int], spare: int) -> Floats:
+    """Information of the set, or, with a spare, of the set without each of its touches, (c, 12, 12)."""
+    together = candidates.information_of(chosen)[None]
+    return together - candidates.information[chosen] if spare else together
 
 
-def _added(pool: Pool, covariance: Floats) -> Floats:
+def _added(candidates: CandidateTouches, covariance: Floats) -> Floats:
     """Variance of the tip at each place with each candidate added, (n, g), m²."""
-    through = pool.derivative @ covariance
-    spread = np.eye(2) + through @ np.swapaxes(pool.derivative, 1, 2)
-    root = np.linalg.cholesky(np.linalg.inv(spread))
-    gain = np.swapaxes(root, 1, 2) @ through[:, :, pool.rows]
-    less = pool.traces(pack(np.swapaxes(gain, 1, 2) @ gain))
-    return np.asarray(np.maximum(pool.variance(covariance) - less, 0.0))
+    through = candidates.derivative @ covariance
+    innovation = np.eye(2) + through @ np.swapaxes(candidates.derivative, 1, 2)
+    root = np.linalg.cholesky(np.linalg.inv(innovation))
+    gain = np.swapaxes(root, 1, 2) @ through[:, :, candidates.rows]
+    less = candidates.traces(pack(np.swapaxes(gain, 1, 2) @ gain))
+    return np.asarray(np.maximum(candidates.variance(covariance) - less, 0.0))
 
 
-def _judge(variance: Floats, smooth: bool) -> Floats:
-    """The largest over the places, (…), or its stand-in."""
+def _criterion(variance: Floats, smooth: bool) -> Floats:
+    """The largest over the places, (…), or the smooth criterion."""
     largest = variance.max(axis=-1)
     if not smooth:
         return np.asarray(largest)
     part = variance / largest[..., None]
-    for _ in range(DOUBLINGS):
+    for _ in range(_DOUBLINGS):
         part *= part
-    return np.asarray(largest * part.mean(axis=-1) ** (0.5**DOUBLINGS))
+    return np.asarray(largest * part.mean(axis=-1) ** (0.5**_DOUBLINGS))

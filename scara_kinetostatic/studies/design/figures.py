@@ -1,7 +1,4 @@
-"""Pictures of the design study: accuracy by the number of touches, proofs of the set, radii and places of discs.
-
-Maps of the design study: the tip over the workspace, the chosen touches, one more disc, discs placed anew.
-"""
+"""Figures of the optimal design: accuracy by the number of touches, checks of the set, maps of the tip and of discs."""
 
 from __future__ import annotations
 
@@ -19,26 +16,26 @@ from numpy.typing import NDArray
 from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.render.figure import FAINT, INK, LINE, PAPER, SERIES, WARN, as_svg, mark, new_figure
 from scara_kinetostatic.studies.design.document import best_place
-from scara_kinetostatic.studies.design.result import Choice, Design
+from scara_kinetostatic.studies.design.result import Design, DesignedSet
 from scara_kinetostatic.studies.design.workspace import free_tip, loaded_tip, make_workspace, reach, tip_std
 
 Floats = NDArray[np.float64]
 
 WIDTH, HALF = 920.0, 450.0
 MICRO = 1e6
-TICKS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 200, 300, 500, 1000)
+_TICKS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 200, 300, 500, 1000)
 
 
 def number_picture(design: Design) -> Markup:
-    """Largest standard deviation of the tip over the number of touches: chosen, spread, random, and the bound."""
+    """Largest standard deviation of the tip over the number of touches: best, even, random, and the lower bound."""
     figure, (axes,) = new_figure(WIDTH, 360)
-    c, target = design.curve, MICRO * design.question.accuracy
+    c, target = design.curve, MICRO * design.requirements.accuracy
     n = c.number
     low, middle, high = MICRO * c.random.T
     top = 8 * target
     axes.fill_between(n, low, np.minimum(high, 2 * top), color=FAINT, alpha=0.16, lw=0)
     axes.plot(n, middle, color=FAINT, lw=1.2)
-    axes.plot(n, MICRO * c.spread, color=SERIES[1], lw=1.4, ls=(0, (5, 2.5)))
+    axes.plot(n, MICRO * c.even, color=SERIES[1], lw=1.4, ls=(0, (5, 2.5)))
     axes.plot(n, MICRO * c.bound, color=INK, lw=1.0, ls=(0, (1, 2)))
     axes.plot(n, MICRO * c.chosen, 'o-', color=SERIES[0], lw=1.6, ms=5)
     axes.axhline(target, color=WARN, lw=1.0)
@@ -51,10 +48,10 @@ def number_picture(design: Design) -> Markup:
     axes.xaxis.set_major_locator(FixedLocator(n.tolist()))
     axes.xaxis.set_major_formatter(lambda value, _: f'{value:g}')
     axes.set(xlabel='touches', ylabel='largest std of the tip  [µm]')
-    ends = {'random sets, 5 to 95 %': (middle, FAINT), 'spread evenly': (MICRO * c.spread, SERIES[1]),
-            'chosen': (MICRO * c.chosen, SERIES[0]), 'no set below': (MICRO * c.bound, INK)}  # fmt: skip
+    ends = {'random, 5 to 95 %': (middle, FAINT), 'evenly distributed': (MICRO * c.even, SERIES[1]),
+            'best set found': (MICRO * c.chosen, SERIES[0]), 'lower bound': (MICRO * c.bound, INK)}  # fmt: skip
     _labels(axes, n[-1], ends)
-    axes.annotate('asked for', (n[-1], target), (6, 4), textcoords='offset points', color=WARN)
+    axes.annotate('required', (n[-1], target), (6, 4), textcoords='offset points', color=WARN)
     return as_svg(figure, 'number', 'largest standard deviation of the tip over the number of touches')
 
 
@@ -71,17 +68,17 @@ def _labels(axes: Axes, x: float, ends: dict[str, tuple[Floats, str]]) -> None:
 
 
 def _plain_ticks(axes: Axes) -> None:
-    axes.yaxis.set_major_locator(FixedLocator(list(TICKS)))
+    axes.yaxis.set_major_locator(FixedLocator(list(_TICKS)))
     axes.yaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter(lambda value, _: f'{value:g}')
 
 
 def without_picture(design: Design) -> Markup:
-    """What is left of the accuracy without each touch of the smallest set."""
+    """Largest standard deviation of the tip without each touch of the smallest set."""
     figure, (axes,) = new_figure(HALF, 300)
     values, plan = MICRO * design.smallest.check.without_each, design.smallest.plan
-    target, base = MICRO * design.question.accuracy, MICRO * design.smallest.value
+    target, base = MICRO * design.requirements.accuracy, MICRO * design.smallest.value
     axes.vlines(np.arange(len(plan)), base, values, color=FAINT, lw=1.2)
     for k, value in enumerate(values):
         look = mark(int(plan.disc[k]))
@@ -98,17 +95,17 @@ def without_picture(design: Design) -> Markup:
 
 
 def random_picture(design: Design) -> Markup:
-    """How random sets of as many touches do."""
+    """Histogram of the largest standard deviation of the tip over random sets of the same size."""
     figure, (axes,) = new_figure(HALF, 300)
     values = MICRO * design.smallest.check.random
     base = MICRO * design.smallest.value
     edges = np.geomspace(0.9 * base, min(float(values.max()), 40 * base) * 1.02, 32)
     axes.hist(np.minimum(values, edges[-1] * 0.999), bins=edges.tolist(), color=FAINT, alpha=0.55)
     axes.axvline(base, color=SERIES[0], lw=2.0)
-    axes.axvline(MICRO * design.question.accuracy, color=WARN, lw=1.0)
+    axes.axvline(MICRO * design.requirements.accuracy, color=WARN, lw=1.0)
     axes.set_xscale('log')
     axes.set(xlabel='largest std of the tip  [µm]', ylabel=f'of {len(values)} random sets')
-    axes.xaxis.set_major_locator(FixedLocator(list(TICKS)))
+    axes.xaxis.set_major_locator(FixedLocator(list(_TICKS)))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(lambda value, _: f'{value:g}')
     axes.set_xlim(0.8 * base, edges[-1] * 1.1)
@@ -117,10 +114,10 @@ def random_picture(design: Design) -> Markup:
 
 WIDTH, HALF = 920.0, 450.0
 MICRO = 1e6
-FINE = (24, 120)
+_FINE_GRID = (24, 120)
 """Radii and angles of a map."""
 COLOURS = 'viridis_r'
-ARROW = 0.16
+_ARROW = 0.16
 """Length of the largest force, m."""
 
 
@@ -128,8 +125,8 @@ def tip_picture(design: Design) -> Markup:
     """The standard deviation of the tip over the workspace after the smallest set, posture by posture."""
     figure = Figure(figsize=(WIDTH / 72, 430 / 72), dpi=72, layout='constrained')
     axes = figure.subplots(1, 2, sharey=True)
-    robot, q = design.robot, design.question
-    workspace = make_workspace(robot, q.region, *FINE)
+    robot, q = design.robot, design.requirements
+    workspace = make_workspace(robot, q.region, *_FINE_GRID)
     tip = loaded_tip(robot, workspace, q.load) if q.under_load else free_tip(robot, workspace)
     places = MICRO * tip_std(tip, design.smallest.row.prediction).places
     low, high = float(places.min()), float(places.max())
@@ -153,10 +150,10 @@ def tip_picture(design: Design) -> Markup:
     return as_svg(figure, 'tip', 'standard deviation of the tip over the workspace, both postures')
 
 
-def plan_picture(choice: Choice, design: Design, name: str) -> Markup:
+def plan_picture(designed: DesignedSet, design: Design, name: str) -> Markup:
     """The chosen touches from above: arrows as long as the forces, filled heads for the left posture."""
     figure, (axes,) = new_figure(HALF, 400)
-    cell, plan = design.robot.cell, choice.plan
+    cell, plan = design.robot.cell, designed.plan
     contact, normal = plan.contact(cell), plan.normal()
     for number, disc in enumerate(cell.discs):
         look = mark(number)
@@ -166,7 +163,7 @@ def plan_picture(choice: Choice, design: Design, name: str) -> Markup:
         for k in np.flatnonzero(plan.disc == number):
             aside = 0.005 * plan.posture[k] * np.array([-normal[k, 1], normal[k, 0]])
             head = contact[k] + aside
-            tail = head + ARROW * plan.force[k] / plan.force.max() * normal[k]
+            tail = head + _ARROW * plan.force[k] / plan.force.max() * normal[k]
             axes.plot(*np.stack([head, tail]).T, color=look.colour, lw=1.1, alpha=0.8)
             fill = look.colour if plan.posture[k] > 0 else PAPER
             axes.plot(*head, look.shape, ms=5.5, mfc=fill, mec=look.colour, mew=1.2, zorder=3)
@@ -177,10 +174,10 @@ def plan_picture(choice: Choice, design: Design, name: str) -> Markup:
     return as_svg(figure, name, 'the chosen touches from above')
 
 
-def one_more_picture(design: Design) -> Markup:
-    """Where one more disc would help most."""
+def additional_disc_picture(design: Design) -> Markup:
+    """Largest standard deviation of the tip by the place of one additional disc."""
     figure, (axes,) = new_figure(HALF, 400)
-    m, cell = design.map, design.robot.cell
+    m, cell = design.additional_disc, design.robot.cell
     shown = MICRO * np.ma.masked_invalid(m.largest)
     drawn = axes.pcolormesh(m.x, m.y, shown, shading='nearest', cmap=COLOURS, rasterized=True)
     _discs(axes, cell.discs, INK)
@@ -192,11 +189,13 @@ def one_more_picture(design: Design) -> Markup:
     axes.set(aspect='equal', xlabel='x of its centre  [m]', ylabel='y  [m]')
     axes.grid(visible=False)
     figure.colorbar(drawn, ax=axes, label='largest std of the tip  [µm]', shrink=0.85).outline.set_visible(False)
-    return as_svg(figure, 'one_more', 'largest standard deviation of the tip by the place of one more disc')
+    return as_svg(
+        figure, 'additional_disc', 'largest standard deviation of the tip by the place of one additional disc'
+    )
 
 
 def placed_picture(design: Design) -> Markup:
-    """The best layouts of one disc, two and three."""
+    """The best new layouts of one disc, two, …."""
     layouts = [placed for placed in design.placed if placed.row is not None]
     figure = Figure(figsize=(WIDTH / 72, (WIDTH / max(2, len(layouts)) + 24) / 72), dpi=72, layout='constrained')
     axes = figure.subplots(1, len(layouts), sharey=True, squeeze=False)[0]
@@ -220,7 +219,7 @@ def placed_picture(design: Design) -> Markup:
         one.set_xlim(base[0] - wide, base[0] + wide)
         one.set_ylim(base[1] - wide, base[1] + wide)
     axes[0].set(ylabel='y  [m]')
-    return as_svg(figure, 'placed', 'best layouts of one disc, two and three')
+    return as_svg(figure, 'placed', 'best layouts of discs by their number')
 
 
 def _discs(axes: Axes, discs: Iterable[Disc], colour: str) -> None:

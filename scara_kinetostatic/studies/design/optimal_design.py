@@ -1,25 +1,25 @@
-"""The design question of section 5.1: how many touches, on which discs, where, how hard, in which posture.
+"""Optimal design of a calibration for one cell, the design question of section 5.1.
 
-`design` answers it for one cell: the smallest set of touches for an accuracy of the tip and what proves it,
-what the accuracy depends on, and where discs should stand.
+`optimal_design` gives the smallest set of touches for an accuracy of the tip with its lower bound and its checks, the
+dependence of the accuracy on number, discs, force levels and postures, and the best places for discs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.studies.design.candidates import Pool, candidate_plan, make_pool
-from scara_kinetostatic.studies.design.disc_layout import Touching
-from scara_kinetostatic.studies.design.disc_placement import Layout, Map, map_of_one_more, place_discs
-from scara_kinetostatic.studies.design.lower_bound import Bound, find_bound
+from scara_kinetostatic.studies.design.candidates import CandidateTouches, candidate_plan, prepare_candidates
+from scara_kinetostatic.studies.design.disc_layout import TouchPattern
+from scara_kinetostatic.studies.design.disc_placement import DiscMap, Layout, map_additional_disc, place_discs
+from scara_kinetostatic.studies.design.lower_bound import LowerBound, find_lower_bound
 from scara_kinetostatic.studies.design.prediction import Robot, predict
-from scara_kinetostatic.studies.design.result import Choice, Design, Placed, Question
-from scara_kinetostatic.studies.design.selection import Selection, check, smallest_set
+from scara_kinetostatic.studies.design.result import Design, DesignedSet, PlacedDiscs, Requirements
+from scara_kinetostatic.studies.design.selection import FoundSet, NumberProgress, check_set, smallest_set
 from scara_kinetostatic.studies.design.sensitivity import (
     Row,
     Tips,
@@ -29,134 +29,155 @@ from scara_kinetostatic.studies.design.sensitivity import (
     study_number,
     study_postures,
 )
-from scara_kinetostatic.studies.design.workspace import (
-    free_tip,
-    loaded_tip,
-    make_workspace,
-    tip_std,
-)
+from scara_kinetostatic.studies.design.workspace import Tip, free_tip, loaded_tip, make_workspace, tip_std
 
-Floats = NDArray[np.float64]
-Tell = Callable[[str, float], None]
+Progress = Callable[[str, float], None]
+"""Receives what is being done, and the share of all that is done, 0 to 1."""
 
-GOLDEN = 0.6180339887498949
-SHARPER = 0.999
-QUICK = 60
-"""Effort spent on the smallest set of a layout."""
-SEEDS = 2
-"""Searches for a layout; the best counts."""
+_GOLDEN_RATIO = 0.6180339887498949
+"""Step of the low-discrepancy order of the touches."""
+_TIGHTENING = 0.999
+"""Factor by which the target of the search is lowered when a set misses the accuracy on the full workspace."""
+_LAYOUT_EFFORT = 60
+"""Effort for the smallest set of a new layout; see `smallest_set`."""
+_LAYOUT_SEARCHES = 2
+"""Searches for a layout with different seeds; the best result counts."""
+_WITHIN_REACH = 10
+"""For a new layout that misses the accuracy by more than this factor no smallest set is searched for."""
 
 
-def design(robot: Robot, question: Question | None = None, tell: Tell | None = None) -> Design:
-    """Answer the design question for a cell.
+class _Task(NamedTuple):
+    """What is designed: the robot with its cell, the requirements, and the tip over the full workspace."""
+
+    robot: Robot
+    requirements: Requirements
+    tips: Tips
+
+    @property
+    def tip(self) -> Tip:
+        """The tip of which the accuracy is required."""
+        return self.tips.loaded if self.requirements.under_load else self.tips.free
+
+
+def optimal_design(robot: Robot, requirements: Requirements | None = None, report: Progress | None = None) -> Design:
+    """The optimal design for a cell.
 
     Args:
         robot: the robot with its cell and noise.
-        question: what is asked.
-        tell: is told what is being done, and the part of all that is done.
+        requirements: by default those of `Requirements`.
+        report: receives the progress.
 
     Raises:
         CellError: a disc is out of reach.
-        UnsupportedDataError: the accuracy is.
+        UnsupportedDataError: the accuracy is out of reach.
     """
-    question, tell = question or Question(), tell or (lambda what, part: None)
-    workspace = make_workspace(robot, question.region)
-    tips = Tips(free_tip(robot, workspace), loaded_tip(robot, workspace, question.load))
-    tell('what touches tell', 0.0)
-    pool = _pool(robot, question)
-    bound = find_bound(pool)
-    smallest, spare = _choose_both(robot, question, pool, bound, tips, tell)
-    tell('accuracy by the number of touches', 0.6)
+    requirements, report = requirements or Requirements(), report or (lambda what, part: None)
+    workspace = make_workspace(robot, requirements.region)
+    tips = Tips(free_tip(robot, workspace), loaded_tip(robot, workspace, requirements.load))
+    task = _Task(robot, requirements, tips)
+    report('candidate touches', 0.0)
+    candidates = _candidates(robot, requirements)
+    bound = find_lower_bound(candidates)
+    smallest, spare = _both_sets(task, candidates, bound, report)
+    report('accuracy by the number of touches', 0.6)
     found = {**smallest.tried, len(smallest.plan): smallest.value}
     known = [(number, value) for number, value in found.items() if np.isfinite(value)]
-    asked = tips.loaded if question.under_load else tips.free
-    curve = study_number(robot, asked, pool, bound, known, question.seed)
-    tell('force levels, postures, discs', 0.7)
-    tables = _tables(robot, question, tips)
-    placed = tuple(_placed(robot, question, tips, tell))
-    tell('one more disc', 0.95)
-    return Design(robot, question, workspace, smallest, spare, curve, tables, placed, _map(robot, question))
+    curve = study_number(robot, task.tip, candidates, bound, known, requirements.seed)
+    report('force levels, postures, discs', 0.7)
+    tables = _tables(task)
+    placed = tuple(_placed(task, report))
+    report('additional disc', 0.95)
+    additional = _additional_disc(robot, requirements)
+    return Design(robot, requirements, workspace, smallest, spare, curve, tables, placed, additional)
 
 
-def _pool(robot: Robot, question: Question) -> Pool:
-    """The candidates, judged at the rims of the workspace and between: coarse, for the search."""
-    if question.under_load:
-        tip = loaded_tip(robot, make_workspace(robot, question.region, 3, 12), question.load, 4)
+def _candidates(robot: Robot, requirements: Requirements) -> CandidateTouches:
+    """The candidates with the tip on a coarse grid for the search: both limits of the reach and the middle."""
+    if requirements.under_load:
+        tip = loaded_tip(robot, make_workspace(robot, requirements.region, 3, 12), requirements.load, 4)
     else:
-        tip = free_tip(robot, make_workspace(robot, question.region, 3))
-    return make_pool(robot, candidate_plan(robot, question.levels, question.postures, question.per_disc), tip)
+        tip = free_tip(robot, make_workspace(robot, requirements.region, 3))
+    plan = candidate_plan(robot, requirements.levels, requirements.postures, requirements.per_disc)
+    return prepare_candidates(robot, plan, tip)
 
 
-def _choose_both(
-    robot: Robot, question: Question, pool: Pool, bound: Bound, tips: Tips, tell: Tell
-) -> tuple[Choice, Choice]:
-    first = _choose(robot, question, pool, bound, tips, 0, 0, lambda n: tell(f'sets of {n} touches', 0.05))
-    least = len(first.plan) + 1
-    second = _choose(
-        robot, question, pool, bound, tips, 1, least, lambda n: tell(f'sets of {n} with one to spare', 0.3)
-    )
+def _both_sets(
+    task: _Task, candidates: CandidateTouches, bound: LowerBound, report: Progress
+) -> tuple[DesignedSet, DesignedSet]:
+    """The smallest set, and the smallest with one touch to spare."""
+    first = _designed_set(task, candidates, bound, report=lambda n: report(f'sets of {n} touches', 0.05))
+    second = _designed_set(
+        task, candidates, bound, spare=1, least=len(first.plan) + 1,
+        report=lambda n: report(f'sets of {n} touches, one to spare', 0.3),
+    )  # fmt: skip
     return first, second
 
 
-def _choose(
-    robot: Robot,
-    question: Question,
-    pool: Pool,
-    bound: Bound,
-    tips: Tips,
-    spare: int,
-    least: int,
-    tell: Callable[[int], None] | None = None,
+def _designed_set(
+    task: _Task,
+    candidates: CandidateTouches,
+    bound: LowerBound,
+    *,
+    spare: int = 0,
+    least: int = 0,
     effort: int | None = None,
-) -> Choice:
-    """The smallest set, checked on the full workspace and by singular values."""
-    asked, tip = question.accuracy, tips.loaded if question.under_load else tips.free
-    every = predict(robot, pool.plan)
-    _check_determined(tip_std(tip, every).largest, robot, question)
-    rank, tried = every.rank, dict[int, float]()
+    report: NumberProgress | None = None,
+) -> DesignedSet:
+    """The smallest set found that reaches the accuracy on the full workspace, with its checks."""
+    robot, requirements, tip = task.robot, task.requirements, task.tip
+    every = predict(robot, candidates.plan)
+    _check_determined(tip_std(tip, every).largest, robot, requirements)
+    target, evaluated = requirements.accuracy, dict[int, float]()
     while True:
-        found = smallest_set(pool, bound, asked, spare=spare, least=least, seed=question.seed, effort=effort, tell=tell)
-        # what was checked in full counts before what the search says
-        tried = {**found.tried, **tried}
-        chosen = ordered(found, pool)
-        plan = pool.plan.select(np.array(chosen))
+        found = smallest_set(
+            candidates, bound, target, spare=spare, least=least, seed=requirements.seed, effort=effort, report=report
+        )
+        evaluated = {**found.tried, **evaluated}  # values on the full workspace replace those of the search
+        chosen = _mixed_order(found, candidates)
+        plan = candidates.plan.select(np.array(chosen))
         prediction = predict(robot, plan)
-        reached = tip_std(tip, prediction).largest if prediction.rank >= rank else np.inf
-        if reached <= question.accuracy:
+        reached = tip_std(tip, prediction).largest if prediction.rank >= every.rank else np.inf
+        if reached <= requirements.accuracy:
             break
-        # the workspace is a little wider than that of the search, and a set may not show all that the touches can
-        tried = {**tried, len(chosen): min(reached, tried.get(len(chosen), np.inf))}
+        # the full workspace has more places than the search; a set may have a lower rank than all candidates
+        evaluated[len(chosen)] = min(reached, evaluated.get(len(chosen), np.inf))
         if np.isfinite(reached):
-            asked, least = min(SHARPER, SHARPER * question.accuracy / reached) * asked, len(chosen)
+            target, least = min(_TIGHTENING, _TIGHTENING * requirements.accuracy / reached) * target, len(chosen)
         else:
             least = len(chosen) + 1
-    tried = {number: value for number, value in tried.items() if number < len(plan)}
-    row = tips.row('smallest set, with one to spare' if spare else 'smallest set', robot, plan)
-    value = found.value if spare else reached
-    proven = bound.number(question.accuracy) + spare
-    return Choice(plan, row, check(robot, pool, chosen, plan, tip, question.seed), tried, proven, value)
+    label = 'smallest set, one to spare' if spare else 'smallest set'
+    return DesignedSet(
+        plan=plan,
+        row=task.tips.row(label, robot, plan),
+        check=check_set(robot, candidates, chosen, plan, tip, requirements.seed),
+        tried={number: value for number, value in evaluated.items() if number < len(plan)},
+        least=bound.number(requirements.accuracy) + spare,
+        value=found.value if spare else reached,
+    )
 
 
-def _check_determined(largest: float, robot: Robot, question: Question) -> None:
-    """Whether all touches together determine the tip."""
+def _check_determined(largest: float, robot: Robot, requirements: Requirements) -> None:
+    """Whether all candidates together determine the tip."""
     if np.isfinite(largest):
         return
-    remedy = 'touch a second disc: about the centre of one, the whole robot may be turned'
+    remedy = 'add a second disc: touches of one disc do not determine the rotation of the robot about its centre'
     if len(robot.cell.discs) > 1:
-        remedy = 'choose more force levels, the load among them' if question.under_load else 'move the discs apart'
-    raise UnsupportedDataError('the touches to choose from do not determine the tip, however many', remedy)
+        remedy = 'choose more force levels, the load among them' if requirements.under_load else 'move the discs apart'
+    raise UnsupportedDataError('the candidate touches do not determine the tip, however many are made', remedy)
 
 
-def ordered(found: Selection, pool: Pool) -> list[int]:
-    """The touches in an order that jumps around the cell, so that a drift in time looks like no place or level."""
-    plan = pool.plan
+def _mixed_order(found: FoundSet, candidates: CandidateTouches) -> list[int]:
+    """The touches in an order that mixes places and force levels, so that drift in time is correlated with neither."""
+    plan = candidates.plan
     chosen = np.array(found.chosen)
     around = chosen[np.lexsort((plan.posture[chosen], plan.angle[chosen], plan.disc[chosen]))]
-    return around[np.argsort(np.arange(len(around)) * GOLDEN % 1.0, kind='stable')].tolist()
+    return around[np.argsort(np.arange(len(around)) * _GOLDEN_RATIO % 1.0, kind='stable')].tolist()
 
 
-def _tables(robot: Robot, question: Question, tips: Tips) -> dict[str, list[Row]]:
-    levels, postures, number = question.levels, question.postures, question.number
+def _tables(task: _Task) -> dict[str, list[Row]]:
+    """The tables of predictions, by what is varied."""
+    robot, requirements, tips = task
+    levels, postures, number = requirements.levels, requirements.postures, requirements.number
     discs, radius = study_discs(robot, tips, levels, postures, number)
     return {
         'discs': discs,
@@ -166,53 +187,62 @@ def _tables(robot: Robot, question: Question, tips: Tips) -> dict[str, list[Row]
     }
 
 
-def _placed(robot: Robot, question: Question, tips: Tips, tell: Tell) -> list[Placed]:
-    """Layouts of one disc, two, …."""
+def _placed(task: _Task, report: Progress) -> list[PlacedDiscs]:
+    """New layouts of one disc, two, …; a number of discs without a feasible layout is left out."""
+    robot, requirements, _ = task
     found = []
-    tip = free_tip(robot, make_workspace(robot, question.region, 3, 24))
-    touching = Touching(question.levels, question.postures)
-    for count in range(1, question.most_discs + 1):
-        tell(f'places for {count} {"disc" if count == 1 else "discs"}', 0.75 + 0.2 * (count - 1) / question.most_discs)
+    tip = free_tip(robot, make_workspace(robot, requirements.region, 3, 24))
+    pattern = TouchPattern(requirements.levels, requirements.postures)
+    for count in range(1, requirements.most_discs + 1):
+        part = 0.75 + 0.2 * (count - 1) / requirements.most_discs
+        report(f'places for {count} {"disc" if count == 1 else "discs"}', part)
         layouts = [
             place_discs(
-                robot, count, radii_of(question, robot), tip, touching=touching, number=question.number,
-                region=question.region, seed=question.seed + k,
+                robot, count, _radius_limits(requirements, robot), tip, pattern=pattern, number=requirements.number,
+                region=requirements.region, seed=requirements.seed + k,
             )
-            for k in range(SEEDS)
+            for k in range(_LAYOUT_SEARCHES)
         ]  # fmt: skip
-        possible = [layout for layout in layouts if layout]
-        if possible:
-            found.append(_placed_one(robot, question, tips, min(possible, key=lambda layout: layout.largest)))
+        feasible = [layout for layout in layouts if layout]
+        if feasible:
+            found.append(_with_smallest_set(task, min(feasible, key=lambda layout: layout.largest)))
     return found
 
 
-def _placed_one(robot: Robot, question: Question, tips: Tips, layout: Layout) -> Placed:
-    names = f'{len(layout.discs)} placed'
-    row = row_of_discs(robot, tips, names, layout.discs, question.levels, question.postures, question.number)
-    if row is None or row.free.largest > 10 * question.accuracy:
-        return Placed(layout, row, None)
+def _with_smallest_set(task: _Task, layout: Layout) -> PlacedDiscs:
+    """A new layout with the prediction for it and the number of touches that it needs."""
+    robot, requirements, tips = task
+    label = f'{len(layout.discs)} placed'
+    row = row_of_discs(
+        robot, tips, label, layout.discs, requirements.levels, requirements.postures, requirements.number
+    )
+    if row is None or row.free.largest > _WITHIN_REACH * requirements.accuracy:
+        return PlacedDiscs(layout, row, None)
     other = replace(robot, cell=replace(robot.cell, discs=layout.discs))
-    pool = _pool(other, question)
+    candidates = _candidates(other, requirements)
     try:
-        choice = _choose(other, question, pool, find_bound(pool), tips, 0, 0, effort=QUICK)
+        designed = _designed_set(
+            task._replace(robot=other), candidates, find_lower_bound(candidates), effort=_LAYOUT_EFFORT
+        )
     except UnsupportedDataError:
-        return Placed(layout, row, None)
-    return Placed(layout, row, len(choice.plan))
+        return PlacedDiscs(layout, row, None)
+    return PlacedDiscs(layout, row, len(designed.plan))
 
 
-def radii_of(question: Question, robot: Robot) -> tuple[float, float]:
-    """Least and largest radius of a disc that is placed, m."""
+def _radius_limits(requirements: Requirements, robot: Robot) -> tuple[float, float]:
+    """Smallest and largest radius of a disc that is placed, m."""
     radii = robot.cell.radii
-    return question.radii or (float(radii.min()), float(radii.max()))
+    return requirements.radii or (float(radii.min()), float(radii.max()))
 
 
-def _map(robot: Robot, question: Question) -> Map:
-    least, most = radii_of(question, robot)
-    return map_of_one_more(
+def _additional_disc(robot: Robot, requirements: Requirements) -> DiscMap:
+    """Accuracy with one additional disc of medium radius, which gets as many touches as each disc of the cell has."""
+    least, most = _radius_limits(requirements, robot)
+    return map_additional_disc(
         robot,
-        free_tip(robot, make_workspace(robot, question.region, 3, 24)),
-        touching=Touching(question.levels, question.postures),
-        numbers=(question.number, max(1, question.number // max(1, len(robot.cell.discs)))),
-        radius=float(np.median(robot.cell.radii)) if question.radii is None else (least + most) / 2,
-        region=question.region,
+        free_tip(robot, make_workspace(robot, requirements.region, 3, 24)),
+        pattern=TouchPattern(requirements.levels, requirements.postures),
+        numbers=(requirements.number, max(1, requirements.number // max(1, len(robot.cell.discs)))),
+        radius=float(np.median(robot.cell.radii)) if requirements.radii is None else (least + most) / 2,
+        region=requirements.region,
     )

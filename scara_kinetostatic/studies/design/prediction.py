@@ -1,15 +1,13 @@
-"""What a plan of touches will tell: the covariance of L̄ before a single touch is made.
+"""Predicted covariance of L̄ for a plan of touches, before any touch is made, and its observability indices.
 
-The conditions of the touches are linearised where they hold exactly, at Q = Ḡ(S, F) of the expected robot,
-and whitened by the noise of a touch: the very Jacobian, and by the same functions, of which the
-calibration makes its covariance (`calibration.adjustment`). What the calibration would call unseen is
-left out here as well, so that a prediction has the rank and the confounded groups of the fit it predicts.
+The conditions of the touches are linearised where they hold exactly, at Q = Ḡ(S, F) of the expected robot, and whitened
+by the noise of a touch. The Jacobian is the one from which the calibration works out its covariance, by the same
+functions (`calibration.gauss_helmert`), and directions that the calibration would report as unidentifiable are left out
+here as well: a prediction has the rank and the confounded groups of the fit that it predicts.
 
-The usual observability indices of robot calibration, from the singular values of the Jacobian.
-
-The Jacobian is whitened by the noise of a touch, its columns are in units of the
-plausible range of each parameter (`calibration.identifiability.SCALES`): without units, all indices but O1 compare
-apples with pears. With singular values σ1 ≥ … ≥ σL of m touches,
+**Observability indices.** From the singular values σ1 ≥ … ≥ σL of the whitened Jacobian of m touches, its columns in
+units of the plausible range of each parameter (`calibration.identifiability.SCALES`); without common units only O1
+would be comparable between sets:
 
     O1 = (σ1 ⋯ σL)^(1/L) / √m        Borm and Menq, Int. J. Robotics Research 10 (1991) 51: volume of the ellipsoid
     O2 = σL / σ1                     Driels and Pathre, J. Robotic Systems 7 (1990) 921: inverse condition number
@@ -17,9 +15,8 @@ apples with pears. With singular values σ1 ≥ … ≥ σL of m touches,
     O4 = σL² / σ1                    Nahvi and Hollerbach, ICRA 1996, 994: noise amplification
     O5 = 1 / (1/σ1 + … + 1/σL)       Sun and Hollerbach, ICRA 2008, 831: mean uncertainty
 
-Larger is better. Where the rank is less than 12, L counts what is seen and the indices are of that alone. They
-rank sets of touches of one cell; none of them knows what the robot is for, which the standard deviation of
-the tip does.
+Larger is better. Where the rank is less than 12, only the L identifiable combinations count. The indices rank sets of
+touches in one cell; they do not depend on where the tip is used, as its standard deviation over the workspace does.
 
 """
 
@@ -84,15 +81,15 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Robot:
-    """The robot that a design is for.
+    """The robot that a design is made for.
 
     Attributes:
         cell: discs, sensor, nominal parameters.
-        parameters: L̄ as expected; geometry, compliances and backlashes all enter the prediction.
-        noise: repeatability of one touch.
+        parameters: expected L̄; geometry, compliances and backlashes all enter the prediction.
+        noise: repeatability of one touch, one standard deviation, rad and N.
 
     Raises:
-        ParameterError: a noise level that is not above 0.
+        ParameterError: a noise level is not above 0.
     """
 
     cell: Cell
@@ -102,28 +99,36 @@ class Robot:
     def __post_init__(self) -> None:
         for name, value in self.noise._asdict().items():
             if not (np.isfinite(value) and value > 0):
-                raise ParameterError(f'noise: {name}', f'expected a value above 0, got {value}', 'give what is known')
+                raise ParameterError(
+                    f'noise: {name}', f'expected a value above 0, got {value}', 'give the standard deviation of a touch'
+                )
 
     @classmethod
     def of(cls, cell: Cell, parameters: Parameters | None = None, noise: Noise | None = None) -> Robot:
-        """The nominal robot of a cell with its noise, or what is given instead."""
+        """The robot of a cell.
+
+        Args:
+            cell: the cell.
+            parameters: expected L̄; by default the nominal parameters.
+            noise: by default that of the cell, or typical noise if the cell states none.
+        """
         return cls(cell, parameters or cell.nominal, noise or cell.noise or TYPICAL_NOISE)
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a plan will tell about L̄.
+    """Predicted uncertainty of L̄.
 
     Attributes:
-        touches: number of touches it is for.
-        covariance: of the twelve, (12, 12), in their units; no statement about what is confounded.
-        std: standard deviations, (12,); NaN where confounded.
-        unseen: directions of L̄ that the touches do not show, (12, d), in `SCALES`.
-        confounded: groups of parameters that only together are determined, by name.
-        condition: condition number of the whitened Jacobian with unit columns, over what is seen.
-        indices: the usual observability indices, over what is seen.
-        leverage: the largest part of a touch's condition that the fit spends on itself, (m,), 0 to 1; at 1
-            nothing checks the touch.
+        touches: number of touches that it holds for.
+        covariance: of L̄ over the identifiable directions, (12, 12), SI units.
+        std: standard deviations, (12,), SI units; NaN where confounded.
+        unidentifiable: directions of L̄ that the touches do not determine, (12, d), in `SCALES`.
+        confounded: groups of parameters of which only combinations are determined, by name.
+        condition: condition number of the whitened Jacobian with unit columns, over the identifiable directions.
+        indices: observability indices, over the identifiable directions.
+        leverage: largest eigenvalue of each touch's block of the hat matrix, (m,), 0 to 1; at 1 no other touch checks
+            it, and an error in it is not detected.
     """
 
     touches: int
@@ -137,17 +142,17 @@ class Prediction:
 
     @property
     def rank(self) -> int:
-        """Number of independent combinations of the twelve that are seen."""
+        """Number of independent combinations of the twelve parameters that are identifiable."""
         return len(NAMES) - self.unidentifiable.shape[1]
 
 
-class Exact(NamedTuple):
-    """The adjustment at exact touches.
+class ExactTouches(NamedTuple):
+    """Touches without noise.
 
     Attributes:
-        observations: what would be measured without noise.
-        point: the equations there.
-        arms: distance of each line of force from both axes, (m, 2), m.
+        observations: what would be measured.
+        point: the linearised conditions there.
+        arms: distance of each line of force from both joint axes, (m, 2), m.
     """
 
     observations: Observations
@@ -155,8 +160,8 @@ class Exact(NamedTuple):
     arms: Floats
 
 
-def exact_plan(robot: Robot, plan: Plan) -> Exact:
-    """The adjustment at the exact touches of a plan.
+def exact_plan(robot: Robot, plan: Plan) -> ExactTouches:
+    """The touches of a plan without noise.
 
     Raises:
         UnsupportedDataError: the robot cannot reach a touch.
@@ -167,11 +172,11 @@ def exact_plan(robot: Robot, plan: Plan) -> Exact:
 
 def exact_touches(
     robot: Robot, centers: Floats, radii: Floats, angle: Floats, posture: NDArray[np.intp], force: Floats
-) -> Exact:
-    """The same for touches on discs that need not stand in the cell.
+) -> ExactTouches:
+    """Touches without noise on discs that need not be in the cell.
 
     Args:
-        robot: the robot.
+        robot: the robot; of its cell only the sensor and the gripper count.
         centers: centre of each touch's disc, (m, 2), m.
         radii: its radius, (m,), m.
         angle: direction from the centre to the contact, (m,), rad.
@@ -194,16 +199,17 @@ def exact_touches(
     state = State(links[:, 0], links[:, 1], force, direction, modes[:, 0], modes[:, 1])
     observations = Observations(joints, measured, centers, radii, cell.sensor.frame, cell.gripper)
     point = evaluate(observations, ExtendedModel(p), Adjusted(joints, measured, state), robot.noise)
-    return Exact(observations, point, np.abs(torques) / force[:, None])
+    return ExactTouches(observations, point, np.abs(torques) / force[:, None])
 
 
 def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
-    """The covariance that a calibration with the touches of a plan will have.
+    """The uncertainty of a calibration with the touches of a plan.
 
     Args:
         robot: the robot.
         plan: the touches.
-        number: predict for so many touches spread evenly over those of the plan; None: for the plan as it is.
+        number: predict for this number of touches, evenly distributed over those of the plan; None: for the plan as it
+            is.
 
     Raises:
         UnsupportedDataError: the robot cannot reach a touch.
@@ -213,8 +219,8 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
     unidentifiable = unidentifiable_directions(observations, point, everything, robot.noise)
     basis = SCALES[:, None] * complement(unidentifiable)
     weight = 1.0 if number is None else number / len(plan)
-    seen = np.sqrt(weight) * (point.whitened.derivative @ basis)
-    system = steps.compress(seen, point.whitened.residual)
+    identifiable = np.sqrt(weight) * (point.whitened.derivative @ basis)
+    system = steps.compress(identifiable, point.whitened.residual)
     covariance = basis @ steps.covariance(system) @ basis.T
     groups = group_names(unidentifiable, everything)
     std = np.sqrt(np.diag(covariance))
@@ -226,7 +232,7 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
         std=std,
         unidentifiable=unidentifiable,
         confounded=groups,
-        condition=condition_number(seen),
+        condition=condition_number(identifiable),
         indices=observability(system.values, touches),
         leverage=leverage(point.whitened.derivative, covariance),
     )
@@ -239,5 +245,5 @@ def complement(unidentifiable: Floats) -> Floats:
 
 
 def leverage(derivative: Floats, covariance: Floats) -> Floats:
-    """The larger eigenvalue of J C Jᵀ of each touch, (m,); J whitened, (m, 2, 12)."""
+    """Leverage of each touch: the larger eigenvalue of J C Jᵀ, (m,); J whitened, (m, 2, 12), C (12, 12)."""
     return np.asarray(np.linalg.eigvalsh(np.einsum('nik,kl,njl->nij', derivative, covariance, derivative))[:, -1])

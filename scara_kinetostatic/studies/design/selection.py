@@ -1,12 +1,12 @@
-"""The smallest set of touches that reaches an accuracy.
+"""The smallest set of touches that reaches an accuracy, and checks of it.
 
-What is to be small is the largest standard deviation of the tip over the workspace. Numbers of touches are tried
-from the proven bound (`design_bound`) upwards; for each, sets are drawn at random by the optimal parts of the
-candidates and improved by exchange (`design_exchange`). The first number at which a set
-reaches the accuracy is taken, with the best set of that number. The bound says how much a perfect
-search could still save.
+The criterion is the largest standard deviation of the tip over the workspace. Numbers of touches are tried from the
+lower bound (`lower_bound`) upwards. For each, sets are drawn at random by the weights of the optimal approximate design
+and improved by exchange (`exchange`). The first number at which a set reaches the accuracy is taken, with the best set
+of that number; its distance from the lower bound limits what a better search could save.
 
-Is the chosen set as small and as good as it seems? Without each touch; beside random sets; with a softer robot.
+A set is checked by leaving out each of its touches, against random sets of the same size, and for a robot with larger
+compliances.
 """
 
 from __future__ import annotations
@@ -19,35 +19,41 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.studies.design.candidates import PRIOR, Pool
+from scara_kinetostatic.studies.design.candidates import PRIOR, CandidateTouches
 from scara_kinetostatic.studies.design.exchange import improve, largest_variance
-from scara_kinetostatic.studies.design.lower_bound import Bound
+from scara_kinetostatic.studies.design.lower_bound import LowerBound
 from scara_kinetostatic.studies.design.prediction import Robot, predict
 from scara_kinetostatic.studies.design.workspace import Tip, tip_std
 
 Floats = NDArray[np.float64]
-Tell = Callable[[int], None]
+NumberProgress = Callable[[int], None]
+"""Receives the number of touches for which sets are being sought."""
 
-FEWEST = 7
-"""The calibration takes no fewer for twelve parameters."""
-MOST = 200
-"""No larger set is looked for."""
-EFFORT = 350
-"""Number of starts times number of touches."""
-SPARE_EFFORT = 60
-CHEAP = 6000
-"""Size of the places times parameters up to which the effort is full."""
-FIRST_FEW, HOPELESS = 4, 1.06
-"""If so many starts stay above the target by this factor, the number is given up."""
+_FEWEST = 7
+"""Smallest number of touches with which the calibration estimates twelve parameters: two equations each."""
+_MOST = 200
+"""Largest set that is searched for."""
+_EFFORT = 350
+"""Number of starts times number of touches: a few seconds for each number."""
+_SPARE_EFFORT = 60
+"""The same for sets with a spare touch, whose criterion costs more."""
+_FULL_EFFORT_SIZE = 6000
+"""Size of `CandidateTouches.quadric` up to which the effort is full; beyond, it decreases in proportion."""
+_TRIAL_STARTS, _GIVE_UP_RATIO = 4, 1.06
+"""If this many starts all stay above the target by this factor, the number of touches is given up."""
+_RANDOM_SETS = 300
+"""Number of random sets that a set is compared with."""
+COMPLIANCE_FACTOR = 1.5
+"""Factor on the expected compliances in the check."""
 
 
-class Selection(NamedTuple):
-    """A set of touches found.
+class FoundSet(NamedTuple):
+    """A set of touches found by the search.
 
     Attributes:
-        chosen: positions in the pool, in increasing order.
-        value: its largest standard deviation of the tip, m; with a spare, after the worst loss.
-        tried: what the best sets of smaller numbers reached, by number, m.
+        chosen: indices of candidates, in increasing order.
+        value: largest standard deviation of the tip, m; with a spare, after the worst loss.
+        tried: that of the best sets of smaller numbers of touches, by number, m.
     """
 
     chosen: tuple[int, ...]
@@ -56,140 +62,144 @@ class Selection(NamedTuple):
 
 
 def smallest_set(
-    pool: Pool,
-    bound: Bound,
+    candidates: CandidateTouches,
+    bound: LowerBound,
     target: float,
     *,
     spare: int = 0,
     least: int = 0,
     seed: int = 0,
     effort: int | None = None,
-    tell: Tell | None = None,
-) -> Selection:
+    report: NumberProgress | None = None,
+) -> FoundSet:
     """The smallest set found whose largest standard deviation of the tip is at most the target.
 
     Args:
-        pool: the candidates.
-        bound: theirs.
-        target: m.
-        spare: 0, or 1 if any one touch may be lost.
-        least: try no smaller number.
+        candidates: the candidates.
+        bound: lower bound for them.
+        target: largest standard deviation of the tip, m.
+        spare: 0, or 1 if the target has to be kept after the loss of any one touch.
+        least: smallest number of touches to try.
         seed: of the sets drawn.
         effort: number of starts times number of touches; None: what a few seconds allow.
-        tell: is told the number of touches being tried.
+        report: receives the number of touches being tried.
 
     Raises:
         UnsupportedDataError: the target is out of reach.
     """
-    number, tried = max(FEWEST + spare, least, bound.number(target) + spare), dict[int, float]()
-    while number <= min(MOST, len(pool.plan)):
-        if tell:
-            tell(number)
-        starts = _starts(pool, number, effort or (SPARE_EFFORT if spare else EFFORT))
-        found = best_set(pool, bound, number, spare=spare, seed=seed, starts=starts, target=target)
+    number, tried = max(_FEWEST + spare, least, bound.number(target) + spare), dict[int, float]()
+    while number <= min(_MOST, len(candidates.plan)):
+        if report:
+            report(number)
+        starts = _starts(candidates, number, effort or (_SPARE_EFFORT if spare else _EFFORT))
+        found = best_set(candidates, bound, number, spare=spare, seed=seed, starts=starts, target=target)
         if found.value <= target:
             return found._replace(tried=tried)
         tried[number] = found.value
         number += max(1, number // 40)
     raise UnsupportedDataError(
-        f'an accuracy of {target:.3g} m is out of reach: no set of {min(MOST, len(pool.plan))} of the '
-        f'{len(pool.plan)} touches to choose from gives it, {bound.number(target)} would be needed at the very least',
-        'ask for less, repeat touches, or move the discs',
+        f'an accuracy of {target:.3g} m is out of reach: no set of {min(_MOST, len(candidates.plan))} of the '
+        f'{len(candidates.plan)} candidate touches reaches it, at least {bound.number(target)} are needed',
+        'ask for a larger standard deviation, repeat touches, or move the discs',
     )
 
 
 def best_set(
-    pool: Pool,
-    bound: Bound,
+    candidates: CandidateTouches,
+    bound: LowerBound,
     number: int,
     *,
     spare: int = 0,
     seed: int = 0,
     starts: int,
     target: float = np.inf,
-) -> Selection:
+) -> FoundSet:
     """The best set found of a given number of touches.
 
     Args:
-        pool: the candidates.
-        bound: their parts are what sets are drawn by.
+        candidates: the candidates.
+        bound: sets are drawn by its weights.
         number: of touches.
-        spare: 0, or 1 if any one touch may be lost.
+        spare: 0, or 1 for the criterion after the loss of any one touch.
         seed: of the sets drawn.
-        starts: how many sets to improve.
+        starts: number of sets to improve.
         target: m; if the first few sets stay far above it, no more are tried.
     """
     random = np.random.default_rng([seed, number, spare])
     best, lowest = list[int](), np.inf
     for start in range(starts):
-        chosen = improve(pool, _draw(bound.parts, number, random), spare)
-        reached = float(np.sqrt(largest_variance(pool, chosen, spare)))
+        chosen = improve(candidates, _draw(bound.weights, number, random), spare)
+        reached = float(np.sqrt(largest_variance(candidates, chosen, spare)))
         if reached < lowest:
             best, lowest = chosen, reached
-        if start + 1 >= FIRST_FEW and lowest > HOPELESS * target:
+        if start + 1 >= _TRIAL_STARTS and lowest > _GIVE_UP_RATIO * target:
             break
-    return Selection(tuple(sorted(best)), lowest, {})
+    return FoundSet(tuple(sorted(best)), lowest, {})
 
 
-def _starts(pool: Pool, number: int, effort: int) -> int:
-    """How many sets of a number to improve; fewer where each costs more."""
-    return max(2, int(effort * min(1.0, CHEAP / pool.quadric.size)) // number)
+def _starts(candidates: CandidateTouches, number: int, effort: int) -> int:
+    """Number of sets to improve for a number of touches; fewer where each costs more."""
+    return max(2, int(effort * min(1.0, _FULL_EFFORT_SIZE / candidates.quadric.size)) // number)
 
 
-def _draw(parts: Floats, number: int, random: np.random.Generator) -> list[int]:
-    parts = parts + 1e-6 * parts.max()
-    return random.choice(len(parts), number, replace=False, p=parts / parts.sum()).tolist()
+def _draw(weights: Floats, number: int, random: np.random.Generator) -> list[int]:
+    weights = weights + 1e-6 * weights.max()  # so that enough candidates have a weight above 0
+    return random.choice(len(weights), number, replace=False, p=weights / weights.sum()).tolist()
 
 
-RANDOM_SETS = 300
-SOFTER = 1.5
-
-
-class Check(NamedTuple):
-    """What speaks for a set of touches.
+class SetCheck(NamedTuple):
+    """Checks of a set of touches.
 
     Attributes:
         without_each: largest standard deviation of the tip without each touch, (n,), m.
-        random: the same for random sets of as many touches, in increasing order, (k,), m.
-        softer: the same for a robot with compliances `SOFTER` times as large, m.
+        random: that of random sets of the same size, in increasing order, (k,), m.
+        more_compliant: that for a robot with compliances `COMPLIANCE_FACTOR` times as large, m.
     """
 
     without_each: Floats
     random: Floats
-    softer: float
+    more_compliant: float
 
 
-def check(robot: Robot, pool: Pool, chosen: Sequence[int], plan: Plan, tip: Tip, seed: int = 0) -> Check:
-    """Check a chosen set.
+def check_set(
+    robot: Robot, candidates: CandidateTouches, chosen: Sequence[int], plan: Plan, tip: Tip, seed: int = 0
+) -> SetCheck:
+    """Checks a set.
 
     Args:
         robot: the robot.
-        pool: what was chosen from.
-        chosen: the set, positions in the pool.
+        candidates: from which it was chosen.
+        chosen: the set, indices of candidates.
         plan: its touches.
-        tip: whose uncertainty is to be small.
+        tip: the tip whose variance counts.
         seed: of the random sets.
     """
     each = np.stack([np.delete(np.asarray(chosen), k) for k in range(len(chosen))])
     p = robot.parameters
-    soft = Robot(robot.cell, p.replace(p_ee=SOFTER * p.p_ee, p1=SOFTER * p.p1, p2=SOFTER * p.p2), robot.noise)
-    return Check(
-        largest_of_sets(pool, each),
-        np.sort(largest_of_sets(pool, random_sets(pool, len(chosen), seed=seed))),
+    soft = Robot(
+        robot.cell,
+        p.replace(p_ee=COMPLIANCE_FACTOR * p.p_ee, p1=COMPLIANCE_FACTOR * p.p1, p2=COMPLIANCE_FACTOR * p.p2),
+        robot.noise,
+    )
+    return SetCheck(
+        largest_of_sets(candidates, each),
+        np.sort(largest_of_sets(candidates, random_sets(candidates, len(chosen), seed=seed))),
         tip_std(tip, predict(soft, plan)).largest,
     )
 
 
-def random_sets(pool: Pool, number: int, count: int = RANDOM_SETS, seed: int = 0) -> NDArray[np.intp]:
-    """Sets drawn from the pool, all touches alike, (count, number)."""
+def random_sets(
+    candidates: CandidateTouches, number: int, count: int = _RANDOM_SETS, seed: int = 0
+) -> NDArray[np.intp]:
+    """Sets drawn from the candidates with equal probabilities, (count, number)."""
     random = np.random.default_rng([seed, number])
-    return np.asarray(np.argsort(random.random((count, len(pool.plan))), axis=1)[:, :number])
+    return np.asarray(np.argsort(random.random((count, len(candidates.plan))), axis=1)[:, :number])
 
 
-def largest_of_sets(pool: Pool, sets: NDArray[np.intp]) -> Floats:
-    """Largest standard deviation of the tip for sets of touches (b, m), by singular values, (b,), m."""
-    rows = pool.derivative[sets].reshape(len(sets), -1, len(PRIOR))
+def largest_of_sets(candidates: CandidateTouches, sets: NDArray[np.intp]) -> Floats:
+    """Largest standard deviation of the tip for sets of touches (b, m), (b,), m; by singular values."""
+    rows = candidates.derivative[sets].reshape(len(sets), -1, len(PRIOR))
     rows = np.concatenate([rows, np.broadcast_to(PRIOR, (len(sets), *PRIOR.shape))], axis=1)
     _, values, right = np.linalg.svd(rows, full_matrices=False)
     root = np.swapaxes(right, 1, 2) / values[:, None, :]
-    return np.asarray(np.sqrt(pool.variance(root @ np.swapaxes(root, 1, 2)).max(axis=1)))
+    return np.asarray(np.sqrt(candidates.variance(root @ np.swapaxes(root, 1, 2)).max(axis=1)))

@@ -1,4 +1,4 @@
-"""Tables of gauge readings of either kind, loads point by point or continuous loops, analysed together."""
+"""Analysis of tables of gauge readings, loads point by point or continuous loops."""
 
 from __future__ import annotations
 
@@ -9,45 +9,48 @@ import numpy as np
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.studies.dial_gauge.loop_analysis import LoopAnalysis, Sense, analyse_loops
-from scara_kinetostatic.studies.dial_gauge.point_analysis import analyse
+from scara_kinetostatic.studies.dial_gauge.point_analysis import analyse_points
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings, join
-from scara_kinetostatic.studies.dial_gauge.result import DialGaugeAnalysis
+from scara_kinetostatic.studies.dial_gauge.result import PointAnalysis
 from scara_kinetostatic.studies.dial_gauge.run_fit import ZERO_BAND
 
 AUTO, POINTS, LOOPS = 'auto', 'points', 'loops'
 KINDS = (AUTO, POINTS, LOOPS)
 _LEVEL = 0.01
+"""Probability of a false alarm per record; shared out among its tests (Bonferroni)."""
 
 
 class LoopRecord(NamedTuple):
-    """One continuous record: its file, its readings, what they say."""
+    """One continuous record: its file, its readings and their analysis."""
 
     source: str
     readings: DialGaugeReadings
     analysis: LoopAnalysis
 
 
-class DialGaugeStudy(NamedTuple):
-    """What all tables say.
+class DialGaugeAnalysis(NamedTuple):
+    """Result of all tables.
 
     Attributes:
-        points: the experiments with loads point by point; None if there are none.
+        points: the experiments with loads point by point; None without any.
         loops: the continuous records.
-        warnings: what a reader should know, one sentence each.
+        warnings: one sentence each.
     """
 
-    points: DialGaugeAnalysis | None
+    points: PointAnalysis | None
     loops: tuple[LoopRecord, ...]
     warnings: tuple[str, ...]
 
 
-def study(tables: Sequence[DialGaugeReadings], kind: str = AUTO, zero_band: float = ZERO_BAND) -> DialGaugeStudy:
+def analyse_tables(
+    tables: Sequence[DialGaugeReadings], kind: str = AUTO, zero_band: float = ZERO_BAND
+) -> DialGaugeAnalysis:
     """Analyses tables.
 
     Args:
         tables: each from one file.
         kind: 'points', 'loops', or 'auto': loops where a table has times, and neither cycles nor directions.
-        zero_band: part of the largest load of a run that counts as no load.
+        zero_band: share of the largest load of a run up to which a load counts as none.
 
     Raises:
         ParameterError: the rows of a joint have no lever.
@@ -55,12 +58,12 @@ def study(tables: Sequence[DialGaugeReadings], kind: str = AUTO, zero_band: floa
     """
     loops = [table for table in tables if kind == LOOPS or (kind == AUTO and _continuous(table))]
     points = [table for table in tables if not any(table is loop for loop in loops)]
-    analysis = analyse(join(points), zero_band) if points else None
+    analysis = analyse_points(join(points), zero_band) if points else None
     records = tuple(_record(table) for table in loops)
     warnings = [*(analysis.warnings if analysis else ())]
     for record in records:
         warnings += [*record.readings.notes, *_loop_warnings(record)]
-    return DialGaugeStudy(analysis, records, tuple(warnings))
+    return DialGaugeAnalysis(analysis, records, tuple(warnings))
 
 
 def _continuous(table: DialGaugeReadings) -> bool:
@@ -78,7 +81,7 @@ def _record(table: DialGaugeReadings) -> LoopRecord:
 
 
 def _loop_warnings(record: LoopRecord) -> list[str]:
-    """Chance of a false alarm: `_LEVEL` per record."""
+    """Warnings about inconsistent reversals and trends."""
     found = []
     level = _LEVEL / sum(2 + len(sense.trends) for sense in record.analysis.senses)
     for sense in record.analysis.senses:
@@ -89,21 +92,23 @@ def _loop_warnings(record: LoopRecord) -> list[str]:
         ):
             if test is not None and test.p_value < level:
                 between = f'{factor * test.between:.3g} {unit}'
-                found.append(f'{where}: the reversals scatter in {name} by {between} more than their lines explain')
+                found.append(f'{where}: the reversals are inconsistent in {name}; standard deviation between {between}')
         for trend in sense.trends:
             if trend.p_value < level:
-                found.append(f'{where}: {_trend_text(trend.quantity, trend.over, trend.slope.value, trend.slope.std)}')
+                found.append(
+                    f'{where}: {_trend_text(trend.quantity, trend.variable, trend.slope.value, trend.slope.std)}'
+                )
     return found
 
 
-def _trend_text(quantity: str, over: str, slope: float, std: float) -> str:
+def _trend_text(quantity: str, variable: str, slope: float, std: float) -> str:
     unit = 'µm' if quantity == 'gap' else 'µm/N'
-    if over == 'speed':
+    if variable == 'speed':
         amount = f'{1e3 * slope:.3g} ± {1e3 * std:.2g} {unit} per mm/s'
         return f'the {quantity} changes with the speed (or the amplitude) by {amount}'
     return f'the {quantity} drifts by {1e6 * slope:.3g} ± {1e6 * std:.2g} {unit} per s'
 
 
 def sense_name(sense: Sense) -> str:
-    """What to call the reversals of one sense."""
+    """Name of the reversals of one sense."""
     return 'rising' if sense.sense > 0 else 'falling'

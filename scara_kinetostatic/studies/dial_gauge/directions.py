@@ -1,11 +1,11 @@
-"""Compliance or gap over the direction: whether it is isotropic, and if not, which ellipse it is.
+"""Compliance or gap over the direction: a test of isotropy, and the ellipse with its principal values.
 
-The compliance along u of the general gripper (7) is uᵀPu, and the gap of a free play that is an ellipse is
-√(uᵀWu): both are even and have two principal values across each other,
+The compliance along u of the general gripper (7) is uᵀPu; the gap of an elliptical dead zone is √(uᵀWu). Both are even
+functions of the direction with two orthogonal principal axes,
 
-    q(φ) = major cos²(φ - axis) + minor sin²(φ - axis),     q the compliance, or the gap's square.
+    q(φ) = major cos²(φ - axis) + minor sin²(φ - axis),     q the compliance, or the square of the gap.
 
-Only the symmetric part of P shows along u; what it does across u (p12 - p21) a gauge along u does not see.
+A gauge along u measures the symmetric part of P only; displacements across u (p12 - p21) are not measured.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from scara_kinetostatic.studies.dial_gauge.statistics import Agreement, Estimate, agreement
+from scara_kinetostatic.studies.dial_gauge.statistics import CombinedEstimate, Estimate, combine_estimates
 
 Floats = NDArray[np.float64]
 
-FEWEST_AXES = 3
+_FEWEST_AXES = 3
+"""Axes needed for the three coefficients of an ellipse."""
 _CLEAR = 4.0
-"""A gap below so many standard deviations has no usable square."""
+"""Smallest gap, in standard deviations, whose square is used."""
 
 
 class Ellipse(NamedTuple):
@@ -31,10 +32,10 @@ class Ellipse(NamedTuple):
     Attributes:
         major: the largest.
         minor: the smallest.
-        axis: direction of the largest, rad, in [0, π); its std is infinite where both are the same.
+        axis: direction of the largest, rad, in [0, π); its std is infinite where both are equal.
         chi_square: of the values about the ellipse.
-        degrees_of_freedom: values less three.
-        p_value: that the ellipse is all there is; NaN without degrees of freedom.
+        degrees_of_freedom: number of values less three.
+        p_value: of the ellipse as a sufficient description; NaN without degrees of freedom.
         coefficients: m, a, b of q = m + a cos 2φ + b sin 2φ.
         covariance: of the coefficients, (3, 3).
         power: 1 if q is the value, 2 if it is the square.
@@ -64,16 +65,16 @@ class DirectionMap(NamedTuple):
         direction: rad, (n,).
         value: (n,).
         std: (n,).
-        mean: of all directions alike, as the paper takes it.
-        isotropy: whether all directions agree.
-        ellipse: None where there are fewer than three axes, or a gap that is not clear of 0.
+        mean: unweighted mean over the directions, as in the paper.
+        isotropy: test of equal values in all directions.
+        ellipse: None for fewer than three axes, or where a gap is not significantly above 0.
     """
 
     direction: Floats
     value: Floats
     std: Floats
     mean: Estimate
-    isotropy: Agreement
+    isotropy: CombinedEstimate
     ellipse: Ellipse | None
 
 
@@ -88,21 +89,21 @@ def direction_map(direction: Floats, value: Floats, std: Floats, dof: Floats, po
         power: 1 for a compliance, 2 for a gap.
     """
     mean = Estimate(float(value.mean()), float(np.sqrt((std**2).sum())) / len(value))
-    ellipse = fit_ellipse(direction, value, std, dof, power)
-    return DirectionMap(direction, value, std, mean, agreement(value, std, dof), ellipse)
+    ellipse = _fit_ellipse(direction, value, std, dof, power)
+    return DirectionMap(direction, value, std, mean, combine_estimates(value, std, dof), ellipse)
 
 
-def fit_ellipse(direction: Floats, value: Floats, std: Floats, dof: Floats, power: int) -> Ellipse | None:
+def _fit_ellipse(direction: Floats, value: Floats, std: Floats, dof: Floats, power: int) -> Ellipse | None:
     """Principal values by weighted least squares; see `direction_map`, `Ellipse`."""
     axes = len(np.unique(np.round(np.mod(direction, np.pi), 3) % np.round(np.pi, 3)))
-    if axes < FEWEST_AXES or (power == 2 and np.any(value < _CLEAR * std)):
+    if axes < _FEWEST_AXES or (power == 2 and np.any(value < _CLEAR * std)):
         return None
     q = value**power
     if power == 2:
         q = q - std**2  # the square of a noisy value is too large by its variance
     design = np.stack([np.ones_like(direction), np.cos(2 * direction), np.sin(2 * direction)], axis=1)
     q_std = std if power == 1 else 2 * value * std
-    for _ in range(3):  # weights from the fitted values, not from the noisy ones
+    for _ in range(3):  # weights from the fitted values, which are less noisy than the measured ones
         coefficients, covariance = _weighted(design, q, q_std)
         fitted = design @ coefficients
         if power == 2:

@@ -1,4 +1,4 @@
-"""The result of gauge experiments as data: `gauge.json`, SI units, plain JSON values."""
+"""`dial_gauge.json`: the result of dial gauge experiments as data, SI units; null where a quantity does not exist."""
 
 from __future__ import annotations
 
@@ -9,29 +9,26 @@ import numpy as np
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.render.json_file import Document
-from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeStudy, LoopRecord, sense_name
+from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, LoopRecord, sense_name
 from scara_kinetostatic.studies.dial_gauge.directions import DirectionMap
 from scara_kinetostatic.studies.dial_gauge.loop_analysis import Sense
 from scara_kinetostatic.studies.dial_gauge.result import Part, Run
 from scara_kinetostatic.studies.dial_gauge.reversals import Reversal
-from scara_kinetostatic.studies.dial_gauge.statistics import Agreement, Estimate
+from scara_kinetostatic.studies.dial_gauge.statistics import CombinedEstimate, Estimate
 
-NAME = 'gauge.json'
-SCHEMA = 'scara_kinetostatic/gauge/1'
+NAME = 'dial_gauge.json'
+SCHEMA = 'scara_kinetostatic/dial_gauge/1'
 
 
-def dial_gauge_document(study: DialGaugeStudy) -> Document:
-    """The document; numbers that do not exist are null.
-
-    `gap` is the jump of the displacement at zero force, `half_gap` the g of equations (6) and (7).
-    """
-    points = study.points
+def dial_gauge_document(analysis: DialGaugeAnalysis) -> Document:
+    """The document. `gap` is the jump of the displacement at zero force, `half_gap` the g of equations (6) and (7)."""
+    points = analysis.points
     document = {
         'schema': SCHEMA,
         'version': __version__,
         'parts': {part.name: _part(part) for part in points.parts} if points else {},
-        'loops': [_loop(record) for record in study.loops],
-        'warnings': list(study.warnings),
+        'loops': [_loop(record) for record in analysis.loops],
+        'warnings': list(analysis.warnings),
     }
     cleaned: Document = _plain(document)
     return cleaned
@@ -58,7 +55,7 @@ def _quantities(each: Part | Run, units: tuple[str, str]) -> dict[str, Any]:
     }
 
 
-def _estimate(estimate: Estimate | Agreement, unit: str) -> dict[str, Any]:
+def _estimate(estimate: Estimate | CombinedEstimate, unit: str) -> dict[str, Any]:
     value = estimate.value if isinstance(estimate, Estimate) else estimate.mean
     return {'value': value, 'std': estimate.std, 'unit': unit}
 
@@ -67,22 +64,20 @@ def _run(run: Run, units: tuple[str, str]) -> dict[str, Any]:
     fit = run.fit
     return {
         'source': run.source,
-        'seat': run.seat,
+        'gauge_at': run.gauge_at,
         'direction': run.direction,
         'lever': run.lever,
         **_quantities(run, units),
-        'as_seen': {'slope': _estimate(fit.compliance, 'm/N'), 'gap': _estimate(fit.gap, 'm')},
+        'at_gauge': {'slope': _estimate(fit.compliance, 'm/N'), 'gap': _estimate(fit.gap, 'm')},
         'slope_negative': _estimate(fit.slopes[0], 'm/N'),
         'slope_positive': _estimate(fit.slopes[1], 'm/N'),
-        'gap_of_each_cycle': fit.cycle_gaps,
-        'sigma': fit.sigma,
-        'step': fit.step,
+        'cycle_gaps': fit.cycle_gaps,
+        'reading_std': fit.sigma,
+        'resolution': fit.resolution,
         'degrees_of_freedom': fit.degrees_of_freedom,
         'rows': {'found': len(fit.used), 'used': int(fit.used.sum())},
-        'checks': [
-            {**check._asdict(), 'alarm': any(check.name == alarm.name for alarm in run.alarms)} for check in fit.checks
-        ],
-        'far_off_lines': [int(run.readings.line[row]) for row in run.outliers],
+        'checks': [{**check._asdict(), 'failed': check in run.failed_checks} for check in fit.checks],
+        'outlier_lines': [int(run.readings.line[row]) for row in run.outliers],
         'note': run.note,
     }
 
@@ -92,7 +87,7 @@ def _map(each: DirectionMap, unit: str) -> dict[str, Any]:
         'mean': _estimate(each.mean, unit),
         'smallest': float(each.value.min()),
         'largest': float(each.value.max()),
-        'isotropy': _agreement(each.isotropy),
+        'isotropy': _consistency(each.isotropy),
         'ellipse': None,
     }
     if each.ellipse is not None:
@@ -108,12 +103,12 @@ def _map(each: DirectionMap, unit: str) -> dict[str, Any]:
     return found
 
 
-def _agreement(test: Agreement) -> dict[str, Any]:
+def _consistency(test: CombinedEstimate) -> dict[str, Any]:
     return {
         'chi_square': test.chi_square,
         'degrees_of_freedom': test.degrees_of_freedom,
         'p_value': test.p_value,
-        'between': test.between,
+        'between_std': test.between,
     }
 
 
@@ -122,21 +117,25 @@ def _loop(record: LoopRecord) -> dict[str, Any]:
     return {
         'source': record.source,
         'noise': {'displacement': analysis.noise[0], 'force': analysis.noise[1]},
-        'senses': {sense_name(sense): _sense(sense) for sense in analysis.senses},
+        'slope_difference': {sense_name(sense): _sense(sense) for sense in analysis.senses},
         'rejected': [each._asdict() for each in analysis.rejected],
     }
 
 
 def _sense(sense: Sense) -> dict[str, Any]:
-    found: dict[str, Any] = {'level': sense.level, 'plateau': sense.plateau, 'sigma': list(sense.sigma)}
+    found: dict[str, Any] = {
+        'gap_force': sense.level,
+        'slip_force': sense.plateau,
+        'residual_std': list(sense.sigma),
+    }
     for place, (name, test, unit) in enumerate((('gap', sense.gap, 'm'), ('compliance', sense.compliance, 'm/N'))):
         found[name] = None
         if test is not None:
             found[name] = {
                 **_estimate(test, unit),
-                **_agreement(test),
+                **_consistency(test),
                 'repeatability': sense.repeatability[place],
-                'definition': sense.definition[place],
+                'definitional_uncertainty': sense.definitional_uncertainty[place],
             }
     found['trends'] = [
         {**trend._asdict(), 'slope': trend.slope.value, 'std': trend.slope.std} for trend in sense.trends
@@ -159,7 +158,7 @@ def _reversal(each: Reversal) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Arrays as lists, numbers that are not finite as None."""
+    """Arrays as lists, numbers that are not finite as null."""
     if isinstance(value, dict):
         return {name: _plain(item) for name, item in value.items()}
     if isinstance(value, (list, tuple)):

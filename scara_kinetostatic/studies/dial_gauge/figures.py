@@ -1,4 +1,4 @@
-"""Pictures of gauge experiments: F–ΔS graphs, the step at zero force, maps over the direction, loops."""
+"""Figures of dial gauge experiments: force–displacement graphs, steps at zero force, maps over the direction, loops."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def force_picture(run: Run, name: str) -> Markup:
 
     Args:
         run: what to show.
-        name: tells the picture from others on the page.
+        name: identifier of the picture on the page.
     """
     figure = Figure(figsize=(HALF / 72, 400 / 72), dpi=72, layout='constrained')
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3.2, 1))
@@ -54,7 +54,7 @@ def force_picture(run: Run, name: str) -> Markup:
 
 
 def _mean_lines(axes: Axes, run: Run) -> None:
-    """Both lines, mean of the cycles, dashed where nothing was measured, and the gap between them."""
+    """Both lines, mean of the cycles, dashed where extrapolated, and the gap between them."""
     fit = run.fit
     ends = []
     for sign, colour in ((1, SERIES[0]), (-1, SERIES[1])):

@@ -1,4 +1,4 @@
-"""`gauge.html`: one self-contained page with the tables and pictures of gauge experiments."""
+"""`dial_gauge.html`: one self-contained page with the tables and figures of dial gauge experiments."""
 
 from __future__ import annotations
 
@@ -8,60 +8,52 @@ from typing import Any
 from scara_kinetostatic import __version__
 from scara_kinetostatic.render.figure import style
 from scara_kinetostatic.render.page import page_template
-from scara_kinetostatic.studies.dial_gauge import figures as pictures
-from scara_kinetostatic.studies.dial_gauge import text as words
-from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeStudy, LoopRecord, sense_name
+from scara_kinetostatic.studies.dial_gauge import figures, text
+from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, LoopRecord, sense_name
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER
-from scara_kinetostatic.studies.dial_gauge.result import DialGaugeAnalysis, Part, Run
+from scara_kinetostatic.studies.dial_gauge.result import Part, Run
 
-NAME = 'gauge.html'
+NAME = 'dial_gauge.html'
 _TEMPLATE = Path(__file__).parent / 'page.html.j2'
-MAPS = 'With two standard deviations; dashed: mean; curve: {}.'
-STEPS = (
-    'The elastic part taken off, cycle by cycle: what is left is the backlash. Blue: positive force, orange: negative.'
+_MAP_CAPTION = 'With two standard deviations; dashed: mean; curve: {}.'
+_STEP_CAPTION = (
+    'Displacement less the elastic part, cycle by cycle: the backlash. Blue: positive force, orange: negative.'
 )
 
 
-def html_text(study: DialGaugeStudy) -> str:
+def html_text(analysis: DialGaugeAnalysis) -> str:
     """The page."""
-    points = study.points
+    points = analysis.points
     with style():
         parts = [part_section(part) for part in points.parts] if points else []
-        loops = [_loop(record, f'loop{k}') for k, record in enumerate(study.loops)]
+        loops = [_loop(record, f'loop{k}') for k, record in enumerate(analysis.loops)]
     return page_template(_TEMPLATE).render(
         version=__version__,
-        sources=[*(points.sources if points else ()), *(record.source for record in study.loops)],
-        warnings=study.warnings,
-        summary=summary(points) if points else None,
+        sources=[*(points.sources if points else ()), *(record.source for record in analysis.loops)],
+        warnings=analysis.warnings,
+        summary=text.summary_table(points) if points else None,
         parts=parts,
         loops=loops,
     )
-
-
-def summary(points: DialGaugeAnalysis) -> dict[str, Any]:
-    """The table of compliances and backlashes of all parts."""
-    return _table(words.summary_table(points))
-
-
-def _table(table: words.Table) -> dict[str, Any]:
-    return {'columns': list(zip(table.heading, table.units, strict=True)), 'rows': table.rows}
 
 
 def part_section(part: Part) -> dict[str, Any]:
     """What a page shows of one part: title, sentences, pairs of pictures with captions, table."""
     pairs = []
     if part.compliance_map is not None and part.gap_map is not None:
-        compliance = pictures.map_picture(part.compliance_map, 'µm/N', 'compliance', f'{part.name}_compliance')
-        gap = pictures.map_picture(part.gap_map, 'µm', 'backlash (gap)', f'{part.name}_gap')
-        pairs.append([(compliance, MAPS.format('uᵀPu')), (gap, MAPS.format('width of an ellipse of free play'))])
-    forces = [(pictures.force_picture(run, f'{part.name}_force{k}'), _caption(run)) for k, run in _typical(part)]
-    steps = (pictures.step_picture(part, f'{part.name}_steps'), STEPS)
+        compliance = figures.map_picture(part.compliance_map, 'µm/N', 'compliance', f'{part.name}_compliance')
+        gap = figures.map_picture(part.gap_map, 'µm', 'backlash (gap)', f'{part.name}_gap')
+        pairs.append(
+            [(compliance, _MAP_CAPTION.format('uᵀPu')), (gap, _MAP_CAPTION.format('width of an ellipse of free play'))]
+        )
+    forces = [(figures.force_picture(run, f'{part.name}_force{k}'), _caption(run)) for k, run in _typical(part)]
+    steps = (figures.step_picture(part, f'{part.name}_steps'), _STEP_CAPTION)
     return {
-        'title': words.TITLES[part.name],
-        'sentences': words.map_sentences(part),
+        'title': text.TITLES[part.name],
+        'sentences': text.map_sentences(part),
         'pictures': [*pairs, [*forces, steps] if len(forces) == 1 else forces],
         'steps': None if len(forces) == 1 else steps,
-        'table': _table(words.run_table(part)),
+        'table': text.run_table(part),
     }
 
 
@@ -80,13 +72,13 @@ def _caption(run: Run) -> str:
 def _loop(record: LoopRecord, name: str) -> dict[str, Any]:
     return {
         'title': f'Loops: {record.source}',
-        'loop': pictures.loop_picture(record, f'{name}_record'),
-        'reversals': pictures.reversal_picture(record, f'{name}_reversals'),
-        'senses': [
+        'loop': figures.loop_picture(record, f'{name}_record'),
+        'reversals': figures.reversal_picture(record, f'{name}_reversals'),
+        'slope_difference': [
             {
                 'title': f'Displacement {sense_name(sense)} after the reversal',
-                'sentences': [words.level_sentence(sense), *words.sense_sentences(sense)],
-                'table': _table(words.reversal_table(sense)),
+                'sentences': [text.level_sentence(sense), *text.sense_sentences(sense)],
+                'table': text.reversal_table(sense),
             }
             for sense in record.analysis.senses
         ],

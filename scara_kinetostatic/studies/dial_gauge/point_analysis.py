@@ -1,17 +1,17 @@
-"""The gauge experiments of section 5.2, analysed: compliance and backlash of the gripper and of each joint.
+"""Compliance and backlash from loads applied point by point, the experiments of section 5.2.
 
-Rows are sorted into runs (one part, one place of the gauge, one direction, one file); each run gives a
-compliance and a gap (`gauge_lines`). For a joint with lever l, torque F l and Δq = ΔS / l:
+Rows are sorted into runs (one part, one place of the gauge, one direction, one file); each run gives a compliance and a
+gap (`run_fit`). For a joint with lever l, torque F l and Δq = ΔS / l:
 
     p = slope / l²  [rad/Nm],      gap = jump / l  [rad].
 
-A gauge at the end-effector sees joint and gripper in series; both dead bands add. Where the same experiment
-holds the gripper's own runs, what the gripper does along that direction is subtracted, and its variance added.
+A gauge at the end-effector measures joint and gripper in series; both dead zones add. Where the gripper was measured in
+the same experiment, its displacement along that direction is subtracted, and its variance added.
 
-**Gap and half gap.** Section 5.2 calls the jump of ΔS at F = 0 the backlash, "whose value is the ΔS gap
-itself"; g in (6) and (7) is half of it, since q - q* jumps from +g to -g. By its words, figure 4(d) lists
-gaps. (Table 2 takes 2.9e-4 rad for g1 and g2, near 2.64e-4 and 2.68e-4: the simulated robot may have been given gaps
-where the model wants half gaps, or be just "reasonable but arbitrary", as the paper says.) Both are reported here.
+**Gap and half gap.** Section 5.2 calls the jump of ΔS at F = 0 the backlash, "whose value is the ΔS gap itself"; g in
+(6) and (7) is half of it, since q - q* jumps from +g to -g. By its wording, figure 4(d) lists gaps. (Table 2 has 2.9e-4
+rad for g1 and g2, near the gaps 2.64e-4 and 2.68e-4; the paper calls its values "reasonable but arbitrary".) Both are
+reported here.
 """
 
 from __future__ import annotations
@@ -23,44 +23,45 @@ from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.studies.dial_gauge.directions import direction_map
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, PARTS, TIP, DialGaugeReadings
 from scara_kinetostatic.studies.dial_gauge.result import (
-    DialGaugeAnalysis,
     Part,
+    PointAnalysis,
     Run,
-    called,
+    part_label,
     part_warnings,
     run_warnings,
 )
 from scara_kinetostatic.studies.dial_gauge.run_fit import ZERO_BAND, fit_run
-from scara_kinetostatic.studies.dial_gauge.statistics import Estimate, agreement
+from scara_kinetostatic.studies.dial_gauge.statistics import Estimate, combine_estimates
 
 Floats = NDArray[np.float64]
 
-ALARM_LEVEL = 0.01
-"""Chance of a false alarm about anything in a whole experiment."""
+FALSE_ALARM_LEVEL = 0.01
+"""Probability of any false alarm in a whole experiment; shared out among its tests (Bonferroni)."""
 _SAME_AXIS = np.radians(0.5)
+"""Directions closer than this are the same, rad."""
 
 
-def analyse(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> DialGaugeAnalysis:
-    """Compliance and backlash of every part that the readings hold.
+def analyse_points(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> PointAnalysis:
+    """Compliance and backlash of every part in the readings.
 
     Args:
         readings: of one or more experiments.
-        zero_band: part of the largest load of a run that counts as no load.
+        zero_band: share of the largest load of a run up to which a load counts as none.
 
     Raises:
         ParameterError: the rows of a joint have no lever.
         UnsupportedDataError: a run has no reversal, or too few rows.
     """
-    runs = [_run(rows, zero_band) for rows in split_runs(readings)]
+    runs = [_run(rows, zero_band) for rows in _split_runs(readings)]
     gripper = _part(GRIPPER, [run for run in runs if run.part == GRIPPER])
-    level = ALARM_LEVEL / sum(len(run.fit.checks) + 2 for run in runs)
-    runs = [_with_alarms(_without_gripper(run, gripper), level) for run in runs]
+    level = FALSE_ALARM_LEVEL / sum(len(run.fit.checks) + 2 for run in runs)
+    runs = [_with_failed_checks(_without_gripper(run, gripper), level) for run in runs]
     parts = tuple(part for name in PARTS if (part := _part(name, [run for run in runs if run.part == name])))
     warnings = (*readings.notes, *(text for run in runs for text in run_warnings(run)), *part_warnings(parts, level))
-    return DialGaugeAnalysis(parts, warnings, readings.sources)
+    return PointAnalysis(parts, warnings, readings.sources)
 
 
-def split_runs(readings: DialGaugeReadings) -> list[DialGaugeReadings]:
+def _split_runs(readings: DialGaugeReadings) -> list[DialGaugeReadings]:
     """The rows of each run, in the order in which the runs begin.
 
     Raises:
@@ -76,7 +77,7 @@ def split_runs(readings: DialGaugeReadings) -> list[DialGaugeReadings]:
         [
             readings.source,
             np.unique(readings.part, return_inverse=True)[1].reshape(-1),
-            readings.seat == TIP,
+            readings.gauge_at == TIP,
             np.round(np.nan_to_num(readings.direction, nan=-1e3), 6),
             np.where(joint, np.round(readings.lever, 9), 0.0),
         ],
@@ -93,13 +94,13 @@ def _run(rows: DialGaugeReadings, zero_band: float) -> Run:
     try:
         fit = fit_run(rows, zero_band)
     except UnsupportedDataError as error:
-        raise UnsupportedDataError(f'{source}: {called(part, direction)}: {error.problem}', error.remedy) from error
-    run = Run(part, str(rows.seat[0]), source, direction, lever, rows, fit, fit.compliance, fit.gap)
+        raise UnsupportedDataError(f'{source}: {part_label(part, direction)}: {error.problem}', error.remedy) from error
+    run = Run(part, str(rows.gauge_at[0]), source, direction, lever, rows, fit, fit.compliance, fit.gap)
     return _scaled(run, fit.compliance, fit.gap)
 
 
 def _scaled(run: Run, compliance: Estimate, gap: Estimate) -> Run:
-    """Displacements made those of the part."""
+    """The run with compliance and gap of the part, from those at the gauge."""
     arm = 1.0 if run.part == GRIPPER else run.lever
     return run._replace(
         compliance=Estimate(compliance.value / arm**2, compliance.std / arm**2),
@@ -108,17 +109,17 @@ def _scaled(run: Run, compliance: Estimate, gap: Estimate) -> Run:
 
 
 def _without_gripper(run: Run, gripper: Part | None) -> Run:
-    """A joint's run without what the gripper adds to it, if the gauge was at the tip."""
-    if run.part == GRIPPER or run.seat != TIP:
+    """A joint's run less the gripper's contribution, if the gauge was at the tip."""
+    if run.part == GRIPPER or run.gauge_at != TIP:
         return run
     found = _gripper_along(run.direction, gripper)
     if found is None:
         return run._replace(note='the gauge was at the tip: compliance and gap include those of the gripper')
-    left = [
-        Estimate(seen.value - own.value, float(np.hypot(seen.std, own.std)))
-        for seen, own in zip((run.fit.compliance, run.fit.gap), found, strict=True)
+    joint = [
+        Estimate(series.value - gripper_own.value, float(np.hypot(series.std, gripper_own.std)))
+        for series, gripper_own in zip((run.fit.compliance, run.fit.gap), found, strict=True)
     ]
-    return _scaled(run, *left)._replace(note='the gripper along this direction was subtracted')
+    return _scaled(run, *joint)._replace(note='the gripper along this direction was subtracted')
 
 
 def _gripper_along(direction: float, gripper: Part | None) -> tuple[Estimate, Estimate] | None:
@@ -131,7 +132,7 @@ def _gripper_along(direction: float, gripper: Part | None) -> tuple[Estimate, Es
         return _mean([run.compliance for run in there]), _mean([run.gap for run in there])
     maps = gripper.compliance_map, gripper.gap_map
     ellipses = [each.ellipse for each in maps if each is not None and each.ellipse is not None]
-    if len(ellipses) < 2 or any(ellipse.p_value < ALARM_LEVEL for ellipse in ellipses):
+    if len(ellipses) < 2 or any(ellipse.p_value < FALSE_ALARM_LEVEL for ellipse in ellipses):
         return None
     return ellipses[0].at(direction), ellipses[1].at(direction)
 
@@ -155,13 +156,13 @@ def _part(name: str, runs: list[Run]) -> Part | None:
             direction_map(direction, gap[:, 0], gap[:, 1], dof, power=2),
         )
         return Part(name, tuple(runs), maps[0].mean, maps[1].mean, *maps)
-    first, second = (agreement(each[:, 0], each[:, 1], dof, ALARM_LEVEL) for each in (compliance, gap))
+    first, second = (combine_estimates(each[:, 0], each[:, 1], dof, FALSE_ALARM_LEVEL) for each in (compliance, gap))
     return Part(name, tuple(runs), Estimate(first.mean, first.std), Estimate(second.mean, second.std), None, None)
 
 
-def _with_alarms(run: Run, level: float) -> Run:
-    """Marks the checks that fail; `level` is the share of each test in `ALARM_LEVEL`."""
+def _with_failed_checks(run: Run, level: float) -> Run:
+    """The run with its failed checks and outliers; `level` is the share of each test in `FALSE_ALARM_LEVEL`."""
     return run._replace(
-        alarms=tuple(check for check in run.fit.checks if check.p_value < level),
+        failed_checks=tuple(check for check in run.fit.checks if check.p_value < level),
         outliers=tuple(np.flatnonzero(run.fit.row_p < level / run.fit.used.sum()).tolist()),
     )

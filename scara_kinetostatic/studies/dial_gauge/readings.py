@@ -1,6 +1,6 @@
-"""What a dial gauge and a force gauge read: the rows of the experiments of section 5.2.
+"""Readings of a dial gauge and a force gauge: the rows of the experiments of section 5.2.
 
-The displacement is counted positive along the positive force: the tip yields to the side it is pushed to.
+The displacement is positive along the positive force.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ Floats = NDArray[np.float64]
 
 GRIPPER, JOINT1, JOINT2 = 'gripper', 'joint1', 'joint2'
 PARTS = (GRIPPER, JOINT1, JOINT2)
-"""What gives way: the gripper with both joints locked, or one joint with the other locked."""
+"""The loaded part: the gripper with both joints locked, or one joint with the other locked."""
 TIP, LINK = 'tip', 'link'
-SEATS = (TIP, LINK)
-"""Where the dial gauge touches: the end-effector, or the end of link 2, which does not see the gripper."""
+_GAUGE_PLACES = (TIP, LINK)
+"""Where the dial gauge touches: the end-effector, or the end of link 2, where the gripper does not contribute."""
 
 
 @dataclass(frozen=True)
@@ -29,27 +29,27 @@ class DialGaugeReadings:
     """Rows in the order in which they were taken; every array (n,), read-only.
 
     Attributes:
-        force: load along the direction, either sense, N.
-        displacement: of the place the gauge touches, along the same direction, m.
+        force: load along the direction, of either sign, N.
+        displacement: of the point that the gauge touches, along the same direction, m.
         part: one of `PARTS` per row.
-        seat: one of `SEATS` per row.
+        gauge_at: `TIP` or `LINK` per row.
         direction: of the positive load, rad; NaN where none is given.
         lever: arm of the load about the joint, m; NaN where none is given.
         cycle: number of the load cycle; -1 where none is given.
         time: s; NaN where none is given.
-        source: which of `sources` a row comes from.
+        source: index of the row's file in `sources`.
         line: its line there, from 1; 0 if it comes from no file.
         sources: names of the files.
-        notes: what the reader of the files found worth saying.
+        notes: remarks on the files.
 
     Raises:
-        ParameterError: lengths differ, a force or displacement is not finite, a word is not known.
+        ParameterError: lengths differ, a force or displacement is not finite, or a part or place is unknown.
     """
 
     force: Floats
     displacement: Floats
     part: NDArray[np.str_]
-    seat: NDArray[np.str_]
+    gauge_at: NDArray[np.str_]
     direction: Floats
     lever: Floats
     cycle: NDArray[np.int64]
@@ -69,7 +69,7 @@ class DialGaugeReadings:
         for name in ('force', 'displacement'):
             if not np.all(np.isfinite(getattr(self, name))):
                 raise ParameterError(name, 'expected finite numbers')
-        for name, words in (('part', PARTS), ('seat', SEATS)):
+        for name, words in (('part', PARTS), ('gauge_at', _GAUGE_PLACES)):
             if not np.all(np.isin(getattr(self, name), words)):
                 raise ParameterError(name, f'expected one of {" ".join(words)}')
 
@@ -83,17 +83,17 @@ class DialGaugeReadings:
         displacement: ArrayLike,
         *,
         part: ArrayLike = GRIPPER,
-        seat: ArrayLike | None = None,
+        gauge_at: ArrayLike | None = None,
         direction: ArrayLike = np.nan,
         lever: ArrayLike = np.nan,
         cycle: ArrayLike = -1,
         time: ArrayLike = np.nan,
         source: str = 'readings',
     ) -> DialGaugeReadings:
-        """From arrays, or one value for all rows; `seat` is by default the tip for a gripper, the link for a joint."""
+        """From arrays, or one value for all rows; `gauge_at`: by default `TIP` for the gripper, `LINK` for a joint."""
         force = np.asarray(force, dtype=float)
         parts = np.broadcast_to(np.asarray(part), force.shape)
-        usual = np.where(parts == GRIPPER, TIP, LINK)
+        defaults = np.where(parts == GRIPPER, TIP, LINK)
 
         def column(value: ArrayLike) -> NDArray[Any]:
             return np.broadcast_to(np.asarray(value), force.shape)
@@ -102,7 +102,7 @@ class DialGaugeReadings:
             force,
             np.asarray(displacement, dtype=float),
             parts,
-            usual if seat is None else column(seat),
+            defaults if gauge_at is None else column(gauge_at),
             column(direction),
             column(lever),
             column(cycle),

@@ -1,4 +1,4 @@
-"""What gauge experiments give: runs, parts of the robot, all of it.
+"""Result of the point-by-point experiments, run by run and part by part, and the warnings that go with it.
 
 What a reader of gauge experiments should know, in words.
 """
@@ -14,29 +14,29 @@ from scara_kinetostatic.studies.dial_gauge.directions import DirectionMap
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, DialGaugeReadings
 from scara_kinetostatic.studies.dial_gauge.run_checks import Check
 from scara_kinetostatic.studies.dial_gauge.run_fit import RunFit
-from scara_kinetostatic.studies.dial_gauge.statistics import Estimate, agreement
+from scara_kinetostatic.studies.dial_gauge.statistics import Estimate, combine_estimates
 
 
 class Run(NamedTuple):
-    """One run and what it says of its part.
+    """Result of one run.
 
     Attributes:
         part: one of `PARTS`.
-        seat: where the gauge was.
+        gauge_at: where the gauge was.
         source: name of its file.
         direction: rad, NaN if none is given.
         lever: m, NaN for the gripper.
         readings: its rows.
-        fit: slope and gap as the gauge saw them, m/N and m.
+        fit: slope and gap at the gauge, m/N and m.
         compliance: of the part, m/N or rad/Nm.
         gap: of the part, m or rad.
-        alarms: the checks that fail.
-        outliers: rows far off their line.
-        note: what was subtracted, or should have been.
+        failed_checks: tests that fail.
+        outliers: rows far from their line.
+        note: remark on the gripper's contribution.
     """
 
     part: str
-    seat: str
+    gauge_at: str
     source: str
     direction: float
     lever: float
@@ -44,14 +44,14 @@ class Run(NamedTuple):
     fit: RunFit
     compliance: Estimate
     gap: Estimate
-    alarms: tuple[Check, ...] = ()
+    failed_checks: tuple[Check, ...] = ()
     outliers: tuple[int, ...] = ()
     note: str = ''
 
     @property
     def name(self) -> str:
-        """What to call it in a message."""
-        return called(self.part, self.direction)
+        """Its name in messages."""
+        return part_label(self.part, self.direction)
 
     @property
     def half_gap(self) -> Estimate:
@@ -60,7 +60,7 @@ class Run(NamedTuple):
 
 
 class Part(NamedTuple):
-    """What all runs of a part say.
+    """Result of one part, from all its runs.
 
     Attributes:
         name: one of `PARTS`.
@@ -89,12 +89,12 @@ class Part(NamedTuple):
         return ('m/N', 'm') if self.name == GRIPPER else ('rad/Nm', 'rad')
 
 
-class DialGaugeAnalysis(NamedTuple):
-    """All of it.
+class PointAnalysis(NamedTuple):
+    """Result of all point-by-point experiments.
 
     Attributes:
         parts: those measured, in the order of `PARTS`.
-        warnings: what a reader should know, one sentence each.
+        warnings: one sentence each.
         sources: names of the files.
     """
 
@@ -114,63 +114,65 @@ class DialGaugeAnalysis(NamedTuple):
         raise ParameterError(name, 'was not measured', f'there is {", ".join(part.name for part in self.parts)}')
 
 
-def called(part: str, direction: float) -> str:
-    """What to call a part, and the direction (rad, NaN for none) in which it was loaded."""
+def part_label(part: str, direction: float) -> str:
+    """Name of a part in messages, with the direction (rad, NaN for none) in which it was loaded."""
     return part if np.isnan(direction) else f'{part} at {np.degrees(direction):g} deg'
 
 
 _PLAUSIBLE = (1e-8, 1e-2)
-"""Compliances outside, m/N, are hardly those of a robot, rather a wrong unit."""
+"""Range of compliances of robots, m/N; outside it a unit is probably wrong."""
 _MEANING = {
-    'senses': 'the slopes of the two senses differ by {value:.3g} ± {std:.2g} µm/N',
+    'slope_difference': 'the slopes of the two senses differ by {value:.3g} ± {std:.2g} µm/N',
     'hysteresis': 'the displacement is {value:.3g} ± {std:.2g} µm larger while the load is removed: friction or creep',
-    'curvature': 'the lines are bent by {value:.3g} ± {std:.2g} µm: one slope does not describe them',
-    'zero_drift': "the gauge's zero moves by {value:.3g} ± {std:.2g} µm per cycle; "
-    'if it moves steadily, half of that is in the gap',
-    'gap_repeats': 'the gap scatters by {value:.3g} µm between cycles; its uncertainty includes that',
-    'slope_repeats': 'the slope scatters by {value:.3g} µm/N between cycles; its uncertainty includes that',
+    'curvature': 'the lines deviate from straight by {value:.3g} ± {std:.2g} µm: the compliance depends on the load',
+    'zero_drift': "the gauge's zero drifts by {value:.3g} ± {std:.2g} µm per cycle; "
+    'half of a steady drift is contained in the gap',
+    'gap_repeatability': 'the gap varies by {value:.3g} µm (one standard deviation) between cycles; '
+    'its uncertainty includes this',
+    'slope_repeatability': 'the slope varies by {value:.3g} µm/N (one standard deviation) between cycles; '
+    'its uncertainty includes this',
 }
 
 
 def run_warnings(run: Run) -> list[str]:
-    """What a reader should know of one run, one sentence each."""
+    """Warnings about one run, one sentence each."""
     found = [
         f'{run.name}: {_MEANING[check.name].format(value=1e6 * check.value, std=1e6 * check.std)}'
-        for check in run.alarms
+        for check in run.failed_checks
     ]
     if run.outliers:
         lines = [str(line) for line in run.readings.line[list(run.outliers)].tolist() if line]
         where = f'line{"s" * (len(lines) > 1)} {", ".join(lines)}' if lines else f'{len(run.outliers)} rows'
-        found.append(f'{run.source}: {where}: far off the straight line of {run.name}; look for a slip of the pen')
+        found.append(f'{run.source}: {where}: far from the straight line of {run.name}; check for a typing error')
     if not _PLAUSIBLE[0] < run.fit.compliance.value < _PLAUSIBLE[1]:
         found.append(f'{run.name}: a compliance of {run.fit.compliance.value:.2g} m/N; are the units and signs right?')
     if run.gap.value < -4 * run.gap.std:
-        found.append(f'{run.name}: the gap is negative; does the displacement count positive along the positive force?')
+        found.append(f'{run.name}: the gap is negative; is the displacement positive along the positive force?')
     return found + [f'{run.name}: {run.note}'] * bool(run.note)
 
 
 def part_warnings(parts: tuple[Part, ...], level: float) -> list[str]:
-    """What a reader should know of runs of one part together; `level` is the share of each test in the alarms."""
+    """Warnings about the runs of each part together; `level` is the significance level of each test."""
     found = []
     for part in parts:
         maps = (('compliance', part.compliance_map), ('gap', part.gap_map))
         for what, each in maps:
             if each is not None and each.ellipse is not None and each.ellipse.p_value < level:
                 chance = f'p = {each.ellipse.p_value:.2g}'
-                found.append(f'{part.name}: the {what} over the direction is no ellipse ({chance})')
+                found.append(f'{part.name}: the {what} over the direction is not an ellipse ({chance})')
         if len(part.runs) > 1 and part.compliance_map is None:
             found += _disagreements(part, level)
     return found
 
 
 def _disagreements(part: Part, level: float) -> list[str]:
-    """Runs of one part, no map, that do not agree."""
+    """Warnings about inconsistent runs of a part without a direction map."""
     dof = np.array([run.fit.degrees_of_freedom for run in part.runs], dtype=float)
     quantities = {'compliance': [run.compliance for run in part.runs], 'gap': [run.gap for run in part.runs]}
     found = []
     for what, estimates in quantities.items():
         values = np.array(estimates)
-        test = agreement(values[:, 0], values[:, 1], dof)
+        test = combine_estimates(values[:, 0], values[:, 1], dof)
         if test.p_value < level:
-            found.append(f'{part.name}: the runs do not agree on the {what} (p = {test.p_value:.2g})')
+            found.append(f'{part.name}: the runs are inconsistent in {what} (p = {test.p_value:.2g})')
     return found

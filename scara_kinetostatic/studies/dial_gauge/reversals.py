@@ -1,13 +1,13 @@
 """One reversal of a force–displacement loop: two elastic branches as straight lines, and the gap between them.
 
-After a reversal the force unloads along an elastic branch, crosses the backlash, in which it hardly changes,
-rises along the other elastic branch, and slips at a plateau. With distance d since the reversal and force f, both
-counted positive along the new motion:
+After a reversal the force decreases along an elastic branch, hardly changes inside the backlash, increases along the
+other elastic branch, and reaches a plateau where the joint slips. With distance d since the reversal and force f, both
+positive along the new motion:
 
-- the level is the force inside the backlash, where f changes least over `FLAT` of the way up: friction and
-  the sensor's zero make it differ from 0; it is the zero to which the lines are drawn. One level per loop and sense.
-- each branch is the straight line d = a + p f through the samples between two parts (the window) of the way
-  from the level to the plateau; p of the branch after the gap is the compliance;
+- the level is the force inside the backlash, where f changes least over a share `_FLAT` of the way up; friction and the
+  sensor's zero make it differ from 0. Both lines are extended to it. There is one level per loop and sense.
+- each branch is the straight line d = a + p f through the samples within a window of force, given by two shares of the
+  way from the level to the plateau; p of the branch after the gap is the compliance.
 - the gap is the distance between both lines at the level.
 """
 
@@ -23,17 +23,18 @@ from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
 
 Floats = NDArray[np.float64]
 
-FLAT = 1 / 6
-RISEN = 0.75
-"""The way up ends at this part of the plateau."""
+_FLAT = 1 / 6
+"""Share of the way up over which the smallest change of the force is sought."""
+_RISEN = 0.75
+"""Share of the plateau at which the way up ends."""
 PROMINENCE = 0.03
-"""A reversal stands out by this part of the whole range of displacement."""
-FEWEST_SAMPLES = 2
-"""The scatter about a line is that of all reversals of its sense: two samples make a line with an uncertainty."""
+"""Smallest prominence of a reversal, as a share of the range of the displacement."""
+_FEWEST_SAMPLES = 2
+"""Samples needed for a line; its uncertainty comes from the scatter pooled over all reversals of its sense."""
 _COVERED = 0.6
-"""This part of a window must be covered by samples."""
-SLIPPED = 0.6
-"""The force before a reversal must have reached this part of the plateau, or it was no full loop."""
+"""Share of a window that the samples must cover."""
+_SLIPPED = 0.6
+"""Share of the plateau that the force must have reached before a reversal; otherwise it is not a full loop."""
 
 
 class Reversal(NamedTuple):
@@ -44,12 +45,12 @@ class Reversal(NamedTuple):
         displacement: where, m.
         sense: +1 if the displacement rises afterwards.
         speed: in the middle of the gap, m/s.
-        force: at the reversal, counted along the old motion, N.
+        force: at the reversal, positive along the motion before it, N.
         gap: m.
         compliance: after the gap, m/N.
         unloading: compliance before the gap, m/N.
-        samples: in the windows before and after the gap.
-        crossings: where both lines meet the level, distance from the reversal, m.
+        samples: number in the windows before and after the gap.
+        crossings: distances from the reversal at which both lines meet the level, m.
     """
 
     time: float
@@ -65,7 +66,15 @@ class Reversal(NamedTuple):
 
 
 class Sweep(NamedTuple):
-    """The samples from one reversal to the next: distance and force along the new motion, time."""
+    """The samples from one reversal to the next.
+
+    Attributes:
+        time: (n,), s.
+        distance: since the reversal, (n,), m.
+        force: positive along the motion, (n,), N.
+        place: displacement at the reversal, m.
+        sense: of the motion, +1 or -1.
+    """
 
     time: Floats
     distance: Floats
@@ -75,7 +84,7 @@ class Sweep(NamedTuple):
 
 
 class Line(NamedTuple):
-    """d = a + p (f - level): a, p, their unscaled covariance, residual sum of squares, samples."""
+    """The line d = a + p (f - level): a, p, their unscaled covariance, residual sum of squares, number of samples."""
 
     a: float
     p: float
@@ -85,7 +94,7 @@ class Line(NamedTuple):
 
 
 def find_sweeps(time: Floats, displacement: Floats, force: Floats) -> list[Sweep]:
-    """The record, cut at the reversals; what comes before the first is left out."""
+    """The record cut at the reversals, without what comes before the first."""
     least = PROMINENCE * float(np.ptp(displacement))
     peaks = [find_peaks(sign * displacement, prominence=least)[0] for sign in (1, -1)] if least > 0 else [[], []]
     turns = np.sort(np.concatenate(peaks)).astype(int)
@@ -99,19 +108,19 @@ def find_sweeps(time: Floats, displacement: Floats, force: Floats) -> list[Sweep
 
 
 def find_plateau(sweeps: list[Sweep]) -> float:
-    """The force at which it slips: the median over the sweeps of the median over the second half of each."""
+    """Force of slip, N: the median over the sweeps of the median over the second half of each."""
     medians = [float(np.median(s.force[s.distance > s.distance[-1] / 2])) for s in sweeps if s.distance[-1] > 0]
     return float(np.median(medians)) if medians else np.nan
 
 
 def find_level(sweep: Sweep, plateau: float) -> float:
-    """The force where it changes least, on the way up to the plateau."""
-    risen = np.flatnonzero(sweep.force >= RISEN * plateau)
+    """Force inside the backlash, N: where it changes least on the way up to the plateau."""
+    risen = np.flatnonzero(sweep.force >= _RISEN * plateau)
     if not len(risen) or risen[0] < 2:
         return np.nan
     grid = np.linspace(0.0, sweep.distance[risen[0]], 601)
     force = np.interp(grid, np.maximum.accumulate(sweep.distance[: risen[0] + 1]), sweep.force[: risen[0] + 1])
-    width = int(FLAT * len(grid))
+    width = int(_FLAT * len(grid))
     start = int(np.argmin(force[width:] - force[:-width]))
     return float(force[start : start + width + 1].mean())
 
@@ -119,18 +128,18 @@ def find_level(sweep: Sweep, plateau: float) -> float:
 def fit_pair(
     sweep: Sweep, level: float, bottom: float, top: float, window: tuple[float, float]
 ) -> tuple[Line, Line] | str:
-    """The lines before and after the gap, or why there are none."""
+    """The lines before and after the gap, or the reason why they cannot be fitted."""
     if not bottom < level < top:
         return 'no gap between two branches'
-    if sweep.force[0] > SLIPPED * bottom:
-        return 'the motion before it had not slipped: no full loop'
+    if sweep.force[0] > _SLIPPED * bottom:
+        return 'no full loop: the force before it did not reach the plateau'
     first = np.flatnonzero(sweep.force > level + window[1] * (top - level))
     rise = slice(0, int(first[0])) if len(first) else slice(0, len(sweep.force))
     pair = []
     for end, name in ((bottom, 'before'), (top, 'after')):
         part = (sweep.force[rise] - level) / (end - level)
         rows = np.flatnonzero((part >= window[0]) & (part <= window[1]))
-        if len(rows) < FEWEST_SAMPLES:
+        if len(rows) < _FEWEST_SAMPLES:
             return f'{len(rows)} samples on the elastic branch {name} the gap'
         if np.ptp(part[rows]) < _COVERED * (window[1] - window[0]) * (1 - 1 / len(rows)):
             return f'the branch {name} the gap is not complete'
@@ -154,7 +163,7 @@ def pooled(lines: list[Line]) -> float:
 
 
 def as_reversal(sweep: Sweep, before: Line, after: Line, sigma: tuple[float, float]) -> Reversal:
-    """Gap and slopes of a sweep from its lines; `sigma` is that of the branches before and after the gap, m."""
+    """Gap and slopes of a sweep from its lines; `sigma`: residual standard deviation before and after the gap, m."""
     scale = np.array(sigma)
     std = np.sqrt(np.array([np.diag(before.unscaled), np.diag(after.unscaled)])) * scale[:, None]
     middle = (before.a + after.a) / 2

@@ -1,13 +1,13 @@
-"""Questions put to one run of a gauge experiment: does it obey straight lines with one gap.
+"""Tests of one run against its model: straight lines with one gap.
 
-Each is a test with its own p-value. Where the cycles scatter more than the readings within them
-(p < `SCATTER_LEVEL`), the standard deviation is that of the cycles: the variance between them is added.
+Each test has its own p-value. Where the cycles scatter more than the readings within them (p < `_SCATTER_LEVEL`), the
+variance between the cycles is added to that of the result.
 
-- senses: slope of the positive minus that of the negative sense;
-- hysteresis: how much further the part is displaced while the load is removed than while it is applied;
-- curvature: bow of the lines, positive where the deflection grows faster than the load;
-- zero_drift: how far the gauge's zero moves from cycle to cycle; if it moves steadily, half of that is in the gap;
-- gap_repeats, slope_repeats: scatter between cycles, the value being the standard deviation between them.
+- slope_difference: slope of the positive less that of the negative sense;
+- hysteresis: displacement while the load is removed less that while it is applied, at the same load;
+- curvature: deviation of the lines from their chords, positive where the displacement grows faster than the load;
+- zero_drift: drift of the gauge's zero per cycle; if it is steady, half of it is contained in the gap;
+- gap_repeatability, slope_repeatability: standard deviation between the cycles beyond that of the readings.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
-from scara_kinetostatic.studies.dial_gauge.statistics import Estimate, Solution, between_variance
+from scara_kinetostatic.studies.dial_gauge.statistics import Estimate, LeastSquares, between_variance
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SCATTER_LEVEL = 0.01
+_SCATTER_LEVEL = 0.01
 
 
 class Check(NamedTuple):
-    """One question put to a run.
+    """One test of a run.
 
     Attributes:
         name: see the module.
-        value: size of the effect.
-        std: its standard deviation; NaN for the repeats.
+        value: estimate of the deviation.
+        std: its standard deviation; NaN for the repeatabilities.
         unit: m or m/N.
-        p_value: of no effect.
+        p_value: of no deviation.
     """
 
     name: str
@@ -45,11 +45,11 @@ class Check(NamedTuple):
     p_value: float
 
 
-def senses(solution: Solution, count: int) -> Check:
+def slope_difference(solution: LeastSquares, count: int) -> Check:
     """Whether both senses have the same slope; `count` is the number of passes."""
     row = np.zeros(count + 2)
     row[count:] = (-1.0, 1.0)
-    return _student('senses', solution.of(row), 'm/N', solution.dof)
+    return _student('slope_difference', solution.of(row), 'm/N', solution.dof)
 
 
 def _student(name: str, estimate: Estimate, unit: str, dof: int) -> Check:
@@ -58,9 +58,9 @@ def _student(name: str, estimate: Estimate, unit: str, dof: int) -> Check:
 
 
 def shapes(
-    solution: Solution, readings: DialGaugeReadings, used: NDArray[np.bool_], passes: Ints
+    solution: LeastSquares, readings: DialGaugeReadings, used: NDArray[np.bool_], passes: Ints
 ) -> list[Check | None]:
-    """Hysteresis and curvature: each one column more."""
+    """Hysteresis and curvature, each tested by one additional column; None where the run does not determine it."""
     force = readings.force[used]
     sense = np.sign(force)
     branch = np.zeros(len(force))
@@ -77,8 +77,8 @@ def shapes(
     ]
 
 
-def _added(solution: Solution, name: str, column: Floats, factor: float) -> Check | None:
-    """The coefficient of one more column, times a factor; None where the run cannot tell it."""
+def _added(solution: LeastSquares, name: str, column: Floats, factor: float) -> Check | None:
+    """Coefficient of one additional column, times a factor; None where the run does not determine it."""
     dof = solution.dof - 1
     new = column - solution.basis @ (solution.basis.T @ column)
     square = float(new @ new)
@@ -90,8 +90,8 @@ def _added(solution: Solution, name: str, column: Floats, factor: float) -> Chec
     return _student(name, Estimate(factor * value, factor * sigma / float(np.sqrt(square))), 'm', dof)
 
 
-def drift(solution: Solution, cycle: Ints, complete: Ints, count: int) -> list[Check]:
-    """How the middle between both lines moves with the number of the cycle."""
+def zero_drift(solution: LeastSquares, cycle: Ints, complete: Ints, count: int) -> list[Check]:
+    """Drift of the mean of both lines with the number of the cycle."""
     if len(complete) < 2:
         return []
     order = np.arange(len(complete)) - (len(complete) - 1) / 2
@@ -101,13 +101,13 @@ def drift(solution: Solution, cycle: Ints, complete: Ints, count: int) -> list[C
     return [_student('zero_drift', solution.of(row), 'm', solution.dof)]
 
 
-def gap_repeats(solution: Solution, contrasts: Floats, rows: Ints) -> tuple[list[Check], float]:
-    """Whether the gap is the same in every cycle; the variance between cycles, if it is not.
+def gap_repeatability(solution: LeastSquares, contrasts: Floats, rows: Ints) -> tuple[list[Check], float]:
+    """Whether the gap is the same in every cycle, and the variance between cycles if it is not.
 
     Args:
         solution: of the run.
-        contrasts: the gap of each cycle as a function of the coefficients, (c, k).
-        rows: number of rows of each pass.
+        contrasts: the gap of each cycle as a linear function of the coefficients, (c, k).
+        rows: number of rows of each pass, (k,).
     """
     dof = len(contrasts) - 1
     if dof < 1:
@@ -119,15 +119,15 @@ def gap_repeats(solution: Solution, contrasts: Floats, rows: Ints) -> tuple[list
     gaps = contrasts @ solution.beta
     own = solution.sigma * np.sqrt((contrasts[:, : len(rows)] ** 2) @ (1 / rows))  # the slopes' part is common to all
     variance = between_variance(gaps - gaps.mean(), own, dof)
-    check = Check('gap_repeats', float(np.sqrt(variance)), np.nan, 'm', p_value)
-    return [check], variance if p_value < SCATTER_LEVEL else 0.0
+    check = Check('gap_repeatability', float(np.sqrt(variance)), np.nan, 'm', p_value)
+    return [check], variance if p_value < _SCATTER_LEVEL else 0.0
 
 
-def slope_repeats(
-    solution: Solution, force: Floats, moved: Floats, passes: Ints, sense: Ints
+def slope_repeatability(
+    solution: LeastSquares, force: Floats, displacement: Floats, passes: Ints, sense: Ints
 ) -> tuple[list[Check], float]:
-    """Whether the slope is the same in every pass of a sense; the variance between passes, if it is not."""
-    slopes, factors = _pass_slopes(force, moved, passes, len(sense))
+    """Whether the slope is the same in every pass of a sense, and the variance between passes if it is not."""
+    slopes, factors = _pass_slopes(force, displacement, passes, len(sense))
     known = np.isfinite(factors)
     dof = int(known.sum()) - 2
     if dof < 1:
@@ -136,15 +136,15 @@ def slope_repeats(
     own = solution.sigma * factors[known]
     p_value = float(stats.f.sf(float(((excess / own) ** 2).sum()) / dof, dof, solution.dof))
     variance = between_variance(excess, own, dof)
-    check = Check('slope_repeats', float(np.sqrt(variance)), np.nan, 'm/N', p_value)
-    return [check], variance if p_value < SCATTER_LEVEL else 0.0
+    check = Check('slope_repeatability', float(np.sqrt(variance)), np.nan, 'm/N', p_value)
+    return [check], variance if p_value < _SCATTER_LEVEL else 0.0
 
 
-def _pass_slopes(force: Floats, moved: Floats, passes: Ints, count: int) -> tuple[Floats, Floats]:
-    """Slope of each pass by itself, and its standard deviation for σ = 1; NaN where there is but one load."""
+def _pass_slopes(force: Floats, displacement: Floats, passes: Ints, count: int) -> tuple[Floats, Floats]:
+    """Slope of each pass alone, and its standard deviation for σ = 1; NaN for a pass with a single load."""
     slopes, factors = np.full(count, np.nan), np.full(count, np.nan)
     for number in range(count):
-        x, y = force[passes == number], moved[passes == number]
+        x, y = force[passes == number], displacement[passes == number]
         spread = float(((x - x.mean()) ** 2).sum())
         if spread > 1e-12 * float(x @ x):
             slopes[number] = float((x - x.mean()) @ y) / spread
@@ -152,8 +152,8 @@ def _pass_slopes(force: Floats, moved: Floats, passes: Ints, count: int) -> tupl
     return slopes, factors
 
 
-def expected(solution: Solution) -> Floats:
-    """p-value of each row from its residual, studentized with σ of the other rows; 1 where they are too few."""
+def row_p_values(solution: LeastSquares) -> Floats:
+    """p-value of each row from its externally studentised residual, (n,); 1 with too few degrees of freedom."""
     if solution.dof < 3:
         return np.ones(len(solution.residual))
     free = np.maximum(1 - (solution.basis**2).sum(axis=1), 1e-12)

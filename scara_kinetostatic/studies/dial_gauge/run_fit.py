@@ -1,21 +1,21 @@
-"""One run of a gauge experiment: straight lines, their slopes and the gap between them, with uncertainties.
+"""Fit of one run: straight lines, their slopes and the gap between them, with uncertainties.
 
 A pass is one sense of load in one cycle: loads applied, then removed. The model of a run is
 
     ΔS = a_cs + p_s F + e,      e ~ N(0, σ²),
 
-an intercept for every pass (c: cycle, s: sense), since a gauge may be set anew, and a slope for each sense. The
-compliance is the weighted mean of the two slopes; the gap is the mean over the cycles of a_c+ - a_c-, what the
-two lines of a cycle leave between them at zero force. σ comes from the residuals of all passes of the run together.
+an intercept for every pass (c: cycle, s: sense), since the gauge may be set anew, and a slope for each sense. The
+compliance is the weighted mean of the two slopes; the gap is the mean over the cycles of a_c+ - a_c-, the distance of
+the two lines of a cycle at zero force. σ is estimated from the residuals of all passes of the run together.
 
-Rows without load say nothing about the gap: inside its backlash the part stays wherever it was left. They
-are shown, but not used.
+Rows without load contain no information about the gap: inside the backlash the part may be anywhere. They are shown,
+but not used.
 
-A gauge that shows steps hides its error where the part repeats better than the step: σ is never less than
-step / √12, and where it is below `COARSE` steps, the same load repeats the same rounding, so that only rows of
-different loads count as independent. The step is told from the readings.
+The resolution of the gauge limits the uncertainty where the part repeats better: σ is at least resolution / √12, and
+where it is below `_COARSE` times the resolution, the same load gives the same rounding error, so that only rows with
+different loads count as independent. The resolution is estimated from the readings.
 
-What else is asked of a run stands in `gauge_checks`.
+Tests of a run are in `run_checks`.
 """
 
 from __future__ import annotations
@@ -26,44 +26,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.studies.dial_gauge import run_checks as gauge_checks
+from scara_kinetostatic.studies.dial_gauge import run_checks
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.dial_gauge.run_checks import Check
-from scara_kinetostatic.studies.dial_gauge.statistics import Estimate, Solution, find_step, solve
+from scara_kinetostatic.studies.dial_gauge.statistics import Estimate, LeastSquares, find_resolution, least_squares
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 ZERO_BAND = 0.02
-"""Loads below this part of the largest of the run count as none."""
-COARSE = 0.38
-"""Below so many steps of the gauge, the scatter of the readings no longer blurs its rounding."""
+"""Share of the largest load of a run up to which a load counts as none."""
+_COARSE = 0.38
+"""Standard deviation of the readings, in resolutions, below which equal loads have equal rounding errors."""
 
 
 class RunFit(NamedTuple):
-    """What one run says.
+    """Result of one run.
 
     Attributes:
         compliance: slope, m/N.
         gap: jump of ΔS at zero force, m; half of it is g of (6) and (7).
         slopes: of the negative and the positive sense, m/N.
         sigma: standard deviation of a reading, from the residuals, m.
-        step: of the gauge, as far as the readings tell, m; 0 where they show none.
+        resolution: of the gauge as estimated from the readings, m; 0 where they show none.
         degrees_of_freedom: of sigma.
         used: rows used, (n,).
         passes: number of the pass of each row, (n,), -1 where not used.
         lines: sense, intercept (m), slope (m/N) of each pass, (k, 3).
         cycle_gaps: gap of each cycle, (c,), m.
         residual: (n,), m, NaN where not used.
-        checks: those that the run allows.
-        row_p: of each row, that the others expect it, (n,), 1 where not used.
+        checks: tests that the run allows.
+        row_p: p-value of each row's residual, (n,), 1 where not used.
     """
 
     compliance: Estimate
     gap: Estimate
     slopes: tuple[Estimate, Estimate]
     sigma: float
-    step: float
+    resolution: float
     degrees_of_freedom: int
     used: NDArray[np.bool_]
     passes: Ints
@@ -75,11 +75,11 @@ class RunFit(NamedTuple):
 
 
 def find_passes(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> tuple[Ints, Ints, Ints]:
-    """Which pass each row belongs to.
+    """The pass to which each row belongs.
 
     Args:
         readings: one run, in order.
-        zero_band: part of the largest load that counts as none.
+        zero_band: share of the largest load up to which a load counts as none.
 
     Returns:
         Pass of each row, (n,), -1 where there is no load; cycle (k,) and sense (k,) of each pass. Without
@@ -102,7 +102,7 @@ def fit_run(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> RunFit
 
     Args:
         readings: rows of one run, in order.
-        zero_band: part of the largest load that counts as none.
+        zero_band: share of the largest load up to which a load counts as none.
 
     Raises:
         UnsupportedDataError: loads in one sense only, too few rows, or one load only.
@@ -113,11 +113,11 @@ def fit_run(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> RunFit
     if not len(complete):
         lacking = 'there is no reversal of the load' if len(cycle) else 'there is no load'
         raise UnsupportedDataError(lacking, 'load and unload in both senses, in the same cycle')
-    force, moved = readings.force[used], readings.displacement[used]
+    force, displacement = readings.force[used], readings.displacement[used]
     design = _design(force, passes[used], sense)
-    solution, step = solve(design, moved), find_step(readings.displacement)
-    sigma = max(solution.sigma, step / np.sqrt(12))
-    if solution.sigma < COARSE * step:
+    solution, resolution = least_squares(design, displacement), find_resolution(readings.displacement)
+    sigma = max(solution.sigma, resolution / np.sqrt(12))
+    if solution.sigma < _COARSE * resolution:
         least = sigma * float(np.sqrt(len(force) / len(np.unique(np.abs(force)))))
         solution = solution._replace(sigma=least, floor=least)
     count = len(sense)
@@ -126,22 +126,22 @@ def fit_run(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) -> RunFit
     for row, number in zip(contrasts, complete, strict=True):
         row[:count] = np.where(cycle == number, sense, 0)
     checks = [
-        gauge_checks.senses(solution, count),
-        *gauge_checks.shapes(solution, readings, used, passes),
-        *gauge_checks.drift(solution, cycle, complete, count),
+        run_checks.slope_difference(solution, count),
+        *run_checks.shapes(solution, readings, used, passes),
+        *run_checks.zero_drift(solution, cycle, complete, count),
     ]
-    repeats, gap_between = gauge_checks.gap_repeats(solution, contrasts, np.bincount(passes[used]))
-    more, slope_between = gauge_checks.slope_repeats(solution, force, moved, passes[used], sense)
+    repeats, gap_between = run_checks.gap_repeatability(solution, contrasts, np.bincount(passes[used]))
+    more, slope_between = run_checks.slope_repeatability(solution, force, displacement, passes[used], sense)
     residual = np.full(len(used), np.nan)
     residual[used] = solution.residual
     row_p = np.ones(len(used))
-    row_p[used] = gauge_checks.expected(solution)
+    row_p[used] = run_checks.row_p_values(solution)
     return RunFit(
         compliance=_widened(_compliance(solution, count), slope_between / count),
         gap=_widened(solution.of(contrasts.mean(axis=0)), gap_between / len(complete)),
         slopes=(slopes[0], slopes[1]),
         sigma=sigma,
-        step=step,
+        resolution=resolution,
         degrees_of_freedom=solution.dof,
         used=used,
         passes=passes,
@@ -160,8 +160,8 @@ def _design(force: Floats, passes: Ints, sense: Ints) -> Floats:
     return np.column_stack([indicators, np.where(positive, 0.0, force), np.where(positive, force, 0.0)])
 
 
-def _compliance(solution: Solution, count: int) -> Estimate:
-    """Mean of both slopes, weighted with their own variances, which are independent of each other."""
+def _compliance(solution: LeastSquares, count: int) -> Estimate:
+    """Mean of both slopes, weighted by the inverses of their variances; the two are independent."""
     variance = np.diag(solution.unscaled)[count:]
     row = np.zeros(count + 2)
     row[count:] = (1 / variance) / (1 / variance).sum()

@@ -1,26 +1,26 @@
-"""The gauge experiments of section 5.2, simulated: what a dial gauge reads while loads come and go.
+"""Simulation of the dial gauge experiments of section 5.2.
 
-The robot stands with both links along y. Three set-ups:
+Both links of the robot are along y. Three set-ups:
 
 - gripper: both joints locked, gauge at the end-effector, loads along `LoadPlan.directions`:
   ΔS = p_ee F + ½ gap(φ) sense (7);
 - joint 2: joint 1 locked, load along x at the end, gauge at the end of link 2: torque F l2, ΔS = l2 Δq2 (6);
 - joint 1: joint 2 locked, likewise with the lever l1 + l2.
 
-At the end of link 2 the gauge sees the joint alone; at the end-effector (`seat='tip'`) it sees joint and gripper in
+At the end of link 2 the gauge measures the joint alone; at the end-effector (`gauge_at='tip'`) joint and gripper in
 series.
 
-**The backlash's direction.** Figure 4(c) is not isotropic; (7) is. Here the free play of the gripper
-is an ellipse: pressed along u, frictionless, the tip goes to the point of the ellipse that is farthest
-along u, so that the gap from one sense to the other is the width of the ellipse,
+**Backlash over the direction.** Figure 4(c) is not isotropic; (7) is. Here the dead zone of the gripper is an ellipse:
+under a load along u, without friction, the tip is at the point of the ellipse that is farthest along u, so that the gap
+between the two senses is the width of the ellipse,
 
     gap(φ) = √(gap_major² cos²(φ - axis) + gap_minor² sin²(φ - axis)),
 
-an even, smooth function of the direction. The gap along x is the largest and along y the smallest by default, so that
-directions 30° apart meet both ends of the measured range; the paper's text does not say where they lie.
+an even, smooth function of the direction. By default the gap is largest along x and smallest along y, so that
+directions 30° apart contain both ends of the measured range; the paper does not state their directions.
 
-**Gap and half gap.** Values of backlash are gaps here, the jump of ΔS at F = 0, as section 5.2 says of those
-of figure 4(d) ("the ΔS gap itself"); g of (6) and (7) is half of it.
+**Gap and half gap.** Values of backlash are gaps here, the jump of ΔS at F = 0, as those of figure 4(d) according to
+section 5.2 ("the ΔS gap itself"); g of (6) and (7) is half of it.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOIN
 
 Floats = NDArray[np.float64]
 
-STRETCHED = np.array([np.pi / 2, 0.0])
+_STRETCHED = np.array([np.pi / 2, 0.0])
 """Link angles with both links along y."""
-GAUGE_NOISE = 2e-6
+_GAUGE_NOISE = 2e-6
 """One standard deviation of a reading of the dial gauge, m."""
 
 
 @dataclass(frozen=True)
 class DialGaugeTruth:
-    """What the simulated robot is made of; by default figure 4(d) and table 1.
+    """Parameters of the simulated robot; by default those of figure 4(d) and table 1.
 
     Attributes:
         p_ee: compliance of the gripper, m/N.
@@ -78,7 +78,7 @@ class DialGaugeTruth:
         return np.hypot(self.gap_major * np.cos(turned), self.gap_minor * np.sin(turned))
 
     def with_one_joint(self, joint: int) -> Parameters:
-        """The model's parameters with the other joint and the gripper rigid."""
+        """Parameters of the model with the other joint and the gripper rigid."""
         p, g = np.array([self.p1, self.p2]), np.array([self.gap1, self.gap2]) / 2
         locked = np.arange(2) != joint - 1
         p[locked], g[locked] = 0.0, 0.0
@@ -90,12 +90,12 @@ class LoadPlan:
     """The loads of one run, the same for every direction.
 
     Attributes:
-        levels: progressive loads, rising, N; they are removed in the reverse order.
-        cycles: how often, each in both senses.
+        levels: loads in increasing order, N; they are removed in the reverse order.
+        cycles: number of cycles, each in both senses.
         directions: of the positive load in the gripper's experiment, rad.
 
     Raises:
-        ParameterError: the levels are not rising from above 0, or there are no cycles.
+        ParameterError: the levels do not increase from above 0, or there are no cycles.
     """
 
     levels: tuple[float, ...] = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0)
@@ -109,7 +109,7 @@ class LoadPlan:
             raise ParameterError('cycles', f'expected 1 or more, got {self.cycles}')
 
     def run(self) -> tuple[Floats, Floats, NDArray[np.int64]]:
-        """Force (n,), the sense in which the backlash was last taken up (n,), and the cycle (n,) of each row."""
+        """Force (n,), N, sense of the last load (n,), and cycle (n,) of each row."""
         rise = np.array(self.levels)
         one = np.concatenate([rise, rise[-2::-1], [0.0]])
         force = np.concatenate([[0.0], np.tile(np.concatenate([one, -one]), self.cycles)])
@@ -124,16 +124,16 @@ class DialGaugeSensors:
 
     Attributes:
         noise: of the dial gauge, one standard deviation, m.
-        resolution: step of the dial gauge, m; 0 for none.
+        resolution: of the dial gauge, m; 0 for none.
         force_noise: of the force, one standard deviation, N.
     """
 
-    noise: float = GAUGE_NOISE
+    noise: float = _GAUGE_NOISE
     resolution: float = 0.0
     force_noise: float = 0.0
 
     def read(self, force: Floats, displacement: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
-        """Force and displacement as they are written down."""
+        """Force (N) and displacement (m) as read."""
         force = force + self.force_noise * rng.standard_normal(force.shape)
         displacement = displacement + self.noise * rng.standard_normal(displacement.shape)
         if self.resolution:
@@ -148,8 +148,8 @@ def simulate_gripper(
     force, sense, cycle = plan.run()
     runs = []
     for direction in plan.directions:
-        moved = truth.p_ee * force + truth.gripper_gap(direction) / 2 * sense
-        read = sensors.read(force, moved, rng)
+        displacement = truth.p_ee * force + truth.gripper_gap(direction) / 2 * sense
+        read = sensors.read(force, displacement, rng)
         runs.append(DialGaugeReadings.of(*read, part=GRIPPER, direction=direction, cycle=cycle, source='gripper'))
     return join(runs)
 
@@ -160,7 +160,7 @@ def simulate_joint(
     plan: LoadPlan,
     sensors: DialGaugeSensors,
     rng: np.random.Generator,
-    seat: str = LINK,
+    gauge_at: str = LINK,
 ) -> DialGaugeReadings:
     """The experiment at one joint, the other locked: loads along x at the end of the arm stretched along y.
 
@@ -169,8 +169,8 @@ def simulate_joint(
         truth: of the robot.
         plan: the loads; its directions are not used.
         sensors: errors of the readings.
-        rng: where they come from.
-        seat: where the gauge touches; at the 'tip' it sees the gripper, too.
+        rng: random generator of the errors.
+        gauge_at: where the gauge touches; at the 'tip' it measures the gripper as well.
 
     Raises:
         ParameterError: there is no such joint.
@@ -178,29 +178,31 @@ def simulate_joint(
     if joint not in (1, 2):
         raise ParameterError('joint', f'expected 1 or 2, got {joint}')
     force, sense, cycle = plan.run()
-    moved = joint_displacement(truth.with_one_joint(joint), force, sense)
-    if seat == TIP:
-        moved = moved + truth.p_ee * force + truth.gripper_gap(0.0) / 2 * sense
+    displacement = joint_displacement(truth.with_one_joint(joint), force, sense)
+    if gauge_at == TIP:
+        displacement = displacement + truth.p_ee * force + truth.gripper_gap(0.0) / 2 * sense
     lever = truth.l2 if joint == 2 else truth.l1 + truth.l2
     part = JOINT1 if joint == 1 else JOINT2
-    read = sensors.read(force, moved, rng)
-    return DialGaugeReadings.of(*read, part=part, seat=seat, direction=0.0, lever=lever, cycle=cycle, source=part)
+    read = sensors.read(force, displacement, rng)
+    return DialGaugeReadings.of(
+        *read, part=part, gauge_at=gauge_at, direction=0.0, lever=lever, cycle=cycle, source=part
+    )
 
 
 def joint_displacement(parameters: Parameters, force: Floats, sense: Floats) -> Floats:
-    """How far the end of link 2 goes along x under loads along x, joints held, from (6) and (8).
+    """Displacement of the end of link 2 along x under loads along x, motors held, from (6) and (8), (n,), m.
 
     Args:
         parameters: L̄, gripper rigid.
         force: load on the robot along x, (n,), N.
-        sense: side of the dead band where there is no load, (n,).
+        sense: side of the dead zone without load, (n,).
     """
     on_object = np.stack([-force, np.zeros_like(force)], axis=-1)
-    links = np.broadcast_to(STRETCHED, on_object.shape)
+    links = np.broadcast_to(_STRETCHED, on_object.shape)
     for _ in range(4):  # C = JᵀF with J at Q*
         torques = joint_torques(parameters, links, on_object)
-        links = STRETCHED - joint_deflection(parameters, torques, slack=sense[:, None])
-    return forward(parameters, links)[:, 0] - forward(parameters, STRETCHED[None])[0, 0]
+        links = _STRETCHED - joint_deflection(parameters, torques, slack=sense[:, None])
+    return forward(parameters, links)[:, 0] - forward(parameters, _STRETCHED[None])[0, 0]
 
 
 def simulate_experiments(

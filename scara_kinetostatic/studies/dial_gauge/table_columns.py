@@ -1,4 +1,4 @@
-"""The columns of a table of gauge readings: names with their units, and the values each may hold."""
+"""Columns of a table of readings: names with their units, and the values allowed in each."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOIN
 _LENGTH = {'m': 1.0, 'mm': 1e-3, 'um': 1e-6, 'µm': 1e-6, 'μm': 1e-6}
 
 
-class Quantity(NamedTuple):
+class _Quantity(NamedTuple):
     """A column that holds numbers.
 
     Attributes:
-        words: its names, the first one being ours.
+        words: its names; the first one is used in messages.
         units: factor to SI by unit.
-        largest: beyond this, in SI, a value makes no sense.
-        hint: what is probably wrong then.
+        largest: largest plausible magnitude, SI.
+        hint: the likeliest mistake behind a larger one.
     """
 
     words: tuple[str, ...]
@@ -29,34 +29,34 @@ class Quantity(NamedTuple):
     hint: str
 
 
-QUANTITIES = {
-    'force': Quantity(('force', 'load', 'f'), {'N': 1.0, 'kN': 1e3, 'mN': 1e-3}, 1e6, 'check the unit of the column'),
-    'displacement': Quantity(
+_QUANTITIES = {
+    'force': _Quantity(('force', 'load', 'f'), {'N': 1.0, 'kN': 1e3, 'mN': 1e-3}, 1e6, 'check the unit of the column'),
+    'displacement': _Quantity(
         ('displacement', 'deflection', 'gauge', 'ds', 'δs'), _LENGTH, 0.5, 'check the unit of the column: m, mm or um'
     ),
-    'direction': Quantity(
+    'direction': _Quantity(
         ('direction', 'angle'), {'deg': math.pi / 180, 'rad': 1.0}, 4 * math.pi + 1e-9, 'give an angle within two turns'
     ),
-    'lever': Quantity(('lever', 'arm'), _LENGTH, 10.0, 'check the unit of the column: m or mm'),
-    'time': Quantity(('time', 't'), {'s': 1.0, 'ms': 1e-3}, 1e12, 'check the unit of the column: s or ms'),
+    'lever': _Quantity(('lever', 'arm'), _LENGTH, 10.0, 'check the unit of the column: m or mm'),
+    'time': _Quantity(('time', 't'), {'s': 1.0, 'ms': 1e-3}, 1e12, 'check the unit of the column: s or ms'),
 }
 NEEDED = ('force', 'displacement')
 CHOICES = {
     'part': {GRIPPER: GRIPPER, 'joint1': JOINT1, 'joint2': JOINT2, '1': JOINT1, '2': JOINT2},
-    'seat': {TIP: TIP, LINK: LINK},
+    'gauge_at': {TIP: TIP, LINK: LINK},
 }
-_SYNONYMS = {'joint': 'part', 'gauge_at': 'seat'}
-_WORDS = {word: name for name, quantity in QUANTITIES.items() for word in quantity.words}
+_SYNONYMS = {'joint': 'part', 'seat': 'gauge_at'}
+_WORDS = {word: name for name, quantity in _QUANTITIES.items() for word in quantity.words}
 _HEADING = re.compile(r'(?P<word>.*?)[\s_]*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|[_\s](?P<plain>[^_\s]+))?\Z')
 _NUMBER = re.compile(r'[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\Z')
 
 
 class Column(NamedTuple):
-    """What a column holds.
+    """One column of a table.
 
     Attributes:
         name: 'force', 'cycle', 'part', …
-        heading: as it stands in the file.
+        heading: as in the file.
         place: number of the column, from 0.
         factor: to SI.
     """
@@ -68,10 +68,10 @@ class Column(NamedTuple):
 
 
 def read_heading(cells: Sequence[str], where: str) -> tuple[dict[str, Column], list[str]]:
-    """The columns by name, and the headings that are not known.
+    """The columns by name, and the unknown headings.
 
     Raises:
-        RecordingError: a unit is missing or unknown, a column is missing or comes twice, or there is no heading.
+        RecordingError: a unit is missing or unknown, a column is missing or given twice, or there is no heading.
     """
     columns: dict[str, Column] = {}
     unknown = []
@@ -109,8 +109,8 @@ def _column(heading: str, place: int, where: str) -> Column | None:
     name = _WORDS.get(match['word'].strip().lower()) or _WORDS.get(plain_name)
     if name is None:
         return None
-    units = QUANTITIES[name].units
-    choices = ', '.join(f'{QUANTITIES[name].words[0]}_{one}' for one in units if one.isascii())
+    units = _QUANTITIES[name].units
+    choices = ', '.join(f'{_QUANTITIES[name].words[0]}_{one}' for one in units if one.isascii())
     if unit is None:
         raise RecordingError(where, f'the column {heading!r} has no unit', f'call it one of {choices}')
     if unit.strip() not in units:
@@ -119,7 +119,7 @@ def _column(heading: str, place: int, where: str) -> Column | None:
 
 
 def plain(cell: str) -> str:
-    """A cell without what spreadsheets put around a number."""
+    """A cell with a plain minus sign and without spaces, as spreadsheets add them."""
     return cell.strip().replace('\N{MINUS SIGN}', '-').replace('\N{NO-BREAK SPACE}', '').strip()
 
 
@@ -127,7 +127,7 @@ def read_number(cell: str, column: Column, decimal_comma: bool) -> float:
     """A number in SI.
 
     Raises:
-        ValueError: it is none, or it makes no sense; the message says what was expected.
+        ValueError: it is not a number, or not a plausible one; the message says what was expected.
     """
     text = plain(cell)
     if decimal_comma and text.count(',') == 1 and '.' not in text:
@@ -137,9 +137,9 @@ def read_number(cell: str, column: Column, decimal_comma: bool) -> float:
     if not _NUMBER.match(text):
         raise ValueError(f'expected a number, got {cell.strip()[:40]!r}')
     value = float(text) * column.factor
-    quantity = QUANTITIES[column.name]
+    quantity = _QUANTITIES[column.name]
     if not abs(value) <= quantity.largest:
-        raise ValueError(f'{cell.strip()[:40]} is out of all reason; {quantity.hint}')
+        raise ValueError(f'{cell.strip()[:40]} is too large to be plausible; {quantity.hint}')
     if column.name == 'lever' and value <= 0:
         raise ValueError(f'expected a lever above 0, got {cell.strip()[:40]}')
     return value
@@ -149,7 +149,7 @@ def read_cycle(cell: str) -> int:
     """The number of a cycle.
 
     Raises:
-        ValueError: it is no whole number of 0 or more.
+        ValueError: it is not a whole number of 0 or more.
     """
     text = plain(cell)
     if not re.fullmatch(r'\d{1,6}([.,]0*)?', text):
@@ -158,10 +158,10 @@ def read_cycle(cell: str) -> int:
 
 
 def read_choice(cell: str, column: Column) -> str:
-    """One of the known words.
+    """One of the values allowed in a column of words.
 
     Raises:
-        ValueError: it is none of them.
+        ValueError: it is not one of them.
     """
     words = CHOICES[column.name]
     text = re.sub(r'[\s_-]', '', cell.lower())

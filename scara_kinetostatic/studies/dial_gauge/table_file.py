@@ -1,11 +1,11 @@
-"""Gauge readings from a table such as a spreadsheet saves: CSV, checked row by row.
+"""Readings from a CSV file, such as a spreadsheet saves, checked row by row.
 
 The first line that is neither empty nor a comment (`#`) names the columns, each with its unit:
 
     force_N,displacement_mm,direction_deg,cycle          also: force [N];displacement [mm]
 
-Separators are comma, semicolon or tab; with the latter two, numbers may have a decimal comma. A row that makes
-no sense is an error that names its line: nothing is dropped silently. Empty rows are passed over.
+Separators are comma, semicolon or tab; with the latter two, numbers may have a decimal comma. An invalid row is an
+error that names its line: nothing is dropped silently. Empty rows are skipped.
 """
 
 from __future__ import annotations
@@ -31,59 +31,59 @@ from scara_kinetostatic.studies.dial_gauge.table_columns import (
     read_number,
 )
 
-MAX_BYTES = 64 * 2**20
+_MAX_BYTES = 64 * 2**20
 _SHOWN = 5
-"""So many further bad rows are named."""
+"""Number of further invalid rows that a message names."""
 
 
-class Usual(NamedTuple):
-    """What holds for rows that do not say: part, lever in m, direction in rad, seat of the gauge."""
+class TableDefaults(NamedTuple):
+    """Values for missing columns and empty cells: part, lever in m, direction in rad, place of the gauge."""
 
     part: str = GRIPPER
     lever: float = math.nan
     direction: float = math.nan
-    seat: str | None = None
+    gauge_at: str | None = None
 
 
-def load_readings(path: str | Path, usual: Usual = Usual()) -> DialGaugeReadings:  # noqa: B008 - immutable
-    """Read a table of gauge readings.
+def load_readings(path: str | Path, defaults: TableDefaults = TableDefaults()) -> DialGaugeReadings:  # noqa: B008 - immutable
+    """Reads a table of readings.
 
     Args:
         path: the file.
-        usual: what holds where a column is missing, or a cell of an optional one empty.
+        defaults: values where a column is missing, or a cell of an optional one is empty.
 
     Raises:
         RecordingError: the file cannot be read, or a column or a row of it is wrong.
     """
-    return parse_readings(_text(Path(path)), str(path), usual)
+    return parse_readings(_text(Path(path)), str(path), defaults)
 
 
-def parse_readings(text: str, where: str, usual: Usual = Usual()) -> DialGaugeReadings:  # noqa: B008 - immutable
+def parse_readings(text: str, where: str, defaults: TableDefaults = TableDefaults()) -> DialGaugeReadings:  # noqa: B008 - immutable
     """The readings in a text.
 
     Args:
         text: of the table.
         where: its file, for messages.
-        usual: see `load_readings`.
+        defaults: see `load_readings`.
 
     Raises:
         RecordingError: a column or a row is wrong.
     """
     separator, rows = _rows(text, where)
     if not rows:
-        raise RecordingError(where, 'there is nothing in it', 'begin with a line such as force_N,displacement_mm')
+        raise RecordingError(where, 'the file is empty', 'begin with a line such as force_N,displacement_mm')
     (_, heading), *body = rows
     columns, unknown = read_heading(heading, where)
     body = [(line, cells) for line, cells in body if any(cell.strip() for cell in cells)]
     if not body:
         raise RecordingError(where, 'there are no rows below the heading', 'give a force and a displacement per row')
     values = _values(body, columns, len(heading), separator != ',', where)
-    notes = [f'{where}: the column {name!r} is not known and not used' for name in unknown]
-    return _readings(values, [line for line, _ in body], where, usual, notes)
+    notes = [f'{where}: the column {name!r} is unknown and not used' for name in unknown]
+    return _readings(values, [line for line, _ in body], where, defaults, notes)
 
 
 def dump_readings(readings: DialGaugeReadings) -> str:
-    """A table that `parse_readings` reads back; columns without any value are left out."""
+    """The readings as a table that `parse_readings` reads; columns without any value are left out."""
     names = {
         'force_N': readings.force,
         'displacement_um': 1e6 * readings.displacement,
@@ -98,7 +98,7 @@ def dump_readings(readings: DialGaugeReadings) -> str:
     }
     if np.any(readings.cycle >= 0):
         table['cycle'] = ['' if number < 0 else str(number) for number in readings.cycle.tolist()]
-    table['part'], table['seat'] = readings.part.tolist(), readings.seat.tolist()
+    table['part'], table['gauge_at'] = readings.part.tolist(), readings.gauge_at.tolist()
     lines = [','.join(table), *(','.join(row) for row in zip(*table.values(), strict=True))]
     return '\n'.join(lines) + '\n'
 
@@ -110,8 +110,8 @@ def _text(path: Path) -> str:
         if not path.is_file():
             raise RecordingError(path, 'expected a CSV file, got ' + ('a folder' if path.is_dir() else 'no file'))
         size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise RecordingError(path, f'expected at most {MAX_BYTES // 2**20} MiB of CSV, got {size} bytes')
+        if size > _MAX_BYTES:
+            raise RecordingError(path, f'expected at most {_MAX_BYTES // 2**20} MiB of CSV, got {size} bytes')
         data = path.read_bytes()
     except OSError as error:
         raise RecordingError(path, f'cannot be read: {error.strerror or error}', 'check the file') from error
@@ -131,7 +131,7 @@ def _decoded(data: bytes, path: Path) -> str:
     except UnicodeDecodeError as error:
         if utf16:
             raise RecordingError(path, 'not UTF-16 text as it begins', 'save it as CSV UTF-8') from error
-        return data.decode('latin-1')  # spreadsheets of old: µ is the only letter that matters
+        return data.decode('latin-1')  # old spreadsheets; µ is the only letter beyond ASCII that is needed
 
 
 def _rows(text: str, where: str) -> tuple[str, list[tuple[int, list[str]]]]:
@@ -182,7 +182,9 @@ def _values(
         more = [str(number) for number, _ in others]
         also = f'; also wrong: line{"s" * (len(more) > 1)} {", ".join(more[:_SHOWN])}' if more else ''
         also += f' and {len(more) - _SHOWN} more' if len(more) > _SHOWN else ''
-        raise RecordingError(where, f'line {line}: {problem}{also}', 'mend the table, or begin the line with #')
+        raise RecordingError(
+            where, f'line {line}: {problem}{also}', 'correct the table, or begin the line with # to leave it out'
+        )
     return values
 
 
@@ -195,25 +197,29 @@ def _value(cell: str, column: Column, decimal_comma: bool) -> float | int | str 
 
 
 def _readings(
-    values: dict[str, list[float | int | str | None]], lines: list[int], where: str, usual: Usual, notes: list[str]
+    values: dict[str, list[float | int | str | None]],
+    lines: list[int],
+    where: str,
+    defaults: TableDefaults,
+    notes: list[str],
 ) -> DialGaugeReadings:
     count = len(lines)
 
     def column(name: str, instead: float | int | str) -> list[float | int | str]:
         return [instead if value is None else value for value in values.get(name, [None] * count)]
 
-    parts = column('part', usual.part)
-    seats = [
-        str(value if value is not None else usual.seat or (TIP if part == GRIPPER else LINK))
-        for value, part in zip(values.get('seat', [None] * count), parts, strict=True)
+    parts = column('part', defaults.part)
+    gauge_places = [
+        str(value if value is not None else defaults.gauge_at or (TIP if part == GRIPPER else LINK))
+        for value, part in zip(values.get('gauge_at', [None] * count), parts, strict=True)
     ]
     return DialGaugeReadings(
         force=np.array(values['force'], dtype=float),
         displacement=np.array(values['displacement'], dtype=float),
         part=np.array(parts, dtype=np.str_),
-        seat=np.array(seats, dtype=np.str_),
-        direction=np.array(column('direction', usual.direction), dtype=float),
-        lever=np.array(column('lever', usual.lever), dtype=float),
+        gauge_at=np.array(gauge_places, dtype=np.str_),
+        direction=np.array(column('direction', defaults.direction), dtype=float),
+        lever=np.array(column('lever', defaults.lever), dtype=float),
         cycle=np.array(column('cycle', -1), dtype=np.int64),
         time=np.array(column('time', math.nan), dtype=float),
         source=np.zeros(count, dtype=np.int64),

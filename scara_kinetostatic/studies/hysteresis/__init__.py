@@ -1,1 +1,1 @@
-"""Measured loops of load over motion: what they show beyond slope and gap."""
+"""Hysteresis of a joint from measured force–displacement loops: which law beyond compliance and backlash they need."""

@@ -1,4 +1,4 @@
-"""Measured loops of several records: law (6), what it lacks, the error before and after on sweeps not in the fit."""
+"""Hysteresis analysis of several records: law (6), the law selected, the errors of both on sweeps not in the fit."""
 
 from __future__ import annotations
 
@@ -12,12 +12,18 @@ from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
 from scara_kinetostatic.studies.hysteresis.fit import Fit, fit, with_std
 from scara_kinetostatic.studies.hysteresis.laws import SLIP
-from scara_kinetostatic.studies.hysteresis.leave_one_out import Transfer, transfer
-from scara_kinetostatic.studies.hysteresis.model_selection import Choice, Score, choose, effective_count, refine_as
-from scara_kinetostatic.studies.hysteresis.motion import Motion, motion_of, repeatability
+from scara_kinetostatic.studies.hysteresis.leave_one_out import LeaveOneOut, predict_left_out
+from scara_kinetostatic.studies.hysteresis.model_selection import (
+    CrossValidation,
+    ModelSelection,
+    apply_refinements,
+    effective_count,
+    select_model,
+)
+from scara_kinetostatic.studies.hysteresis.motion import Motion, motion_from_readings, repeatability
 
-FEWEST_RECORDS = 3
-"""One to predict, and two for a line over the tension."""
+_FEWEST_RECORDS = 3
+"""Records for a leave-one-out prediction: one to predict, and two for a line over the tension."""
 
 
 class Record(NamedTuple):
@@ -26,16 +32,16 @@ class Record(NamedTuple):
     Attributes:
         source: name of its file.
         motion: cut at its reversals.
-        choice: what was decided.
-        parameters: of law (6), of the winner and of the winner refined, with their standard deviations, by law name.
+        selection: the model selection.
+        parameters: of law (6), of the selected and of the refined law, with their standard deviations, by law name.
         repeatability: of the force where the motion repeats, N; NaN if it never does.
-        independent: samples that the residual after is worth.
-        notes: what the reader of its file found worth saying.
+        independent: effective number of independent samples of the refined law's residual.
+        notes: remarks on the file.
     """
 
     source: str
     motion: Motion
-    choice: Choice
+    selection: ModelSelection
     parameters: dict[str, dict[str, Estimate]]
     repeatability: float
     independent: float
@@ -43,34 +49,40 @@ class Record(NamedTuple):
 
     @property
     def compliance(self) -> float:
-        """Of the named law, m/N: turns an error of the force on an elastic branch into one of the displacement."""
-        return (self.choice.winner or self.choice.before).whole.values['compliance']
+        """Of the selected law, m/N; converts errors of the force on an elastic branch to errors of the displacement."""
+        return (self.selection.selected or self.selection.before).whole.values['compliance']
 
 
-class Borrowed(NamedTuple):
-    """A record's winner with the refinements that another record has asked for: numbers of both, and how it does."""
+class TransferredRefinement(NamedTuple):
+    """A record's selected law with the refinements of another record.
+
+    Attributes:
+        record: index of the record.
+        other: index of the record on which the refinements were selected.
+        score: cross-validation on the record.
+    """
 
     record: int
     other: int
-    score: Score
+    score: CrossValidation
 
 
-class HysteresisStudy(NamedTuple):
-    """What all records say.
+class HysteresisAnalysis(NamedTuple):
+    """Result of all records.
 
     Attributes:
         records: in the order given.
-        borrowed: each record refined as every other one with the same winner.
-        transfers: each record predicted from the others; empty without tensions.
+        transferred: each record with the refinements of every other one with the same selected law.
+        leave_one_out: each record predicted from the others; empty without tensions.
     """
 
     records: tuple[Record, ...]
-    borrowed: tuple[Borrowed, ...]
-    transfers: tuple[Transfer, ...]
+    transferred: tuple[TransferredRefinement, ...]
+    leave_one_out: tuple[LeaveOneOut, ...]
 
 
-def hysteresis_study(tables: Sequence[DialGaugeReadings], tensions: Sequence[float] = ()) -> HysteresisStudy:
-    """Closes the loop on measured loops.
+def analyse_hysteresis(tables: Sequence[DialGaugeReadings], tensions: Sequence[float] = ()) -> HysteresisAnalysis:
+    """Analyses records of loops.
 
     Args:
         tables: each from one file, with times.
@@ -82,17 +94,21 @@ def hysteresis_study(tables: Sequence[DialGaugeReadings], tensions: Sequence[flo
     """
     check_tensions(len(tables), tensions)
     records = tuple(_record(table) for table in tables)
-    transfers: tuple[Transfer, ...] = ()
+    predictions: tuple[LeaveOneOut, ...] = ()
     if tensions:
         motions = [record.motion for record in records]
-        before = [record.choice.before.whole for record in records]
+        before = [record.selection.before.whole for record in records]
         slip = [_slip(record) for record in records]
-        transfers = tuple(transfer(k, motions, tensions, before, slip) for k in range(len(records)))
-    return HysteresisStudy(records, _borrowed(records), transfers)
+        predictions = tuple(predict_left_out(k, motions, tensions, before, slip) for k in range(len(records)))
+    return HysteresisAnalysis(records, _transferred(records), predictions)
 
 
 def check_tensions(records: int, tensions: Sequence[float]) -> None:
-    """Whether records can be predicted from one another.
+    """Checks that records can be predicted from one another.
+
+    Args:
+        records: number of records.
+        tensions: of the band, one per record; none if nothing is to be predicted.
 
     Raises:
         ParameterError: they cannot.
@@ -102,39 +118,41 @@ def check_tensions(records: int, tensions: Sequence[float]) -> None:
     if len(tensions) != records:
         raise ParameterError('tension', f'expected one per file, {records}, got {len(tensions)}')
     others = [{value for j, value in enumerate(tensions) if j != k} for k in range(len(tensions))]
-    if len(tensions) < FEWEST_RECORDS or min(len(values) for values in others) < 2:
-        problem = 'a line over the tension needs two different ones among the other files'
+    if len(tensions) < _FEWEST_RECORDS or min(len(values) for values in others) < 2:
+        problem = 'a line over the tension needs two different tensions among the other files'
         raise ParameterError('tension', problem, 'give three files or more, or leave the tensions out')
 
 
 def _record(table: DialGaugeReadings) -> Record:
     source = table.sources[0]
     try:
-        motion = motion_of(table)
+        motion = motion_from_readings(table)
     except UnsupportedDataError as error:
         raise UnsupportedDataError(f'{source}: {error.problem}', error.remedy) from error
-    choice = choose(motion)
-    scores = [score for score in (choice.before, choice.winner, choice.after) if score is not None]
+    selection = select_model(motion)
+    scores = [score for score in (selection.before, selection.selected, selection.refined) if score is not None]
     parameters = {score.law.name: with_std(score.whole, motion) for score in scores}
-    independent = effective_count(choice.after.whole.residual[motion.scored])
-    return Record(source, motion, choice, parameters, repeatability(motion), independent, table.notes)
+    independent = effective_count(selection.refined.whole.residual[motion.scored])
+    return Record(source, motion, selection, parameters, repeatability(motion), independent, table.notes)
 
 
-def _borrowed(records: Sequence[Record]) -> tuple[Borrowed, ...]:
+def _transferred(records: Sequence[Record]) -> tuple[TransferredRefinement, ...]:
     found = []
     for k, record in enumerate(records):
-        own = record.choice.winner
+        own = record.selection.selected
         for j, other in enumerate(records):
-            theirs = other.choice.winner
+            theirs = other.selection.selected
             if j == k or own is None or theirs is None or own.law.name != theirs.law.name:
                 continue
-            if '+' in other.choice.after.law.name:
-                found.append(Borrowed(k, j, refine_as(own, other.choice.after, record.motion)))
+            if '+' in other.selection.refined.law.name:
+                found.append(
+                    TransferredRefinement(k, j, apply_refinements(own, other.selection.refined, record.motion))
+                )
     return tuple(found)
 
 
 def _slip(record: Record) -> Fit:
-    for each in record.choice.candidates:
+    for each in record.selection.candidates:
         if each.score.law.name == SLIP.name:
             return each.score.whole
     return fit(SLIP, record.motion, np.ones(len(record.motion), dtype=bool))

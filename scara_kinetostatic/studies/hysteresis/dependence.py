@@ -1,12 +1,11 @@
-"""What a residual depends on: curves learned on half of the cycles, asked of the other half.
+"""Dependence of a residual on variables of the motion: curves fitted to half of the cycles, tested on the other half.
 
-The residual is averaged in bins of a variable over the odd cycles; that curve is what the even cycles are predicted
-to have left, and the other way round. The share of the residual's square that it explains tells how much the
-variable betrays. The p-value is that of a one-sided t-test that the correlation of residual and curve has mean zero
-over the sweeps (the smaller of both halves, doubled). It assumes that, if nothing is missing, the residuals of
-different sweeps are independent and as likely with the one sign as with the other; within a sweep they may hang
-together. Displacement alone cannot explain hysteresis: where the same variable explains more once the sense of the
-motion is known, no elastic law will do.
+The residual of the odd cycles is averaged in bins of a variable; this curve predicts the residual of the even cycles,
+and the other way round. The share of the squared residual that it explains measures the dependence. The p-value is that
+of a one-sided t-test of the correlation between residual and curve over the sweeps (the smaller of both halves,
+doubled). It assumes that for a sufficient law the residuals of different sweeps are independent with a symmetric
+distribution; within a sweep they may be correlated. Displacement alone cannot explain hysteresis: where a variable
+explains more together with the sense of the motion, no elastic law is sufficient.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from scipy import stats
 
 from scara_kinetostatic.studies.hysteresis.motion import Floats, Motion, Rows
 
-BINS = 16
+_BINS = 16
 VARIABLES = {
     'displacement': 'displacement',
     'displacement_sense': 'displacement, by sense of motion',
@@ -30,12 +29,12 @@ VARIABLES = {
 
 
 class Dependence(NamedTuple):
-    """What one variable explains.
+    """Dependence on one variable.
 
     Attributes:
         variable: a key of `VARIABLES`.
-        share: of the square of the residual, on the half that the curve was not learned from; below 0: worse than none.
-        p_value: that the residual does not depend on it.
+        share: explained share of the squared residual on the half held out; below 0 if the curve increases it.
+        p_value: of no dependence.
     """
 
     variable: str
@@ -44,35 +43,35 @@ class Dependence(NamedTuple):
 
 
 def dependences(motion: Motion, residual: Floats) -> tuple[Dependence, ...]:
-    """All variables, the one that explains most first.
+    """Dependence on all variables, in decreasing order of the explained share.
 
     Args:
         motion: the record.
-        residual: (n,), N; the first sweep is left out.
+        residual: (n,), N; the first sweep does not count.
     """
     found = [_dependence(motion, residual, variable) for variable in VARIABLES]
     return tuple(sorted(found, key=lambda each: -each.share))
 
 
-def anything_left(found: tuple[Dependence, ...]) -> float:
-    """p-value that the residual depends on none of them (Bonferroni)."""
+def p_independent(found: tuple[Dependence, ...]) -> float:
+    """p-value of no dependence on any variable (Bonferroni)."""
     return min(1.0, len(found) * min(each.p_value for each in found))
 
 
 def _dependence(motion: Motion, residual: Floats, variable: str) -> Dependence:
     place = _bin(motion, variable)
     odd = motion.cycle % 2 == 1
-    left, chances = residual.copy(), []
-    for learned in (odd & motion.scored, ~odd & motion.scored):
-        asked = motion.scored & ~learned
-        curve = _curve(place, residual, learned)[place]
-        left[asked] -= curve[asked]
-        sums = [_by_sweep(motion, values, asked) for values in (residual * curve, residual**2, curve**2)]
+    unexplained, p_values = residual.copy(), []
+    for fitted in (odd & motion.scored, ~odd & motion.scored):
+        held_out = motion.scored & ~fitted
+        curve = _curve(place, residual, fitted)[place]
+        unexplained[held_out] -= curve[held_out]
+        sums = [_by_sweep(motion, values, held_out) for values in (residual * curve, residual**2, curve**2)]
         size = np.sqrt(sums[1] * sums[2])
-        chances.append(_above_zero(sums[0][size > 0] / size[size > 0]))
+        p_values.append(_p_positive_mean(sums[0][size > 0] / size[size > 0]))
     rows = motion.scored
-    share = 1 - float((left[rows] ** 2).sum() / (residual[rows] ** 2).sum()) if np.any(residual[rows]) else 0.0
-    return Dependence(variable, share, min(1.0, 2 * min(chances)))
+    share = 1 - float((unexplained[rows] ** 2).sum() / (residual[rows] ** 2).sum()) if np.any(residual[rows]) else 0.0
+    return Dependence(variable, share, min(1.0, 2 * min(p_values)))
 
 
 def _by_sweep(motion: Motion, values: Floats, rows: Rows) -> Floats:
@@ -83,19 +82,19 @@ def _by_sweep(motion: Motion, values: Floats, rows: Rows) -> Floats:
 def _bin(motion: Motion, variable: str) -> NDArray[np.int64]:
     by_sense = variable.endswith('_sense')
     values: Floats = getattr(motion, variable.removesuffix('_sense'))
-    steps = BINS * (values - values.min()) / (np.ptp(values) or 1.0)
-    place = np.minimum(steps.astype(np.int64), BINS - 1)
-    return place + BINS * (motion.sense > 0) if by_sense else place
+    steps = _BINS * (values - values.min()) / (np.ptp(values) or 1.0)
+    place = np.minimum(steps.astype(np.int64), _BINS - 1)
+    return place + _BINS * (motion.sense > 0) if by_sense else place
 
 
 def _curve(place: NDArray[np.int64], residual: Floats, rows: Rows) -> Floats:
-    """Mean of each bin; 0 where there is nothing, (2 bins,)."""
-    count = np.bincount(place[rows], minlength=2 * BINS)
-    total = np.bincount(place[rows], weights=residual[rows], minlength=2 * BINS)
+    """Mean of each bin, (2 bins,), N; 0 for an empty one."""
+    count = np.bincount(place[rows], minlength=2 * _BINS)
+    total = np.bincount(place[rows], weights=residual[rows], minlength=2 * _BINS)
     return np.asarray(total / np.maximum(count, 1))
 
 
-def _above_zero(values: Floats) -> float:
+def _p_positive_mean(values: Floats) -> float:
     """p-value of a mean of zero or less."""
     if len(values) < 2 or not np.ptp(values) > 0:
         return 1.0

@@ -1,4 +1,4 @@
-"""What measured loops show as data: `loops.json`, SI units; null where there is no number."""
+"""`hysteresis.json`: the hysteresis analysis as data, SI units; null where a quantity does not exist."""
 
 from __future__ import annotations
 
@@ -8,79 +8,82 @@ from typing import Any
 from scara_kinetostatic import __version__
 from scara_kinetostatic.render.json_file import Document
 from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
-from scara_kinetostatic.studies.hysteresis.analysis import HysteresisStudy, Record
+from scara_kinetostatic.studies.hysteresis.analysis import HysteresisAnalysis, Record
 from scara_kinetostatic.studies.hysteresis.dependence import Dependence
 from scara_kinetostatic.studies.hysteresis.laws import BACKLASH, Law
-from scara_kinetostatic.studies.hysteresis.leave_one_out import Transfer
-from scara_kinetostatic.studies.hysteresis.model_selection import Comparison, Score
+from scara_kinetostatic.studies.hysteresis.leave_one_out import LeaveOneOut
+from scara_kinetostatic.studies.hysteresis.model_selection import Comparison, CrossValidation
 
-NAME = 'loops.json'
-SCHEMA = 'scara_kinetostatic/loops/1'
+NAME = 'hysteresis.json'
+SCHEMA = 'scara_kinetostatic/hysteresis/1'
 
 
-def hysteresis_document(study: HysteresisStudy) -> Document:
+def hysteresis_document(analysis: HysteresisAnalysis) -> Document:
     """The document."""
     return {
         'schema': SCHEMA,
         'version': __version__,
-        'records': [_record(record) for record in study.records],
-        'refined_as_another': [
+        'records': [_record(record) for record in analysis.records],
+        'refined_as_other': [
             {
-                'source': study.records[each.record].source,
-                'as': study.records[each.other].source,
-                'force_error': _errors(each.score, study.records[each.record]),
+                'source': analysis.records[each.record].source,
+                'as': analysis.records[each.other].source,
+                'force_error': _errors(each.score, analysis.records[each.record]),
             }
-            for each in study.borrowed
+            for each in analysis.transferred
         ],
-        'predicted_from_the_others': [_transfer(each, study) for each in study.transfers],
+        'leave_one_out': [_leave_one_out(each, analysis) for each in analysis.leave_one_out],
     }
 
 
 def _record(record: Record) -> dict[str, Any]:
-    choice, motion = record.choice, record.motion
-    errors = {'before': choice.before, 'after': choice.winner, 'refined': choice.after}
+    selection, motion = record.selection, record.motion
+    errors = {'before': selection.before, 'after': selection.selected, 'refined': selection.refined}
     return {
         'source': record.source,
         'sweeps': motion.sweeps,
         'samples': len(motion),
         'force_range': motion.force_range,
         'travel': motion.travel,
-        'verdict': choice.verdict,
-        'p_value': choice.p_value,
-        'effects': [] if choice.winner is None else [choice.winner.law.name],
-        'rivals': [[choice.winner.law.name, *choice.rivals]] if choice.winner and choice.rivals else [],
-        'refinements': choice.after.law.name.split('+')[1:],
+        'verdict': selection.verdict,
+        'p_value': selection.p_value,
+        'effects': [] if selection.selected is None else [selection.selected.law.name],
+        'rivals': [[selection.selected.law.name, *selection.rivals]] if selection.selected and selection.rivals else [],
+        'refinements': selection.refined.law.name.split('+')[1:],
         'force_error': {name: score and _errors(score, record) for name, score in errors.items()},
         'repeatability': _number(record.repeatability),
         'candidates': [
-            _candidate(choice.before, record),
-            {**_candidate(choice.told, record), 'told_the_force_at_every_reversal': True},
-            *(_compared(each, record) for each in choice.candidates),
+            _candidate(selection.before, record),
+            {**_candidate(selection.with_reset, record), 'reset_at_reversals': True},
+            *(_compared(each, record) for each in selection.candidates),
         ],
-        'refinement_steps': [[_compared(each, record) for each in step] for step in choice.refinements],
+        'refinement_steps': [[_compared(each, record) for each in step] for step in selection.refinements],
         'parameters': {
             law: {name: _estimate(name, estimate, record) for name, estimate in found.items()}
             for law, found in record.parameters.items()
         },
-        'residual_depends_on': {'before': _dependences(choice.structure), 'after': _dependences(choice.left)},
-        'p_value_after': choice.p_left,
-        'independent_samples_after': record.independent,
+        'residual_dependence': {
+            'before': _dependences(selection.dependence_before),
+            'after': _dependences(selection.dependence_after),
+        },
+        'p_value_after': selection.p_after,
+        'effective_samples_after': record.independent,
         'notes': list(record.notes),
     }
 
 
-def _errors(score: Score, record: Record) -> dict[str, float]:
+def _errors(score: CrossValidation, record: Record) -> dict[str, float]:
     return {
         'fitted': score.train_rms,
         'held_out': score.held_out_rms,
         'later_from_earlier': score.later_rms,
         'earlier_from_later': score.earlier_rms,
-        'held_out_part_of_range': score.held_out_rms / record.motion.force_range,
+        'held_out_share_of_range': score.held_out_rms / record.motion.force_range,
         'held_out_as_displacement': score.held_out_rms * record.compliance,
     }
 
 
-def _candidate(score: Score, record: Record) -> dict[str, Any]:
+def _candidate(score: CrossValidation, record: Record) -> dict[str, Any]:
     values = {name: float(value) for name, value in score.whole.values.items()}
     return {'name': score.law.name, **_errors(score, record), 'values': values}
 
@@ -91,7 +94,7 @@ def _compared(each: Comparison, record: Record) -> dict[str, Any]:
 
 
 def _estimate(name: str, estimate: Estimate, record: Record) -> dict[str, Any]:
-    laws: list[Law] = [record.choice.after.law, BACKLASH]
+    laws: list[Law] = [record.selection.refined.law, BACKLASH]
     unit = next(each.unit for law in laws for each in law.parameters if each.name == name)
     return {'value': estimate.value, 'std': _number(estimate.std), 'unit': unit}
 
@@ -100,14 +103,14 @@ def _dependences(found: tuple[Dependence, ...]) -> dict[str, Any]:
     return {each.variable: {'share': each.share, 'p_value': each.p_value} for each in found}
 
 
-def _transfer(each: Transfer, study: HysteresisStudy) -> dict[str, Any]:
+def _leave_one_out(each: LeaveOneOut, analysis: HysteresisAnalysis) -> dict[str, Any]:
     return {
-        'source': study.records[each.record].source,
+        'source': analysis.records[each.record].source,
         'tension': each.tension,
         'force_error': {
-            'before': each.before,
-            'after_by_tension': each.after,
-            'after_slip_shown': each.shown,
+            'backlash_law': each.backlash,
+            'slip_by_tension': each.by_tension,
+            'slip_identified': each.identified,
             'own_fit': each.own,
         },
         'slip_force': {'by_tension': list(each.slips), 'own': list(each.own_slips)},

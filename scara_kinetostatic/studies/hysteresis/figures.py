@@ -1,4 +1,4 @@
-"""Pictures of measured loops: laws over the loop, the residual over what betrays it, loops predicted from others."""
+"""Figures of the hysteresis analysis: laws over the loop, residuals over the distance, leave-one-out predictions."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from scara_kinetostatic.render.figure import FAINT, INK, SERIES, as_svg
-from scara_kinetostatic.studies.hysteresis.analysis import HysteresisStudy, Record
-from scara_kinetostatic.studies.hysteresis.leave_one_out import SHOWN
-from scara_kinetostatic.studies.hysteresis.model_selection import Score
+from scara_kinetostatic.studies.hysteresis.analysis import HysteresisAnalysis, Record
+from scara_kinetostatic.studies.hysteresis.leave_one_out import IDENTIFICATION_SWEEPS
+from scara_kinetostatic.studies.hysteresis.model_selection import CrossValidation
 from scara_kinetostatic.studies.hysteresis.motion import Floats, Motion, Rows
 
 WIDTH = 920.0
-MILLI, KILO = 1e3, 1e-3
-RISING, FALLING = SERIES[0], SERIES[1]
-BEFORE, AFTER, REFINED = SERIES[1], SERIES[0], SERIES[2]
+_MILLI, _KILO = 1e3, 1e-3
+_RISING, _FALLING = SERIES[0], SERIES[1]
+_BEFORE, _AFTER, _REFINED = SERIES[1], SERIES[0], SERIES[2]
 
 
 def loop_picture(record: Record, name: str) -> Markup:
@@ -24,20 +24,20 @@ def loop_picture(record: Record, name: str) -> Markup:
 
     Args:
         record: what to show.
-        name: tells the picture from others on the page.
+        name: identifier of the picture on the page.
     """
     figure, panels = _panels(380)
-    motion, choice = record.motion, record.choice
+    motion, selection = record.motion, record.selection
     rows = ~motion.earlier
-    shown = [(choice.before, BEFORE, 'law (6)')]
-    after = [(choice.winner, AFTER, 'effect added')] if choice.winner is not None else []
-    if choice.winner is not None and choice.after.law.name != choice.winner.law.name:
-        after.append((choice.after, REFINED, 'refined'))
+    shown = [(selection.before, _BEFORE, 'law (6)')]
+    after = [(selection.selected, _AFTER, 'selected law')] if selection.selected is not None else []
+    if selection.selected is not None and selection.refined.law.name != selection.selected.law.name:
+        after.append((selection.refined, _REFINED, 'refined'))
     for axes, laws in zip(panels, (shown, after), strict=True):
-        axes.plot(MILLI * motion.displacement[rows], KILO * motion.force[rows], color=INK, lw=0.8, label='measured')
+        axes.plot(_MILLI * motion.displacement[rows], _KILO * motion.force[rows], color=INK, lw=0.8, label='measured')
         for score, colour, label in laws:
             predicted = motion.force - score.halves[0].residual
-            axes.plot(MILLI * motion.displacement[rows], KILO * predicted[rows], color=colour, lw=1.4, label=label)
+            axes.plot(_MILLI * motion.displacement[rows], _KILO * predicted[rows], color=colour, lw=1.4, label=label)
         axes.set(xlabel='displacement  [mm]')
         _legend(axes)
     panels[0].set(ylabel='force  [kN]')
@@ -45,11 +45,11 @@ def loop_picture(record: Record, name: str) -> Markup:
 
 
 def residual_picture(record: Record, name: str) -> Markup:
-    """Held-out residual over the distance since the reversal: law (6), and the last law."""
+    """Held-out residual over the distance since the reversal: law (6), and the refined law."""
     figure, panels = _panels(330)
-    choice = record.choice
-    names = ('before', 'refined' if '+' in choice.after.law.name else 'after')
-    for axes, score, words in zip(panels, (choice.before, choice.after), names, strict=True):
+    selection = record.selection
+    names = ('before', 'refined' if '+' in selection.refined.law.name else 'after')
+    for axes, score, words in zip(panels, (selection.before, selection.refined), names, strict=True):
         _residual(axes, record.motion, score)
         axes.axhline(0, color=FAINT, lw=0.9)
         axes.set(xlabel='distance since the reversal  [mm]')
@@ -58,38 +58,38 @@ def residual_picture(record: Record, name: str) -> Markup:
     return as_svg(figure, name, 'residual on sweeps held out over the distance since the reversal, before and after')
 
 
-def _residual(axes: Axes, motion: Motion, score: Score) -> None:
-    for sense, colour, label in ((1, RISING, 'rising'), (-1, FALLING, 'falling')):
+def _residual(axes: Axes, motion: Motion, score: CrossValidation) -> None:
+    for sense, colour, label in ((1, _RISING, 'rising'), (-1, _FALLING, 'falling')):
         first = True
         for k in np.flatnonzero(motion.sense[motion.edges[:-1]] == sense):
             if k == 0:
                 continue
             rows = slice(motion.edges[k], motion.edges[k + 1])
-            distance = MILLI * motion.distance[rows]
-            axes.plot(distance, KILO * score.held_out[rows], color=colour, lw=0.8, label=label if first else None)
+            distance = _MILLI * motion.distance[rows]
+            axes.plot(distance, _KILO * score.held_out[rows], color=colour, lw=0.8, label=label if first else None)
             first = False
     _legend(axes)
 
 
-def transfer_picture(study: HysteresisStudy, name: str) -> Markup:
+def prediction_picture(analysis: HysteresisAnalysis, name: str) -> Markup:
     """Each record as predicted from the others."""
-    columns = len(study.transfers)
+    columns = len(analysis.leave_one_out)
     figure = Figure(figsize=(WIDTH / 72, 330 / 72), dpi=72, layout='constrained')
     panels = figure.subplots(1, columns, squeeze=False)[0]
-    for axes, each in zip(panels, study.transfers, strict=True):
-        motion = study.records[each.record].motion
-        rows = motion.sweep >= SHOWN
+    for axes, each in zip(panels, analysis.leave_one_out, strict=True):
+        motion = analysis.records[each.record].motion
+        rows = motion.sweep >= IDENTIFICATION_SWEEPS
         _both(axes, motion, each.residual, rows)
         axes.set(xlabel='displacement  [mm]')
-        axes.set_title(f'{each.tension:g} from the others: rms {each.after:.0f} N')
+        axes.set_title(f'{each.tension:g} from the others: rms {each.by_tension:.0f} N')
     panels[0].set(ylabel='force  [kN]')
     return as_svg(figure, name, 'force over displacement of each record, measured and predicted from the others')
 
 
 def _both(axes: Axes, motion: Motion, residual: Floats, rows: Rows) -> None:
-    moved, force = MILLI * motion.displacement[rows], KILO * motion.force[rows]
-    axes.plot(moved, force, color=INK, lw=0.8, label='measured')
-    axes.plot(moved, force - KILO * residual[rows], color=AFTER, lw=1.4, label='predicted')
+    displacement, force = _MILLI * motion.displacement[rows], _KILO * motion.force[rows]
+    axes.plot(displacement, force, color=INK, lw=0.8, label='measured')
+    axes.plot(displacement, force - _KILO * residual[rows], color=_AFTER, lw=1.4, label='predicted')
     _legend(axes)
 
 

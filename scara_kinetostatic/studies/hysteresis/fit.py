@@ -1,8 +1,8 @@
-"""A law fitted to some rows of a motion by least squares, and what it predicts on the others.
+"""Least-squares fit of a law to some rows of a motion, and its prediction of the others.
 
-The law always runs along the whole displacement; only the residuals of the rows in the fit count. Many starts are
-tried, the best few followed to the end: slip and gap make the sum of squares uneven. Standard deviations are those
-of the delete-one-cycle jackknife: the residuals within a cycle hang together, the naive ones would be far too small.
+The law is always evaluated along the whole displacement; only the residuals of the rows in the fit count. Slip and gap
+give the sum of squares several local minima: many starting points are evaluated and the best few are optimised.
+Standard deviations are those of the delete-one-cycle jackknife, since residuals within a cycle are correlated.
 """
 
 from __future__ import annotations
@@ -18,20 +18,22 @@ from scara_kinetostatic.studies.hysteresis.laws import Law, Parameter, Refinemen
 from scara_kinetostatic.studies.hysteresis.motion import Floats, Motion, Rows
 
 _FOLLOWED = 3
+"""Number of starting points that are optimised."""
 _STEP = 1e-4
-"""Of the scaled parameters, for the Jacobian."""
+"""Step of the scaled parameters for the finite differences of the Jacobian."""
 _EVALUATIONS = 100
+"""Largest number of evaluations of one optimisation."""
 
 
 class Fit(NamedTuple):
-    """A law, its parameters in SI, and the measured less the predicted force at every sample, (n,), N."""
+    """A fitted law: its parameters in SI, and the measured less the predicted force at every sample, (n,), N."""
 
     law: Law
     values: Values
     residual: Floats
 
     def rms(self, rows: Rows) -> float:
-        """Over rows, N."""
+        """Rms residual over rows, N."""
         return float(np.sqrt(np.mean(self.residual[rows] ** 2)))
 
 
@@ -39,17 +41,17 @@ def fit(law: Law, motion: Motion, rows: Rows) -> Fit:
     """Fits a law from scratch.
 
     Args:
-        law: which.
+        law: the law.
         motion: the record.
-        rows: those that count, (n,).
+        rows: those in the fit, (n,).
     """
     return _best(law, motion, rows, law.starts(motion))
 
 
 def fit_refined(base: Fit, refinement: Refinement, motion: Motion, rows: Rows) -> Fit:
-    """Adds a refinement to a law that is fitted, and fits it anew from there."""
+    """Adds a refinement to a fitted law and fits all parameters, starting from those of the fitted law."""
     law = refined(base.law, refinement)
-    extra = Law('', '', refinement.parameters, law.force, True)
+    extra = Law('', '', refinement.parameters, law.force)
     return _best(law, motion, rows, [{**base.values, **more} for more in extra.starts(motion)])
 
 
@@ -85,26 +87,26 @@ def _descend(law: Law, motion: Motion, rows: Rows, start: Values) -> Fit:
 
 
 def refit(fitted: Fit, motion: Motion, rows: Rows, only: Sequence[str] | None = None) -> Fit:
-    """The same law, from where it is, to other rows, or another motion.
+    """Fits the same law to other rows or another motion, starting from its present parameters.
 
     Args:
-        fitted: where to begin.
+        fitted: the fitted law.
         motion: the record.
-        rows: those that count.
-        only: names of the parameters to fit; the others stay.
+        rows: those in the fit.
+        only: names of the parameters to fit; the others are kept.
     """
     law = fitted.law
     if only is None:
         return _descend(law, motion, rows, fitted.values)
     kept = {name: value for name, value in fitted.values.items() if name not in only}
     free: tuple[Parameter, ...] = tuple(each for each in law.parameters if each.name in only)
-    part = Law(law.name, law.title, free, lambda values, along: law.force({**kept, **values}, along), law.history)
+    part = Law(law.name, law.title, free, lambda values, along: law.force({**kept, **values}, along))
     found = _descend(part, motion, rows, fitted.values)
     return Fit(law, {**kept, **found.values}, found.residual)
 
 
 def predict(fitted: Fit, motion: Motion) -> Fit:
-    """The law with its parameters, along another motion."""
+    """The law with its parameters, evaluated along another motion."""
     return fitted._replace(residual=motion.force - fitted.law.force(fitted.values, motion))
 
 

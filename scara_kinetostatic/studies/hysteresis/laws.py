@@ -1,32 +1,29 @@
-"""Laws that give the force along a motion: law (6) of the paper and what might have to be added to it.
+"""Laws of the force along a motion: law (6) of the paper, candidates that extend it, and simulated records of them.
 
-Law (6) turned round, q - q* = p c + g sign(c), is a spring with a dead zone: with the stretch u,
+Law (6), q - q* = p c + g sign(c), solved for the force is a spring with a dead zone: with the deflection u,
 
     F = F0 + dz(u; g) / p,        dz(u; g) = sign(u) max(|u| - g, 0),
 
 F0 being the zero of the force sensor. With u = x - x0 the force depends on the displacement alone. Candidates:
 
-- softening: the spring gives way: dz / p becomes Fs tanh(dz / (p Fs)). Still no hysteresis.
+- softening: a spring whose stiffness decreases, Fs tanh(dz / (p Fs)) instead of dz / p; without hysteresis.
 - viscous: a damper in parallel, c dx/dt.
 - friction: Coulomb friction in parallel, Fc sign(dx/dt).
-- slip: Coulomb friction in series. u follows the motion until the spring force reaches +F+ or -F-; from
-  there on the joint slips and u stays. With X the displacement since any instant, in a rising sweep
+- slip: Coulomb friction in series, a play operator on u. u follows the motion until the spring force reaches +F+ or
+  -F-; from there on the joint slips and u remains. With X the displacement since any instant, in a rising sweep
 
-      u_k = X_k + min(u_0, min over j <= k of (h_j - X_j)),        h: stretch at which it slips,
+      u_k = X_k + min(u_0, min over j <= k of (h_j - X_j)),        h: deflection at which it slips,
 
-  the mirror image in a falling one: exact along the samples, with no integration, and the bound may depend on
-  place, speed and distance.
-- reset: law (6) told the measured force at every reversal, u set anew there. No candidate, since it has to be told;
-  it shows that law (6) fails not for want of the right zero.
-- slip_no_gap: the same with g = 0; F0 is then no more than a shift of u and of both bounds, and left out.
+  and the mirror image in a falling one. This is exact at the samples, without integration, and the bound may depend
+  on displacement, speed and distance.
+- slip_no_gap: the same with g = 0; F0 is then equivalent to a shift of u and of both bounds, and left out.
+- reset: law (6) with u set by the measured force at every reversal. Not a candidate, since it uses the measured force;
+  it shows whether law (6) fails only because of a wrong zero.
 
-Refinements of slip, each with parameters of its own: see `REFINEMENTS`.
+Refinements of slip, each with its own parameters: see `REFINEMENTS`.
 
-Loops played by a known law: what the decision is tried on.
-
-The motion is that of the measured loops: a sine whose amplitude grows from cycle to cycle. The noise may hang together
-from sample to sample, with the correlation r^k over k samples.
-
+Simulated records have the motion of the measured loops, a sine whose amplitude increases from cycle to cycle, and noise
+with a correlation r^k over k samples.
 """
 
 from __future__ import annotations
@@ -38,25 +35,32 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import lfilter
 
-from scara_kinetostatic.studies.hysteresis.motion import Floats, Motion, cut
+from scara_kinetostatic.studies.hysteresis.motion import Floats, Motion, cut_at_reversals
 
 Values = Mapping[str, float]
 
-SLOW = 0.1
-"""Part of the top speed over which the extra force of slow motion dies away."""
-BREAKAWAY = 0.1
-"""Distance from a reversal, part of the travel, from where on the extra force of breakaway dies away."""
+_SLOW = 0.1
+"""Decay constant of the additional force of slow motion, as a share of the top speed."""
+_BREAKAWAY = 0.1
+"""Distance from a reversal from which the additional breakaway force decays, as a share of the travel."""
 _INSIDE = 0.02
-"""Part of the force range below which the first reading may lie anywhere in the gap."""
+"""Share of the force range below which the first reading may be anywhere in the gap."""
 
 
 class Parameter(NamedTuple):
-    """Name, unit, lower bound, and where fits begin: several tries, some of them as part of the data's range."""
+    """A parameter of a law.
+
+    Attributes:
+        name: key.
+        unit: SI.
+        least: lower bound.
+        starting_values: for fits, in units of the range of the data.
+    """
 
     name: str
     unit: str
     least: float
-    tries: tuple[float, ...]
+    starting_values: tuple[float, ...]
 
 
 class Law(NamedTuple):
@@ -67,28 +71,28 @@ class Law(NamedTuple):
         title: in words.
         parameters: what is fitted.
         force: along the motion, (n,), N.
-        history: whether the force depends on more than the displacement of the moment.
     """
 
     name: str
     title: str
     parameters: tuple[Parameter, ...]
     force: Callable[[Values, Motion], Floats]
-    history: bool
 
     def starts(self, motion: Motion) -> list[dict[str, float]]:
-        """Every combination of tries, SI."""
+        """Every combination of starting values, SI."""
         names = [each.name for each in self.parameters]
-        tries = [[_size(each, motion) * part for part in each.tries] for each in self.parameters]
-        return [dict(zip(names, values, strict=True)) for values in product(*tries)]
+        starting_values = [[_size(each, motion) * part for part in each.starting_values] for each in self.parameters]
+        return [dict(zip(names, values, strict=True)) for values in product(*starting_values)]
 
     def scales(self, motion: Motion) -> Floats:
-        """Size of one unit of each parameter."""
-        return np.array([_size(each, motion) * max(0.01, min(map(abs, each.tries))) for each in self.parameters])
+        """Scale of each parameter in the optimisation, SI."""
+        return np.array(
+            [_size(each, motion) * max(0.01, min(map(abs, each.starting_values))) for each in self.parameters]
+        )
 
 
 def _size(parameter: Parameter, motion: Motion) -> float:
-    """By the unit, the range of the data."""
+    """Range of the data in the unit of a parameter."""
     length, force = motion.travel, motion.force_range / 2
     speed = float(np.abs(motion.speed).max())
     sizes = {'m': length, 'N': force, 'm/N': length / force, 'N/m': force / length, 'Ns/m': force / speed, '': 1.0}
@@ -103,14 +107,14 @@ _SENSOR = Parameter('force_zero', 'N', -np.inf, (0.0,))
 _SLIPS = tuple(Parameter(name, 'N', 0.0, (0.7, 1.1)) for name in ('slip_positive', 'slip_negative'))
 
 
-def dead_zone(stretch: Floats, half_gap: float) -> Floats:
+def _dead_zone(deflection: Floats, half_gap: float) -> Floats:
     """dz(u; g), m."""
-    return np.asarray(np.sign(stretch) * np.maximum(np.abs(stretch) - half_gap, 0.0))
+    return np.asarray(np.sign(deflection) * np.maximum(np.abs(deflection) - half_gap, 0.0))
 
 
 def _backlash(values: Values, motion: Motion) -> Floats:
-    stretch = motion.displacement - motion.displacement.mean() - values['zero']
-    return values['force_zero'] + dead_zone(stretch, values['half_gap']) / values['compliance']
+    deflection = motion.displacement - motion.displacement.mean() - values['zero']
+    return values['force_zero'] + _dead_zone(deflection, values['half_gap']) / values['compliance']
 
 
 def _softening(values: Values, motion: Motion) -> Floats:
@@ -128,9 +132,9 @@ def _friction(values: Values, motion: Motion) -> Floats:
 
 
 class _Spring(NamedTuple):
-    """The elastic part of slip: compliance of either sense of force, half gap, rounding of its edges, m.
+    """The elastic part of slip: compliances for positive and negative force, half gap and rounding r of its edges, m.
 
-    Rounded, |u| - g becomes s(|u|) - s(0) with s = (w + √(w² + 4 r²)) / 2, w = |u| - g.
+    With rounding, |u| - g becomes s(|u|) - s(0) with s = (w + √(w² + 4 r²)) / 2, w = |u| - g.
     """
 
     positive: float
@@ -143,14 +147,14 @@ class _Spring(NamedTuple):
         g, r = self.half_gap, self.rounding
         return float(np.hypot(g, 2 * r) - g) / 2
 
-    def force(self, stretch: Floats) -> Floats:
-        """N, (n,)."""
-        way = np.abs(stretch) - self.half_gap
+    def force(self, deflection: Floats) -> Floats:
+        """Force at deflections, (n,), N."""
+        way = np.abs(deflection) - self.half_gap
         way = (way + np.hypot(way, 2 * self.rounding)) / 2 - self._offset
-        return np.asarray(np.sign(stretch) * way / np.where(stretch > 0, self.positive, self.negative))
+        return np.asarray(np.sign(deflection) * way / np.where(deflection > 0, self.positive, self.negative))
 
-    def stretch(self, force: Floats, positive: bool) -> Floats:
-        """The other way round, for a force and a stretch counted positive in the sense given."""
+    def deflection(self, force: Floats, positive: bool) -> Floats:
+        """Deflection at forces, (n,), m; the inverse of `force`, both counted positive in the given sense."""
         way = (self.positive if positive else self.negative) * force + self._offset
         lift = np.divide(self.rounding**2, way, out=np.zeros_like(way), where=way > 0)
         return np.asarray(np.maximum(self.half_gap + way - lift, 0.0))
@@ -158,8 +162,8 @@ class _Spring(NamedTuple):
 
 def _slip(values: Values, motion: Motion) -> Floats:
     spring, zero = _spring(values), values.get('force_zero', 0.0)
-    bounds = {sign: sign * spring.stretch(_plateau(values, motion, sign), sign > 0) for sign in (1, -1)}
-    stretch = np.empty(len(motion))
+    bounds = {sign: sign * spring.deflection(_plateau(values, motion, sign), sign > 0) for sign in (1, -1)}
+    deflection = np.empty(len(motion))
     here = _state(motion.force[0] - zero, spring, motion) + values['start']
     before = motion.displacement[0]
     for k, first in enumerate(motion.edges[:-1]):
@@ -167,9 +171,9 @@ def _slip(values: Values, motion: Motion) -> Floats:
         sense = motion.sense[first]
         moved = sense * (motion.displacement[rows] - before)
         room = np.minimum.accumulate(sense * bounds[int(sense)][rows] - moved)
-        stretch[rows] = sense * (moved + np.minimum(sense * here, room))
-        here, before = stretch[rows.stop - 1], motion.displacement[rows.stop - 1]
-    return zero + spring.force(stretch)
+        deflection[rows] = sense * (moved + np.minimum(sense * here, room))
+        here, before = deflection[rows.stop - 1], motion.displacement[rows.stop - 1]
+    return zero + spring.force(deflection)
 
 
 def _reset(values: Values, motion: Motion) -> Floats:
@@ -186,39 +190,39 @@ def _spring(values: Values) -> _Spring:
 
 
 def _state(force: float, spring: _Spring, motion: Motion) -> float:
-    """The stretch that goes with a spring force; towards the middle of the gap where the force is small."""
+    """The deflection at a spring force, m; interpolated across the gap where the force is small."""
     place = min(max(force / (_INSIDE * motion.force_range), -1.0), 1.0)
     return force * (spring.positive if force > 0 else spring.negative) + place * spring.half_gap
 
 
 def _plateau(values: Values, motion: Motion, sign: int) -> Floats:
-    """The force at which it slips in one sense, counted positive, (n,), N."""
+    """Slip force in one sense, positive, (n,), N."""
     name = 'positive' if sign > 0 else 'negative'
     force = np.full(len(motion), values[f'slip_{name}'])
     if f'place_{name}' in values:
         force += sign * values[f'place_{name}'] * (motion.displacement - motion.displacement.mean())
     if f'slow_{name}' in values:
-        force += values[f'slow_{name}'] * np.exp(-np.abs(motion.speed) / (SLOW * np.abs(motion.speed).max()))
+        force += values[f'slow_{name}'] * np.exp(-np.abs(motion.speed) / (_SLOW * np.abs(motion.speed).max()))
     if f'breakaway_{name}' in values:
-        beyond = np.maximum(motion.distance - BREAKAWAY * motion.travel, 0.0)
+        beyond = np.maximum(motion.distance - _BREAKAWAY * motion.travel, 0.0)
         force += values[f'breakaway_{name}'] * np.exp(-beyond / values['breakaway_length'])
     return np.maximum(force, 0.0)
 
 
 _LAW6 = (_ZERO, _COMPLIANCE, _HALF_GAP, _SENSOR)
-BACKLASH = Law('backlash', 'law (6): slope and gap', _LAW6, _backlash, False)
-SOFTENING = Law('softening', 'softening spring', (*_LAW6, *_SLIPS), _softening, False)
-VISCOUS = Law('viscous', 'damper in parallel', (*_LAW6, Parameter('damping', 'Ns/m', -np.inf, (0.5,))), _viscous, True)
-FRICTION = Law('friction', 'friction in parallel', (*_LAW6, Parameter('friction', 'N', 0.0, (0.5,))), _friction, True)
-SLIP_NO_GAP = Law('slip_no_gap', 'slip in series, no gap', (_START, _COMPLIANCE, *_SLIPS), _slip, True)
-SLIP = Law('slip', 'slip in series', (_START, _COMPLIANCE, _HALF_GAP, _SENSOR, *_SLIPS), _slip, True)
-RESET = Law('reset', 'law (6), told the force at every reversal', _LAW6[1:], _reset, True)
+BACKLASH = Law('backlash', 'law (6): slope and gap', _LAW6, _backlash)
+SOFTENING = Law('softening', 'softening spring', (*_LAW6, *_SLIPS), _softening)
+VISCOUS = Law('viscous', 'damper in parallel', (*_LAW6, Parameter('damping', 'Ns/m', -np.inf, (0.5,))), _viscous)
+FRICTION = Law('friction', 'friction in parallel', (*_LAW6, Parameter('friction', 'N', 0.0, (0.5,))), _friction)
+SLIP_NO_GAP = Law('slip_no_gap', 'slip in series, no gap', (_START, _COMPLIANCE, *_SLIPS), _slip)
+SLIP = Law('slip', 'slip in series', (_START, _COMPLIANCE, _HALF_GAP, _SENSOR, *_SLIPS), _slip)
+RESET = Law('reset', 'law (6), reset at every reversal', _LAW6[1:], _reset)
 CANDIDATES = (SOFTENING, VISCOUS, FRICTION, SLIP_NO_GAP, SLIP)
-"""What may be added to law (6)."""
+"""Laws that are compared with law (6)."""
 
 
 class Refinement(NamedTuple):
-    """What may be added to slip: key, words, parameters."""
+    """An extension of slip: key, title, parameters."""
 
     name: str
     title: str
@@ -239,50 +243,53 @@ REFINEMENTS = (
     Refinement('slow', 'slip force by speed', _both('slow', 'N')),
     Refinement('breakaway', 'breakaway after the reversal', (*_both('breakaway', 'N'), _LENGTH)),
 )
-"""What may be added to slip in series:
+"""Extensions of slip in series:
 
-- compliance_ratio: another slope where the force is negative;
-- rounding: the edges of the gap are round;
-- place: the force at which it slips changes with the displacement;
-- slow: it is larger (or smaller) where the motion is slow, by exp(-|v| / (`SLOW` × top speed));
-- breakaway: it is larger (or smaller) up to `BREAKAWAY` × travel from a reversal, then that dies away exponentially.
+- compliance_ratio: another compliance for negative force;
+- rounding: rounded edges of the gap;
+- place: slip force linear in the displacement;
+- slow: slip force with an additional part exp(-|v| / (`_SLOW` × top speed)), a Stribeck term of either sign;
+- breakaway: slip force with an additional part of either sign up to `_BREAKAWAY` × travel from a reversal, which then
+  decays exponentially.
 """
 
 
 def refined(law: Law, refinement: Refinement) -> Law:
-    """Slip with one thing more."""
+    """A law with one refinement more."""
     name, title = f'{law.name}+{refinement.name}', f'{law.title}, {refinement.title}'
     return law._replace(name=name, title=title, parameters=(*law.parameters, *refinement.parameters))
 
 
-AMPLITUDE, PERIOD = 0.02, 2.0
-_GROWN = 2
-"""Cycles after which the amplitude is reached."""
-_FIRST = 0.4
+_AMPLITUDE, PERIOD = 0.02, 2.0
+"""Of the simulated motion, m and s."""
+_GROWN, _FIRST = 2, 0.4
+"""Cycles after which the amplitude is reached, and the share of it at the start."""
 
 
 def sine(samples: int = 640, cycles: int = 5) -> tuple[Floats, Floats]:
-    """Time and displacement, (samples,), s and m."""
+    """Time (s) and displacement (m) of the simulated motion, each (samples,)."""
     time = np.linspace(0, PERIOD * cycles, samples)
     size = np.minimum(_FIRST + (1 - _FIRST) * time / (_GROWN * PERIOD), 1.0)
-    return time, AMPLITUDE * size * np.sin(2 * np.pi * time / PERIOD)
+    return time, _AMPLITUDE * size * np.sin(2 * np.pi * time / PERIOD)
 
 
-def played(law: Law, values: Values, noise: float, seed: int, correlation: float = 0.0) -> Motion:
-    """A record of a law.
+def simulate_record(law: Law, values: Values, noise: float, seed: int, correlation: float = 0.0) -> Motion:
+    """Simulated record of a law.
 
     Args:
-        law: which.
+        law: the law.
         values: its parameters, SI.
         noise: standard deviation of the force readings, N.
         seed: of the noise.
-        correlation: from one sample of the noise to the next.
+        correlation: of the noise from one sample to the next.
     """
     time, displacement = sine()
     rest = np.zeros(len(time))
     rest[-1] = 1.0  # no record has a constant force
-    motion = cut(time, displacement, rest)
+    motion = cut_at_reversals(time, displacement, rest)
     force = law.force(values, motion)
     white = np.random.default_rng(seed).standard_normal(len(force))
     white[1:] *= np.sqrt(1 - correlation**2)
-    return cut(motion.time, motion.displacement, force + noise * lfilter([1.0], [1.0, -correlation], white))
+    return cut_at_reversals(
+        motion.time, motion.displacement, force + noise * lfilter([1.0], [1.0, -correlation], white)
+    )

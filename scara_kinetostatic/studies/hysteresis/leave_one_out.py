@@ -1,9 +1,9 @@
-"""A loop predicted from the loops of other tensions: slope and gap carried over, slip force by a law over the tension.
+"""Leave-one-out prediction: a record predicted from those at other tensions of the band.
 
 Slope, gap and zero of the force sensor are the means of the other records'; the slip force of each sense is a straight
-line over the tension, through the other records (least squares if there are more than two), at least 0. Of the
-record itself nothing is used but its first reading, which tells the state it begins in. How much of the error is the
-slip force's shows a second prediction, in which it is read from the first sweeps of the record; these are never scored.
+line over the tension through the other records (least squares for more than two), at least 0. Of the record itself only
+its first reading is used, which gives the initial state. In a second prediction the slip force is identified from the
+first sweeps of the record, which do not count for the error: it shows how much of the error is due to the slip force.
 """
 
 from __future__ import annotations
@@ -18,70 +18,70 @@ from scara_kinetostatic.studies.hysteresis.laws import Values
 from scara_kinetostatic.studies.hysteresis.model_selection import rms
 from scara_kinetostatic.studies.hysteresis.motion import Floats, Motion
 
-SHOWN = 3
-"""Sweeps from which the slip force is read in the second prediction: the first one and a whole cycle."""
-SLIPS = ('slip_positive', 'slip_negative')
+IDENTIFICATION_SWEEPS = 3
+"""Sweeps from which the slip force is identified in the second prediction: the first one and a whole cycle."""
+_SLIPS = ('slip_positive', 'slip_negative')
 
 
-class Transfer(NamedTuple):
-    """One record predicted from the others; all errors over the same samples, those after the sweeps shown.
+class LeaveOneOut(NamedTuple):
+    """One record predicted from the others; all errors are over the samples after the identification sweeps.
 
     Attributes:
-        record: its number.
+        record: its index.
         tension: of its band, in the unit given.
-        before: rms error of law (6), carried over, N.
-        after: rms error of slip, slip force by the law over the tension, N.
-        shown: rms error of slip, slip force read from the first sweeps, N.
-        own: rms error of slip fitted to the record itself: what could be had, N.
-        slips: slip force by the law over the tension, positive and negative sense, N.
-        own_slips: those of the record's own fit, N.
+        backlash: rms error of law (6) with the others' parameters, N.
+        by_tension: rms error of slip, slip force from the line over the tension, N.
+        identified: rms error of slip, slip force identified from the first sweeps, N.
+        own: rms residual of slip fitted to the record itself, N.
+        slips: slip force from the line over the tension, positive and negative sense, N.
+        own_slips: slip force of the record's own fit, N.
         residual: of the prediction by tension, (n,), N.
     """
 
     record: int
     tension: float
-    before: float
-    after: float
-    shown: float
+    backlash: float
+    by_tension: float
+    identified: float
     own: float
     slips: tuple[float, float]
     own_slips: tuple[float, float]
     residual: Floats
 
 
-def transfer(
+def predict_left_out(
     record: int, motions: Sequence[Motion], tensions: Sequence[float], before: Sequence[Fit], slip: Sequence[Fit]
-) -> Transfer:
+) -> LeaveOneOut:
     """Predicts a record from all others.
 
     Args:
-        record: which.
+        record: its index.
         motions: of all records.
-        tensions: likewise; two or more different ones among the others.
+        tensions: of all records; two or more different ones among the others.
         before: law (6) fitted to each record.
         slip: slip in series fitted to each.
     """
     others = [k for k in range(len(motions)) if k != record]
     motion, own = motions[record], slip[record]
-    rows = motion.sweep >= SHOWN
+    rows = motion.sweep >= IDENTIFICATION_SWEEPS
     slips = tuple(
         max(0.0, _line([tensions[k] for k in others], [slip[k].values[name] for k in others], tensions[record]))
-        for name in SLIPS
+        for name in _SLIPS
     )
-    carried = {**_mean([slip[k].values for k in others]), **dict(zip(SLIPS, slips, strict=True)), 'start': 0.0}
+    carried = {**_mean([slip[k].values for k in others]), **dict(zip(_SLIPS, slips, strict=True)), 'start': 0.0}
     law6 = predict(before[record]._replace(values=_mean([before[k].values for k in others])), motion)
-    after = predict(own._replace(values=carried), motion)
-    shown = refit(after, motion, ~rows, only=(*SLIPS, 'start'))
-    return Transfer(
+    by_tension = predict(own._replace(values=carried), motion)
+    identified = refit(by_tension, motion, ~rows, only=(*_SLIPS, 'start'))
+    return LeaveOneOut(
         record=record,
         tension=tensions[record],
-        before=law6.rms(rows),
-        after=after.rms(rows),
-        shown=shown.rms(rows),
+        backlash=law6.rms(rows),
+        by_tension=by_tension.rms(rows),
+        identified=identified.rms(rows),
         own=rms(own.residual[rows]),
         slips=(slips[0], slips[1]),
-        own_slips=(own.values[SLIPS[0]], own.values[SLIPS[1]]),
-        residual=after.residual,
+        own_slips=(own.values[_SLIPS[0]], own.values[_SLIPS[1]]),
+        residual=by_tension.residual,
     )
 
 

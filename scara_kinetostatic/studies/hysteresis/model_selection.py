@@ -1,16 +1,16 @@
-"""Which law of the force: every candidate is fitted to half of the sweeps, and judged on the half it has not seen.
+"""Selection of a law of the force by two-fold cross-validation: fitted to half of the sweeps, tested on the other half.
 
-Both halves take their turn, so that each sample but those of the first sweep is predicted once by a law that
-was not fitted to it. Two laws are compared sweep by sweep: a one-sided t-test of the logarithms of the ratios of
-their mean squares, which takes the sweeps for independent and the logarithms for normal. BIC counts, instead of the
-samples, n / (1 + 2 Σρ), ρ being the autocorrelations of the residual of the law that predicts best.
+Both halves are held out in turn, so that each sample but those of the first sweep is predicted once by a law that was
+not fitted to it. Two laws are compared sweep by sweep: a one-sided t-test of the logarithms of the ratios of their mean
+squares, which assumes independent sweeps and normal logarithms. BIC uses the effective number of samples n / (1 + 2
+Σρ), ρ being the autocorrelations of the residual of the law that predicts best.
 
-A candidate is accepted if the residual of law (6) has structure, and if the candidate predicts better than
-law (6), in the rms, in BIC and in the test, the level shared among the candidates. The one that predicts best is named;
-with it, as rivals, those accepted that do not predict worse by the same test. Slip with a gap is left out where it
-predicts no better than slip without one. Refinements of slip are added one by one by the same rule. They are chosen
-by their held-out errors: the last of these is a little too good. Refinements that another record has asked for
-(`refine_as`) are free of that.
+A candidate is accepted if the residual of law (6) depends on any variable, and if the candidate predicts better than
+law (6) in the rms, in BIC and in the test, the level shared among the candidates (Bonferroni). The accepted candidate
+with the smallest held-out error is selected; its rivals are the accepted ones that do not predict worse by the same
+test. Slip with a gap is dropped where it predicts no better than slip without one. Refinements of slip are added one by
+one by the same rule. They are selected by their held-out errors, so that the last of these is slightly optimistic; the
+errors with the refinements of another record (`apply_refinements`) are not.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from scara_kinetostatic.studies.hysteresis.dependence import Dependence, anything_left, dependences
+from scara_kinetostatic.studies.hysteresis.dependence import Dependence, dependences, p_independent
 from scara_kinetostatic.studies.hysteresis.fit import Fit, fit, fit_refined
 from scara_kinetostatic.studies.hysteresis.laws import (
     BACKLASH,
@@ -35,23 +35,24 @@ from scara_kinetostatic.studies.hysteresis.laws import (
 from scara_kinetostatic.studies.hysteresis.motion import Floats, Motion
 
 LEVEL = 0.01
-BIC_GAIN = 2.0
-"""By so much BIC must fall, in its usual reading the least that counts as evidence."""
-NONE, EXPLAINED, AMBIGUOUS, UNEXPLAINED = 'none', 'explained', 'ambiguous', 'unexplained'
+"""Significance level of the tests."""
+_BIC_GAIN = 2.0
+"""Smallest decrease of BIC that counts as evidence (Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773)."""
+NONE, _EXPLAINED, AMBIGUOUS, UNEXPLAINED = 'none', 'explained', 'ambiguous', 'unexplained'
 
 
-class Score(NamedTuple):
-    """A law on a record.
+class CrossValidation(NamedTuple):
+    """Cross-validation of a law on a record.
 
     Attributes:
-        law: which.
-        whole: fitted to all of it.
+        law: the law.
+        whole: fitted to all sweeps.
         halves: fitted to the earlier sweeps, and to the later ones.
-        held_out: residual of each sample by the fit that has not seen it, (n,), N.
-        train_rms: of the halves' fits on what they were fitted to, N.
-        later_rms: the later sweeps, predicted from the earlier ones, N.
-        earlier_rms: the earlier from the later.
-        held_out_rms: both, N.
+        held_out: residual of each sample by the fit from which it was held out, (n,), N.
+        train_rms: rms residual of the fits to the halves on the samples fitted, N.
+        later_rms: rms error of the later sweeps, predicted from the earlier ones, N.
+        earlier_rms: rms error of the earlier sweeps, predicted from the later ones, N.
+        held_out_rms: rms of `held_out`, N.
     """
 
     law: Law
@@ -65,73 +66,97 @@ class Score(NamedTuple):
 
 
 class Comparison(NamedTuple):
-    """A law against the one it is to replace: p-value that it predicts no better, difference in BIC, verdict."""
+    """A law compared with the one that it would replace.
 
-    score: Score
+    Attributes:
+        score: cross-validation of the law.
+        p_gain: p-value of no better prediction.
+        bic: difference in BIC.
+        accepted: whether it is better by all criteria.
+    """
+
+    score: CrossValidation
     p_gain: float
     bic: float
     accepted: bool
 
 
-class Choice(NamedTuple):
-    """What was decided on a record.
+class ModelSelection(NamedTuple):
+    """Model selection on a record.
 
     Attributes:
         before: law (6).
-        told: law (6), told the measured force at every reversal.
-        structure: what its residual depends on.
-        candidates: each against law (6).
-        winner: the candidate named; None if none is accepted.
-        rivals: names of those accepted that the data cannot tell from the winner.
-        refinements: each step: the refinements tried, against the law before the step; the one taken first, if any.
-        after: the winner with the refinements taken; law (6) if there is no winner.
-        left: what its residual depends on.
-        verdict: none, explained (one is named), ambiguous (several), unexplained (structure, but none accepted).
+        with_reset: law (6) whose state is set by the measured force at every reversal.
+        dependence_before: dependence of the residual of law (6).
+        candidates: each compared with law (6).
+        selected: the candidate selected; None if none is accepted.
+        rivals: names of the accepted candidates that predict as well as the selected one.
+        refinements: for each step the refinements compared with the law before the step; an accepted one comes first.
+        refined: the selected law with its refinements; law (6) if none is selected.
+        dependence_after: dependence of the residual of the refined law.
+        verdict: none (law (6) is sufficient), explained (one law selected), ambiguous (with rivals), unexplained
+            (the residual of law (6) depends on a variable, but no candidate is accepted).
     """
 
-    before: Score
-    told: Score
-    structure: tuple[Dependence, ...]
+    before: CrossValidation
+    with_reset: CrossValidation
+    dependence_before: tuple[Dependence, ...]
     candidates: tuple[Comparison, ...]
-    winner: Score | None
+    selected: CrossValidation | None
     rivals: tuple[str, ...]
     refinements: tuple[tuple[Comparison, ...], ...]
-    after: Score
-    left: tuple[Dependence, ...]
+    refined: CrossValidation
+    dependence_after: tuple[Dependence, ...]
     verdict: str
 
     @property
     def p_value(self) -> float:
-        """That law (6) is enough."""
-        return anything_left(self.structure)
+        """p-value of law (6) as a sufficient law."""
+        return p_independent(self.dependence_before)
 
     @property
-    def p_left(self) -> float:
-        """That nothing is left of structure after all."""
-        return anything_left(self.left)
+    def p_after(self) -> float:
+        """p-value of the refined law as a sufficient law."""
+        return p_independent(self.dependence_after)
 
 
-def choose(motion: Motion, candidates: tuple[Law, ...] = CANDIDATES) -> Choice:
-    """Decides what a record needs beyond law (6)."""
-    before = score(BACKLASH, motion)
-    structure = dependences(motion, before.whole.residual)
-    scores = [score(law, motion) for law in candidates]
+def select_model(motion: Motion, candidates: tuple[Law, ...] = CANDIDATES) -> ModelSelection:
+    """Selects the law that a record needs beyond law (6).
+
+    Args:
+        motion: the record.
+        candidates: laws to compare with law (6).
+    """
+    before = cross_validate(BACKLASH, motion)
+    dependence_before = dependences(motion, before.whole.residual)
+    sufficient = p_independent(dependence_before) >= LEVEL
+    scores = [cross_validate(law, motion) for law in candidates]
     compared = compare(before, scores, motion)
-    if anything_left(structure) >= LEVEL:
+    if sufficient:
         compared = tuple(each._replace(accepted=False) for each in compared)
-    accepted = _without_idle([each.score for each in compared if each.accepted], motion)
-    winner = min(accepted, key=lambda each: each.held_out_rms, default=None)
-    rivals = tuple(each.law.name for each in accepted if winner and _as_good(each, winner, len(accepted), motion))
-    after, steps = _refine(winner, motion) if winner else (before, ())
-    verdict = AMBIGUOUS if rivals else EXPLAINED
-    if winner is None:
-        verdict = NONE if anything_left(structure) >= LEVEL else UNEXPLAINED
-    left = dependences(motion, after.whole.residual)
-    return Choice(before, score(RESET, motion), structure, compared, winner, rivals, steps, after, left, verdict)
+    accepted = _without_needless_gap([each.score for each in compared if each.accepted], motion)
+    selected = min(accepted, key=lambda each: each.held_out_rms, default=None)
+    rivals = tuple(each.law.name for each in accepted if selected and _as_good(each, selected, len(accepted), motion))
+    refined, steps = _refine(selected, motion) if selected else (before, ())
+    verdict = AMBIGUOUS if rivals else _EXPLAINED
+    if selected is None:
+        verdict = NONE if sufficient else UNEXPLAINED
+    return ModelSelection(
+        before=before,
+        with_reset=cross_validate(RESET, motion),
+        dependence_before=dependence_before,
+        candidates=compared,
+        selected=selected,
+        rivals=rivals,
+        refinements=steps,
+        refined=refined,
+        dependence_after=dependences(motion, refined.whole.residual),
+        verdict=verdict,
+    )
 
 
-def _without_idle(accepted: list[Score], motion: Motion) -> list[Score]:
-    """Slip with a gap is left out where the gap gains nothing over slip without one."""
+def _without_needless_gap(accepted: list[CrossValidation], motion: Motion) -> list[CrossValidation]:
+    """The accepted laws without slip with a gap, where it predicts no better than slip without one."""
     by_name = {each.law.name: each for each in accepted}
     larger, smaller = by_name.get(SLIP.name), by_name.get(SLIP_NO_GAP.name)
     if larger is None or smaller is None or p_better(larger, smaller, motion) < LEVEL:
@@ -139,8 +164,17 @@ def _without_idle(accepted: list[Score], motion: Motion) -> list[Score]:
     return [each for each in accepted if each is not larger]
 
 
-def score(law: Law, motion: Motion, base: Score | None = None, refinement: Refinement | None = None) -> Score:
-    """Fits a law, or a refinement of one that is fitted, to the whole and to both halves."""
+def cross_validate(
+    law: Law, motion: Motion, base: CrossValidation | None = None, refinement: Refinement | None = None
+) -> CrossValidation:
+    """Fits a law to all sweeps and to both halves, and predicts each half from the other.
+
+    Args:
+        law: the law.
+        motion: the record.
+        base: cross-validation of the law, from which a refinement of it starts.
+        refinement: to be added to the law of `base`.
+    """
     halves = (motion.earlier | ~motion.scored, ~motion.earlier | ~motion.scored)
     everything = np.ones(len(motion), dtype=bool)
     if base is None or refinement is None:
@@ -154,7 +188,7 @@ def score(law: Law, motion: Motion, base: Score | None = None, refinement: Refin
     held_out = np.where(motion.earlier, last.residual, first.residual)
     earlier, later = motion.earlier & motion.scored, ~motion.earlier
     train = np.where(motion.earlier, first.residual, last.residual)
-    return Score(
+    return CrossValidation(
         law=whole.law,
         whole=whole,
         halves=(first, last),
@@ -171,21 +205,21 @@ def rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def compare(before: Score, scores: list[Score], motion: Motion) -> tuple[Comparison, ...]:
-    """Every law against the one it is to replace, in the order given."""
+def compare(before: CrossValidation, scores: list[CrossValidation], motion: Motion) -> tuple[Comparison, ...]:
+    """Every law compared with the one that it would replace, in the order given."""
     best = min([before, *scores], key=lambda each: each.held_out_rms)
     count = effective_count(best.whole.residual[motion.scored])
     found = []
     for each in scores:
         p_gain = p_better(each, before, motion)
         bic = _bic(each, motion, count) - _bic(before, motion, count)
-        accepted = each.held_out_rms < before.held_out_rms and bic < -BIC_GAIN and p_gain < LEVEL / len(scores)
+        accepted = each.held_out_rms < before.held_out_rms and bic < -_BIC_GAIN and p_gain < LEVEL / len(scores)
         found.append(Comparison(each, p_gain, bic, accepted))
     return tuple(found)
 
 
-def p_better(one: Score, other: Score, motion: Motion) -> float:
-    """p-value that one law predicts no better than another, sweep by sweep."""
+def p_better(one: CrossValidation, other: CrossValidation, motion: Motion) -> float:
+    """p-value of one law predicting no better than another, from the mean squares of the sweeps."""
     squares = [motion.mean_square(each.held_out, motion.scored)[1:] for each in (other, one)]
     tiny = 1e-12 * motion.force_range**2
     gain = np.log((squares[0] + tiny) / (squares[1] + tiny))
@@ -195,7 +229,7 @@ def p_better(one: Score, other: Score, motion: Motion) -> float:
 
 
 def effective_count(residual: Floats) -> float:
-    """How many independent samples a residual is worth: n / (1 + 2 Σρ), the sum ending where ρ falls below 0."""
+    """Effective number of independent samples of a residual: n / (1 + 2 Σρ), summed up to the first ρ below 0."""
     centred = residual - residual.mean()
     count = len(centred)
     spectrum = np.fft.rfft(centred, 2 * count)
@@ -207,28 +241,34 @@ def effective_count(residual: Floats) -> float:
     return max(count / (1 + 2 * float(rho[1:end].sum())), 2.0)
 
 
-def _bic(each: Score, motion: Motion, count: float) -> float:
+def _bic(each: CrossValidation, motion: Motion, count: float) -> float:
     mean_square = max(rms(each.whole.residual[motion.scored]) ** 2, 1e-300)
     return float(count * np.log(mean_square) + len(each.law.parameters) * np.log(count))
 
 
-def _as_good(each: Score, winner: Score, count: int, motion: Motion) -> bool:
-    return each is not winner and p_better(winner, each, motion) >= LEVEL / count
+def _as_good(each: CrossValidation, selected: CrossValidation, count: int, motion: Motion) -> bool:
+    return each is not selected and p_better(selected, each, motion) >= LEVEL / count
 
 
-def refine_as(winner: Score, other: Score, motion: Motion) -> Score:
-    """A record's winner with the refinements that another record asked for, chosen without a look at this one."""
-    found = winner
+def apply_refinements(selected: CrossValidation, other: CrossValidation, motion: Motion) -> CrossValidation:
+    """A record's selected law with the refinements selected on another record.
+
+    Args:
+        selected: cross-validation of the law selected on this record.
+        other: the refined law of the other record.
+        motion: this record.
+    """
+    found = selected
     for name in other.law.name.split('+')[1:]:
-        found = score(found.law, motion, found, next(each for each in REFINEMENTS if each.name == name))
+        found = cross_validate(found.law, motion, found, next(each for each in REFINEMENTS if each.name == name))
     return found
 
 
-def _refine(winner: Score, motion: Motion) -> tuple[Score, tuple[tuple[Comparison, ...], ...]]:
-    """Adds refinements to slip one by one, as long as one is accepted."""
-    open_ones, steps, now = list(REFINEMENTS), [], winner
-    while open_ones and winner.law.name in (SLIP.name, SLIP_NO_GAP.name):
-        compared = compare(now, [score(now.law, motion, now, each) for each in open_ones], motion)
+def _refine(selected: CrossValidation, motion: Motion) -> tuple[CrossValidation, tuple[tuple[Comparison, ...], ...]]:
+    """Adds refinements to a law with slip one by one, as long as one is accepted."""
+    open_ones, steps, now = list(REFINEMENTS), [], selected
+    while open_ones and selected.law.name in (SLIP.name, SLIP_NO_GAP.name):
+        compared = compare(now, [cross_validate(now.law, motion, now, each) for each in open_ones], motion)
         order = sorted(range(len(compared)), key=lambda k: (not compared[k].accepted, compared[k].score.held_out_rms))
         steps.append(tuple(compared[k] for k in order))
         if not compared[order[0]].accepted:

@@ -1,9 +1,8 @@
 """A measured record of force over displacement, cut into sweeps, each from one reversal of the motion to the next.
 
-What stands still before and after the motion is left out: it would only dilute the errors. Half of the sweeps
-is what a law is fitted to, the other half what it has to predict; then the other way round. A law with a
-memory needs to know the state in which the record begins: the first sweep, up to the first reversal, is
-shown to every fit and never scored.
+Standstill before and after the motion is left out, where errors would be small without meaning. For cross-validation a
+law is fitted to half of the sweeps and predicts the other half, in turn. A law with memory needs the initial state: the
+first sweep, up to the first reversal, is in every fit and never counts for an error.
 """
 
 from __future__ import annotations
@@ -21,13 +20,14 @@ from scara_kinetostatic.studies.dial_gauge.reversals import PROMINENCE
 Floats = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 
-FEWEST_SWEEPS = 6
-"""Three to fit to and three to predict: no scatter among sweeps can be told from fewer."""
+_FEWEST_SWEEPS = 6
+"""Three to fit and three to predict; fewer do not give a variance between sweeps."""
 _FEWEST_ROWS = 8
-"""Samples of a sweep, on the mean."""
+"""Mean number of samples of a sweep."""
 _STILL = 2e-3
-"""Within this part of the whole range of its ends, the record stands still."""
+"""Distance from the first or last place, as a share of the range, within which the record is at standstill."""
 _SAME_TURN = 0.01
+"""Distance of reversals, as a share of the travel, up to which they are at the same place."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Motion:
     """The record; arrays (n,), read-only.
 
     Attributes:
-        time: s, rising.
+        time: s, increasing.
         displacement: m.
         force: N.
         edges: first sample of each sweep, and n, (sweeps + 1,); the sample at a reversal is the last of its sweep.
@@ -63,7 +63,7 @@ class Motion:
 
     @property
     def sweeps(self) -> int:
-        """How many."""
+        """Number of sweeps."""
         return len(self.edges) - 1
 
     @property
@@ -88,12 +88,12 @@ class Motion:
 
     @property
     def scored(self) -> Rows:
-        """All but the first sweep, which shows every law the state in which the record begins."""
+        """All samples but those of the first sweep, which gives every law the initial state."""
         return self.sweep > 0
 
     @property
     def cycle(self) -> NDArray[np.int64]:
-        """Number of the pair of sweeps, there and back, of each sample."""
+        """Number of the cycle, a pair of sweeps, of each sample."""
         return self.sweep // 2
 
     def mean_square(self, residual: Floats, rows: Rows) -> Floats:
@@ -103,18 +103,18 @@ class Motion:
         return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
 
-def motion_of(readings: DialGaugeReadings) -> Motion:
+def motion_from_readings(readings: DialGaugeReadings) -> Motion:
     """The motion in a table of readings.
 
     Raises:
-        UnsupportedDataError: no times, times that do not rise, or too few reversals.
+        UnsupportedDataError: no times, times that do not increase, or too few reversals.
     """
     if not np.all(np.isfinite(readings.time)):
         raise UnsupportedDataError('loops need the time of every row', 'add a column time_s')
-    return cut(readings.time, readings.displacement, readings.force)
+    return cut_at_reversals(readings.time, readings.displacement, readings.force)
 
 
-def cut(time: Floats, displacement: Floats, force: Floats) -> Motion:
+def cut_at_reversals(time: Floats, displacement: Floats, force: Floats) -> Motion:
     """Cuts a record at its reversals.
 
     Args:
@@ -126,17 +126,17 @@ def cut(time: Floats, displacement: Floats, force: Floats) -> Motion:
         UnsupportedDataError: see `motion_of`.
     """
     if len(time) < 2 or not np.all(np.diff(time) > 0):
-        raise UnsupportedDataError('the time does not rise from row to row', 'give the record in its order')
+        raise UnsupportedDataError('the time does not rise from row to row', 'give the rows in the order of time')
     if not np.ptp(force) > 0 or not np.ptp(displacement) > 0:
         raise UnsupportedDataError('the force or the displacement never changes', 'record full loops')
     time, displacement, force = (values[_moving(displacement)] for values in (time, displacement, force))
     least = PROMINENCE * float(np.ptp(displacement))
     turns = np.sort(np.concatenate([find_peaks(sign * displacement, prominence=least)[0] for sign in (1, -1)]))
     edges = np.array([0, *(turns + 1).tolist(), len(time)], dtype=np.int64)
-    if len(edges) - 1 < FEWEST_SWEEPS or len(time) < _FEWEST_ROWS * (len(edges) - 1):
+    if len(edges) - 1 < _FEWEST_SWEEPS or len(time) < _FEWEST_ROWS * (len(edges) - 1):
         found = f'{len(edges) - 1} sweeps of {len(time)} samples in all'
-        need = f'{FEWEST_SWEEPS} sweeps of {_FEWEST_ROWS} samples each are needed'
-        raise UnsupportedDataError(f'{found}; {need}', 'record more loops, sampled more densely')
+        need = f'{_FEWEST_SWEEPS} sweeps of {_FEWEST_ROWS} samples each are needed'
+        raise UnsupportedDataError(f'{found}; {need}', 'record more loops, or at a higher sampling rate')
     sweep = np.repeat(np.arange(len(edges) - 1), np.diff(edges))
     start, last = displacement[np.maximum(edges[:-1] - 1, 0)], displacement[edges[1:] - 1]
     return Motion(
@@ -152,7 +152,7 @@ def cut(time: Floats, displacement: Floats, force: Floats) -> Motion:
 
 
 def _moving(displacement: Floats) -> slice:
-    """From where it leaves its first place to where it comes to its last."""
+    """The rows between standstill at the beginning and standstill at the end."""
     limit = _STILL * float(np.ptp(displacement))
     first = int(np.argmax(np.abs(displacement - displacement[0]) > limit))
     last = len(displacement) - int(np.argmax(np.abs(displacement - displacement[-1])[::-1] > limit))
@@ -160,10 +160,10 @@ def _moving(displacement: Floats) -> slice:
 
 
 def repeatability(motion: Motion) -> float:
-    """How well a sweep repeats where the motion does: no law of the displacement alone can do better.
+    """Repeatability of the force where the motion repeats: a lower limit for the error of any law, N.
 
-    Sweeps of one sense that begin and end at the same places, one cycle apart; force over the distance,
-    standard deviation of one, N. NaN if no motion repeats.
+    Standard deviation of the force over the distance, from sweeps of one sense, one cycle apart, that begin and end at
+    the same places. NaN if no motion repeats.
     """
     limit, square, count = _SAME_TURN * motion.travel, 0.0, 0
     start, last = motion.displacement[motion.begins], motion.displacement[motion.edges[1:] - 1]

@@ -1,11 +1,11 @@
-"""Measured loops in words, for a terminal and for the page."""
+"""The hysteresis analysis as sentences, for a terminal and for the page."""
 
 from __future__ import annotations
 
 import math
 
-from scara_kinetostatic.render.quantities import chance, count
-from scara_kinetostatic.studies.hysteresis.analysis import HysteresisStudy, Record
+from scara_kinetostatic.render.quantities import count, p_equals
+from scara_kinetostatic.studies.hysteresis.analysis import HysteresisAnalysis, Record
 from scara_kinetostatic.studies.hysteresis.dependence import VARIABLES, Dependence
 from scara_kinetostatic.studies.hysteresis.model_selection import AMBIGUOUS, LEVEL, NONE, UNEXPLAINED
 from scara_kinetostatic.studies.hysteresis.tables import (
@@ -13,130 +13,127 @@ from scara_kinetostatic.studies.hysteresis.tables import (
     dependence_table,
     force,
     parameter_table,
-    plain,
+    prediction_table,
     refinement_table,
     share,
     summary_table,
-    transfer_table,
 )
 
-MEANING = {
-    'softening': 'softening: the spring gives way at large loads',
-    'viscous': 'a damper in parallel: the force grows with the speed',
+_MEANING = {
+    'softening': 'a softening spring: the stiffness decreases with the load',
+    'viscous': 'viscous damping in parallel: a force proportional to the speed',
     'friction': 'Coulomb friction in parallel: the force jumps with the sense of motion',
-    'slip_no_gap': 'friction in series, without a gap: the force levels off and the joint slips',
-    'slip': 'friction in series: the force levels off and the joint slips',
+    'slip_no_gap': 'Coulomb friction in series, without a gap: the joint slips at a limit of the force',
+    'slip': 'Coulomb friction in series: the joint slips at a limit of the force',
 }
+_CORRELATED = 3
+"""A residual with fewer effective samples than the number of samples over this is correlated."""
+PREDICTION = (
+    'Each record predicted from the others: mean slope, gap and zero of the others; slip force from a straight line '
+    'over the tension, or identified from the first three sweeps of the record, which do not count for the error.'
+)
+ERRORS = (
+    'rms of measured less predicted force. Held out: sweeps not used in the fit; later half: predicted from the '
+    'earlier half, earlier half: from the later. As displacement: multiplied by the compliance of the selected law. '
+    'Refined: the refinements are selected by the held-out error, which is therefore slightly optimistic; refined as '
+    'another file: with the refinements selected there, without this bias.'
+)
 
 
 def verdict(record: Record) -> tuple[str, list[str]]:
-    """One line, and the sentences below it."""
-    choice = record.choice
-    if choice.verdict == NONE:
-        enough = f'the residual depends on nothing that was asked (p = {chance(choice.p_value)})'
-        return 'Law (6) is enough', [f'Slope and gap are all that these loops show: {enough}.']
-    first = f'Law (6) is not enough (p {_chance(choice.p_value)}): its residual {_depends(choice.structure)}.'
-    if choice.verdict == UNEXPLAINED:
-        return 'Law (6) is not enough, and none of the candidates helps', [first]
-    assert choice.winner is not None
-    headline = f'Law (6) lacks {MEANING[choice.winner.law.name]}'
-    if choice.verdict == AMBIGUOUS:
-        others = '; or '.join(MEANING[name] for name in choice.rivals)
-        headline = (
-            f'Law (6) lacks one of these, the data cannot tell which: {MEANING[choice.winner.law.name]}; or {others}'
-        )
-    return headline, [first, _before_after(record), *_left(record)]
+    """Headline of a record, and the sentences below it."""
+    selection = record.selection
+    if selection.verdict == NONE:
+        found = f'No dependence of its residual was found ({p_equals(selection.p_value)}).'
+        return 'Law (6), slope and gap, is sufficient', [found]
+    first = f'The residual of law (6) {_depends(selection.dependence_before)} ({p_equals(selection.p_value)}).'
+    if selection.verdict == UNEXPLAINED:
+        return 'Law (6) is not sufficient, and no candidate predicts better', [first]
+    assert selection.selected is not None
+    laws = [_MEANING[name] for name in (selection.selected.law.name, *selection.rivals)]
+    headline = f'Law (6) is not sufficient: {laws[0]}'
+    if selection.verdict == AMBIGUOUS:
+        headline = f'Law (6) is not sufficient; these records do not distinguish between {"; and ".join(laws)}'
+    return headline, [first, _before_after(record), *_limits(record)]
 
 
 def _depends(found: tuple[Dependence, ...]) -> str:
     best = found[0]
     alone = next(each for each in found if each.variable == 'displacement')
     sentence = f'depends on {VARIABLES[best.variable]}, which explains {share(best.share)} of its square'
-    return f'{sentence}; the displacement alone {share(alone.share)}'
+    return f'{sentence}; the displacement alone explains {share(alone.share)}'
 
 
 def _before_after(record: Record) -> str:
-    winner, before = record.choice.winner, record.choice.before
-    assert winner is not None
-    factor = before.held_out_rms / winner.held_out_rms
+    selected, before = record.selection.selected, record.selection.before
+    assert selected is not None
+    factor = before.held_out_rms / selected.held_out_rms
     return (
         f'On sweeps not used in the fit the force error falls from {force(before.held_out_rms)} to '
-        f'{force(winner.held_out_rms)} N, by a factor of {factor:.1f}.'
+        f'{force(selected.held_out_rms)} N, by a factor of {factor:.1f}.'
     )
 
 
-def _left(record: Record) -> list[str]:
-    """What remains open."""
-    choice, sentences = record.choice, []
-    if choice.winner is not None and choice.after.law.name != choice.winner.law.name:
-        added = ', '.join(choice.after.law.title.split(', ')[1:])
+def _limits(record: Record) -> list[str]:
+    """Refinements, repeatability and what the residual still contains."""
+    selection, sentences = record.selection, []
+    if selection.selected is not None and selection.refined.law.name != selection.selected.law.name:
+        added = ', '.join(selection.refined.law.title.split(', ')[1:])
         sentences.append(
-            f'Refined by {added}: {force(choice.after.held_out_rms)} N. These describe the curves of this record; '
-            'that they are its physics is not shown.'
+            f'With {added}: {force(selection.refined.held_out_rms)} N. These refinements describe the curves of this '
+            'record; they are not evidence of a physical cause.'
         )
     if math.isfinite(record.repeatability):
+        ratio = selection.refined.whole.rms(record.motion.scored) / record.repeatability
         sentences.append(
-            f'Where the motion repeats, the force repeats to {force(record.repeatability)} N: '
-            f'{choice.after.whole.rms(record.motion.scored) / record.repeatability:.1f} times less than what is left.'
+            f'Repeatability of the force where the motion repeats: {force(record.repeatability)} N; the residual is '
+            f'{ratio:.1f} times as large.'
         )
-    independent = f'its {len(record.motion)} samples are worth {record.independent:.0f} independent ones'
-    sentences.append(f'What is left is no noise: {independent}.' if structured(record) else f'Left: {independent}.')
-    if choice.p_left < LEVEL:
-        sentences.append(f'It still {_depends(choice.left)} (p {_chance(choice.p_left)}).')
+    effective = f'effective number of samples {record.independent:.0f} of {len(record.motion)}'
+    correlation = 'correlated and not only noise' if is_correlated(record) else 'hardly correlated'
+    sentences.append(f'The residual is {correlation}: {effective}.')
+    if selection.p_after < LEVEL:
+        sentences.append(f'It still {_depends(selection.dependence_after)} ({p_equals(selection.p_after)}).')
     return sentences
 
 
-def structured(record: Record) -> bool:
-    """Whether the residual after hangs together over many samples."""
-    return record.independent < len(record.motion) / 3
+def is_correlated(record: Record) -> bool:
+    """Whether the residual of the refined law is correlated over many samples."""
+    return record.independent < len(record.motion) / _CORRELATED
 
 
-def _chance(p_value: float) -> str:
-    text = chance(p_value)
-    return text if text.startswith('below') else f'= {text}'
-
-
-def transfer_sentences(study: HysteresisStudy) -> list[str]:
-    """How well that went."""
-    ratios = [a / b for each in study.transfers for a, b in zip(each.slips, each.own_slips, strict=True) if b > 0]
-    shown = [each.shown / each.own for each in study.transfers]
-    worse = [study.records[each.record].source for each in study.transfers if each.after >= each.before]
-    found = []
+def prediction_sentences(analysis: HysteresisAnalysis) -> list[str]:
+    """Errors of the leave-one-out predictions."""
+    found = analysis.leave_one_out
+    ratios = [a / b for each in found for a, b in zip(each.slips, each.own_slips, strict=True) if b > 0]
+    identified = [each.identified / each.own for each in found]
+    worse = [analysis.records[each.record].source for each in found if each.by_tension >= each.backlash]
+    sentences = []
     if ratios:
-        found.append(f'The slip force by the line is {min(ratios):.2g} to {max(ratios):.2g} times that of the own fit.')
-    found += [f'Predicted no better than by law (6): {", ".join(worse)}.'] if worse else []
-    more = f'{min(shown):.2g} to {max(shown):.2g} times that of the own fit'
-    return [*found, f'With the slip force shown, the error of the slope and gap carried over is {more}.']
+        limits = f'{min(ratios):.2g} to {max(ratios):.2g}'
+        sentences.append(f"The slip force from the straight line is {limits} times that of the record's own fit.")
+    sentences += [f'Predicted no better than by law (6): {", ".join(worse)}.'] if worse else []
+    limits = f'{min(identified):.2g} to {max(identified):.2g}'
+    return [*sentences, f'With the slip force identified, the error is {limits} times that of the own fit.']
 
 
-TRANSFER = (
-    'Each record predicted from the others: slope, gap and zero carried over; slip force by a straight line over the '
-    'tension, or shown by the first three sweeps, which are not scored.'
-)
-ERRORS = (
-    'rms of measured less predicted force. Held out: sweeps not used in the fit, both ways: the later half predicted '
-    'from the earlier, the earlier from the later. As displacement: times the compliance of the law named. Refined: '
-    'what was added is chosen by the held-out error, which is a little too good for that; refined as another file: not.'
-)
-
-
-def text(study: HysteresisStudy) -> str:
-    """Everything, for a terminal."""
+def text(analysis: HysteresisAnalysis) -> str:
+    """The whole result for a terminal."""
     parts = []
-    for record in study.records:
+    for record in analysis.records:
         headline, sentences = verdict(record)
-        parts += [f'{record.source}: {headline}', '\n'.join(sentences), plain(candidate_table(record))]
-        parts += [plain(refinement_table(record))] if record.choice.refinements else []
-        parts += [plain(dependence_table(record)), plain(parameter_table(record))]
-    parts += ['Before and after', plain(summary_table(study)), ERRORS]
-    if study.transfers:
-        parts += [TRANSFER, plain(transfer_table(study)), '\n'.join(transfer_sentences(study))]
-    parts += [f'note: {note}' for record in study.records for note in record.notes]
+        parts += [f'{record.source}: {headline}', '\n'.join(sentences), candidate_table(record).text()]
+        parts += [refinement_table(record).text()] if record.selection.refinements else []
+        parts += [dependence_table(record).text(), parameter_table(record).text()]
+    parts += ['Before and after', summary_table(analysis).text(), ERRORS]
+    if analysis.leave_one_out:
+        parts += [PREDICTION, prediction_table(analysis).text(), '\n'.join(prediction_sentences(analysis))]
+    parts += [f'note: {note}' for record in analysis.records for note in record.notes]
     return '\n\n'.join(parts)
 
 
 def sweeps(record: Record) -> str:
-    """What the record holds."""
+    """Size of a record in words."""
     motion = record.motion
-    size = f'{1e3 * motion.travel:.1f} mm, {1e-3 * motion.force_range:.1f} kN from end to end'
+    size = f'range {1e3 * motion.travel:.1f} mm and {1e-3 * motion.force_range:.1f} kN'
     return f'{count(motion.sweeps, "sweep")}, {count(len(motion), "sample")}, {size}'

@@ -1,1 +1,1 @@
-"""Sections 4 and 5 of the paper, reproduced."""
+"""Reproduction of sections 4 and 5 of the paper."""

@@ -2,15 +2,13 @@
 
     L̄_k = L̄_{k-1} + J_L̄⁺ ΔF,   ΔF = F - A(Q, L̄_{k-1}),   J_L̄ = ∂A/∂L̄
 
-with the paper's two changes: a step is shortened until the error index is lower than before, and
-no step is longer than a bound.
+with the paper's two modifications: a step is shortened until the error index decreases, and its length is bounded.
 
-**What it needs beyond the paper's text.** At L̄n the tip misses most discs by more than its whole
-deflection: there A = 0 N, ∂A/∂L̄ = 0, and no step is defined. So the touches,
-which are known to be contacts, are predicted with a contact that can pull as well as press
-(`contact(..., tension=True)`), which equals A wherever the tip presses. And the pseudo-inverse needs a unit
-for each parameter, or a metre counts as much as a radian per newton metre: the columns are scaled
-by the plausible ranges, singular values below a relative `CUTOFF` are cut.
+**Additions to the paper's text.** At L̄n the tip misses most discs by more than its whole deflection: there A = 0 N and
+∂A/∂L̄ = 0, and no step is defined. The touches are known to be contacts; they are therefore predicted with a two-sided
+contact (`contact(..., tension=True)`), which equals A wherever the tip presses. The pseudo-inverse depends on the units
+of the parameters: the columns are scaled by the plausible ranges, and singular values below a relative `_CUTOFF` are
+set to zero.
 """
 
 from __future__ import annotations
@@ -31,25 +29,25 @@ from scara_kinetostatic.model.touch import TouchSet
 
 Floats = NDArray[np.float64]
 
-MAX_ITERATIONS = 30
-LONGEST_STEP = 1.0
+_MAX_ITERATIONS = 30
+_LONGEST_STEP = 1.0
 """Bound of a step, in plausible ranges of the parameters."""
-SHORTEST_FACTOR = 2.0**-12
-CUTOFF = 1e-7
-STOP = 1e-12
-"""The iteration ends when a step lowers the error index by less than this, N."""
+_SHORTEST_FACTOR = 2.0**-12
+_CUTOFF = 1e-7
+_STOP = 1e-12
+"""Decrease of the error index in one step below which the iteration ends, N."""
 
 
 class PaperFit(NamedTuple):
-    """Where the iteration went.
+    """Result of the paper's algorithm.
 
     Attributes:
         parameters: the last L̄.
         force_error: e_f (10) there, unilateral contact, N.
         history: e_f at every iterate, the start first, unilateral contact, N.
-        merit: the same with the contact that can pull, which the steps lower.
+        merit: the same with the two-sided contact, which the steps decrease.
         path: every iterate, (iterations + 1, 12).
-        rank: singular values not cut in the last step.
+        rank: number of singular values used in the last step.
     """
 
     parameters: Parameters
@@ -73,7 +71,7 @@ class _Iterate(NamedTuple):
 
 
 def paper_calibrate(
-    touches: TouchSet, cell: Cell, start: Parameters | None = None, max_iterations: int = MAX_ITERATIONS
+    touches: TouchSet, cell: Cell, start: Parameters | None = None, max_iterations: int = _MAX_ITERATIONS
 ) -> PaperFit:
     """The paper's algorithm on a set of touches.
 
@@ -84,7 +82,7 @@ def paper_calibrate(
         max_iterations: steps at most.
 
     Raises:
-        ParameterError: the sensor is in the tool frame, which the paper does not treat.
+        ParameterError: the sensor is in the tool frame, which the paper does not consider.
     """
     if cell.sensor.frame is not SensorFrame.BASE:
         raise ParameterError('sensor.frame', 'the algorithm of the paper takes forces in the base frame')
@@ -102,13 +100,13 @@ def paper_calibrate(
     at = visit(start or cell.nominal)
     visited, rank = [at], 0
     while len(visited) <= max_iterations:
-        step, rank = pseudo_inverse_step(at)
+        step, rank = _pseudo_inverse_step(at)
         better = _lower(visit, at, step)
         if better is None:
             break
         gain, at = at.merit - better.merit, better
         visited.append(at)
-        if gain < STOP:
+        if gain < _STOP:
             break
     history = tuple(force_error(force_residual(observations, ExtendedModel(item.parameters))) for item in visited)
     return PaperFit(
@@ -121,20 +119,20 @@ def paper_calibrate(
     )
 
 
-def pseudo_inverse_step(at: _Iterate) -> tuple[Floats, int]:
-    """J⁺ ΔF (13) in scaled parameters, no longer than the bound, and the rank used."""
+def _pseudo_inverse_step(at: _Iterate) -> tuple[Floats, int]:
+    """The step J⁺ ΔF (13) in scaled parameters, shortened to the bound, and the rank used."""
     jacobian = (at.jacobian * SCALES).reshape(-1, len(SCALES))
     u, values, vt = np.linalg.svd(jacobian, full_matrices=False)
-    rank = int((values > CUTOFF * values[0]).sum())
+    rank = int((values > _CUTOFF * values[0]).sum())
     scaled = vt[:rank].T @ ((u.T @ at.residual.ravel())[:rank] / values[:rank])
     longest = float(np.abs(scaled).max())
-    return SCALES * scaled * min(1.0, LONGEST_STEP / max(longest, 1e-300)), rank
+    return SCALES * scaled * min(1.0, _LONGEST_STEP / max(longest, 1e-300)), rank
 
 
 def _lower(visit, at: _Iterate, step: Floats) -> _Iterate | None:  # type: ignore[no-untyped-def]
-    """The first of the step, its half, its quarter, … that lowers the error index; None if none does."""
+    """The first of the step, its half, its quarter, … that decreases the error index; None if none does."""
     factor = 1.0
-    while factor >= SHORTEST_FACTOR:
+    while factor >= _SHORTEST_FACTOR:
         trial = visit(Parameters.from_array(at.parameters.as_array() + factor * step))
         if trial.merit < at.merit:
             return trial

@@ -1,4 +1,4 @@
-"""`paper.json`: the numbers of the reproduction."""
+"""`paper.json`: the numbers of the reproduction, SI units."""
 
 from __future__ import annotations
 
@@ -16,42 +16,42 @@ NAME = 'paper.json'
 
 
 def paper_document(r: Reproduction) -> dict[str, Any]:
-    """Everything that `paper.html` shows, as plain values in SI units."""
+    """The document."""
     return {
         'schema': 'scara_kinetostatic/paper/1',
         'actual': PAPER_ACTUAL.as_dict(),
         'paper': {'estimated': ESTIMATED.as_dict(), 'estimated_from_noise': ESTIMATED_FROM_NOISE.as_dict()},
         'one_level': _run(r.exact),
         'three_levels': _run(r.exact_levels),
-        'noise_behind_table_2': [
+        'noise_of_table_2': [
             {
                 'joint': study.noise.joint,
                 'force': study.noise.force,
                 'force_error': study.force_error,
                 'force_error_std': study.force_error_std,
                 'z': _named(study.z),
-                'chi_square': study.joint,
+                'chi_square': study.chi_square,
                 'degrees_of_freedom': study.rank,
             }
             for study in r.noises
         ],
-        'noisy': {'noise': r.stated._asdict(), **_run(r.noisy)},
-        'scatter': {'paper': _scatter(r.scatter.paper), 'weighted': _scatter(r.scatter.ours)},
+        'noisy': {'noise': r.noise._asdict(), **_run(r.noisy)},
+        'monte_carlo': {'paper': _scatter(r.monte_carlo.paper), 'weighted': _scatter(r.monte_carlo.weighted)},
         'gripper': [
             {
                 'part': part.name,
-                'hidden': part.hidden,
+                'explained_by_base_model': part.explained,
                 'std': part.std if np.isfinite(part.std) else None,
-                'absorbed': part.absorbed,
+                'biases': part.biases,
             }
             for part in r.gripper
         ],
-        'gauge': dial_gauge_document(r.gauge),
+        'dial_gauge': dial_gauge_document(r.dial_gauge),
     }
 
 
 def _run(run: Run) -> dict[str, Any]:
-    paper, ours = run.paper, run.ours
+    paper, weighted = run.paper, run.weighted
     return {
         'paper_algorithm': {
             'parameters': paper.parameters.as_dict(),
@@ -61,11 +61,11 @@ def _run(run: Run) -> dict[str, Any]:
             'rank': paper.rank,
         },
         'weighted': {
-            'parameters': ours.parameters.as_dict(),
-            'force_error': ours.force_error,
-            'iterations': ours.iterations,
-            'rank': ours.identifiability.rank,
-            'confounded': [list(group) for group in ours.identifiability.confounded],
+            'parameters': weighted.parameters.as_dict(),
+            'force_error': weighted.force_error,
+            'iterations': weighted.iterations,
+            'rank': weighted.identifiability.rank,
+            'confounded': [list(group) for group in weighted.identifiability.confounded],
         },
     }
 

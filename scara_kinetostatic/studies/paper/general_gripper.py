@@ -1,10 +1,9 @@
-"""What touches can show of the general gripper of (7), and what hides in the twelve parameters.
+"""Identifiability of the general gripper of (7) beside the twelve parameters.
 
-P = p_ee I + E in the frame of link 2. E has three parts besides the isotropic one: a gripper that is
-softer across link 2 than along it (p22 - p11), one whose axes are turned (p12 + p21), and one that does not
-conserve energy (p12 - p21). A displacement across link 2 in proportion to the force across it is
-what a softer joint 2 does as well: p22 - p11 is an exact alias of l2² p2 (and half of it of p_ee). The
-others have no such twin.
+P = p_ee I + E in the frame of link 2. E has three parts besides the isotropic one: a larger compliance across link 2
+than along it (p22 - p11), principal axes that are rotated (p12 + p21), and a part that does not conserve energy (p12 -
+p21). A displacement across link 2 proportional to the force across it is also caused by a compliance of joint 2: p22 -
+p11 is an exact alias of l2² p2 (and half of it of p_ee). The other parts have no alias.
 """
 
 from __future__ import annotations
@@ -27,43 +26,44 @@ from scara_kinetostatic.model.touch import TouchSet
 
 Floats = NDArray[np.float64]
 
-PARTS = {
+_PARTS = {
     'p22 - p11': np.array([-0.5, 0.0, 0.0, 0.5]),
     'p12 + p21': np.array([0.0, 0.5, 0.5, 0.0]),
     'p12 - p21': np.array([0.0, 0.5, -0.5, 0.0]),
 }
-"""The parts of E by name, each as what one unit of it adds to the entries 11, 12, 21, 22."""
-NOTICEABLE = 0.01
-"""A parameter takes part in hiding if it would change by more than this part of its plausible range per 1e-5 m/N."""
-PROBE = 1e-5
-ALIAS = 1 - 1e-12
-"""Hidden share beyond which only rounding is left."""
+"""The parts of E by name: contribution of one unit to the entries 11, 12, 21, 22."""
+_PROBE = 1e-5
+"""Size of a part, m/N, for which the bias of the parameters is evaluated."""
+_NOTICEABLE = 0.01
+"""Bias, as a share of the plausible range, from which a parameter is listed."""
+_ALIAS = 1 - 1e-12
+"""Explained share from which the part is an exact alias; the rest is rounding."""
 
 
 class Part(NamedTuple):
-    """One part of the general gripper before a set of touches.
+    """Identifiability of one part of the general gripper by a set of touches.
 
     Attributes:
         name: such as ``p22 - p11``.
-        hidden: share of its trace in the touches that the twelve parameters reproduce, 0 to 1.
-        std: standard deviation with which the touches would determine it beside the
-            twelve, m/N; infinite where it is an exact alias.
-        absorbed: by how much each parameter that hides it would be off, per m/N of it.
+        explained: share of its effect on the touches that the twelve parameters reproduce, 0 to 1.
+        std: standard deviation with which the touches determine it beside the twelve parameters, m/N; infinite
+            for an exact alias.
+        biases: bias of each parameter if the part is not modelled, per m/N of it.
     """
 
     name: str
-    hidden: float
+    explained: float
     std: float
-    absorbed: dict[str, float]
+    biases: dict[str, float]
 
 
-def see_parts(touches: TouchSet, cell: Cell, parameters: Parameters, noise: Noise) -> tuple[Part, ...]:
-    """What a set of touches shows of each part of E.
+def observable_parts(touches: TouchSet, cell: Cell, parameters: Parameters, noise: Noise) -> tuple[Part, ...]:
+    """Identifiability of each part of E.
 
     Args:
-        touches: exact or measured; only where they are counts.
+        touches: exact or measured; only their places count.
         cell: the cell.
-        parameters: L̄ at which to look.
+        parameters: L̄ at which the equations are linearised.
         noise: of one touch.
     """
     observations = observe(touches, cell)
@@ -74,7 +74,7 @@ def see_parts(touches: TouchSet, cell: Cell, parameters: Parameters, noise: Nois
     equations = touch_equations(parameters, a.joints, o.centers, o.radii, state, o.gripper)
     entries = whiten_by(excess_derivative(state, equations, o.gripper), point.whitened.root)
     base = (point.whitened.derivative * SCALES).reshape(-1, len(NAMES))
-    return tuple(_look(name, (entries @ weights).ravel(), base) for name, weights in PARTS.items())
+    return tuple(_look(name, (entries @ weights).ravel(), base) for name, weights in _PARTS.items())
 
 
 def _look(name: str, trace: Floats, base: Floats) -> Part:
@@ -82,10 +82,10 @@ def _look(name: str, trace: Floats, base: Floats) -> Part:
     left = trace - base @ found
     unidentifiable = float(np.linalg.norm(left))
     share = 1 - (unidentifiable / float(np.linalg.norm(trace))) ** 2
-    noticeable = np.abs(found) * PROBE > NOTICEABLE
+    noticeable = np.abs(found) * _PROBE > _NOTICEABLE
     return Part(
         name,
         share,
-        1 / unidentifiable if share < ALIAS else float('inf'),
+        1 / unidentifiable if share < _ALIAS else float('inf'),
         {parameter: float(found[j] * SCALES[j]) for j, parameter in enumerate(NAMES) if noticeable[j]},
     )

@@ -1,4 +1,4 @@
-"""Do the estimates scatter as predicted? The paper's cell, many noisy data sets, both estimators."""
+"""Monte Carlo study of both estimators: standard deviations found over many noisy data sets, and those predicted."""
 
 from __future__ import annotations
 
@@ -12,21 +12,22 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.studies.paper.section_5_1 import Linear, linearise_at_truth, run
+from scara_kinetostatic.studies.paper.section_5_1 import LinearProblem, linearise_at_truth, run
 
 Floats = NDArray[np.float64]
 
-CHUNK = 25
+_CHUNK = 25
+"""Data sets that a process works on at a time."""
 
 
 class Scatter(NamedTuple):
-    """Scatter of estimates over data sets, and what was predicted; SI units, (12,) unless said otherwise.
+    """Standard deviations of one estimator over data sets; SI units, (12,) unless said otherwise.
 
     Attributes:
         noise: of one touch.
         runs: number of data sets.
         predicted: standard deviations predicted for this estimator.
-        found: standard deviations found.
+        found: standard deviations over the data sets.
         bias: mean error.
         force_error: mean e_f (10) over the data sets, N.
         force_error_range: 2.5 % and 97.5 % quantiles of e_f, N.
@@ -42,7 +43,7 @@ class Scatter(NamedTuple):
 
     @property
     def sampling_error(self) -> float:
-        """Relative standard deviation of a found standard deviation."""
+        """Relative standard deviation of a standard deviation found."""
         return float(1 / np.sqrt(2 * (self.runs - 1)))
 
 
@@ -51,16 +52,16 @@ class Comparison(NamedTuple):
 
     Attributes:
         paper: the paper's unweighted estimator.
-        ours: the weighted one.
+        weighted: the weighted one.
     """
 
     paper: Scatter
-    ours: Scatter
+    weighted: Scatter
 
     @property
     def efficiency(self) -> Floats:
         """Variance of the weighted estimate over that of the unweighted one, (12,)."""
-        return (self.ours.found / self.paper.found) ** 2
+        return (self.weighted.found / self.paper.found) ** 2
 
 
 def compare(
@@ -70,31 +71,31 @@ def compare(
     progress: Callable[[int], None] | None = None,
     workers: int = 2,
 ) -> Comparison:
-    """Run both estimators on simulated data sets.
+    """Runs both estimators on simulated data sets.
 
     Args:
-        levels: force levels, N; with one level p_ee and g_ee scatter without meaning.
-        noise: of one touch, also told to the weighted estimator.
-        runs: how many data sets.
-        progress: told the number of data sets done.
-        workers: processes.
+        levels: force levels, N; with one level p_ee and g_ee are not determined.
+        noise: of one touch; also given to the weighted estimator.
+        runs: number of data sets.
+        progress: receives the number of data sets done.
+        workers: number of processes.
     """
-    linear: Linear = linearise_at_truth(levels)
+    linear: LinearProblem = linearise_at_truth(levels)
     rows = np.concatenate(list(_collect(levels, noise, runs, progress, workers)))
-    paper, ours = rows[:, 0], rows[:, 1]
+    paper, weighted = rows[:, 0], rows[:, 1]
     return Comparison(
         _summarise(paper, noise, linear.unweighted_covariance(noise)),
-        _summarise(ours, noise, linear.weighted_covariance(noise)),
+        _summarise(weighted, noise, linear.weighted_covariance(noise)),
     )
 
 
 def _collect(
     levels: tuple[float, ...], noise: Noise, runs: int, progress: Callable[[int], None] | None, workers: int
 ) -> Iterator[Floats]:
-    seeds = [range(first, min(first + CHUNK, runs)) for first in range(0, runs, CHUNK)]
+    seeds = [range(first, min(first + _CHUNK, runs)) for first in range(0, runs, _CHUNK)]
     done = 0
-    with ProcessPoolExecutor(workers, mp_context=get_context('spawn')) as pool:
-        for part in pool.map(_play, seeds, [levels] * len(seeds), [noise] * len(seeds)):
+    with ProcessPoolExecutor(workers, mp_context=get_context('spawn')) as candidates:
+        for part in candidates.map(_play, seeds, [levels] * len(seeds), [noise] * len(seeds)):
             done += len(part)
             if progress is not None:
                 progress(done)
@@ -109,7 +110,7 @@ def _play(seeds: range, levels: tuple[float, ...], noise: Noise) -> Floats:
         rows.append(
             [
                 [*result.paper.parameters.as_array(), result.paper.force_error],
-                [*result.ours.parameters.as_array(), result.ours.force_error],
+                [*result.weighted.parameters.as_array(), result.weighted.force_error],
             ]
         )
     return np.array(rows)

@@ -1,10 +1,8 @@
-"""Section 5.1: the cell of figure 3, table 2 without and with noise, what one force level shows.
+"""Section 5.1: the numbers printed there, the cell of figure 3, table 2 without and with noise, identifiability.
 
-All in the paper's own terms: three discs, npc = 12 points on each, f = 40 N, one elbow posture,
-`gripper_sign: paper` (table 2 was computed with the sign as printed: 40 p_ee - g_ee is the same for its
-first two columns, 40 p_ee + g_ee is not).
-
-The numbers printed in the paper, section 5: what ours are held against.
+The settings are the paper's: three discs, npc = 12 points on each, f = 40 N, one elbow posture, `gripper_sign: paper`
+(table 2 was computed with the sign as printed: 40 p_ee - g_ee is equal in its first two columns, 40 p_ee + g_ee is
+not).
 """
 
 from __future__ import annotations
@@ -57,19 +55,21 @@ CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3), grip
 ONE_LEVEL = (FORCE,)
 THREE_LEVELS = (FORCE / 4, FORCE / 2, FORCE)
 EXACT = Noise(joint=0.0, force=0.0)
-DRAWS = 2000
+"""Touches without noise."""
+_DRAWS = 2000
+"""Random draws for the distribution of e_f."""
 
 
 def paper_touches(
     levels: tuple[float, ...] = ONE_LEVEL, noise: Noise = EXACT, seed: int = 0, turn: float = 0.0, posture: int = 1
 ) -> TouchSet:
-    """The touches of figure 3, played by the "actual" robot of table 2.
+    """The touches of figure 3, simulated with the "actual" robot of table 2.
 
     Args:
         levels: of the force, N.
         noise: of one touch.
         seed: of the noise.
-        turn: of all contact points around their discs, in parts of their spacing.
+        turn: rotation of all contact points around their discs, in units of their spacing.
         posture: of the elbow.
     """
     plan = default_plan(CELL, per_disc=POINTS_PER_DISC, levels=levels, postures=(posture,))
@@ -83,37 +83,37 @@ class Run(NamedTuple):
     Attributes:
         touches: the data.
         paper: the paper's algorithm.
-        ours: `calibrate`.
+        weighted: `calibrate`.
     """
 
     touches: TouchSet
     paper: PaperFit
-    ours: Calibration
+    weighted: Calibration
 
 
 def run(levels: tuple[float, ...] = ONE_LEVEL, noise: Noise | None = None, seed: int = 0) -> Run:
-    """Simulate and estimate, from L̄n; without noise where none is given."""
+    """Simulates one data set, without noise by default, and estimates L̄ from L̄n by both algorithms."""
     touches = paper_touches(levels, noise or EXACT, seed)
     cell = Cell(CELL.nominal, CELL.discs, noise=noise or CELL.noise, gripper_sign=CELL.gripper_sign)
     return Run(touches, paper_calibrate(touches, cell), calibrate(touches, cell))
 
 
-class Linear(NamedTuple):
-    """The problem linearised at the truth: what covariance any estimator that solves it has.
+class LinearProblem(NamedTuple):
+    """The estimation problem linearised at the truth, with the covariances of both estimators.
 
     Attributes:
         jacobian: J_L̄ (12) in units of `SCALES`, (2n, 12).
         by_joints: A_Q A_Qᵀ as a block-diagonal matrix, (2n, 2n), (N/rad)².
         rank: of J_L̄.
-        unseen: unit null vectors of J_L̄, (12, 12 - rank), in units of `SCALES`.
-        seen: orthonormal complement, (12, rank).
+        unidentifiable: unit null vectors of J_L̄, (12, 12 - rank), in units of `SCALES`.
+        identifiable: orthonormal complement, (12, rank).
     """
 
     jacobian: Floats
     by_joints: Floats
     rank: int
     unidentifiable: Floats
-    seen: Floats
+    identifiable: Floats
 
     def force_covariance(self, noise: Noise) -> Floats:
         """Covariance of F - A(Q, L̄): Σ_F + A_Q Σ_Q A_Qᵀ, (2n, 2n), N²."""
@@ -132,13 +132,13 @@ class Linear(NamedTuple):
     def weighted_covariance(self, noise: Noise) -> Floats:
         """Covariance of the weighted estimate, the Cramér–Rao bound, (12, 12), SI units."""
         root = np.linalg.cholesky(self.force_covariance(noise))
-        triangle = np.linalg.qr(np.linalg.solve(root, self.jacobian @ self.seen), mode='r')
-        half = SCALES[:, None] * (self.seen @ np.linalg.inv(triangle))
+        triangle = np.linalg.qr(np.linalg.solve(root, self.jacobian @ self.identifiable), mode='r')
+        half = SCALES[:, None] * (self.identifiable @ np.linalg.inv(triangle))
         return half @ half.T
 
 
-def linearise_at_truth(levels: tuple[float, ...] = ONE_LEVEL, turn: float = 0.0, posture: int = 1) -> Linear:
-    """J_L̄ and A_Q of the exact touches."""
+def linearise_at_truth(levels: tuple[float, ...] = ONE_LEVEL, turn: float = 0.0, posture: int = 1) -> LinearProblem:
+    """J_L̄ and A_Q of the touches without noise; arguments as for `paper_touches`."""
     o = observe(paper_touches(levels, turn=turn, posture=posture), CELL)
     found = contact(PAPER_ACTUAL, o.joints, o.centers, o.radii, o.gripper, warm_start=o.force)
     derivatives = contact_derivatives(PAPER_ACTUAL, o.joints, o.centers, o.radii, found, o.gripper)
@@ -148,37 +148,36 @@ def linearise_at_truth(levels: tuple[float, ...] = ONE_LEVEL, turn: float = 0.0,
     blocks[np.arange(n), :, np.arange(n), :] = derivatives.joints @ derivatives.joints.swapaxes(1, 2)
     _, values, vt = np.linalg.svd(jacobian, full_matrices=False)
     rank = int((values > 1e-9 * values[0]).sum())
-    return Linear(jacobian, blocks.reshape(2 * n, 2 * n), rank, vt[rank:].T, vt[:rank].T)
+    return LinearProblem(jacobian, blocks.reshape(2 * n, 2 * n), rank, vt[rank:].T, vt[:rank].T)
 
 
-def expected_force_error(linear: Linear, noise: Noise, seed: int = 0) -> tuple[float, float]:
+def expected_force_error(linear: LinearProblem, noise: Noise, seed: int = 0) -> tuple[float, float]:
     """Mean and standard deviation over data sets of e_f after the paper's fit, N, to first order."""
     covariance = linear.force_covariance(noise)
-    left = np.eye(len(covariance)) - linear.jacobian @ linear.unweighted_gain()
-    values, vectors = np.linalg.eigh(left @ covariance @ left.T)
-    draws = np.random.default_rng(seed).normal(size=(len(covariance), DRAWS))
-    residual = ((vectors * np.sqrt(np.clip(values, 0, None))) @ draws).reshape(-1, 2, DRAWS)
+    residual_maker = np.eye(len(covariance)) - linear.jacobian @ linear.unweighted_gain()
+    values, vectors = np.linalg.eigh(residual_maker @ covariance @ residual_maker.T)
+    draws = np.random.default_rng(seed).normal(size=(len(covariance), _DRAWS))
+    residual = ((vectors * np.sqrt(np.clip(values, 0, None))) @ draws).reshape(-1, 2, _DRAWS)
     force_errors = np.hypot(residual[:, 0], residual[:, 1]).mean(axis=0)
     return float(force_errors.mean()), float(force_errors.std())
 
 
-def noise_for_force_error(linear: Linear, ratio: float, force_error: float = FORCE_ERROR_FROM_NOISE) -> Noise:
-    """The noise that leads to an e_f, on the line σ_q = ratio σ_f (rad per N)."""
+def noise_for_force_error(linear: LinearProblem, ratio: float, force_error: float = FORCE_ERROR_FROM_NOISE) -> Noise:
+    """The noise for which the expected e_f has a given value, with σ_q = ratio σ_f, ratio in rad/N."""
     unit, _ = expected_force_error(linear, Noise(joint=ratio, force=1.0))
     return Noise(joint=ratio * force_error / unit, force=force_error / unit)
 
 
 class NoiseStudy(NamedTuple):
-    """The noise behind the paper's third column, if σ_q and σ_f stood in one ratio.
+    """The noise of the third column of table 2 for one ratio of σ_q to σ_f.
 
     Attributes:
-        noise: the levels that lead to the paper's e_f.
+        noise: for which the expected e_f is that of the paper.
         force_error: expected e_f, N.
-        force_error_std: its scatter from data set to data set, N.
-        std: predicted standard deviations of the paper's estimate, (12,); along
-            unseen directions they say nothing.
-        z: deviation of the paper's noisy column, less its unseen part, in those units, (12,).
-        joint: chi-square of that column with `rank` degrees of freedom.
+        force_error_std: its standard deviation over data sets, N.
+        std: predicted standard deviations of the paper's estimate over the identifiable directions, (12,).
+        z: error of the paper's noisy column in identifiable directions, in units of `std`, (12,).
+        chi_square: of that column with `rank` degrees of freedom.
         rank: 11 with one force level.
     """
 
@@ -187,38 +186,39 @@ class NoiseStudy(NamedTuple):
     force_error_std: float
     std: Floats
     z: Floats
-    joint: float
+    chi_square: float
     rank: int
 
 
-def study_noise(linear: Linear, ratio: float) -> NoiseStudy:
-    """Where the paper's noisy estimates lie in the predicted covariance, for one ratio of σ_q to σ_f."""
+def study_noise(linear: LinearProblem, ratio: float) -> NoiseStudy:
+    """The paper's noisy estimates compared with the predicted covariance, for one ratio of σ_q to σ_f, rad/N."""
     noise = noise_for_force_error(linear, ratio)
     covariance = linear.unweighted_covariance(noise)
-    off = (ESTIMATED_FROM_NOISE.as_array() - PAPER_ACTUAL.as_array()) / SCALES
-    seen = linear.seen.T @ off
-    scaled = linear.seen.T @ (covariance / np.outer(SCALES, SCALES)) @ linear.seen
+    error = (ESTIMATED_FROM_NOISE.as_array() - PAPER_ACTUAL.as_array()) / SCALES
+    basis = linear.identifiable
+    error = basis.T @ error
+    scaled = basis.T @ (covariance / np.outer(SCALES, SCALES)) @ basis
     std = np.sqrt(np.diag(covariance))
     return NoiseStudy(
         noise,
         *expected_force_error(linear, noise),
         std=std,
-        z=SCALES * (linear.seen @ seen) / std,
-        joint=float(seen @ np.linalg.solve(scaled, seen)),
+        z=SCALES * (basis @ error) / std,
+        chi_square=float(error @ np.linalg.solve(scaled, error)),
         rank=linear.rank,
     )
 
 
-def least_joint_chi_square(ratios: tuple[float, ...]) -> float:
-    """The smallest chi-square of the noisy column over turned contact points, both postures and noise ratios."""
+def least_chi_square(ratios: tuple[float, ...]) -> float:
+    """The smallest chi-square of the noisy column over rotated contact points, both postures and noise ratios."""
     return min(
-        study_noise(linearise_at_truth(ONE_LEVEL, turn, posture), ratio).joint
+        study_noise(linearise_at_truth(ONE_LEVEL, turn, posture), ratio).chi_square
         for turn in (0.0, 0.25, 0.5, 0.75)
         for posture in (1, -1)
         for ratio in ratios
     )
 
 
-def fixed_sum(values: Floats) -> float:
+def determined_combination(values: Floats) -> float:
     """40 p_ee - g_ee, the combination that one force level of 40 N determines, m."""
     return float(FORCE * values[P_EE] - values[G_EE])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.studies.dial_gauge.analysis import LOOPS, POINTS, study
+from scara_kinetostatic.studies.dial_gauge.analysis import LOOPS, POINTS, analyse_tables
 from scara_kinetostatic.studies.dial_gauge.loop_analysis import LoopAnalysis, analyse_loops
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 
@@ -25,24 +25,24 @@ def record(
     """
     time = np.arange(0, 18, 1 / RATE)
     size = 0.025 * np.clip(np.minimum(time / 6, (16 - time) / 4), 0, 1)
-    moved = size * np.sin(2 * np.pi * time / PERIOD)
-    turns = np.flatnonzero(np.diff(np.sign(np.diff(moved, append=moved[-1]))) != 0) + 1
+    displacement = size * np.sin(2 * np.pi * time / PERIOD)
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(displacement, append=displacement[-1]))) != 0) + 1
     turns = turns[time[turns] < 15.9]
     force = np.zeros_like(time)
     edges = [0, *turns.tolist(), len(time)]
-    speed = np.abs(np.gradient(moved, time))
+    speed = np.abs(np.gradient(displacement, time))
     for first, last in pairwise(edges):
         rows = slice(first, last)
-        sense = np.sign(moved[last - 1] - moved[first]) or 1.0
-        distance = sense * (moved[rows] - moved[first])
+        sense = np.sign(displacement[last - 1] - displacement[first]) or 1.0
+        distance = sense * (displacement[rows] - displacement[first])
         crossing = np.argmax(distance >= SLIP * UNLOADING + gap / 2) if len(distance) else 0
         width = gap + lag * (speed[rows][crossing] - 0.03)
         knots = np.cumsum([0.0, SLIP * UNLOADING, width, SLIP * COMPLIANCE])
         force[rows] = sense * np.interp(distance, knots, [-SLIP, -1e-3, 1e-3, SLIP])
-    force[: turns[0]] = SLIP * np.tanh(moved[: turns[0]] / 1e-4)
+    force[: turns[0]] = SLIP * np.tanh(displacement[: turns[0]] / 1e-4)
     rng = np.random.default_rng(seed)
-    moved = moved + noise[0] * rng.standard_normal(len(time))
-    return time, moved, force + offset + noise[1] * rng.standard_normal(len(time))
+    displacement = displacement + noise[0] * rng.standard_normal(len(time))
+    return time, displacement, force + offset + noise[1] * rng.standard_normal(len(time))
 
 
 def analysis(**more: object) -> LoopAnalysis:
@@ -84,19 +84,19 @@ def test_a_gap_that_depends_on_the_speed_is_found_and_said():
     found = analysis(lag=lag, noise=(5e-6, 2.0))
     for sense in found.senses:
         assert sense.gap.p_value < 1e-6
-        trend = next(each for each in sense.trends if (each.quantity, each.over) == ('gap', 'speed'))
+        trend = next(each for each in sense.trends if (each.quantity, each.variable) == ('gap', 'speed'))
         assert trend.slope.value == pytest.approx(lag, rel=0.15)
         assert sense.gap.between > 5e-5
         assert sense.gap.std > sense.gap.between / np.sqrt(len(sense.reversals)) * 0.9
-    time, moved, force = record(lag=lag, noise=(5e-6, 2.0))
-    warnings = study([DialGaugeReadings.of(force, moved, time=time)]).warnings
+    time, displacement, force = record(lag=lag, noise=(5e-6, 2.0))
+    warnings = analyse_tables([DialGaugeReadings.of(force, displacement, time=time)]).warnings
     assert any('changes with the speed' in warning for warning in warnings)
-    assert any('the reversals scatter in gap' in warning for warning in warnings)
+    assert any('the reversals are inconsistent in gap' in warning for warning in warnings)
 
 
 def test_steady_loops_raise_no_warning():
-    time, moved, force = record(noise=(5e-6, 2.0))
-    assert study([DialGaugeReadings.of(force, moved, time=time)]).warnings == ()
+    time, displacement, force = record(noise=(5e-6, 2.0))
+    assert analyse_tables([DialGaugeReadings.of(force, displacement, time=time)]).warnings == ()
 
 
 def test_noise_is_that_of_the_stretch_without_motion():
@@ -105,18 +105,18 @@ def test_noise_is_that_of_the_stretch_without_motion():
 
 
 def test_a_reversal_without_slip_before_it_is_left_out_with_its_reason():
-    time, moved, force = record()
-    turn = time[np.argmax(np.where(time < 1, moved, -1))]
-    found = analyse_loops(time, moved, np.where(time < turn + 0.2, np.minimum(force, 0.3 * SLIP), force))
+    time, displacement, force = record()
+    turn = time[np.argmax(np.where(time < 1, displacement, -1))]
+    found = analyse_loops(time, displacement, np.where(time < turn + 0.2, np.minimum(force, 0.3 * SLIP), force))
     assert found.rejected[0].time == pytest.approx(turn, abs=0.02)
-    assert 'had not slipped' in found.rejected[0].reason
+    assert 'no full loop' in found.rejected[0].reason
     assert min(each.time for each in found.reversals) > turn + 0.5
 
 
 def test_a_record_too_coarse_says_so():
-    time, moved, force = record()
-    with pytest.raises(UnsupportedDataError, match='no reversal shows a gap'):
-        analyse_loops(time[::40], moved[::40], force[::40])
+    time, displacement, force = record()
+    with pytest.raises(UnsupportedDataError, match='no reversal has a gap'):
+        analyse_loops(time[::40], displacement[::40], force[::40])
 
 
 @pytest.mark.parametrize(
@@ -129,13 +129,13 @@ def test_records_that_are_no_loops_are_refused(time, problem):
 
 
 def test_tables_are_told_apart_by_their_columns():
-    time, moved, force = record()
-    loops = DialGaugeReadings.of(force, moved, time=time)
-    assert study([loops]).points is None
-    assert len(study([loops], kind=LOOPS).loops) == 1
+    time, displacement, force = record()
+    loops = DialGaugeReadings.of(force, displacement, time=time)
+    assert analyse_tables([loops]).points is None
+    assert len(analyse_tables([loops], kind=LOOPS).loops) == 1
     steps = np.array([1.0, 2, 3, 2, 1, -1, -2, -3, -2, -1])
     points = DialGaugeReadings.of(steps, 1e-5 * steps + 1e-5 * np.sign(steps), time=np.arange(10.0), cycle=1)
-    assert study([points]).loops == ()
-    assert study([points], kind=POINTS).points is not None
+    assert analyse_tables([points]).loops == ()
+    assert analyse_tables([points], kind=POINTS).points is not None
     with pytest.raises(UnsupportedDataError, match='time_s'):
-        study([DialGaugeReadings.of(steps, steps)], kind=LOOPS)
+        analyse_tables([DialGaugeReadings.of(steps, steps)], kind=LOOPS)

@@ -9,7 +9,7 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.dial_gauge.run_fit import RunFit, find_passes, fit_run
 from scara_kinetostatic.studies.dial_gauge.simulation import DialGaugeSensors, LoadPlan
-from scara_kinetostatic.studies.dial_gauge.statistics import find_step
+from scara_kinetostatic.studies.dial_gauge.statistics import find_resolution
 
 P, GAP = 3.76e-5, 1.3e-4
 PLAN = LoadPlan()
@@ -17,10 +17,10 @@ PLAN = LoadPlan()
 
 def readings(rng: np.random.Generator | None = None, noise: float = 2e-6, extra: object = 0.0) -> DialGaugeReadings:
     force, sense, cycle = PLAN.run()
-    moved = P * force + GAP / 2 * sense + np.asarray(extra)
+    displacement = P * force + GAP / 2 * sense + np.asarray(extra)
     if rng is not None:
-        moved = moved + noise * rng.standard_normal(force.shape)
-    return DialGaugeReadings.of(force, moved, cycle=cycle)
+        displacement = displacement + noise * rng.standard_normal(force.shape)
+    return DialGaugeReadings.of(force, displacement, cycle=cycle)
 
 
 def alarmed(fit: RunFit, level: float = 1e-4) -> set[str]:
@@ -57,7 +57,14 @@ def test_errors_agree_with_the_stated_standard_deviations(fits):
 
 def test_p_values_of_all_checks_are_uniform(fits):
     names = [check.name for check in fits[0].checks]
-    assert names == ['senses', 'hysteresis', 'curvature', 'zero_drift', 'gap_repeats', 'slope_repeats']
+    assert names == [
+        'slope_difference',
+        'hysteresis',
+        'curvature',
+        'zero_drift',
+        'gap_repeatability',
+        'slope_repeatability',
+    ]
     p = np.array([[check.p_value for check in fit.checks] for fit in fits])
     assert np.all((p < 0.01).mean(axis=0) <= 0.0215)  # 1 % and three standard deviations
     assert (p < 0.1).mean(axis=0) == pytest.approx(0.1, abs=0.035)
@@ -72,7 +79,7 @@ UNLOADING = np.concatenate([[0], np.tile(np.repeat([0.0, 1.0], 8), 6)])
 @pytest.mark.parametrize(
     ('name', 'extra', 'size'),
     [
-        ('senses', np.where(FORCE > 0, 1.5e-6 * FORCE, 0), 1.5e-6),
+        ('slope_difference', np.where(FORCE > 0, 1.5e-6 * FORCE, 0), 1.5e-6),
         ('hysteresis', 6e-6 * UNLOADING * SENSE, 6e-6),
         ('curvature', 3e-8 * SENSE * FORCE**2, 3e-8 * 35**2 / 4),
         ('zero_drift', 8e-6 * CYCLE, 8e-6),
@@ -128,21 +135,21 @@ def test_one_slip_of_the_pen_is_named():
 
 
 @pytest.mark.parametrize(('noise', 'step'), [(0.0, 1e-5), (5e-6, 1e-5), (2e-6, 1e-6)])
-def test_a_gauge_with_steps_is_not_trusted_beyond_them(noise, step):
+def test_a_gauge_with_steps_is_not_trusted_beyond_them(noise, resolution):
     rng, z = np.random.default_rng(0), []
     for _ in range(100):
         p, gap = P * rng.uniform(0.8, 1.2), GAP * rng.uniform(0.8, 1.2)
-        read = DialGaugeSensors(noise, step).read(FORCE, p * FORCE + gap / 2 * SENSE, rng)
+        read = DialGaugeSensors(noise, resolution).read(FORCE, p * FORCE + gap / 2 * SENSE, rng)
         fit = fit_run(DialGaugeReadings.of(*read, cycle=CYCLE))
-        assert fit.step > 0.99 * step  # by chance all readings may be even
+        assert fit.resolution > 0.99 * resolution  # by chance all readings may be even
         z.append(((fit.compliance.value - p) / fit.compliance.std, (fit.gap.value - gap) / fit.gap.std))
     assert np.sqrt((np.array(z) ** 2).mean(axis=0)) == pytest.approx([1, 1], abs=0.17)
 
 
 def test_steps():
-    assert find_step(np.array([0.0, 2e-5, -3e-5])) == pytest.approx(1e-5)
-    assert find_step(np.array([0.0, 2e-5, -4e-5])) == pytest.approx(2e-5)
-    assert find_step(np.array([0.0, 1.23456789e-4])) == 0
+    assert find_resolution(np.array([0.0, 2e-5, -3e-5])) == pytest.approx(1e-5)
+    assert find_resolution(np.array([0.0, 2e-5, -4e-5])) == pytest.approx(2e-5)
+    assert find_resolution(np.array([0.0, 1.23456789e-4])) == 0
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.studies.dial_gauge.point_analysis import analyse
+from scara_kinetostatic.studies.dial_gauge.point_analysis import analyse_points
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2, TIP, DialGaugeReadings, join
-from scara_kinetostatic.studies.dial_gauge.result import DialGaugeAnalysis
+from scara_kinetostatic.studies.dial_gauge.result import PointAnalysis
 from scara_kinetostatic.studies.dial_gauge.simulation import (
     DialGaugeSensors,
     DialGaugeTruth,
@@ -24,8 +24,8 @@ TRUTH = DialGaugeTruth()
 
 
 @pytest.fixture(scope='module')
-def analyses() -> list[DialGaugeAnalysis]:
-    return [analyse(simulate_experiments(seed=seed)) for seed in range(25)]
+def analyses() -> list[PointAnalysis]:
+    return [analyse_points(simulate_experiments(seed=seed)) for seed in range(25)]
 
 
 def test_all_values_of_figure_4d_come_back_in_all_directions(analyses):
@@ -63,7 +63,7 @@ def test_half_the_gap_is_the_g_of_the_model(analyses):
 
 def joint_at_the_tip(seed: int) -> DialGaugeReadings:
     rng = np.random.default_rng(seed)
-    return simulate_joint(2, TRUTH, LoadPlan(), DialGaugeSensors(), rng, seat=TIP)
+    return simulate_joint(2, TRUTH, LoadPlan(), DialGaugeSensors(), rng, gauge_at=TIP)
 
 
 @pytest.mark.parametrize('directions', [(0.0, 90.0), (15.0, 45.0, 75.0, 105.0, 135.0, 165.0)], ids=['there', 'ellipse'])
@@ -72,7 +72,7 @@ def test_at_the_tip_the_gripper_is_subtracted(directions):
     for seed in range(30):
         plan = LoadPlan(directions=tuple(np.radians(directions)))
         gripper = simulate_gripper(TRUTH, plan, DialGaugeSensors(), np.random.default_rng(seed + 1000))
-        part = analyse(join([gripper, joint_at_the_tip(seed)])).part(JOINT2)
+        part = analyse_points(join([gripper, joint_at_the_tip(seed)])).part(JOINT2)
         z.append(
             ((part.compliance.value - TRUTH.p2) / part.compliance.std, (part.gap.value - TRUTH.gap2) / part.gap.std)
         )
@@ -81,7 +81,7 @@ def test_at_the_tip_the_gripper_is_subtracted(directions):
 
 
 def test_at_the_tip_without_the_gripper_it_is_said_what_the_numbers_include():
-    found = analyse(joint_at_the_tip(0))
+    found = analyse_points(joint_at_the_tip(0))
     assert found.part(JOINT2).compliance.value == pytest.approx(TRUTH.p2 + TRUTH.p_ee / 0.33**2, rel=0.01)
     assert any('include those of the gripper' in warning for warning in found.warnings)
 
@@ -94,15 +94,15 @@ ONE = simulate_gripper(TRUTH, LoadPlan(directions=(0.0,)), DialGaugeSensors(), n
 
 
 def test_a_wrong_sign_a_wrong_unit_and_a_slip_are_pointed_out():
-    assert not analyse(ONE).warnings
-    swapped = analyse(with_column(ONE, displacement=-ONE.displacement)).warnings
+    assert not analyse_points(ONE).warnings
+    swapped = analyse_points(with_column(ONE, displacement=-ONE.displacement)).warnings
     assert any('positive along the positive force' in warning for warning in swapped)
-    metres = analyse(with_column(ONE, displacement=1e3 * ONE.displacement)).warnings
+    metres = analyse_points(with_column(ONE, displacement=1e3 * ONE.displacement)).warnings
     assert any('are the units and signs right?' in warning for warning in metres)
     slip = np.array(ONE.displacement)
     slip[20] *= 10
     lines = np.arange(2, len(ONE) + 2)
-    found = analyse(with_column(ONE, displacement=slip, line=lines)).warnings
+    found = analyse_points(with_column(ONE, displacement=slip, line=lines)).warnings
     assert any('line 22: far off the straight line' in warning for warning in found)
 
 
@@ -112,20 +112,20 @@ def test_repeated_runs_that_disagree_are_reported_and_widen_the_mean():
     for gap in (2.0e-4, 3.0e-4):
         one = simulate_joint(1, replace(TRUTH, gap1=gap), LoadPlan(), DialGaugeSensors(), rng)
         runs.append(one)
-    found = analyse(join(runs))
+    found = analyse_points(join(runs))
     part = found.part(JOINT1)
     assert len(part.runs) == 2
     assert part.gap.std > 2e-5
-    assert any('do not agree on the gap' in warning for warning in found.warnings)
+    assert any('inconsistent in gap' in warning for warning in found.warnings)
 
 
 def test_what_cannot_be_analysed_is_named():
     with pytest.raises(UnsupportedDataError, match='gripper at 0 deg: there is no reversal'):
-        analyse(ONE.select(ONE.force >= 0))
+        analyse_points(ONE.select(ONE.force >= 0))
     with pytest.raises(ParameterError, match='lever'):
-        analyse(DialGaugeReadings.of([1.0, -1.0], [0.0, 0.0], part=JOINT1))
+        analyse_points(DialGaugeReadings.of([1.0, -1.0], [0.0, 0.0], part=JOINT1))
     with pytest.raises(ParameterError, match='was not measured'):
-        analyse(ONE).part(JOINT1)
+        analyse_points(ONE).part(JOINT1)
 
 
 def test_readings_are_checked_when_made():
