@@ -103,7 +103,7 @@ def test_a_wrong_sign_a_wrong_unit_and_a_slip_are_pointed_out():
     slip[20] *= 10
     lines = np.arange(2, len(ONE) + 2)
     found = analyse_points(with_column(ONE, displacement=slip, line=lines)).warnings
-    assert any('line 22: far off the straight line' in warning for warning in found)
+    assert any('line 22: far from the straight line' in warning for warning in found)
 
 
 def test_repeated_runs_that_disagree_are_reported_and_widen_the_mean():

@@ -134,7 +134,7 @@ def test_one_slip_of_the_pen_is_named():
     assert fit.row_p[30] < 1e-8
 
 
-@pytest.mark.parametrize(('noise', 'step'), [(0.0, 1e-5), (5e-6, 1e-5), (2e-6, 1e-6)])
+@pytest.mark.parametrize(('noise', 'resolution'), [(0.0, 1e-5), (5e-6, 1e-5), (2e-6, 1e-6)])
 def test_a_gauge_with_steps_is_not_trusted_beyond_them(noise, resolution):
     rng, z = np.random.default_rng(0), []
     for _ in range(100):

@@ -117,7 +117,7 @@ def _loop(record: LoopRecord) -> dict[str, Any]:
     return {
         'source': record.source,
         'noise': {'displacement': analysis.noise[0], 'force': analysis.noise[1]},
-        'slope_difference': {sense_name(sense): _sense(sense) for sense in analysis.senses},
+        'senses': {sense_name(sense): _sense(sense) for sense in analysis.senses},
         'rejected': [each._asdict() for each in analysis.rejected],
     }
 

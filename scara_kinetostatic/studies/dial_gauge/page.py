@@ -74,7 +74,7 @@ def _loop(record: LoopRecord, name: str) -> dict[str, Any]:
         'title': f'Loops: {record.source}',
         'loop': figures.loop_picture(record, f'{name}_record'),
         'reversals': figures.reversal_picture(record, f'{name}_reversals'),
-        'slope_difference': [
+        'senses': [
             {
                 'title': f'Displacement {sense_name(sense)} after the reversal',
                 'sentences': [text.level_sentence(sense), *text.sense_sentences(sense)],
