@@ -78,8 +78,8 @@ def test_the_spring_turned_round_is_itself(rounding):
     spring = _Spring(1e-6, 2e-6, 2e-3, rounding)
     force = np.linspace(10, 1e4, 50)
     for positive, sign in ((True, 1), (False, -1)):
-        stretch = sign * spring.stretch(force, positive)
-        assert spring.force(stretch) == pytest.approx(sign * force, rel=1e-9)
+        deflection = sign * spring.deflection(force, positive)
+        assert spring.force(deflection) == pytest.approx(sign * force, rel=1e-9)
 
 
 def test_told_the_force_law_6_starts_every_sweep_where_it_was_measured():
