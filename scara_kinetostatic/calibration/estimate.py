@@ -1,4 +1,8 @@
-"""The rounds of the estimation: start, stages, noise, what is seen, outliers."""
+"""The estimation in rounds: fit, noise levels, outliers, identifiable directions, until none of them changes.
+
+Each round fits the model (`solver`) with what the one before has found: the noise levels where they are not given, the
+outliers, and the directions of the model that the data do not determine. The first fit is that of the robust loss.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration import outliers, steps
+from scara_kinetostatic.calibration import least_squares, outliers
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Observations, first_guess
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
+from scara_kinetostatic.calibration.noise_estimation import estimate_noise
 from scara_kinetostatic.calibration.projection import project, select, turn_radial
 from scara_kinetostatic.calibration.solver import (
     COARSE,
@@ -17,11 +22,11 @@ from scara_kinetostatic.calibration.solver import (
     ROBUST,
     Fit,
     Point,
+    Stage,
     Subspace,
     Termination,
     minimise,
 )
-from scara_kinetostatic.calibration.variance import estimate_noise
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
@@ -29,22 +34,26 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 
 USUAL_NOISE = Noise(joint=1e-5, force=0.3)
 """Where the noise is to be estimated, the first guess."""
-ROUNDS = 20
-SETTLING = 4
-"""Rounds in which an unseen direction may still be freed and a bad touch taken back, as the noise finds its place."""
-STUCK = 2
-"""Rounds in a row without an end after which a fit that began close by is given up."""
-SAME_DIRECTION = 1e-3
-NOISE_TOLERANCE = 1e-3
-NEARLY = 0.05
-"""The same at the last round: two noise levels that are hard to tell apart come to rest slowly."""
+_ROUNDS = 20
+"""Rounds after the first at most."""
+_FREE_ROUNDS = 4
+"""Rounds in which an unidentifiable direction may be freed and an outlier taken back, while the noise converges; after
+that neither is, as two decisions could alternate for ever."""
+_MOST_LIMITS = 2
+"""Runs in a row at the iteration limit after which a fit with a warm start is given up."""
+_SAME_DIRECTION = 1e-3
+"""Largest component outside the former directions with which a direction is one of them."""
+_NOISE_TOLERANCE = 1e-3
+"""Relative change of the noise levels at which they have converged."""
+_LAST_NOISE_TOLERANCE = 0.05
+"""The same in the last round: two noise levels that are hard to tell apart converge slowly."""
 
 
 class WarmStart(NamedTuple):
     """An earlier fit that is close to the one wanted.
 
     Attributes:
-        model: where to begin; the effects are those to be fitted.
+        model: where to begin; its effects are those to be fitted.
         noise: σ_q and σ_f.
         used: touches that took part, (n,).
     """
@@ -61,8 +70,8 @@ class Estimation(NamedTuple):
         fit: the last one; it is that of `used`, `noise` and `subspace`.
         used: touches that took part, (n,).
         noise: given or estimated.
-        subspace: the changes of L̄ allowed.
-        unseen: directions left out, (k, d), in units of `SCALES`.
+        subspace: the changes of the model allowed.
+        unidentifiable: directions left out, (k, d), in units of the scales.
         distance: squared studentised distances of all touches, (n,).
         iterations: steps of all rounds.
     """
@@ -76,6 +85,151 @@ class Estimation(NamedTuple):
     iterations: int
 
 
+class _Round(NamedTuple):
+    """What a round takes as given.
+
+    Attributes:
+        stage: what is minimised.
+        used: touches that take part, (n,).
+        noise: σ_q and σ_f.
+        subspace: the changes of the model allowed.
+        unidentifiable: directions left out, (k, d).
+    """
+
+    stage: Stage
+    used: Mask
+    noise: Noise
+    subspace: Subspace
+    unidentifiable: Floats
+
+    def is_followed_by_itself(self, following: _Round) -> bool:
+        """Whether a fit has changed nothing of what it took as given."""
+        return (
+            self.stage is FINAL
+            and self.subspace is following.subspace
+            and self._is_similar(following, _NOISE_TOLERANCE)
+        )
+
+    def is_nearly_followed_by_itself(self, following: _Round) -> bool:
+        """The same for the last round: outliers as before, noise levels nearly so."""
+        return self._is_similar(following, _LAST_NOISE_TOLERANCE)
+
+    def _is_similar(self, following: _Round, tolerance: float) -> bool:
+        pairs = zip(self.noise, following.noise, strict=True)
+        same = all(abs(after - before) <= tolerance * before for before, after in pairs)
+        return same and bool((self.used == following.used).all())
+
+
+def estimate(
+    observations: Observations,
+    cell: Cell,
+    start: ExtendedModel,
+    free: Indices,
+    warm_start: WarmStart | None = None,
+) -> Estimation:
+    """Fit a model to touches, round by round.
+
+    Args:
+        observations: the touches.
+        cell: its noise, if given, is taken as true.
+        start: the model to start from; fixed parameters at their values.
+        free: positions of the others, (k,).
+        warm_start: an earlier fit close by, from which no coarse stage is needed.
+
+    Raises:
+        UnsupportedDataError: too few touches fit for the free parameters, or touches so much alike
+            that they determine less than half of them.
+    """
+    everything = Subspace.of_free(start, free, scales_of(start))
+    model, adjusted, now, iterations = _begin(observations, cell, start, everything, warm_start)
+    limits = 0
+    for number in range(_ROUNDS + 1):
+        fit = minimise(observations, model, adjusted, now.subspace, now.noise, now.stage, now.used)
+        model, adjusted, iterations = fit.point.model, fit.point.adjusted, iterations + fit.iterations
+        distance = outliers.studentised(fit.point.whitened, covariance_of_fit(fit, now.subspace), now.used)
+        at_limit = warm_start is not None and fit.termination is Termination.ITERATION_LIMIT
+        limits = limits + 1 if at_limit else 0
+        if limits == _MOST_LIMITS:
+            break
+        following = _next_round(observations, cell, everything, free, now, fit, distance, number)
+        if number == _ROUNDS and not now.is_nearly_followed_by_itself(following):
+            fit = fit._replace(termination=Termination.ITERATION_LIMIT)
+        if number == _ROUNDS or now.is_followed_by_itself(following):
+            break
+        if following.subspace is not now.subspace:
+            _check_rank(following.unidentifiable)
+            model = following.subspace.project(model)
+        now = following
+        _check_left(now.used, now.subspace.basis.shape[1], now.noise)
+    return Estimation(fit, now.used, now.noise, now.subspace, now.unidentifiable, distance, iterations)
+
+
+def _begin(
+    observations: Observations, cell: Cell, start: ExtendedModel, everything: Subspace, warm_start: WarmStart | None
+) -> tuple[ExtendedModel, Adjusted, _Round, int]:
+    """The model and the adjusted observations to begin with, the first round, and the steps so far."""
+    none = np.empty((everything.basis.shape[1], 0))
+    if warm_start is not None:
+        noise = cell.noise or warm_start.noise
+        first = _Round(FINAL, warm_start.used, noise, everything, none)
+        return warm_start.model, project(observations, warm_start.model, noise).adjusted, first, 0
+    noise = cell.noise or USUAL_NOISE
+    fit = minimise(observations, start, first_guess(observations, start), everything, noise, COARSE)
+    first = _Round(ROBUST, np.ones(len(observations.joints), dtype=bool), noise, everything, none)
+    return fit.point.model, turn_radial(observations, fit.point), first, fit.iterations
+
+
+def _next_round(
+    observations: Observations,
+    cell: Cell,
+    everything: Subspace,
+    free: Indices,
+    now: _Round,
+    fit: Fit,
+    distance: Floats,
+    number: int,
+) -> _Round:
+    """What the fit of a round says of noise, outliers and directions; the subspace is the same object if it stays."""
+    noise = now.noise if cell.noise else _update_noise(fit.point, now, now.noise)
+    good, late = outliers.find_good(distance), number >= _FREE_ROUNDS
+    if late:
+        good &= now.used
+    directions = unidentifiable_directions(*_only(good, observations, fit.point), free, now.noise)
+    if late and directions.shape[1] < now.unidentifiable.shape[1]:
+        directions = now.unidentifiable
+    if _span_the_same(directions, now.unidentifiable, late):
+        return _Round(FINAL, good, noise, now.subspace, now.unidentifiable)
+    return _Round(FINAL, good, noise, everything.without(directions), directions)
+
+
+def _span_the_same(now: Floats, before: Floats, late: bool) -> bool:
+    """Whether the same directions are unidentifiable as before; in late rounds, whether as many are."""
+    if now.shape != before.shape:
+        return False
+    return late or float(np.abs(now - before @ (before.T @ now)).max(initial=0.0)) <= _SAME_DIRECTION
+
+
+def _only(good: Mask, observations: Observations, point: Point) -> tuple[Observations, Point]:
+    """The good touches; without a copy where all are."""
+    return (observations, point) if good.all() else (observations.select(good), select(point, good))
+
+
+def _update_noise(point: Point, now: _Round, noise: Noise) -> Noise:
+    """The noise levels by the residuals of the good touches."""
+    good = now.used & outliers.find_good(point.distance)
+    if good.sum() > now.subspace.basis.shape[1] // 2 + 1:
+        point = select(point, good)
+    basis = now.subspace.basis
+    system = least_squares.compress(point.whitened.derivative @ basis, point.whitened.residual)
+    fitted = basis @ least_squares.covariance(system, least=1.0) @ basis.T
+    return estimate_noise(point.linear, point.whitened, fitted, noise)
+
+
+def covariance_of_fit(fit: Fit, subspace: Subspace) -> Floats:
+    """Covariance of all values of a model at a fit, (12 + k, 12 + k); zero along what the subspace leaves out."""
+    return subspace.basis @ least_squares.covariance(fit.system) @ subspace.basis.T
+
+
 def check_number(touches: int, parameters: int, left_out: Sequence[str] = ()) -> None:
     """Whether there are more equations than parameters.
 
@@ -87,7 +241,7 @@ def check_number(touches: int, parameters: int, left_out: Sequence[str] = ()) ->
     Raises:
         UnsupportedDataError: too few touches.
     """
-    needed = parameters // 2 + 1
+    needed = _fewest(parameters)
     if touches < needed:
         problem = f'{touches} touches give {2 * touches} equations, too few for {parameters} parameters'
         remedy = f'record {needed} touches at the very least, 36 or more for a good result'
@@ -99,7 +253,7 @@ def check_number(touches: int, parameters: int, left_out: Sequence[str] = ()) ->
 
 def _check_left(good: Mask, parameters: int, noise: Noise) -> None:
     """Whether the touches that fit are enough."""
-    if int(good.sum()) < parameters // 2 + 1:
+    if int(good.sum()) < _fewest(parameters):
         raise UnsupportedDataError(
             f'{int(good.sum())} of {len(good)} touches fit a model at a noise of {noise.joint:.2g} rad per joint and '
             f'{noise.force:.2g} N, too few for {parameters} parameters',
@@ -107,137 +261,16 @@ def _check_left(good: Mask, parameters: int, noise: Noise) -> None:
         )
 
 
-def check_rank(unidentifiable: Floats) -> None:
-    """Whether at least half of the free parameters are determined; `unseen` is (k, d)."""
+def _fewest(parameters: int) -> int:
+    """Touches that give more equations than there are parameters."""
+    return parameters // 2 + 1
+
+
+def _check_rank(unidentifiable: Floats) -> None:
+    """Whether at least half of the free parameters are determined; `unidentifiable` is (k, d)."""
     parameters, lost = unidentifiable.shape
     if 2 * lost > parameters:
         raise UnsupportedDataError(
             f'the touches are too much alike: they determine {parameters - lost} of {parameters} parameters',
             'touch several discs, from all sides, in both postures and at two or more force levels',
         )
-
-
-def estimate(
-    observations: Observations,
-    cell: Cell,
-    start: ExtendedModel,
-    free: Indices,
-    warm_start: WarmStart | None = None,
-) -> Estimation:
-    """Coarse, robust, then final rounds until noise, bad touches and unseen directions stay as they are.
-
-    Args:
-        observations: the touches.
-        cell: whose noise is taken as true, if given.
-        start: the model to start from; fixed parameters at their values.
-        free: positions of the others, (k,).
-        warm_start: an earlier fit close by, from which no coarse stage is needed.
-
-    Raises:
-        UnsupportedDataError: too few touches for the free parameters, or touches so much alike
-            that they determine less than half of them.
-    """
-    scales = scales_of(start)
-    basis = np.zeros((len(scales), len(free)))
-    basis[free, np.arange(len(free))] = scales[free]
-    everything = subspace = Subspace(start.as_array(), basis)
-    unidentifiable = np.empty((len(free), 0))
-    model, adjusted, noise, used, iterations = _begin(observations, cell, start, everything, warm_start)
-    stage = ROBUST if warm_start is None else FINAL
-    limits = 0
-    for number in range(ROUNDS + 1):
-        fit = minimise(observations, model, adjusted, subspace, noise, stage, used)
-        model, adjusted, iterations = fit.point.model, fit.point.adjusted, iterations + fit.iterations
-        distance = outliers.studentised(fit.point.whitened, covariance_of_fit(fit, subspace), used)
-        updated = noise if cell.noise else _update_noise(fit.point, used, subspace, noise)
-        good = outliers.find_good(distance)
-        stuck = warm_start is not None and fit.termination is Termination.ITERATION_LIMIT
-        limits = limits + 1 if stuck else 0
-        if limits == STUCK:
-            break
-        if number == ROUNDS:
-            if not (_same(good & used, used) and _close(noise, updated, NEARLY)):
-                fit = fit._replace(termination=Termination.ITERATION_LIMIT)
-            break
-        if number >= SETTLING:
-            good &= used  # nor is a bad touch taken back, for the same reason
-        now_unidentifiable = unidentifiable_directions(*_only(good, observations, fit.point), free, noise)
-        if number >= SETTLING and now_unidentifiable.shape[1] < unidentifiable.shape[1]:
-            now_unidentifiable = (
-                unidentifiable  # what was unseen is not freed again: the judgements could take turns for ever
-            )
-        if (
-            stage is FINAL
-            and _same(good, used)
-            and not _differ(now_unidentifiable, unidentifiable, number)
-            and _close(noise, updated)
-        ):
-            break
-        if _differ(now_unidentifiable, unidentifiable, number):
-            check_rank(now_unidentifiable)
-            subspace, unidentifiable = restrict(everything, now_unidentifiable), now_unidentifiable
-            model = subspace.project(model)
-        used, noise, stage = good, updated, FINAL
-        _check_left(good, subspace.basis.shape[1], noise)
-    return Estimation(fit, used, noise, subspace, unidentifiable, distance, iterations)
-
-
-def _begin(
-    observations: Observations, cell: Cell, start: ExtendedModel, everything: Subspace, warm_start: WarmStart | None
-) -> tuple[ExtendedModel, Adjusted, Noise, Mask, int]:
-    """Where the rounds begin: L̄, adjusted observations, noise, touches that count, steps so far."""
-    if warm_start is not None:
-        noise = cell.noise or warm_start.noise
-        return (
-            warm_start.model,
-            project(observations, warm_start.model, noise).adjusted,
-            noise,
-            warm_start.used,
-            0,
-        )
-    noise = cell.noise or USUAL_NOISE
-    fit = minimise(observations, start, first_guess(observations, start), everything, noise, COARSE)
-    used = np.ones(len(observations.joints), dtype=bool)
-    return fit.point.model, turn_radial(observations, fit.point), noise, used, fit.iterations
-
-
-def _only(good: Mask, observations: Observations, point: Point) -> tuple[Observations, Point]:
-    """The good touches; without a copy where all are."""
-    return (observations, point) if good.all() else (observations.select(good), select(point, good))
-
-
-def _update_noise(point: Point, used: Mask, subspace: Subspace, noise: Noise) -> Noise:
-    """The noise levels that the residuals of good touches call for."""
-    good = used & outliers.find_good(point.distance)
-    if good.sum() > subspace.basis.shape[1] // 2 + 1:
-        point = select(point, good)
-    system = steps.compress(point.whitened.derivative @ subspace.basis, point.whitened.residual)
-    fitted = subspace.basis @ steps.covariance(system, least=1.0) @ subspace.basis.T
-    return estimate_noise(point.linear, point.whitened, fitted, noise)
-
-
-def covariance_of_fit(fit: Fit, subspace: Subspace) -> Floats:
-    """Covariance of the twelve at a fit, (12, 12); no statement about what the subspace leaves out."""
-    return subspace.basis @ steps.covariance(fit.system) @ subspace.basis.T
-
-
-def restrict(everything: Subspace, unidentifiable: Floats) -> Subspace:
-    """The subspace without the unseen directions: along those, L̄ stays at the origin."""
-    k, d = unidentifiable.shape
-    complement = np.linalg.qr(np.concatenate([unidentifiable, np.eye(k)], axis=1))[0][:, d:k]
-    return everything._replace(basis=everything.basis @ complement)
-
-
-def _differ(now: Floats, before: Floats, number: int) -> bool:
-    """Whether other directions are unseen than before; once settled, whether their number is another."""
-    if now.shape != before.shape:
-        return True
-    return number < SETTLING and float(np.abs(now - before @ (before.T @ now)).max(initial=0.0)) > SAME_DIRECTION
-
-
-def _same(a: Mask, b: Mask) -> bool:
-    return bool((a == b).all())
-
-
-def _close(old: Noise, new: Noise, tolerance: float = NOISE_TOLERANCE) -> bool:
-    return all(abs(b - a) <= tolerance * a for a, b in zip(old, new, strict=True))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.blocks import in_blocks, pick
-from scara_kinetostatic.calibration.steps import typical_scale
+from scara_kinetostatic.calibration.least_squares import typical_scale
 from scara_kinetostatic.calibration.whitening import Whitened
 from scara_kinetostatic.model.touch import Rejection
 

@@ -1,20 +1,21 @@
-"""The accept/reject loop of the adjustment: Gauss–Newton, damped where a step fails.
+"""The solver of the adjustment: Gauss–Newton steps, damped as Levenberg and Marquardt do where a step fails.
 
-In scaled parameters a start 20 mm and 3° off takes five or six steps. Each stage is
-one run of the loop: coarse, with observations as measured and Cauchy's loss; robust, with adjusted
-observations and the same loss, to find its way among wrong touches; final, the sum
-of squares over those that are used.
+One step is linearisation (`evaluate`), descent (`least_squares.damped_step`), trial (`_moved`) and acceptance
+(`_Acceptance`); `_Convergence` ends the run. In scaled parameters a start 20 mm and 3° off takes five or six steps.
+
+The estimation runs it in stages: coarse, with the observations as measured and Cauchy's loss; robust, with adjusted
+observations and the same loss, so that outliers have little weight; final, with the sum of squares over the used
+touches.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration import steps
+from scara_kinetostatic.calibration import least_squares
 from scara_kinetostatic.calibration.blocks import in_blocks, pick
 from scara_kinetostatic.calibration.gauss_helmert import (
     Adjusted,
@@ -24,30 +25,19 @@ from scara_kinetostatic.calibration.gauss_helmert import (
     linearise,
 )
 from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, squared_distance, whiten
-from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.statics import Arm
 
-MAX_ITERATIONS = 60
-STEP_TOLERANCE = 1e-14
-"""A step shorter than this in scaled parameters is rounding error."""
-RELATIVE_OFFSET = 1e-4
-"""A step that moves the predictions by a smaller part of the residual than this is the last one, taken to first order
-(Bates and Watts, Technometrics 23 (1981) 179)."""
-LARGEST_OFFSET = 1e-3
-"""The same in standard deviations, however large the residual."""
-SAME_COST = 1.01
-"""The cost has come to rest if the last step lowered it by less; it never does where touches are exact."""
-STALL_TOLERANCE = 1e-9
-MAX_DAMPING = 1e12
-FREEZE_AFTER = 12
-"""Steps of a run after which every joint stays on its flank: at the edge of a dead band it may else go to and fro."""
+_MAX_ITERATIONS = 60
+_FROZEN_AFTER = 12
+"""Steps of a run after which every joint stays on its flank: at the edge of a dead band it could else alternate."""
 
 
 class Termination(Enum):
-    """How the loop ended."""
+    """How a run ended."""
 
     CONVERGED = 'converged'
     STALLED = 'stalled'
@@ -60,22 +50,21 @@ class Termination(Enum):
             Termination.CONVERGED: 'the estimate is at the optimum',
             Termination.STALLED: 'no step lowers the error any more, short of the optimum; '
             'look at the rejected touches and at the cell file',
-            Termination.ITERATION_LIMIT: 'the estimate had not settled; check disc places, sensor frame and sign',
+            Termination.ITERATION_LIMIT: 'the estimate has not converged; check disc places, sensor frame and sign',
         }[self]
 
 
 class Stage(NamedTuple):
-    """One run of the loop.
+    """What one run minimises, and to what tolerance.
 
     Attributes:
         adjusts: whether observations are adjusted or taken as measured.
         robust: Cauchy's loss instead of the sum of squares.
-        tolerance: a step that moves all predictions together by fewer standard
-            deviations than this ends the run.
-        per_touch: the same for the root mean square over the touches; the larger bound counts. What a
-            stage leaves to the next one need not be exact, unless there are effects, which may be far from linear.
-        damping: least damping. A direction of L̄ whose full plausible range the data
-            hardly show (singular value below 1) is left alone before it is judged.
+        tolerance: a step that moves all predictions together by fewer standard deviations than this ends the run.
+        per_touch: the same for the root mean square over the touches; the larger bound counts. The last stage has to
+            be exact, the others need not be, unless there are effects, which may be far from linear.
+        damping: least damping. With 1, a direction of L̄ whose whole plausible range hardly shows in the data (singular
+            value below 1) is not changed before its identifiability has been examined.
     """
 
     adjusts: bool
@@ -91,15 +80,28 @@ FINAL = Stage(adjusts=True, robust=False, tolerance=1e-6, per_touch=0.0, damping
 
 
 class Subspace(NamedTuple):
-    """Which changes of L̄ the fit may make: L̄ = origin + basis y.
+    """Which changes of the model the fit may make: all its values together are origin + basis y.
 
     Attributes:
-        origin: (12,).
-        basis: (12, k); its columns carry the scale of each change.
+        origin: (12 + k,), in the order of `ExtendedModel.names`.
+        basis: (12 + k, m); its columns carry the scale of each change.
     """
 
     origin: Floats
     basis: Floats
+
+    @classmethod
+    def of_free(cls, model: ExtendedModel, free: Indices, scales: Floats) -> Subspace:
+        """All changes of the values at some positions, (m,); the others stay as in a model."""
+        basis = np.zeros((len(scales), len(free)))
+        basis[free, np.arange(len(free))] = scales[free]
+        return cls(model.as_array(), basis)
+
+    def without(self, directions: Floats) -> Subspace:
+        """The subspace without orthonormal directions, (m, d), of y: along those the model stays at the origin."""
+        m, d = directions.shape
+        complement = np.linalg.qr(np.concatenate([directions, np.eye(m)], axis=1))[0][:, d:m]
+        return self._replace(basis=self.basis @ complement)
 
     def project(self, model: ExtendedModel) -> ExtendedModel:
         """The nearest model that the subspace holds, in scaled terms."""
@@ -123,7 +125,7 @@ class Point(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """Where the loop ended, and how.
+    """Where a run ended, and how.
 
     Attributes:
         point: the last accepted point.
@@ -134,7 +136,7 @@ class Fit(NamedTuple):
     """
 
     point: Point
-    system: steps.Compressed
+    system: least_squares.Compressed
     iterations: int
     history: tuple[float, ...]
     termination: Termination
@@ -143,7 +145,7 @@ class Fit(NamedTuple):
 def evaluate(
     observations: Observations, model: ExtendedModel, adjusted: Adjusted, noise: Noise, stage: Stage = FINAL
 ) -> Point:
-    """Linearise and whiten at one model."""
+    """The adjustment linearised and whitened at one model, block by block."""
 
     def part(where: slice) -> tuple[Linearisation, Whitened, Floats]:
         return _evaluate(observations.select(where), model, pick(adjusted, where), noise, stage)
@@ -166,9 +168,132 @@ def _evaluate(
 
 
 def _direction_variance(observations: Observations, noise: Noise) -> Floats:
-    """What the measured direction of the force adds to V11 in the coarse stage, (n,), m²."""
-    off_normal_std = noise.force**2 / (observations.force**2).sum(axis=-1)
-    return (observations.radii * off_normal_std) ** 2
+    """What the error of the measured direction of the force adds to V11 where it is not adjusted, (n,), m²."""
+    variance = noise.force**2 / (observations.force**2).sum(axis=-1)
+    return (observations.radii * variance) ** 2
+
+
+class _Step(NamedTuple):
+    """A step of the descent.
+
+    Attributes:
+        change: of all values of the model, (12 + k,).
+        shift: by how many standard deviations it moves the predictions, all touches together.
+        length: its largest component in scaled parameters.
+    """
+
+    change: Floats
+    shift: float
+    length: float
+
+
+def _descend(system: least_squares.Compressed, subspace: Subspace, damping: float) -> _Step:
+    """The damped Gauss–Newton step of a linearised system."""
+    y = least_squares.damped_step(system, damping)
+    shift, length = least_squares.predicted_shift(system, y), float(np.abs(y).max(initial=0.0))
+    return _Step(subspace.basis @ y, shift, length)
+
+
+class _Loss(NamedTuple):
+    """What a run minimises over the used touches; None for all.
+
+    The scale of Cauchy's loss follows the residuals of the point it was last linearised at.
+    """
+
+    robust: bool
+    used: Mask | None
+
+    def system(self, point: Point, subspace: Subspace) -> tuple[least_squares.Compressed, float]:
+        """The linear least-squares problem at a point, and the scale of the loss there."""
+        scale, weights = 1.0, None if self.used is None else self.used.astype(float)
+        if self.robust:
+            scale = least_squares.typical_scale(self._of_used(point))
+            weights = least_squares.robust_weights(point.distance, scale) * (1.0 if weights is None else weights)
+        w = point.whitened
+        return least_squares.compress(w.derivative, w.residual, weights, subspace.basis), scale
+
+    def cost(self, point: Point, scale: float) -> float:
+        """The loss at a point."""
+        distance = self._of_used(point)
+        return least_squares.robust_cost(distance, scale) if self.robust else float(distance.sum())
+
+    def _of_used(self, point: Point) -> Floats:
+        return point.distance if self.used is None else point.distance[self.used]
+
+
+_NEGLIGIBLE_RISE = 1e-9
+"""A cost larger by this part is the same but for rounding."""
+_SHORT_STEP = 1e-3
+"""A step of fewer standard deviations than this changes the cost by no more than rounding and linearisation do."""
+_DAMPING_FACTOR = 10.0
+"""By which damping grows and falls."""
+_ZERO_DAMPING = 1e-6
+"""Damping below this falls to the least at once."""
+_FIRST_DAMPING = 1e-10
+"""First damping, as a part of the largest squared singular value."""
+_LARGEST_DAMPING = 1e12
+"""The same of the largest damping: with it, no step is long enough to change the cost."""
+
+
+class _Acceptance(NamedTuple):
+    """Which trials are accepted, and the damping that follows: Levenberg's and Marquardt's rule.
+
+    Attributes:
+        least: damping of the stage.
+    """
+
+    least: float
+
+    def accepts(self, step: _Step, cost: float, trial: float) -> bool:
+        """Whether a step to a trial of this cost is taken."""
+        return bool(np.isfinite(trial)) and (step.shift < _SHORT_STEP or trial <= cost * (1 + _NEGLIGIBLE_RISE))
+
+    def lowered(self, damping: float) -> float:
+        """Damping after an accepted step."""
+        return max(self.least, damping / _DAMPING_FACTOR if damping > _ZERO_DAMPING else 0.0)
+
+    def raised(self, damping: float, system: least_squares.Compressed) -> float:
+        """Damping after a rejected step; infinite where there is no point in more."""
+        largest = float(system.values.max(initial=0.0)) ** 2
+        damping = max(_DAMPING_FACTOR * damping, _FIRST_DAMPING * largest)
+        return damping if damping <= _LARGEST_DAMPING * largest else float('inf')
+
+
+_STEP_TOLERANCE = 1e-14
+"""A step shorter than this in scaled parameters is rounding error."""
+_RELATIVE_OFFSET = 1e-4
+"""A step that moves the predictions by a smaller part of the residual than this is the last one, taken to first
+order (Bates and Watts, Technometrics 23 (1981) 179)."""
+_LARGEST_OFFSET = 1e-3
+"""The same in standard deviations, however large the residual."""
+_SAME_COST = 1.01
+"""The cost has converged if the last step lowered it by less than this factor; with exact touches it never does."""
+
+
+class _Convergence(NamedTuple):
+    """When a run has converged.
+
+    Attributes:
+        tolerance: shift of a step below which it is the last one, standard deviations.
+    """
+
+    tolerance: float
+
+    @classmethod
+    def of(cls, stage: Stage, touches: int, extended: bool) -> _Convergence:
+        """The tolerance of a stage; with effects it is not relaxed as there are more touches."""
+        per_touch = 0.0 if extended else stage.per_touch
+        return cls(max(stage.tolerance, per_touch * np.sqrt(touches)))
+
+    def is_reached(self, step: _Step) -> bool:
+        """Whether this step is the last one."""
+        return step.shift < self.tolerance or step.length < _STEP_TOLERANCE
+
+    def is_negligible(self, step: _Step, history: list[float]) -> bool:
+        """Whether a step is so short that the point behind it need not be evaluated."""
+        if len(history) < 2 or history[-2] > _SAME_COST * history[-1]:
+            return False
+        return step.shift < min(_RELATIVE_OFFSET * float(np.sqrt(history[-1])), _LARGEST_OFFSET)
 
 
 def minimise(
@@ -179,9 +304,9 @@ def minimise(
     noise: Noise,
     stage: Stage,
     used: Mask | None = None,
-    max_iterations: int = MAX_ITERATIONS,
+    max_iterations: int = _MAX_ITERATIONS,
 ) -> Fit:
-    """Find the L̄ of least cost in a subspace.
+    """Find the model of least cost in a subspace.
 
     Args:
         observations: the touches.
@@ -190,67 +315,67 @@ def minimise(
         subspace: the changes allowed.
         noise: σ_q and σ_f.
         stage: which run this is.
-        used: touches that count, (n,); the others are adjusted along, without a say. None for all.
+        used: touches that count, (n,); the others are adjusted without weight in the fit. None for all.
         max_iterations: steps at most.
 
     Returns:
         The fit; how it ended is in `termination`, nothing is raised.
     """
+    loss = _Loss(stage.robust, None if used is None or used.all() else used)
+    convergence = _Convergence.of(stage, len(observations.joints), bool(start.effects))
+    acceptance = _Acceptance(stage.damping)
     point = evaluate(observations, start, adjusted, noise, stage)
-    used = None if used is None or used.all() else used
-    system, scale = _system(point, subspace, stage, used)
-    per_touch = 0.0 if start.effects else stage.per_touch
-    tolerance = max(stage.tolerance, per_touch * np.sqrt(len(point.distance)))
-    damping, iterations, termination = stage.damping, 0, Termination.ITERATION_LIMIT
-    history: list[float] = []
-    while iterations < max_iterations:
-        iterations += 1
-        step = steps.damped_step(system, damping)
-        change, shift = subspace.basis @ step, steps.predicted_shift(system, step)
-        cost = _cost(point, scale, stage, used)
-        converged = shift < tolerance or float(np.abs(step).max(initial=0.0)) < STEP_TOLERANCE
-        if (converged and not stage.adjusts) or (damping == stage.damping and shift < _negligible(history)):
-            point, termination = _last_step(point, change), Termination.CONVERGED
-            history.append(_cost(point, scale, stage, used))
-            break
-        trial = _move(observations, point, change, noise, stage, iterations > FREEZE_AFTER)
-        trial_cost = _cost(trial, scale, stage, used)
-        if np.isfinite(trial_cost) and (converged or shift < 1e-3 or trial_cost <= cost * (1 + STALL_TOLERANCE)):
-            point, damping = trial, max(stage.damping, damping / 10 if damping > 1e-6 else 0.0)
-            history.append(trial_cost)
-            system, scale = _system(point, subspace, stage, used)
-            if converged:
-                termination = Termination.CONVERGED
-                break
+    system, scale = loss.system(point, subspace)
+    damping, history = stage.damping, list[float]()
+
+    def ended(iterations: int, termination: Termination) -> Fit:
+        return Fit(point, system, iterations, tuple(history), termination)
+
+    for iteration in range(1, max_iterations + 1):
+        step = _descend(system, subspace, damping)
+        last, undamped = convergence.is_reached(step), damping == stage.damping
+        if (last and not stage.adjusts) or (undamped and convergence.is_negligible(step, history)):
+            point = _last_step(point, step.change)
+            history.append(loss.cost(point, scale))
+            return ended(iteration, Termination.CONVERGED)
+        trial = _moved(observations, point, step.change, noise, stage, iteration > _FROZEN_AFTER)
+        cost = loss.cost(trial, scale)
+        if (last and np.isfinite(cost)) or acceptance.accepts(step, loss.cost(point, scale), cost):
+            point, damping = trial, acceptance.lowered(damping)
+            history.append(cost)
+            system, scale = loss.system(point, subspace)
+            if last:
+                return ended(iteration, Termination.CONVERGED)
         else:
-            largest = float(system.values.max(initial=0.0)) ** 2
-            damping = max(10 * damping, 1e-10 * largest)
-            if damping > MAX_DAMPING * largest:
-                termination = Termination.STALLED
-                break
-    return Fit(point, system, iterations, tuple(history), termination)
-
-
-def _negligible(history: Sequence[float]) -> float:
-    """Standard deviations below which a step need not be looked at again; 0 while the cost still falls."""
-    if len(history) < 2 or history[-2] > SAME_COST * history[-1]:
-        return 0.0
-    return min(RELATIVE_OFFSET * float(np.sqrt(history[-1])), LARGEST_OFFSET)
+            damping = acceptance.raised(damping, system)
+            if np.isinf(damping):
+                return ended(iteration, Termination.STALLED)
+    return ended(max_iterations, Termination.ITERATION_LIMIT)
 
 
 def _last_step(point: Point, change: Floats) -> Point:
-    """The point after a step so short that it is taken to first order, without looking again."""
+    """The point after a step so short that it is taken to first order, without evaluating anew."""
     model = point.model.with_array(point.model.as_array() + change)
     w = point.whitened
     whitened = w._replace(residual=w.residual + w.derivative @ change)
     return point._replace(model=model, whitened=whitened, distance=squared_distance(whitened))
 
 
-def _move(observations: Observations, point: Point, change: Floats, noise: Noise, stage: Stage, frozen: bool) -> Point:
+def _moved(observations: Observations, point: Point, change: Floats, noise: Noise, stage: Stage, frozen: bool) -> Point:
+    """The point after a step, evaluated anew.
+
+    Args:
+        observations: the touches.
+        point: before.
+        change: of all values of the model, (12 + k,).
+        noise: σ_q and σ_f.
+        stage: which run this is.
+        frozen: whether every joint stays on its flank.
+    """
     model = point.model.with_array(point.model.as_array() + change)
 
     def part(where: slice) -> tuple[Adjusted, Linearisation, Whitened, Floats]:
-        o, (_, adjusted, linear, whitened, _) = observations.select(where), part_of(point, where)
+        o, (_, adjusted, linear, whitened, _) = observations.select(where), _part_of(point, where)
         if stage.adjusts:
             adjusted, arm = adjust(o, model, adjusted, linear, whitened, change, noise, frozen)
         else:
@@ -261,7 +386,7 @@ def _move(observations: Observations, point: Point, change: Floats, noise: Noise
         return Point(model, *in_blocks(len(observations.joints), part))
 
 
-def part_of(point: Point, where: slice) -> Point:
+def _part_of(point: Point, where: slice) -> Point:
     """Consecutive touches of a point."""
     if len(point.distance) <= where.stop - where.start:
         return point
@@ -272,21 +397,3 @@ def part_of(point: Point, where: slice) -> Point:
         pick(point.whitened, where),
         pick(point.distance, where),
     )
-
-
-def _system(point: Point, subspace: Subspace, stage: Stage, used: Mask | None) -> tuple[steps.Compressed, float]:
-    scale, weights = 1.0, None if used is None else used.astype(float)
-    if stage.robust:
-        scale = steps.typical_scale(_of_used(point, used))
-        weights = steps.robust_weights(point.distance, scale) * (1.0 if weights is None else weights)
-    w = point.whitened
-    return steps.compress(w.derivative, w.residual, weights, subspace.basis), scale
-
-
-def _cost(point: Point, scale: float, stage: Stage, used: Mask | None) -> float:
-    distance = _of_used(point, used)
-    return steps.robust_cost(distance, scale) if stage.robust else float(distance.sum())
-
-
-def _of_used(point: Point, used: Mask | None) -> Floats:
-    return point.distance if used is None else point.distance[used]

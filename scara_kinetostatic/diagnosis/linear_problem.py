@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.estimate import restrict
 from scara_kinetostatic.calibration.gauss_helmert import Observations
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.prediction import observe
@@ -148,11 +147,8 @@ def _identifiable(calibration: Calibration, observations: Observations, point: P
     """
     c = calibration
     free = np.array([k for k, name in enumerate(NAMES) if name not in c.fixed], dtype=np.intp)
-    scales = scales_of(c.model)
-    everything = np.zeros((len(scales), len(free)))
-    everything[free, np.arange(len(free))] = scales[free]
     unidentifiable = unidentifiable_directions(observations, point, free, c.noise)
-    return restrict(Subspace(c.model.as_array(), everything), unidentifiable).basis[: len(NAMES)]
+    return Subspace.of_free(c.model, free, scales_of(c.model)).without(unidentifiable).basis[: len(NAMES)]
 
 
 def _with_larger_force(touch_state: TouchState, more: Floats) -> TouchState:

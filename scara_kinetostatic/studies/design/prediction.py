@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration import steps
+from scara_kinetostatic.calibration import least_squares
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Observations
 from scara_kinetostatic.calibration.identifiability import (
     SCALES,
@@ -220,8 +220,8 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
     basis = SCALES[:, None] * complement(unidentifiable)
     weight = 1.0 if number is None else number / len(plan)
     identifiable = np.sqrt(weight) * (point.whitened.derivative @ basis)
-    system = steps.compress(identifiable, point.whitened.residual)
-    covariance = basis @ steps.covariance(system) @ basis.T
+    system = least_squares.compress(identifiable, point.whitened.residual)
+    covariance = basis @ least_squares.covariance(system) @ basis.T
     groups = group_names(unidentifiable, everything)
     std = np.sqrt(np.diag(covariance))
     std[[name in {member for group in groups for member in group} for name in NAMES]] = np.nan

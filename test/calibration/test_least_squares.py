@@ -1,10 +1,10 @@
-"""The pure functions of a step."""
+"""Linear least squares of a step, against numpy."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from scara_kinetostatic.calibration import steps
+from scara_kinetostatic.calibration import least_squares
 
 
 def system(seed=0, n=40, k=5):
@@ -14,14 +14,14 @@ def system(seed=0, n=40, k=5):
 
 def test_undamped_step_is_least_squares():
     jacobian, residual = system()
-    step = steps.damped_step(steps.compress(jacobian, residual), 0.0)
+    step = least_squares.damped_step(least_squares.compress(jacobian, residual), 0.0)
     expected = np.linalg.lstsq(jacobian.reshape(-1, 5), -residual.ravel(), rcond=None)[0]
     np.testing.assert_allclose(step, expected, rtol=1e-12)
 
 
 def test_damped_step_is_the_augmented_system():
     jacobian, residual = system()
-    step = steps.damped_step(steps.compress(jacobian, residual), 0.7)
+    step = least_squares.damped_step(least_squares.compress(jacobian, residual), 0.7)
     augmented = np.concatenate([jacobian.reshape(-1, 5), np.sqrt(0.7) * np.eye(5)])
     expected = np.linalg.lstsq(augmented, np.concatenate([-residual.ravel(), np.zeros(5)]), rcond=None)[0]
     np.testing.assert_allclose(step, expected, rtol=1e-12)
@@ -29,26 +29,26 @@ def test_damped_step_is_the_augmented_system():
 
 def test_blocks_of_rows_change_nothing(monkeypatch):
     jacobian, residual = system(n=100)
-    whole = steps.compress(jacobian, residual)
-    monkeypatch.setattr(steps, 'BLOCK', 7)
-    parts = steps.compress(jacobian, residual)
+    whole = least_squares.compress(jacobian, residual)
+    monkeypatch.setattr('scara_kinetostatic.calibration.blocks.BLOCK', 7)
+    parts = least_squares.compress(jacobian, residual)
     np.testing.assert_allclose(parts.values, whole.values, rtol=1e-12)
-    np.testing.assert_allclose(steps.damped_step(parts, 0.0), steps.damped_step(whole, 0.0), rtol=1e-12)
+    np.testing.assert_allclose(least_squares.damped_step(parts, 0.0), least_squares.damped_step(whole, 0.0), rtol=1e-12)
 
 
 def test_singular_system_takes_the_shortest_step():
     jacobian, residual = system()
     jacobian[:, :, 4] = 2 * jacobian[:, :, 3]
-    compressed = steps.compress(jacobian, residual)
-    step = steps.damped_step(compressed, 0.0)
+    compressed = least_squares.compress(jacobian, residual)
+    step = least_squares.damped_step(compressed, 0.0)
     np.testing.assert_allclose(step[4], 2 * step[3], rtol=1e-9)
-    assert np.isfinite(steps.covariance(compressed)).all()
+    assert np.isfinite(least_squares.covariance(compressed)).all()
 
 
 def test_weights_act_on_squares():
     jacobian, residual = system()
     weights = np.ones(40)
     weights[::2] = 0.0
-    step = steps.damped_step(steps.compress(jacobian, residual, weights), 0.0)
-    half = steps.damped_step(steps.compress(jacobian[1::2], residual[1::2]), 0.0)
+    step = least_squares.damped_step(least_squares.compress(jacobian, residual, weights), 0.0)
+    half = least_squares.damped_step(least_squares.compress(jacobian[1::2], residual[1::2]), 0.0)
     np.testing.assert_allclose(step, half, rtol=1e-12)

@@ -1,9 +1,8 @@
-"""Pure functions of one solver step: compression by QR, damped steps by SVD, robust weights.
+"""Linear least squares as the solver needs it: compression by QR, damped steps and covariance by SVD, robust loss.
 
-The system J y = -r of 2n rows is first compressed to the triangle R of
-its QR factorisation, block by block, so that memory stays bounded and JᵀJ is never
-formed; the singular value decomposition of R then gives any damped step, the
-covariance and the null space.
+The system J y = -r of 2n rows is compressed to the triangle R of its QR factorisation, block by block, so that memory
+stays bounded and JᵀJ is never formed; the singular value decomposition of R gives any damped step, the covariance and
+the null space.
 """
 
 from __future__ import annotations
@@ -12,16 +11,16 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-Floats = NDArray[np.float64]
+from scara_kinetostatic.calibration.blocks import blocks
+from scara_kinetostatic.model.arrays import Floats, Mask
 
-BLOCK = 4096
-RANK_TOLERANCE = 1e-11
-CAUCHY = 6.0
+_RANK_TOLERANCE = 1e-11
+"""Singular values below this part of the largest one are zero but for rounding."""
+_CAUCHY = 6.0
 """Squared distance, in units of the typical one, at which a touch's weight is halved."""
-MEDIAN_CHI2 = 2 * np.log(2)
+_MEDIAN_CHI2 = 2 * np.log(2)
 """Median of chi-square with 2 degrees of freedom."""
 
 
@@ -48,7 +47,7 @@ def compress(
         derivative: J, (n, 2, k).
         residual: r, (n, 2).
         weights: weight of each touch in the sum of squares, (n,); None for 1.
-        basis: (k, m), what stands for J is then J basis; None for the identity.
+        basis: (k, m), to use J basis instead of J; None for the identity.
 
     Raises:
         LinAlgError: J is not finite.
@@ -56,14 +55,13 @@ def compress(
     n, k = len(derivative), derivative.shape[2]
     roots = None if weights is None else np.sqrt(weights)
     triangles = []
-    for start in range(0, n, BLOCK):
-        part = slice(start, start + BLOCK)
+    for part in blocks(n):
         triangles.append(_triangle(derivative[part], residual[part], None if roots is None else roots[part]))
     triangle = triangles[0] if len(triangles) == 1 else upper_triangle(np.concatenate(triangles))
     system = triangle[:k, :k] if basis is None else triangle[:k, :k] @ basis
     u, values, vt, trouble = lapack.dgesvd(system, full_matrices=False)
     if trouble:
-        raise np.linalg.LinAlgError('the singular values do not converge')
+        raise np.linalg.LinAlgError('the singular value decomposition does not converge')
     return Compressed(u.T @ triangle[:k, k], values, vt.T)
 
 
@@ -90,8 +88,8 @@ def _upper(k: int) -> Floats:
     return np.triu(np.ones((k, k)))
 
 
-def _seen(system: Compressed) -> NDArray[np.bool_]:
-    return np.asarray(system.values > RANK_TOLERANCE * max(system.values.max(initial=0.0), np.finfo(float).tiny))
+def _significant(system: Compressed) -> Mask:
+    return np.asarray(system.values > _RANK_TOLERANCE * max(system.values.max(initial=0.0), np.finfo(float).tiny))
 
 
 def damped_step(system: Compressed, damping: float) -> Floats:
@@ -104,8 +102,8 @@ def damped_step(system: Compressed, damping: float) -> Floats:
     Returns:
         y, (k,).
     """
-    s, seen = system.values, _seen(system)
-    gain = np.where(seen, s / np.where(seen, s * s + damping, 1.0), 0.0)
+    s, significant = system.values, _significant(system)
+    gain = np.where(significant, s / np.where(significant, s * s + damping, 1.0), 0.0)
     return system.right @ (gain * system.left)
 
 
@@ -116,23 +114,23 @@ def predicted_shift(system: Compressed, step: Floats) -> float:
 
 def covariance(system: Compressed, least: float = 0.0) -> Floats:
     """(JᵀJ)⁺, (k, k), without the directions whose singular value is below `least`."""
-    s, seen = system.values, _seen(system) & (system.values >= least)
-    root = system.right * np.where(seen, 1 / np.where(seen, s, 1.0), 0.0)
+    s, significant = system.values, _significant(system) & (system.values >= least)
+    root = system.right * np.where(significant, 1 / np.where(significant, s, 1.0), 0.0)
     return root @ root.T
 
 
 def typical_scale(distance: Floats) -> float:
-    """How far the bulk of touches is off: median squared distance over its expectation, 1 or more."""
+    """Scale of the squared distances (n,): their median over that of chi-square, 1 at least."""
     half = len(distance) // 2
     middle = np.partition(distance, [(len(distance) - 1) // 2, half])
-    return max(1.0, float(middle[(len(distance) - 1) // 2] + middle[half]) / 2 / MEDIAN_CHI2)
+    return max(1.0, float(middle[(len(distance) - 1) // 2] + middle[half]) / 2 / _MEDIAN_CHI2)
 
 
 def robust_weights(distance: Floats, scale: float) -> Floats:
-    """Cauchy weights 1 / (1 + d²/(c s)): far touches pull less the farther they are."""
-    return 1 / (1 + distance / (CAUCHY * scale))
+    """Weights of Cauchy's loss, 1 / (1 + d²/(c s)), for squared distances d², (n,), and their scale s."""
+    return 1 / (1 + distance / (_CAUCHY * scale))
 
 
 def robust_cost(distance: Floats, scale: float) -> float:
-    """The sum whose minimum `robust_weights` seek: c s log(1 + d²/(c s))."""
-    return float(CAUCHY * scale * np.log1p(distance / (CAUCHY * scale)).sum())
+    """Cauchy's loss, the sum of c s log(1 + d²/(c s)); see `robust_weights`."""
+    return float(_CAUCHY * scale * np.log1p(distance / (_CAUCHY * scale)).sum())
