@@ -7,21 +7,26 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from scara_kinetostatic.calibration.estimate import WarmStart, check_number, estimate
-from scara_kinetostatic.calibration.plausibility import check_plausible
-from scara_kinetostatic.calibration.prediction import observe
+from scara_kinetostatic.calibration.gauss_helmert import Observations
+from scara_kinetostatic.calibration.prediction import base_force, observe
 from scara_kinetostatic.calibration.result import Calibration, build_result
-from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.errors import CellError, ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import Rejection, TouchSet
 
-FAINTEST = 3.0
+_FAINTEST = 3.0
 """A force below so many standard deviations of its noise has no direction to speak of."""
-NO_FORCE = 1e-6
+_NO_FORCE = 1e-6
 """The same where the noise is not known, N."""
+_OPPOSED = -0.5
+"""Median cosine between force and the direction to the disc below which the sign is wrong."""
+_ALIGNED = 0.8
+"""The same above which all is well, even 20 mm and 3° off."""
 
 
 def calibrate(
@@ -75,7 +80,7 @@ def calibrate(
     touches, left_out = _leave_out(touches, cell)
     check_number(len(touches), len(free), [item.reason for item in left_out])
     observations = observe(touches, cell)
-    check_plausible(observations, cell)
+    _check_plausible(observations, cell)
     try:
         found = estimate(observations, cell, start, free, warm_start)
     except np.linalg.LinAlgError as error:
@@ -105,7 +110,7 @@ def _leave_out(touches: TouchSet, cell: Cell) -> tuple[TouchSet, list[Rejection]
     """Take out touches without a force and readings that repeat an earlier one to the last bit."""
     reasons: dict[int, str] = {}
     magnitude = np.hypot(touches.force[:, 0], touches.force[:, 1])
-    least = FAINTEST * cell.noise.force if cell.noise else NO_FORCE
+    least = _FAINTEST * cell.noise.force if cell.noise else _NO_FORCE
     for k in np.flatnonzero(magnitude <= least):
         noise = f' of {cell.noise.force:.2g} N' if cell.noise else ''
         reasons[int(k)] = f'presses with {magnitude[k]:.2g} N only: its direction is noise{noise}'
@@ -125,3 +130,45 @@ def _earlier_twins(rows: Floats) -> Indices:
         return np.arange(len(rows))
     _, first, which = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     return np.asarray(first[which.ravel()])
+
+
+def _check_plausible(observations: Observations, cell: Cell) -> None:
+    """Whether the measured forces point from the nominal tip to the disc.
+
+    Raises:
+        CellError: they point away, or every way; the message says which key to look at.
+    """
+    cosine = _alignment(observations, cell.nominal)
+    better = _other_frame(observations)
+    elsewhere = _alignment(better, cell.nominal)
+    if abs(elsewhere) > _ALIGNED > abs(cosine):
+        raise CellError(
+            'sensor.frame',
+            f'the forces point {"at" if elsewhere > 0 else "away from"} the discs if the frame is '
+            f'{better.frame.value}, and every way if it is {observations.frame.value}',
+            f'set it to {better.frame.value}, or check the mounting of the sensor',
+        )
+    if cosine > 0.0:
+        return
+    other = SensorSign.ON_ROBOT if cell.sensor.sign is SensorSign.ON_OBJECT else SensorSign.ON_OBJECT
+    if cosine < _OPPOSED:
+        raise CellError(
+            'sensor.sign',
+            f'the forces point away from the discs with {cell.sensor.sign.value}',
+            f'set it to {other.value}',
+        )
+    raise CellError(
+        'sensor', 'the forces point every way but at the discs', 'check frame, sign and the axes of the sensor'
+    )
+
+
+def _alignment(observations: Observations, nominal: Parameters) -> float:
+    to_disc = observations.centers - forward(nominal, observations.joints)
+    force = base_force(observations, ExtendedModel(nominal))
+    lengths = np.hypot(*to_disc.T) * np.hypot(*force.T)
+    return float(np.median((to_disc * force).sum(axis=1) / np.maximum(lengths, 1e-12)))
+
+
+def _other_frame(observations: Observations) -> Observations:
+    tool = observations.frame is SensorFrame.TOOL
+    return observations._replace(frame=SensorFrame.BASE if tool else SensorFrame.TOOL)

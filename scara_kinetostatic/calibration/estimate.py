@@ -12,21 +12,12 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration import least_squares, outliers
+from scara_kinetostatic.calibration.fit_point import COARSE, FINAL, ROBUST, Point, Stage, select
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Observations, first_guess
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.noise_estimation import estimate_noise
-from scara_kinetostatic.calibration.projection import project, select, turn_radial
-from scara_kinetostatic.calibration.solver import (
-    COARSE,
-    FINAL,
-    ROBUST,
-    Fit,
-    Point,
-    Stage,
-    Subspace,
-    Termination,
-    minimise,
-)
+from scara_kinetostatic.calibration.projection import project, turn_radial
+from scara_kinetostatic.calibration.solver import Fit, Subspace, Termination, minimise
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Noise

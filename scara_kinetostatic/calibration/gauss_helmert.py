@@ -1,7 +1,7 @@
 """One linearised adjustment of all touches: the Gauss–Helmert model.
 
 Q and F are both measured, both with noise, and every touch ties them by two
-conditions h(Q, F, L̄) = 0, in metres (`model.equations`). Nothing has to be solved inside, and
+conditions h(Q, F, L̄) = 0, in metres (`model.touch_equations`). Nothing has to be solved inside, and
 the conditions are nearly linear in L̄, so they lead from 20 mm and 3° off as well
 as from nearby. Weighting and the treatment of the noise follow the Gauss–Helmert
 model of adjustment theory: linearised at the *adjusted* observations (Q̂, F̂),
@@ -32,6 +32,7 @@ import numpy as np
 from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, by_touch
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Noise, SensorFrame
+from scara_kinetostatic.model.contact_state import State, free_state
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_equations import (
     ContactProblem,
@@ -42,8 +43,9 @@ from scara_kinetostatic.model.extended_equations import (
 )
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.gripper import Gripper
+from scara_kinetostatic.model.joint_equations import LinkAngles, solve_link_angles
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.link_angles import LinkAngles, solve_link_angles
+from scara_kinetostatic.model.lever_arms import Arm
 from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2
 from scara_kinetostatic.model.sensor_error import (
     has_sensor_error,
@@ -52,8 +54,6 @@ from scara_kinetostatic.model.sensor_error import (
     true_force,
     true_force_derivative,
 )
-from scara_kinetostatic.model.state import State, free_state
-from scara_kinetostatic.model.statics import Arm
 
 GROSS = 200.0
 """A touch whose squared distance is beyond this keeps its observations as measured."""

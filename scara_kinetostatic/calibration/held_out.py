@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from scara_kinetostatic.calibration.fit_point import FINAL
 from scara_kinetostatic.calibration.prediction import force_error, force_residual, observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.solver import FINAL, minimise
+from scara_kinetostatic.calibration.solver import minimise
 
 SEED = 0
 

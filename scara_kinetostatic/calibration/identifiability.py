@@ -20,10 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.blocks import pick
+from scara_kinetostatic.calibration.fit_point import Point, select
 from scara_kinetostatic.calibration.gauss_helmert import Observations, linearise, place_force, solve_links
 from scara_kinetostatic.calibration.least_squares import compress, upper_triangle
-from scara_kinetostatic.calibration.projection import select
-from scara_kinetostatic.calibration.solver import Point
 from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Noise

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from scara_kinetostatic.calibration.blocks import in_blocks, pick
+from scara_kinetostatic.calibration.fit_point import COARSE, Point, evaluate
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Observations, adjust, as_radial, first_guess
-from scara_kinetostatic.calibration.solver import COARSE, Point, evaluate
-from scara_kinetostatic.calibration.whitening import Linearisation
-from scara_kinetostatic.model.arrays import Indices, Mask
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
@@ -51,29 +49,3 @@ def project(observations: Observations, model: ExtendedModel, noise: Noise) -> P
             still = np.zeros(point.whitened.derivative.shape[2])
             adjusted, _ = adjust(observations, model, point.adjusted, point.linear, point.whitened, still, noise)
         return evaluate(observations, model, adjusted, noise)
-
-
-def select(point: Point, which: Mask | Indices) -> Point:
-    """The touches of a point that a mask or an array of positions picks."""
-    a, linear, w = point.adjusted, point.linear, point.whitened
-    return point._replace(
-        adjusted=a._replace(
-            joints=a.joints[which],
-            force=a.force[which],
-            state=a.state.select(which),
-            off_normal=None if a.off_normal is None else a.off_normal[which],
-        ),
-        linear=Linearisation(
-            linear.misclosure[which],
-            linear.derivative[which],
-            linear.by_joints[which],
-            linear.by_force[which],
-            None if linear.by_off_normal is None else linear.by_off_normal[which],
-        ),
-        whitened=w._replace(
-            residual=w.residual[which],
-            derivative=w.derivative[which],
-            root=(w.root[0][which], w.root[1][which], w.root[2][which]),
-        ),
-        distance=point.distance[which],
-    )

@@ -15,13 +15,13 @@ from scara_kinetostatic.calibration.identifiability import scales_of
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.contact_state import State
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.gripper import Gripper
+from scara_kinetostatic.model.joint_equations import solve_link_angles
 from scara_kinetostatic.model.kinetostatics import joint_torques
-from scara_kinetostatic.model.link_angles import solve_link_angles
-from scara_kinetostatic.model.robot_shift import Pose, solve_pose
-from scara_kinetostatic.model.state import State
+from scara_kinetostatic.model.robot_effects import Pose, solve_pose
 
 _STEP = 0.1
 """Step of the central difference, in standard uncertainties."""

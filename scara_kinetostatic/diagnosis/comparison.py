@@ -4,8 +4,8 @@ Both are evaluated on the same touches, those that the extended model uses, and 
 extended model. Where nothing was found the two are one.
 
 **Error of the tip.** At the measured Q and F a model predicts the tip; its distance from the circle of contact is h of
-`model.equations` along the circle's normal, which is the force's unless friction turns it. The error is its root mean
-square over the touches, linearised, so that the noise in the direction of F, which would displace the tip
+`model.touch_equations` along the circle's normal, which is the force's unless friction turns it. The error is its root
+mean square over the touches, linearised, so that the noise in the direction of F, which would displace the tip
 by r (σ_f/f)²/2, does not count. Held out means here that each touch is predicted by a fit without it, to first
 order: (I - H_k)⁻¹ e_k, with H_k its block of the projection on the fit's columns.
 """
@@ -18,11 +18,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.calibration.fit_point import Point
 from scara_kinetostatic.calibration.gauss_helmert import Observations
 from scara_kinetostatic.calibration.prediction import force_error, observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.solver import Point
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import NAMES

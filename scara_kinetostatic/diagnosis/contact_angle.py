@@ -16,12 +16,12 @@ from scipy import special
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
+from scara_kinetostatic.calibration.fit_point import Point
 from scara_kinetostatic.calibration.gauss_helmert import Observations
 from scara_kinetostatic.calibration.noise_estimation import whiten_matrix
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.solver import Point
 from scara_kinetostatic.calibration.whitening import outer, whiten_by
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
 from scara_kinetostatic.diagnosis.refit import fitted_effects, with_rejections_of

@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from scara_kinetostatic.calibration.fit_point import Point
 from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.solver import Point
 from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
 from scara_kinetostatic.diagnosis.thresholds import FORCE_LEVELS, INDEPENDENT_PART_CAUTIOUS, ROUNDING
-from scara_kinetostatic.model.statics import view_arm
+from scara_kinetostatic.model.lever_arms import view_arm
 from scara_kinetostatic.model.touch import TouchSet
 
 Floats = NDArray[np.float64]

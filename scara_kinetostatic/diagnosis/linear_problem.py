@@ -16,20 +16,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.calibration.fit_point import Point
 from scara_kinetostatic.calibration.gauss_helmert import Observations
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.solver import Point, Subspace
+from scara_kinetostatic.calibration.solver import Subspace
 from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
 from scara_kinetostatic.diagnosis.thresholds import FORCE_LEVELS
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.model.effect_law import Shift, TouchState
-from scara_kinetostatic.model.equations import Equations
 from scara_kinetostatic.model.extended_equations import extended_equations, shift_column
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.sensor_error import along_and_across, true_force
+from scara_kinetostatic.model.touch_equations import Equations
 
 Floats = NDArray[np.float64]
 

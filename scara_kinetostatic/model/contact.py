@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import GripperSign
+from scara_kinetostatic.model.contact_state import State, free_state
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.equilibrium import nearest_equilibrium, solve_state
 from scara_kinetostatic.model.extended_equations import ContactProblem, all_derivatives, extended_equations
@@ -16,7 +17,6 @@ from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.gripper import Gripper, as_gripper
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import THETA1, THETA2, Parameters
-from scara_kinetostatic.model.state import State, free_state
 
 NEGATIVE_PLAY = 1e-3
 """How far outside the disc the rigid tip may be for a force to be possible at all, m."""

@@ -1,6 +1,6 @@
 """Equilibrium of arm and disc: the equations of a touch solved for link angles, force and modes.
 
-The equations of a touch (`equations`) are solved for the state by Newton's
+The equations of a touch (`touch_equations`) are solved for the state by Newton's
 method, all touches at once; they are so nearly linear that four or five steps reach
 rounding error. A touch that does not settle, which happens only where a
 joint is about to enter or leave its dead band, is solved in each of the nine combinations of
@@ -21,11 +21,11 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.model.equations import Equations, move_links
+from scara_kinetostatic.model.contact_state import State, free_state, next_modes
 from scara_kinetostatic.model.extended_equations import ContactProblem, extended_equations, with_updated_modes
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.state import State, free_state, next_modes
-from scara_kinetostatic.model.statics import Arm, view_arm
+from scara_kinetostatic.model.lever_arms import Arm, view_arm
+from scara_kinetostatic.model.touch_equations import Equations, move_links
 
 Floats = NDArray[np.float64]
 

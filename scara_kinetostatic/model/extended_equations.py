@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.contact_state import State
 from scara_kinetostatic.model.effect_law import Shift, TouchMetadata, TouchState
-from scara_kinetostatic.model.equations import Equations, parameter_derivative, touch_equations
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.gripper import Gripper
-from scara_kinetostatic.model.link_angles import LinkAngles, solve_link_angles, update_modes
+from scara_kinetostatic.model.joint_equations import LinkAngles, solve_link_angles, update_modes
+from scara_kinetostatic.model.lever_arms import Arm, view_arm
 from scara_kinetostatic.model.parameters import NAMES, Parameters
-from scara_kinetostatic.model.state import State
-from scara_kinetostatic.model.statics import Arm, view_arm
+from scara_kinetostatic.model.touch_equations import Equations, parameter_derivative, touch_equations
 
 _FORCE_STEP = 1e-4
 """Step of the central difference over the force, as a part of it (of 1 N at least)."""

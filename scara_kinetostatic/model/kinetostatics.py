@@ -4,7 +4,7 @@ sign(c) in (6) is set-valued at c = 0: inside its backlash the joint floats and
 q - q* is anywhere in [-g, g]. Where a torque vanishes, `slack` in [-1, 1] says
 where in the dead band the joint is, 0 being its middle.
 
-With effects beyond the twelve parameters those of the robot itself are part of both (`robot_shift`).
+With effects beyond the twelve parameters those of the robot itself are part of both (`robot_effects`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.gripper import Gripper, as_gripper
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.robot_shift import Pose, solve_pose
+from scara_kinetostatic.model.robot_effects import Pose, solve_pose
 
 Floats = NDArray[np.float64]
 

@@ -9,6 +9,7 @@ from model.helpers import ROBOTS, assert_derivative
 
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.contact_friction import ContactFriction
+from scara_kinetostatic.model.contact_state import State
 from scara_kinetostatic.model.extended_equations import (
     ContactProblem,
     all_derivatives,
@@ -17,7 +18,6 @@ from scara_kinetostatic.model.extended_equations import (
 )
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, P1, P2, P_EE
-from scara_kinetostatic.model.state import State
 
 
 def check(effect: Effect, seed: int, robot: int) -> None:

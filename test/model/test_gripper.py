@@ -10,10 +10,10 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.contact import contact, contact_derivatives
-from scara_kinetostatic.model.equations import excess_derivative, touch_equations
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
+from scara_kinetostatic.model.touch_equations import excess_derivative, touch_equations
 
 EXCESS = ((4e-6, 7e-6), (7e-6, -3e-6))
 GRIPPERS = tuple(Gripper(sign, EXCESS) for sign in GripperSign)

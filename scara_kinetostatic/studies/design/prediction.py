@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration import least_squares
+from scara_kinetostatic.calibration.fit_point import Point, evaluate
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Observations
 from scara_kinetostatic.calibration.identifiability import (
     SCALES,
@@ -36,13 +37,12 @@ from scara_kinetostatic.calibration.identifiability import (
     group_names,
     unidentifiable_directions,
 )
-from scara_kinetostatic.calibration.solver import Point, evaluate
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell, Noise
+from scara_kinetostatic.model.contact_state import State
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection
 from scara_kinetostatic.model.parameters import NAMES, Parameters
-from scara_kinetostatic.model.state import State
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, in_sensor_frame
 

@@ -19,10 +19,10 @@ from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.whitening import whiten_by
 from scara_kinetostatic.model.cell import Cell, Noise
-from scara_kinetostatic.model.equations import excess_derivative, touch_equations
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.model.touch_equations import excess_derivative, touch_equations
 
 Floats = NDArray[np.float64]
 

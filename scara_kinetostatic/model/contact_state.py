@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.model.gripper import Gripper
+from scara_kinetostatic.model.lever_arms import Arm, Floats, view_arm
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.statics import Arm, Floats, view_arm
 
 MODE_SCALE = 1.0
 """Weight of lever arm against backlash in the choice of a mode, rad/m. Any positive value is right; with this one a

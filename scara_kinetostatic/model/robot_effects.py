@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.model.contact_state import State
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_equations import ContactProblem
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.gripper import Gripper
-from scara_kinetostatic.model.state import State
 
 Floats = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ sign(c); keeping sign(a) for f < 0 continues the contact smoothly into tension.
 **Dead band.** sign(a) is set-valued at a = 0. There the joint floats (mode 0): its row
 becomes a_i = 0, the force line passes through the joint's axis, and q_i no
 longer matters as long as the joint stays inside its backlash. The modes are found as
-in a complementarity problem, see `state.next_modes`.
+in a complementarity problem, see `contact_state.next_modes`.
 
-**Elimination.** The rows fix Q*. With M = ∂rows/∂Q* and A = [a; b] (see `statics`), G = A M⁻¹,
+**Elimination.** The rows fix Q*. With M = ∂rows/∂Q* and A = [a; b] (see `lever_arms`), G = A M⁻¹,
 the circle's residual h and its derivatives with respect to the measured quantities and to L̄ are
 
     h = circle - G rows,   h_z = circle_z - G rows_z.
@@ -29,7 +29,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.contact_state import State
 from scara_kinetostatic.model.gripper import Gripper
+from scara_kinetostatic.model.joint_equations import Rows, joint_rows
+from scara_kinetostatic.model.lever_arms import Arm
 from scara_kinetostatic.model.parameters import (
     G1,
     G2,
@@ -46,38 +50,6 @@ from scara_kinetostatic.model.parameters import (
     Y0,
     Parameters,
 )
-from scara_kinetostatic.model.state import State
-from scara_kinetostatic.model.statics import Arm, Floats, view_arm
-
-
-class Rows(NamedTuple):
-    """The joints' rows at n touches; all (n,).
-
-    Attributes:
-        arm: the arm along the force.
-        row1: residual of joint 1's row.
-        row2: the same of joint 2.
-        w1: how strongly row 1 feels its lever arm: p f on a flank, 1 where the joint floats.
-        w2: the same of row 2.
-        on1: 1 where joint 1 rests on a flank, 0 where it floats.
-        on2: the same of joint 2.
-        i11: M⁻¹, by rows (i11, i12), (i21, i22).
-        i12: see `i11`.
-        i21: see `i11`.
-        i22: see `i11`.
-    """
-
-    arm: Arm
-    row1: Floats
-    row2: Floats
-    w1: Floats
-    w2: Floats
-    on1: Floats
-    on2: Floats
-    i11: Floats
-    i12: Floats
-    i21: Floats
-    i22: Floats
 
 
 class Equations(NamedTuple):
@@ -116,20 +88,6 @@ class Equations(NamedTuple):
     tangent_f: Floats
     normal_d: Floats
     tangent_d: Floats
-
-
-def joint_rows(parameters: Parameters, joints: Floats, state: State, gripper: Gripper, arm: Arm | None = None) -> Rows:
-    """The rows of (6) and (8) at a state, and M⁻¹; `arm` saves work where that of the state is known."""
-    p, f = parameters, state.magnitude
-    arm = view_arm(p, *state[:4], gripper) if arm is None else arm
-    on1, on2 = state.mode1 * state.mode1, state.mode2 * state.mode2
-    w1, w2 = on1 * (p.p1 * f) + (1.0 - on1), on2 * (p.p2 * f) + (1.0 - on2)
-    row1 = w1 * arm.lever1 + on1 * (state.link1 - joints[:, 0]) + p.g1 * state.mode1
-    row2 = w2 * arm.lever2 + on2 * (state.link2 - joints[:, 1]) + p.g2 * state.mode2
-    m11, n12, n21 = on1 - w1 * arm.turn1, w1 * arm.turn2, w2 * arm.turn2
-    m22 = on2 - n21
-    inverse = 1.0 / (m11 * m22 - n12 * n21)
-    return Rows(arm, row1, row2, w1, w2, on1, on2, m22 * inverse, n12 * inverse, n21 * inverse, m11 * inverse)
 
 
 def touch_equations(

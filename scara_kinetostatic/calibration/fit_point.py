@@ -1,0 +1,165 @@
+"""A model with all touches linearised at it: what a step of the solver starts from, and where it leads."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from scara_kinetostatic.calibration.blocks import in_blocks, pick
+from scara_kinetostatic.calibration.gauss_helmert import (
+    Adjusted,
+    Observations,
+    adjust,
+    as_measured,
+    linearise,
+)
+from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, squared_distance, whiten
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.lever_arms import Arm
+from scara_kinetostatic.model.parameters import Parameters
+
+
+class Stage(NamedTuple):
+    """What one run minimises, and to what tolerance.
+
+    Attributes:
+        adjusts: whether observations are adjusted or taken as measured.
+        robust: Cauchy's loss instead of the sum of squares.
+        tolerance: a step that moves all predictions together by fewer standard deviations than this ends the run.
+        per_touch: the same for the root mean square over the touches; the larger bound counts. The last stage has to
+            be exact, the others need not be, unless there are effects, which may be far from linear.
+        damping: least damping. With 1, a direction of L̄ whose whole plausible range hardly shows in the data (singular
+            value below 1) is not changed before its identifiability has been examined.
+    """
+
+    adjusts: bool
+    robust: bool
+    tolerance: float
+    per_touch: float
+    damping: float
+
+
+COARSE = Stage(adjusts=False, robust=True, tolerance=0.3, per_touch=0.3, damping=1.0)
+ROBUST = Stage(adjusts=True, robust=True, tolerance=1e-2, per_touch=0.1, damping=1.0)
+FINAL = Stage(adjusts=True, robust=False, tolerance=1e-6, per_touch=0.0, damping=0.0)
+
+
+class Point(NamedTuple):
+    """The adjustment evaluated at one model."""
+
+    model: ExtendedModel
+    adjusted: Adjusted
+    linear: Linearisation
+    whitened: Whitened
+    distance: Floats
+
+    @property
+    def parameters(self) -> Parameters:
+        """L̄."""
+        return self.model.parameters
+
+
+def evaluate(
+    observations: Observations, model: ExtendedModel, adjusted: Adjusted, noise: Noise, stage: Stage = FINAL
+) -> Point:
+    """The adjustment linearised and whitened at one model, block by block."""
+
+    def part(where: slice) -> tuple[Linearisation, Whitened, Floats]:
+        return _evaluate(observations.select(where), model, pick(adjusted, where), noise, stage)
+
+    return Point(model, adjusted, *in_blocks(len(observations.joints), part))
+
+
+def _evaluate(
+    observations: Observations,
+    model: ExtendedModel,
+    adjusted: Adjusted,
+    noise: Noise,
+    stage: Stage,
+    arm: Arm | None = None,
+) -> tuple[Linearisation, Whitened, Floats]:
+    linear = linearise(observations, model, adjusted, arm)
+    extra = 0.0 if stage.adjusts else _direction_variance(observations, noise)
+    whitened = whiten(linear, noise, extra)
+    return linear, whitened, squared_distance(whitened)
+
+
+def _direction_variance(observations: Observations, noise: Noise) -> Floats:
+    """What the error of the measured direction of the force adds to V11 where it is not adjusted, (n,), m²."""
+    variance = noise.force**2 / (observations.force**2).sum(axis=-1)
+    return (observations.radii * variance) ** 2
+
+
+def last_step(point: Point, change: Floats) -> Point:
+    """The point after a step so short that it is taken to first order, without evaluating anew."""
+    model = point.model.with_array(point.model.as_array() + change)
+    w = point.whitened
+    whitened = w._replace(residual=w.residual + w.derivative @ change)
+    return point._replace(model=model, whitened=whitened, distance=squared_distance(whitened))
+
+
+def moved(observations: Observations, point: Point, change: Floats, noise: Noise, stage: Stage, frozen: bool) -> Point:
+    """The point after a step, evaluated anew.
+
+    Args:
+        observations: the touches.
+        point: before.
+        change: of all values of the model, (12 + k,).
+        noise: σ_q and σ_f.
+        stage: which run this is.
+        frozen: whether every joint stays on its flank.
+    """
+    model = point.model.with_array(point.model.as_array() + change)
+
+    def part(where: slice) -> tuple[Adjusted, Linearisation, Whitened, Floats]:
+        o, (_, adjusted, linear, whitened, _) = observations.select(where), _part_of(point, where)
+        if stage.adjusts:
+            adjusted, arm = adjust(o, model, adjusted, linear, whitened, change, noise, frozen)
+        else:
+            adjusted, arm = as_measured(o, model, adjusted.state)
+        return adjusted, *_evaluate(o, model, adjusted, noise, stage, arm)
+
+    with np.errstate(all='ignore'):
+        return Point(model, *in_blocks(len(observations.joints), part))
+
+
+def _part_of(point: Point, where: slice) -> Point:
+    """Consecutive touches of a point."""
+    if len(point.distance) <= where.stop - where.start:
+        return point
+    return Point(
+        point.model,
+        pick(point.adjusted, where),
+        pick(point.linear, where),
+        pick(point.whitened, where),
+        pick(point.distance, where),
+    )
+
+
+def select(point: Point, which: Mask | Indices) -> Point:
+    """The touches of a point that a mask or an array of positions picks."""
+    a, linear, w = point.adjusted, point.linear, point.whitened
+    return point._replace(
+        adjusted=a._replace(
+            joints=a.joints[which],
+            force=a.force[which],
+            state=a.state.select(which),
+            off_normal=None if a.off_normal is None else a.off_normal[which],
+        ),
+        linear=Linearisation(
+            linear.misclosure[which],
+            linear.derivative[which],
+            linear.by_joints[which],
+            linear.by_force[which],
+            None if linear.by_off_normal is None else linear.by_off_normal[which],
+        ),
+        whitened=w._replace(
+            residual=w.residual[which],
+            derivative=w.derivative[which],
+            root=(w.root[0][which], w.root[1][which], w.root[2][which]),
+        ),
+        distance=point.distance[which],
+    )
