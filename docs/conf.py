@@ -38,6 +38,7 @@ myst_heading_anchors = 4
 math_number_all = False
 
 autodoc_typehints = 'signature'
+autodoc_type_aliases = {name: name for name in ('ArrayLike', 'Floats', 'Indices', 'Paths')}
 autodoc_member_order = 'bysource'
 python_use_unqualified_type_names = True
 add_module_names = False
