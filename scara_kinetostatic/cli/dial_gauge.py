@@ -51,8 +51,8 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     parser.add_argument('--json', action='store_true', help='print JSON instead of text')
     group = parser.add_argument_group('for tables without these columns')
     group.add_argument('--part', choices=('gripper', 'joint1', 'joint2'), help='the elastic part (default: gripper)')
-    group.add_argument('--lever', type=real(0, above=True), metavar='M', help='of the force about the joint, m')
-    group.add_argument('--direction', type=real(), metavar='DEG', help='of the positive force')
+    group.add_argument('--lever', type=real(0, above=True), metavar='M', help='lever arm of the force, m')
+    group.add_argument('--direction', type=real(), metavar='DEG', help='direction of the positive force')
     group.add_argument(
         '--gauge-at', '--seat', choices=('tip', 'link'), help='place of the dial gauge (default: link for a joint)'
     )

@@ -46,7 +46,7 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         nargs='+',
         default=[],
         metavar='T',
-        help='of the belt, one per file, any unit: predict each of three or more files from the others',
+        help='tension of the belt, one per file, any unit: predict each of three or more files from the others',
     )
     parser.add_argument('--out', type=Path, metavar='DIR', help='folder for hysteresis.json and hysteresis.html')
     parser.add_argument('--json', action='store_true', help='print JSON instead of text')

@@ -21,11 +21,11 @@ from scara_kinetostatic import __version__
 from scara_kinetostatic.cli.arguments import EXIT_STATUSES, Parser
 from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
 
-PROGRAM = 'scara-kinetostatic'
+_PROGRAM = 'scara-kinetostatic'
 VERBS = ('calibrate', 'inspect', 'simulate', 'mujoco', 'demo', 'dial_gauge', 'hysteresis', 'design', 'paper')
 """Modules of this package, one per verb, in the order of the help."""
-DONE, INTERNAL, WRONG_INPUT, UNSUPPORTED, INTERRUPTED, BROKEN_PIPE, TERMINATED = 0, 1, 2, 3, 130, 141, 143
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+_DONE, _INTERNAL, _WRONG_INPUT, _UNSUPPORTED, _INTERRUPTED, _BROKEN_PIPE, _TERMINATED = 0, 1, 2, 3, 130, 141, 143
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 DEBUG = 'SCARA_KINETOSTATIC_DEBUG'
 
 DESCRIPTION = """\
@@ -85,19 +85,19 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
             return status
     except SystemExit as end:  # from argparse: --help, --version, a wrong option
-        return _flushed(end.code if isinstance(end.code, int) else WRONG_INPUT)
+        return _flushed(end.code if isinstance(end.code, int) else _WRONG_INPUT)
     except UnsupportedDataError as error:
-        return _complain(error, UNSUPPORTED, debug)
+        return _complain(error, _UNSUPPORTED, debug)
     except ScaraKinetostaticError as error:
-        return _complain(error, WRONG_INPUT, debug)
+        return _complain(error, _WRONG_INPUT, debug)
     except KeyboardInterrupt:
-        return _say('interrupted', INTERRUPTED)
+        return _say('interrupted', _INTERRUPTED)
     except _TerminatedError:
-        return _say('terminated', TERMINATED)
+        return _say('terminated', _TERMINATED)
     except BrokenPipeError:
         return _reader_gone()
     except OSError as error:
-        if error.filename is None and error.errno in NO_ROOM:  # as in `… > /dev/full`; an error of a file has its name
+        if error.filename is None and error.errno in _NO_ROOM:  # as in `… > /dev/full`; an error of a file has its name
             return _unwritable(error)
         return _complain_of_bug(error, debug)
     except Exception as error:
@@ -107,12 +107,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 def build_parser() -> argparse.ArgumentParser:
     """The parser of the whole command."""
     parser = Parser(
-        prog=PROGRAM,
+        prog=_PROGRAM,
         description=DESCRIPTION,
         epilog=EXAMPLE + EXIT_STATUSES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument('--version', action='version', version=f'{PROGRAM} {__version__}')
+    parser.add_argument('--version', action='version', version=f'{_PROGRAM} {__version__}')
     parser.add_argument('--debug', action='store_true', help='show the traceback of an error')
     subparsers = parser.add_subparsers(dest='verb', metavar='VERB', required=True)
     for verb in VERBS:
@@ -165,14 +165,14 @@ def _complain(error: object, status: int, debug: bool) -> int:
 
 
 def _complain_of_bug(error: Exception, debug: bool) -> int:
-    remedy = f'please report it with what {PROGRAM} --debug … prints'
-    return _complain(f'internal error, {type(error).__name__}: {error}; {remedy}', INTERNAL, debug)
+    remedy = f'please report it with what {_PROGRAM} --debug … prints'
+    return _complain(f'internal error, {type(error).__name__}: {error}; {remedy}', _INTERNAL, debug)
 
 
 def _say(what: object, status: int) -> int:
     line = ' '.join(str(what).split())
     with suppress(OSError):  # a full disk behind stderr must not change the status
-        print(f'{PROGRAM}: {line}', file=sys.stderr, flush=True)
+        print(f'{_PROGRAM}: {line}', file=sys.stderr, flush=True)
     return status
 
 
@@ -189,13 +189,13 @@ def _flushed(status: int) -> int:
 def _reader_gone() -> int:
     """As in `… | head`."""
     _forget_stdout()
-    return BROKEN_PIPE
+    return _BROKEN_PIPE
 
 
 def _unwritable(error: OSError) -> int:
     """As in `… > /dev/full`."""
     _forget_stdout()
-    return _say(f'stdout cannot be written: {error.strerror}; the result files are complete', WRONG_INPUT)
+    return _say(f'stdout cannot be written: {error.strerror}; the result files are complete', _WRONG_INPUT)
 
 
 def _forget_stdout() -> None:

@@ -62,7 +62,7 @@ def _add_truth(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='NAME[TARGET]:PARAMETER=VALUE,...',
-        help='an effect of the robot beyond the twelve parameters, SI units; may be repeated (see docs/effects.md)',
+        help='an effect beyond the twelve parameters, SI; may be repeated (see docs/effects/catalogue.md)',
     )
     parser.add_argument(
         '--truth-file',
@@ -74,7 +74,7 @@ def _add_truth(parser: argparse.ArgumentParser) -> None:
 
 def _add_plan(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('touches')
-    group.add_argument('--plan', type=Path, metavar='FILE', help='plan of touches (YAML, see docs/formats.md)')
+    group.add_argument('--plan', type=Path, metavar='FILE', help='plan of touches (see docs/reference/formats.md)')
     group.add_argument('--per-disc', type=whole(1), metavar='N', help='points around each disc (default: 12)')
     group.add_argument(
         '--levels', type=real(0, above=True), nargs='+', metavar='F', help='force levels, N (default: 10 25 40)'
@@ -91,10 +91,10 @@ def _add_plan(parser: argparse.ArgumentParser) -> None:
 def _add_sensors(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('sensors')
     group.add_argument(
-        '--noise-joint', type=real(0), metavar='S', help='joint angles, from touch to touch, rad (default: as the cell)'
+        '--noise-joint', type=real(0), metavar='S', help='of the joint angles, per touch, rad (default: as the cell)'
     )
     group.add_argument(
-        '--noise-force', type=real(0), metavar='S', help='force, from touch to touch, N (default: as the cell)'
+        '--noise-force', type=real(0), metavar='S', help='of the force, per touch, N (default: as the cell)'
     )
     group.add_argument('--joint-rate', type=real(1), metavar='HZ', help='joint states per second (default: 80)')
     group.add_argument('--wrench-rate', type=real(1), metavar='HZ', help='wrenches per second (default: 98)')
@@ -104,8 +104,8 @@ def _add_sensors(parser: argparse.ArgumentParser) -> None:
 
 def _add_form(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('form of the recording')
-    group.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap', help='of the folder (default: mcap)')
-    group.add_argument('--compression', choices=('zstd',), help='default: none')
+    group.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap', help='of a folder (default: mcap)')
+    group.add_argument('--compression', choices=('zstd',), help='of a folder (default: none)')
     group.add_argument(
         '--plain',
         action='store_true',

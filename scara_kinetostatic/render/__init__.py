@@ -1,1 +1,1 @@
-"""What every report shares: figures, tables, pages, quantities with units."""
+"""What every report shares: figures, tables, pages, JSON text, quantities with units."""

@@ -1,4 +1,4 @@
-"""Figures as SVG that takes its colours and its type from the page around it.
+"""Figures as SVG with the colours and the font of the page around them.
 
 A figure is drawn in stand-in colours; in the SVG they become CSS variables, so that one picture serves a light and
 a dark page. Sizes are pixels of the page. Nothing goes through pyplot: figures may be drawn in any thread.
@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 
 INK, FAINT, LINE, PAPER, WARN = '#010203', '#040506', '#070809', '#0a0b0c', '#0d0e0f'
 SERIES = ('#100001', '#100002', '#100003', '#100004', '#100005', '#100006')
-"""Stand-ins of the six colours that tell discs apart (Okabe and Ito's, safe for the colour-blind)."""
+"""Stand-ins of the six colours of the discs (Okabe and Ito's, safe for the colour-blind)."""
 COLOURS = {
     INK: 'var(--ink)',
     FAINT: 'var(--faint)',
@@ -35,13 +35,13 @@ COLOURS = {
 }
 STYLESHEET = Path(__file__).parent / 'page.css'
 """Of every page; its variables are the colours of the figures."""
-FONT_SIZE = 12.5
+_FONT_SIZE = 12.5
 _FONT = 'system-ui, -apple-system, Segoe UI, Noto Sans, DejaVu Sans, sans-serif'
 _PER_INCH = 72.0
 _STYLE: dict[Any, Any] = {
     'svg.fonttype': 'none',
     'font.family': ['DejaVu Sans'],
-    'font.size': FONT_SIZE,
+    'font.size': _FONT_SIZE,
     'text.color': INK,
     'axes.edgecolor': LINE,
     'axes.labelcolor': INK,
@@ -50,7 +50,7 @@ _STYLE: dict[Any, Any] = {
     'axes.spines.right': False,
     'axes.grid': True,
     'axes.axisbelow': True,
-    'axes.titlesize': FONT_SIZE,
+    'axes.titlesize': _FONT_SIZE,
     'axes.titlelocation': 'left',
     'axes.formatter.useoffset': False,
     'axes.unicode_minus': True,
@@ -60,8 +60,8 @@ _STYLE: dict[Any, Any] = {
     'ytick.color': LINE,
     'xtick.labelcolor': FAINT,
     'ytick.labelcolor': FAINT,
-    'xtick.labelsize': FONT_SIZE - 1,
-    'ytick.labelsize': FONT_SIZE - 1,
+    'xtick.labelsize': _FONT_SIZE - 1,
+    'ytick.labelsize': _FONT_SIZE - 1,
     'figure.facecolor': 'none',
     'savefig.facecolor': 'none',
     'lines.linewidth': 1.2,
@@ -71,7 +71,7 @@ _COLLECTIONS = re.compile(r' id="[A-Za-z]*Collection_\d+"')
 
 
 class Mark(NamedTuple):
-    """How the touches of one disc look: a colour and, for those who cannot tell colours apart, a shape."""
+    """The mark of the touches of one disc: a colour and, for the colour-blind, a shape."""
 
     colour: str
     shape: str
@@ -89,7 +89,7 @@ def mark(disc: int) -> Mark:
 
 @contextmanager
 def style() -> Iterator[None]:
-    """The context in which figures are drawn, whatever the user's own matplotlibrc says."""
+    """The context in which figures are drawn; the user's matplotlibrc has no influence."""
     logging.getLogger('matplotlib.font_manager').setLevel(logging.ERROR)
     with mpl.rc_context():
         mpl.rcdefaults()
@@ -98,7 +98,7 @@ def style() -> Iterator[None]:
 
 
 class Margins(NamedTuple):
-    """Room around the axes for labels that are known beforehand, pixels."""
+    """Margins around the axes, pixels."""
 
     left: float = 66.0
     right: float = 10.0
@@ -109,14 +109,14 @@ class Margins(NamedTuple):
 def new_figure(
     width: float, height: float, rows: int = 1, columns: int = 1, margins: Margins | None = None, **more: Any
 ) -> tuple[Figure, list[Axes]]:
-    """An empty figure with axes one above the other or side by side, row by row.
+    """An empty figure with a grid of axes, listed row by row.
 
     Args:
         width: of the figure, pixels.
         height: of it, pixels.
         rows: of axes.
         columns: of axes.
-        margins: around all axes; None to have them found, which takes as long as drawing the figure.
+        margins: around all axes; None to compute them, which takes as long as drawing the figure.
         more: for `Figure.subplots`.
     """
     layout: Any = None if margins else 'constrained'
@@ -138,13 +138,13 @@ def as_svg(figure: Figure, name: str, description: str) -> Markup:
 
     Args:
         figure: what to draw.
-        name: tells its identifiers from those of other figures on the page.
-        description: for those who cannot see it; plain words, nothing a user wrote.
+        name: makes its identifiers unique on the page.
+        description: text for screen readers; it is not escaped, so nothing from the input.
     """
     stream = io.StringIO()
     canvas: Any = FigureCanvasSVG(figure)
     with mpl.rc_context({'svg.hashsalt': name}), warnings.catch_warnings():
-        warnings.filterwarnings('ignore', message='Glyph')  # the page has its own type
+        warnings.filterwarnings('ignore', message='Glyph')  # the page has its own font
         canvas.print_svg(stream, metadata={'Date': None, 'Creator': None})
     svg = stream.getvalue()
     svg = svg[svg.index('<svg') :]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-WIDTH = 160
+_WIDTH = 160
 Document = dict[str, Any]
 """Plain JSON values by key."""
 _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
@@ -34,4 +34,4 @@ def _text(value: Any, indent: str) -> str:
 def _is_short(value: dict[str, Any] | list[Any], flat: str, indent: str) -> bool:
     """Whether it goes on one line: what fits there, and every list of numbers."""
     numbers = isinstance(value, list) and all(isinstance(item, (int, float)) for item in value)
-    return not value or numbers or (bool(indent) and len(indent) + len(flat) <= WIDTH)
+    return not value or numbers or (bool(indent) and len(indent) + len(flat) <= _WIDTH)

@@ -1,4 +1,4 @@
-"""Self-contained HTML pages from templates that escape whatever the inputs hold."""
+"""Self-contained HTML pages from templates; every value is escaped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers as people read them: a prefix that fits the quantity, digits that fit the uncertainty."""
+"""Quantities as text: unit prefix by size, digits by uncertainty."""
 
 from __future__ import annotations
 

@@ -15,8 +15,8 @@ from scara_kinetostatic.render.figure import FAINT, INK, LINE, PAPER, WARN, Marg
 
 Floats = NDArray[np.float64]
 
-WIDTH = 920.0
-LONGEST_ARROW = 0.14
+_WIDTH = 920.0
+_LONGEST_ARROW = 0.14
 """Of the largest force, as a part of the arm's length."""
 
 
@@ -25,8 +25,8 @@ def cell_picture(c: Calibration) -> Markup:
     tip, elbow, base = _arm(c)
     arm = c.parameters.l1 + c.parameters.l2
     low, high = _extent(c, tip, elbow, base, arm)
-    height = WIDTH * float(np.clip((high[1] - low[1]) / (high[0] - low[0]), 0.3, 1.0))
-    figure, (axes,) = new_figure(WIDTH, height, margins=Margins())
+    height = _WIDTH * float(np.clip((high[1] - low[1]) / (high[0] - low[0]), 0.3, 1.0))
+    figure, (axes,) = new_figure(_WIDTH, height, margins=Margins())
     _draw_discs(axes, c)
     _draw_arms(axes, c, tip, elbow, base, arm)
     _draw_touches(axes, c, tip, arm)
@@ -49,7 +49,7 @@ def _extent(c: Calibration, tip: Floats, elbow: Floats, base: Floats, arm: float
     reach = c.cell.radii[:, None]
     everything = [c.cell.centers - reach, c.cell.centers + reach, tip, elbow, base[None]]
     points = np.concatenate(everything)
-    margin = LONGEST_ARROW * arm * 1.05
+    margin = _LONGEST_ARROW * arm * 1.05
     return points.min(axis=0) - margin, points.max(axis=0) + margin
 
 
@@ -87,7 +87,7 @@ def _draw_touches(axes: Axes, c: Calibration, tip: Floats, arm: float) -> None:
     along = c.force / np.maximum(magnitude, 1e-9)[:, None]
     aside = np.stack([-along[:, 1], along[:, 0]], axis=-1) * c.touches.posture[:, None] * 0.004 * arm
     head = tip + aside
-    tail = head - LONGEST_ARROW * arm * c.force / max(float(magnitude.max()), 1e-9)
+    tail = head - _LONGEST_ARROW * arm * c.force / max(float(magnitude.max()), 1e-9)
     for number in range(len(c.cell.discs)):
         for posture in (1, -1):
             chosen = (c.touches.disc == number) & (c.touches.posture == posture) & c.used

@@ -16,19 +16,19 @@ from scara_kinetostatic.render.table import Table
 from scara_kinetostatic.report import messages
 from scara_kinetostatic.report.effect_pictures import NOTABLE, bias_picture, residual_picture
 
-MOST_PICTURES = 3
+_MOST_PICTURES = 3
 """So many effects are drawn."""
-MOST_CANDIDATES = 8
+_MOST_CANDIDATES = 8
 """So many candidates are listed openly, the others folded."""
-MOST_CURVES = 3
+_MOST_CURVES = 3
 """Of the fitted curves that were rejected, so many are listed."""
-MOST_DEPENDENCES = 8
+_MOST_DEPENDENCES = 8
 """So many dependences of the residual are listed."""
-MOST_LIMITS = 8
+_MOST_LIMITS = 8
 """So many detection limits are listed."""
-LEAST_LIMIT = 1.0
+_LEAST_LIMIT = 1.0
 """A detection limit is listed where an undetected effect could bias a parameter by so many standard deviations."""
-OFF_NORMAL = (
+_OFF_NORMAL = (
     'The force of each touch is off the normal by an angle of its own, which no model predicts: the extended model '
     'includes this scatter in the weights, it does not remove it. Where it predicts a force, the angle is taken from '
     'the measured one, so that its force error is the part along the force.'
@@ -36,7 +36,7 @@ OFF_NORMAL = (
 """Note to an effect that scatters."""
 
 
-class EffectEntry(NamedTuple):
+class _EffectEntry(NamedTuple):
     """One effect of the extended model.
 
     Attributes:
@@ -54,7 +54,7 @@ class EffectEntry(NamedTuple):
     picture: Any
 
 
-class CandidateRow(NamedTuple):
+class _CandidateRow(NamedTuple):
     """One row of the table of candidates, ready to print; `bar` is the gain in per cent of the largest."""
 
     name: str
@@ -78,8 +78,8 @@ def diagnosis_context(outcome: Outcome) -> dict[str, Any]:
         'remaining_p_value': p_equals(d.remaining_p_value),
         'is_extended': extended,
         'effects': _entries(outcome) if extended else [],
-        'candidates': open_rows[:MOST_CANDIDATES],
-        'more_candidates': open_rows[MOST_CANDIDATES:],
+        'candidates': open_rows[:_MOST_CANDIDATES],
+        'more_candidates': open_rows[_MOST_CANDIDATES:],
         'rejected': [row for row in table if row.role == 'rejected'],
         'more_curves': _more_curves(d),
         'errors': _errors(compared, extended),
@@ -97,14 +97,14 @@ def diagnosis_context(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def _entries(outcome: Outcome) -> list[EffectEntry]:
+def _entries(outcome: Outcome) -> list[_EffectEntry]:
     entries = []
     for number, item in enumerate(outcome.diagnosis.found):
         titles = ('without it', 'with it') if item.in_every_model else ('without the rivals', 'with all rivals')
-        drawn = number < MOST_PICTURES
+        drawn = number < _MOST_PICTURES
         picture = residual_picture(outcome.effect_residuals[number], f'effect{number}', titles) if drawn else None
-        note = OFF_NORMAL if item.effect.off_normal_std else ''
-        entries.append(EffectEntry(item.effect.title, item.in_every_model, _values(item), note, picture))
+        note = _OFF_NORMAL if item.effect.off_normal_std else ''
+        entries.append(_EffectEntry(item.effect.title, item.in_every_model, _values(item), note, picture))
     return entries
 
 
@@ -115,21 +115,21 @@ def _values(item: Found) -> list[tuple[str, str, str]]:
     return [(v.name, shown(v.value, v.std, v.unit).text.replace('-', '−', 1), v.meaning) for v in item.values]
 
 
-def _candidates(d: Diagnosis) -> list[CandidateRow]:
+def _candidates(d: Diagnosis) -> list[_CandidateRow]:
     """All identifiable candidates, those found first, then by their gain; of rejected curves only the first ones."""
     largest = max([1.0, *(item.gain for item in d.ranking if math.isfinite(item.gain))])
     chosen, curves = [], 0
     for item in sorted((item for item in d.ranking if item.role != 'unidentifiable'), key=lambda item: -item.gain):
         curve = _is_rejected_curve(d, item)
         curves += curve
-        if not curve or curves <= MOST_CURVES:
+        if not curve or curves <= _MOST_CURVES:
             chosen.append(item)
     chosen.sort(key=lambda item: d.role_of(item) != 'found')
     return [_candidate(item, d.role_of(item), largest) for item in chosen]
 
 
-def _candidate(item: Ranked, role: str, largest: float) -> CandidateRow:
-    return CandidateRow(
+def _candidate(item: Ranked, role: str, largest: float) -> _CandidateRow:
+    return _CandidateRow(
         name=item.effect.title,
         role=role,
         gain=_signed(item.gain),
@@ -146,7 +146,7 @@ def _is_rejected_curve(d: Diagnosis, item: Ranked) -> bool:
 
 def _more_curves(d: Diagnosis) -> int:
     """How many rejected curves are not listed."""
-    return max(0, sum(_is_rejected_curve(d, item) for item in d.ranking) - MOST_CURVES)
+    return max(0, sum(_is_rejected_curve(d, item) for item in d.ranking) - _MOST_CURVES)
 
 
 def _signed(value: float) -> str:
@@ -200,9 +200,9 @@ def _bias(row: Bias) -> dict[str, str]:
 
 def _dependences(found: Sequence[Dependence]) -> Table | None:
     """What a residual depends on, the most significant first; None if on nothing."""
-    rows = [(each.name, chance(each.p_value), f'{100 * each.share:.0f} %') for each in found[:MOST_DEPENDENCES]]
-    if len(found) > MOST_DEPENDENCES:
-        rows.append((f'and {len(found) - MOST_DEPENDENCES} more, in calibration.json', '', ''))
+    rows = [(each.name, chance(each.p_value), f'{100 * each.share:.0f} %') for each in found[:_MOST_DEPENDENCES]]
+    if len(found) > _MOST_DEPENDENCES:
+        rows.append((f'and {len(found) - _MOST_DEPENDENCES} more, in calibration.json', '', ''))
     return Table(('the residual depends on', 'p-value', 'share'), ('',) * 3, tuple(rows)) if rows else None
 
 
@@ -219,11 +219,11 @@ def _detection_limits(outcome: Outcome) -> Table | None:
     items = [
         item
         for item in d.ranking
-        if d.role_of(item) == 'rejected' and item.undetected_bias > LEAST_LIMIT and item.effect.is_physical
+        if d.role_of(item) == 'rejected' and item.undetected_bias > _LEAST_LIMIT and item.effect.is_physical
     ]
     items.sort(key=lambda item: -item.undetected_bias)
     rows = []
-    for item in items[:MOST_LIMITS]:
+    for item in items[:_MOST_LIMITS]:
         unit, per_si = SCALES[item.biased_parameter]
         bias = item.undetected_bias * c.std_of(item.biased_parameter) * per_si
         size = f'{float(f"{bias:.2g}"):g}' if math.isfinite(bias) else ''

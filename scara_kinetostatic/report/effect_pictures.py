@@ -16,8 +16,8 @@ from scara_kinetostatic.render.figure import FAINT, INK, LINE, PAPER, SERIES, WA
 
 Floats = NDArray[np.float64]
 
-WIDTH = 920.0
-FEW = 6
+_WIDTH = 920.0
+_FEW = 6
 """A variable with so few values is a category: its touches are drawn side by side."""
 _ASIDE = 0.3
 """How far aside, as a part of the distance between categories."""
@@ -29,9 +29,9 @@ NOTABLE = 2.0
 
 def residual_picture(found: EffectResidual, name: str, titles: tuple[str, str] = ('without it', 'with it')) -> Markup:
     """The deviation by an effect, estimated from each touch, without it in the model and with it, on the same axes."""
-    figure, axes = new_figure(WIDTH, 300, columns=2, sharey=True, sharex=True)
+    figure, axes = new_figure(_WIDTH, 300, columns=2, sharey=True, sharex=True)
     x = _side_by_side(found.x)
-    kinds = len(x) > 0 and len(np.unique(found.x)) <= FEW
+    kinds = len(x) > 0 and len(np.unique(found.x)) <= _FEW
     largest = _largest(found)
     sides = ((found.before, found.std_before), (found.after, found.std_after))
     for one, (deviation, spread), title in zip(axes, sides, titles, strict=True):
@@ -61,7 +61,7 @@ def _largest(found: EffectResidual) -> float:
 def _side_by_side(x: Floats) -> Floats:
     """Values of which there are few, spread out in the order of the touches."""
     kinds, which = np.unique(x, return_inverse=True)
-    if len(kinds) > FEW:
+    if len(kinds) > _FEW:
         return x
     apart = float(np.diff(kinds).min()) if len(kinds) > 1 else 1.0
     out = x.copy()
@@ -85,7 +85,7 @@ def _scatter(axes: Axes, found: EffectResidual, x: Floats, values: Floats) -> No
 
 def bias_picture(rows: Sequence[Bias]) -> Markup:
     """Bias of each parameter of the base model, in standard deviations of that model."""
-    figure, (axes,) = new_figure(WIDTH, 300)
+    figure, (axes,) = new_figure(_WIDTH, 300)
     places = np.arange(len(rows))
     shifts = np.array([row.in_std for row in rows])
     spread = np.array([row.std / row.base_std if row.base_std > 0 else np.nan for row in rows])

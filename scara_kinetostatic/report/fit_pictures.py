@@ -16,13 +16,13 @@ from scara_kinetostatic.render.figure import FAINT, INK, LINE, PAPER, SERIES, WA
 
 Floats = NDArray[np.float64]
 
-WIDTH, HALF = 920.0, 450.0
-BAND = 0.95
+_WIDTH, _HALF = 920.0, 450.0
+_BAND = 0.95
 
 
 def error_picture(c: Calibration) -> Markup:
     """The length of F - A(Q, L̄) per touch, nominal and calibrated, on a logarithmic scale."""
-    figure, (axes,) = new_figure(WIDTH, 280, margins=Margins())
+    figure, (axes,) = new_figure(_WIDTH, 280, margins=Margins())
     before = np.hypot(c.nominal_residual[:, 0], c.nominal_residual[:, 1])
     after = np.hypot(c.residual[:, 0], c.residual[:, 1])
     axes.vlines(c.touches.index, after, before, color=LINE, lw=1.0)
@@ -43,7 +43,7 @@ def residual_picture(c: Calibration) -> Markup:
         ('along the force  [N]', (c.residual * along).sum(axis=1)),
         ('across it  [N]', c.residual[:, 1] * along[:, 0] - c.residual[:, 0] * along[:, 1]),
     )
-    figure, (first, second) = new_figure(WIDTH, 380, rows=2, margins=Margins(), sharex=True)
+    figure, (first, second) = new_figure(_WIDTH, 380, rows=2, margins=Margins(), sharex=True)
     for axes, (label, values) in zip((first, second), parts, strict=True):
         largest = 1.25 * float(np.abs(values[c.used]).max(initial=1e-6))
         axes.axhline(0, color=FAINT, lw=0.9)
@@ -58,7 +58,7 @@ def residual_picture(c: Calibration) -> Markup:
 
 def quantile_picture(c: Calibration) -> Markup:
     """The touches' distances against their expected quantiles, in standard deviations."""
-    figure, (axes,) = new_figure(HALF, 400, margins=Margins())
+    figure, (axes,) = new_figure(_HALF, 400, margins=Margins())
     used = np.flatnonzero(c.used)
     order = used[np.argsort(c.standardized[used])]
     rank = np.arange(1, len(order) + 1)
@@ -66,8 +66,8 @@ def quantile_picture(c: Calibration) -> Markup:
         np.sqrt(-2 * np.log1p(-part))  # of chi-square with 2 degrees of freedom
         for part in (
             (rank - 0.5) / len(order),
-            betaincinv(rank, len(order) + 1 - rank, (1 - BAND) / 2),
-            betaincinv(rank, len(order) + 1 - rank, (1 + BAND) / 2),
+            betaincinv(rank, len(order) + 1 - rank, (1 - _BAND) / 2),
+            betaincinv(rank, len(order) + 1 - rank, (1 + _BAND) / 2),
         )
     )
     axes.fill_between(expected, low, high, color=SERIES[0], alpha=0.13, lw=0)
@@ -89,7 +89,7 @@ def correlation_picture(c: Calibration) -> Markup | None:
     covariance = c.covariance[np.ix_(places, places)]
     std = np.sqrt(np.diag(covariance))
     matrix = covariance / np.where(std > 0, np.outer(std, std), 1.0)
-    figure, (axes,) = new_figure(HALF, 400, margins=Margins(bottom=10, top=52))
+    figure, (axes,) = new_figure(_HALF, 400, margins=Margins(bottom=10, top=52))
     squares, colours = [], []
     for (row, column), value in np.ndenumerate(matrix):
         size = 1.0 if row == column else abs(float(value))

@@ -42,9 +42,9 @@ NEVER_IDENTIFIABLE = (
 """Errors that touches of this kind cannot show, whatever their number, and the parameters they change."""
 MOST_RIVALS = 4
 """Of a group of rivals so many are named; of the others only the number is given."""
-MOST_BIASES = 3
+_MOST_BIASES = 3
 """So many biased parameters are named."""
-LEAST_JOINT_NOISE = 1e-6
+_LEAST_JOINT_NOISE = 1e-6
 """An estimated joint noise below this is not determined: it changes the force by less than a tenth of what sensors
 resolve, rad.
 """
@@ -156,7 +156,7 @@ def bias(outcome: Outcome) -> str:
     if outcome.final is outcome.calibration:
         return ''
     rows = sorted((row for row in outcome.comparison.biases if row.is_significant), key=lambda row: -abs(row.in_std))
-    worst = ', '.join(f'{row.name} by {abs(row.in_std):.2g} σ' for row in rows[:MOST_BIASES])
+    worst = ', '.join(f'{row.name} by {abs(row.in_std):.2g} σ' for row in rows[:_MOST_BIASES])
     tip = f'the tip by {outcome.comparison.tip_bias * 1e3:.3g} mm (rms over the touches)'
     return f'ignoring it would bias {f"{worst} and " if worst else ""}{tip}'
 
@@ -174,7 +174,7 @@ def noise(outcome: Outcome) -> str:
     force = f'{c.noise.force:.3g} N per force component'
     if c.noise_source == 'given':
         return f'{c.noise.joint * 1e6:.3g} µrad per joint and {force}, given by the cell description'
-    if c.noise.joint < LEAST_JOINT_NOISE:
+    if c.noise.joint < _LEAST_JOINT_NOISE:
         return f'{force}, estimated from the residuals; the joint noise is too small to be estimated'
     return f'{c.noise.joint * 1e6:.3g} µrad per joint and {force}, estimated from the residuals'
 

@@ -1,4 +1,4 @@
-"""`report.html`: one self-contained page, from a template that escapes whatever the inputs hold."""
+"""`report.html`: one self-contained page."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from scara_kinetostatic.render.table import Table
 from scara_kinetostatic.report import messages
 from scara_kinetostatic.report.parameter_rows import STATUS, Row, parameter_rows
 
-WIDTH = 100
+_WIDTH = 100
 """Of a line, characters."""
 MOST_REJECTED = 12
 """So many rejected touches are listed."""
@@ -54,7 +54,7 @@ def _effects(found: Sequence[Found]) -> list[str]:
         lines += _wrapped([item.effect.title + note], '  ')
         if item.effect.is_physical and item.values:
             rows = tuple((f'    {v.name}', shown(v.value, v.std, v.unit).text, v.meaning) for v in item.values)
-            lines += [line[:WIDTH] for line in Table(('',) * 3, ('',) * 3, rows).lines()[1:]]
+            lines += [line[:_WIDTH] for line in Table(('',) * 3, ('',) * 3, rows).lines()[1:]]
     return lines
 
 
@@ -71,7 +71,7 @@ def _facts(outcome: Outcome) -> list[str]:
     }
     lines = []
     for name, text in ((name, text) for name, text in facts.items() if text):
-        lines += textwrap.wrap(text, WIDTH, initial_indent=f'{name:{_INDENT}}', subsequent_indent=' ' * _INDENT)
+        lines += textwrap.wrap(text, _WIDTH, initial_indent=f'{name:{_INDENT}}', subsequent_indent=' ' * _INDENT)
     return lines
 
 
@@ -88,5 +88,5 @@ def _rejected(outcome: Outcome) -> list[str]:
 def _wrapped(sentences: Iterable[str], indent: str) -> list[str]:
     lines = []
     for text in sentences:
-        lines += textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent=indent + '  ') or []
+        lines += textwrap.wrap(text, _WIDTH, initial_indent=indent, subsequent_indent=indent + '  ') or []
     return lines
