@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-_NOT_DETERMINED = '–'
+NOT_DETERMINED = '–'
 """Stands where a quantity is not determined."""
 _NUMBER = re.compile(
-    rf'(below |[<>≤≥] ?)?[-−+±(]?\d[\d.e+−±\-/…%() ]*|{_NOT_DETERMINED}|not determined|nothing|[-−]?inf|nan'
+    rf'(below |[<>≤≥] ?)?[-−+±(]?\d[\d.e+−±\-/…%() ]*|{NOT_DETERMINED}|not determined|nothing|[-−]?inf|nan'
 )
 _STD = ' ± '
 
