@@ -1,0 +1,77 @@
+"""The reference pages are made from the code: what their generators find is what there is."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from functools import cache
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from docs.examples import DOCS, ROOT, pages
+
+import scara_kinetostatic as sk
+from scara_kinetostatic.effects import catalogue
+from scara_kinetostatic.model.parameters import NAMES
+
+NODES = ('contact_simulator', 'collector', 'calibrator')
+COMMON = {'parameter_events', 'rosout', 'clock'}
+"""Topics that every node has."""
+
+
+@cache
+def declared() -> dict[str, Any]:
+    """What the generator of the node reference finds, without ROS."""
+    command = [sys.executable, str(DOCS / '_ext' / 'node_record.py')]
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    return dict(json.loads(subprocess.run(command, env=environment, capture_output=True, check=True).stdout))
+
+
+@pytest.mark.parametrize('node', NODES)
+def test_topics_and_services_are_those_of_the_policy(node: str) -> None:
+    """The tests of the nodes compare the policy with the running node."""
+    policy = ElementTree.parse(ROOT / 'config' / 'sros2' / 'nodes.policy.xml')
+    (profile,) = policy.iterfind(f".//profile[@node='{node}']")
+    allowed = {
+        'publishes': {t.text for t in profile.iterfind("topics[@publish='ALLOW']/topic")} - COMMON,
+        'subscribes': {t.text for t in profile.iterfind("topics[@subscribe='ALLOW']/topic")} - COMMON,
+        'service': {s.text for s in profile.iterfind('services/service') if 'parameter' not in str(s.text)},
+    }
+    allowed['service'] -= {'~/get_type_description'}
+    found: dict[str, set[str]] = {role: set() for role in allowed}
+    for one in declared()[node]['interfaces']:
+        found[one['role']].add(one['name'].lstrip('/'))
+    assert found == allowed
+
+
+def test_parameters_are_described() -> None:
+    for node in NODES:
+        for name, one in declared()[node]['parameters'].items():
+            assert one['description'], f'{node}: {name}'
+    assert {f'truth.{name}' for name in NAMES} <= set(declared()['contact_simulator']['parameters'])
+    results = {name for name, one in declared()['calibrator']['parameters'].items() if one['result']}
+    assert results == {f'{group}.{name}' for group in ('calibrated', 'calibrated_std') for name in NAMES}
+
+
+def test_every_effect_has_its_row_of_identification() -> None:
+    page = (DOCS / 'effects' / 'index.md').read_text(encoding='utf-8')
+    for effect in catalogue(sk.load_cell(ROOT / 'config' / 'cell.yaml')):
+        assert f'| `{effect.name}' in page, effect.name
+
+
+def test_every_node_and_public_name_has_its_place() -> None:
+    nodes = (DOCS / 'reference' / 'nodes.md').read_text(encoding='utf-8')
+    assert all(f'{{node-parameters}} {node}' in nodes for node in NODES)
+    assert '{python-reference}' in (DOCS / 'reference' / 'python.md').read_text(encoding='utf-8')
+
+
+def test_every_page_is_in_a_table_of_contents() -> None:
+    listed = set()
+    for page in pages():
+        for block in page.read_text(encoding='utf-8').split('```{toctree}')[1:]:
+            entries = block.split('```')[0].splitlines()
+            listed |= {(page.parent / entry).with_suffix('.md') for entry in entries if entry and entry[0] != ':'}
+    assert listed == set(pages()) - {DOCS / 'index.md'}
