@@ -75,9 +75,9 @@ def find_candidates(signals: Signals, contacts: Contacts) -> TouchCandidates:
     """
     found = _all_candidates(signals, contacts)
     loads = [float(np.hypot(*c.hold.force)) for c in found if c.hold is not None and not c.reason]
-    settled = [c.contact[1] for c in found if c.hold is not None]
+    held = [c.contact[1] for c in found if c.hold is not None]
     weak = contacts.peak < WEAK_FORCE * min(loads, default=0.0)
-    weak &= ~np.isin(contacts.end, settled) & (contacts.travel > WEAK_TRAVEL)
+    weak &= ~np.isin(contacts.end, held) & (contacts.travel > WEAK_TRAVEL)
     if not weak.any():
         return TouchCandidates(found, 0)
     return TouchCandidates(_all_candidates(signals, contacts.select(~weak)), int(weak.sum()))

@@ -95,7 +95,7 @@ class Hold(NamedTuple):
 
 
 class HoldSearch(NamedTuple):
-    """The holds of a contact, and what tells why there is none.
+    """The holds of a contact, and figures that explain why there is none.
 
     Attributes:
         holds: those that are long enough, in the order of time.

@@ -1,4 +1,4 @@
-"""The live writer: what a checkpoint has secured survives anything, and the folder opens at every moment."""
+"""The crash-safe writer: what a checkpoint has secured survives a kill, and the folder opens at every moment."""
 
 from __future__ import annotations
 

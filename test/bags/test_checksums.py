@@ -17,8 +17,8 @@ from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.touches.streams import Streams
 
 
-def told(path: Path) -> str:
-    """What is said about a damaged recording: the refusal, or the warnings."""
+def reported(path: Path) -> str:
+    """What a damaged recording gives: the error, or the warnings."""
     try:
         return '; '.join(read_streams(path, CELL).warnings)
     except RecordingError as error:
@@ -37,13 +37,13 @@ def collected(folder: Path, streams: Streams) -> Path:
 
 
 @pytest.mark.parametrize('form', ['plain', 'zstd', 'collected'])
-def test_no_byte_of_our_files_changes_unnoticed(tmp_path: Path, form: str) -> None:
+def test_no_byte_of_our_files_changes_unreported(tmp_path: Path, form: str) -> None:
     path, streams = tmp_path / 'bag', make_streams(60, 60)
     if form == 'collected':
         collected(path, streams)
     else:
         write_streams(path, streams, CELL, compression='zstd' if form == 'zstd' else None)
-    assert told(path) == ''
+    assert reported(path) == ''
     file = max(path.glob('*.mcap'), key=lambda item: item.stat().st_size)
     content = file.read_bytes()
     rng = random.Random(1)
@@ -52,10 +52,10 @@ def test_no_byte_of_our_files_changes_unnoticed(tmp_path: Path, form: str) -> No
         spoilt = bytearray(content)
         spoilt[at] ^= 1 << rng.randrange(8)
         file.write_bytes(spoilt)
-        assert told(path), f'byte {at} of {len(content)}'
+        assert reported(path), f'byte {at} of {len(content)}'
 
 
-def test_a_damaged_index_is_told(tmp_path: Path, streams: Streams) -> None:
+def test_a_damaged_index_is_reported(tmp_path: Path, streams: Streams) -> None:
     write_mcap(tmp_path / 'a.mcap', messages(streams))
     content = bytearray((tmp_path / 'a.mcap').read_bytes())
     content[-200] ^= 0xFF
@@ -80,7 +80,7 @@ def test_messages_lost_without_a_checksum_are_missed(tmp_path: Path, streams: St
     assert 'its index states' in read.warnings[0]
 
 
-def test_a_chunk_of_senseless_records_is_told(tmp_path: Path, streams: Streams) -> None:
+def test_a_chunk_of_invalid_records_is_reported(tmp_path: Path, streams: Streams) -> None:
     write_mcap(tmp_path / 'a.mcap', messages(streams), enable_crcs=False, compression=CompressionType.NONE)
     content = bytearray((tmp_path / 'a.mcap').read_bytes())
     at = content.index(messages(streams)[100].payload) - 30
@@ -94,10 +94,10 @@ def test_a_chunk_of_senseless_records_is_told(tmp_path: Path, streams: Streams) 
 def test_rows_that_got_lost_in_a_bare_database_are_missed(tmp_path: Path, streams: Streams) -> None:
     write_streams(tmp_path / 'bag', streams, CELL, storage='sqlite3')
     file = next((tmp_path / 'bag').glob('*.db3'))
-    assert told(file) == ''
+    assert reported(file) == ''
     with closing(sqlite3.connect(file)) as database, database:
         database.execute('UPDATE messages SET topic_id = 77 WHERE id = 50')
-    assert '1 messages belong to no topic' in told(file)
+    assert '1 messages belong to no topic' in reported(file)
 
 
 def test_a_page_that_got_mixed_up_is_noticed(tmp_path: Path, streams: Streams) -> None:
@@ -110,14 +110,14 @@ def test_a_page_that_got_mixed_up_is_noticed(tmp_path: Path, streams: Streams) -
     cells = page + 8
     content[cells : cells + 4] = content[cells + 2 : cells + 4] + content[cells : cells + 2]
     file.write_bytes(content)
-    assert 'is damaged' in told(file)
+    assert 'is damaged' in reported(file)
 
 
 def test_more_messages_than_the_metadata_count(tmp_path: Path, streams: Streams) -> None:
     write_streams(tmp_path / 'bag', streams, CELL)
     metadata = tmp_path / 'bag/metadata.yaml'
     metadata.write_text(metadata.read_text().replace('message_count: 340', 'message_count: 240'))
-    assert told(tmp_path / 'bag') == '/wrench: metadata.yaml states 100 fewer messages than the files contain'
+    assert reported(tmp_path / 'bag') == '/wrench: metadata.yaml states 100 fewer messages than the files contain'
 
 
 def test_what_is_said_can_be_printed(tmp_path: Path, streams: Streams) -> None:
@@ -125,5 +125,5 @@ def test_what_is_said_can_be_printed(tmp_path: Path, streams: Streams) -> None:
     file = next((tmp_path / 'bag').glob('*.db3'))
     with closing(sqlite3.connect(file)) as database, database:
         database.execute("UPDATE topics SET type = ? WHERE name = '/wrench'", ('a\x1b[31m/b/c\0/d',))
-    assert 'topic /wrench carries a' in told(file)
-    assert told(file).isprintable()
+    assert 'topic /wrench carries a' in reported(file)
+    assert reported(file).isprintable()

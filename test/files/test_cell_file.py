@@ -1,4 +1,4 @@
-"""The cell description: what it says comes back, what makes no sense is refused by name."""
+"""The cell description: what it says comes back, what is not valid is refused by its key."""
 
 from __future__ import annotations
 
@@ -142,12 +142,12 @@ def test_round_trip(nominal, joint_names, disc_name, sensor, noise, gripper_sign
         (changed('{joint: 1.0e-5, force: 0.3}', '3'), 'noise: expected a mapping'),
         (changed('[0.20, 0.40]', '[-0.20, 0.40]'), "discs 'disc_1' and 'disc_2' overlap"),
         (changed('[0.20, 0.40]', '[0.70, 0.40]'), "disc 'disc_2' is out of reach"),
-        (changed('[0.20, 0.40]', '[0.01, 0.01]'), "disc 'disc_2' lies over the base"),
+        (changed('[0.20, 0.40]', '[0.01, 0.01]'), "disc 'disc_2' covers the base"),
         (changed('[joint1, joint2]', '[joint1, joint1]'), "both joints are named 'joint1'"),
         (changed('[joint1, joint2]', '[joint1]'), 'robot.joint_names: expected the two names'),
         (changed('[joint1, joint2]', '[1, 2]'), 'robot.joint_names: expected the two names'),
         (changed('/wrench ', '/joint_states '), 'both topics are named /joint_states'),
-        (changed('/wrench ', '/my wrench '), "'/my wrench' is no name of a topic"),
+        (changed('/wrench ', '/my wrench '), "'/my wrench' is not a topic name"),
         (changed('/wrench ', '""'), 'sensor.wrench: expected a name'),
         (changed('/wrench ', '/cell_description '), 'carries the cell description'),
         (changed('frame: base', 'frame: world'), "sensor.frame: expected base or tool, got 'world'"),
@@ -171,7 +171,7 @@ def test_round_trip(nominal, joint_names, disc_name, sensor, noise, gripper_sign
         (CONTRACT + '#' * 300_000, 'expected at most 256 KiB'),
     ],
 )
-def test_senseless_descriptions_are_refused(text: str, expected: str) -> None:
+def test_invalid_descriptions_are_refused(text: str, expected: str) -> None:
     with pytest.raises(CellError) as caught:
         parse_cell(text, 'my/cell.yaml')
     message = str(caught.value)
@@ -225,7 +225,7 @@ def test_general_gripper_survives_a_round_trip():
 
 
 @pytest.mark.parametrize('text', ['[[1e-6, 0]]', '[[0, .nan], [0, 0]]', '[[3, 0], [0, 0]]', '5', '[[a, 0], [0, 0]]'])
-def test_senseless_gripper_is_refused_by_name(text):
+def test_invalid_gripper_is_refused_by_name(text):
     good = dump_cell(Cell(PAPER_NOMINAL, PAPER_DISCS))
     with pytest.raises(CellError, match=r'model\.gripper_excess'):
         parse_cell(good.replace('{gripper_sign: physical}', f'{{gripper_excess: {text}}}'))

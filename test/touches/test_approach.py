@@ -76,11 +76,13 @@ def test_press_is_the_part_of_the_approach_in_contact(truth, preload):
 def test_press_without_preload_is_how_far_the_force_bends_the_joints(truth):
     plan = default_plan(CELL)
     motion = Motion(CELL, truth, plan)
-    bent = motion.hold_joints - motion.contact_joints
-    np.testing.assert_allclose(simulate_touches(CELL, truth, plan, Noise(0.0, 0.0)).press, bent, atol=SMALLEST_REVERSAL)
+    pressed = motion.hold_joints - motion.contact_joints
+    np.testing.assert_allclose(
+        simulate_touches(CELL, truth, plan, Noise(0.0, 0.0)).press, pressed, atol=SMALLEST_REVERSAL
+    )
     slow = find_touches(simulate_streams(CELL, truth, plan, sensors=SensorModel(joint_rate=20.0)), CELL).touches
-    clear = np.abs(bent) > 2e-5
-    np.testing.assert_array_equal(np.sign(slow.press[clear]), np.sign(bent[clear]))
+    clear = np.abs(pressed) > 2e-5
+    np.testing.assert_array_equal(np.sign(slow.press[clear]), np.sign(pressed[clear]))
 
 
 @TRUTHS
@@ -133,14 +135,14 @@ def test_staircase_up_and_down():
     for level in (10.0, 30.0, 20.0, 40.0):
         scene.press(0, 30, level, hold=0.4, seconds=0.15)
     found = find_touches(scene.retract(0, 30).streams(), CELL).touches.approach[2:]
-    bent = np.array([scene.pose(0, 30, level)[0] for level in (10.0, 30.0, 20.0, 40.0)])
+    pressed = np.array([scene.pose(0, 30, level)[0] for level in (10.0, 30.0, 20.0, 40.0)])
     free = scene.pose(0, 30, clearance=0.018)[0]
-    up = np.sign(bent[1] - bent[0])
-    np.testing.assert_array_equal(np.sign(found), [np.sign(bent[0] - free), up, -up, up])
-    np.testing.assert_allclose(found[2:], [bent[2] - bent[1], bent[3] - bent[2]], atol=3e-6)
+    up = np.sign(pressed[1] - pressed[0])
+    np.testing.assert_array_equal(np.sign(found), [np.sign(pressed[0] - free), up, -up, up])
+    np.testing.assert_allclose(found[2:], [pressed[2] - pressed[1], pressed[3] - pressed[2]], atol=3e-6)
 
 
-def test_live_is_offline():
+def test_online_is_offline():
     plan = default_plan(CELL, per_disc=3, preload=0.3)
     streams = simulate_streams(CELL, PAPER_MEASURED, plan, seed=4)
     detector, parts = OnlineDetector(CELL), []
@@ -152,11 +154,11 @@ def test_live_is_offline():
         (detector.add_joint_state if of_joints else detector.add_wrench)(stamp, value)
         if number % 30 == 0:
             parts.append(detector.poll().touches)
-    live = TouchSet.concatenate([*parts, detector.finish().touches])
+    online = TouchSet.concatenate([*parts, detector.finish().touches])
     offline = find_touches(streams, CELL).touches
-    assert len(live) == len(plan)
-    np.testing.assert_allclose(live.approach, offline.approach, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(live.press, offline.press, rtol=0.05, atol=1e-6)
+    assert len(online) == len(plan)
+    np.testing.assert_allclose(online.approach, offline.approach, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(online.press, offline.press, rtol=0.05, atol=1e-6)
 
 
 @pytest.mark.parametrize('rates', [(20.0, 25.0), (30.0, 98.0), (80.0, 30.0)])

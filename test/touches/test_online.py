@@ -20,8 +20,8 @@ PLAN = default_plan(CELL, per_disc=5)
 TOOL_REACTION = replace(CELL, sensor=CELL.sensor._replace(frame=SensorFrame.TOOL, sign=SensorSign.ON_ROBOT))
 
 
-def play(streams, cell, every=20, end=True):
-    """Every answer of a live detector that found something, with the stamp at which it came."""
+def feed(streams, cell, every=20, end=True):
+    """Every answer of an online detector that found something, with the stamp at which it came."""
     detector = OnlineDetector(cell)
     stamps = np.concatenate([streams.joints.stamp, streams.wrench.stamp])
     values = np.concatenate([streams.joints.position, streams.wrench.force])
@@ -39,24 +39,24 @@ def play(streams, cell, every=20, end=True):
 
 @pytest.mark.parametrize('cell', [CELL, TOOL_REACTION], ids=['base', 'tool'])
 @pytest.mark.parametrize('every', [1, 20, 1000])
-def test_live_is_offline(cell, every):
+def test_online_is_offline(cell, every):
     plan = PLAN.select(np.arange(8 if every == 1 else len(PLAN)))
     streams = simulate_streams(cell, PAPER_MEASURED, plan, seed=4)
     offline = find_touches(streams, cell)
-    detector, answers = play(streams, cell, every)
-    live = TouchSet.concatenate([answer.touches for _, answer in answers])
+    detector, answers = feed(streams, cell, every)
+    online = TouchSet.concatenate([answer.touches for _, answer in answers])
     assert detector.found == offline.found == len(plan)
-    np.testing.assert_array_equal(live.index, offline.touches.index)
-    np.testing.assert_array_equal(live.disc, offline.touches.disc)
-    np.testing.assert_allclose(live.joints, offline.touches.joints, rtol=0, atol=1e-8)
-    np.testing.assert_allclose(live.force, offline.touches.force, rtol=0, atol=0.005)
+    np.testing.assert_array_equal(online.index, offline.touches.index)
+    np.testing.assert_array_equal(online.disc, offline.touches.disc)
+    np.testing.assert_allclose(online.joints, offline.touches.joints, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(online.force, offline.touches.force, rtol=0, atol=0.005)
 
 
 def test_touches_are_reported_soon_after_the_retraction():
     streams = simulate_streams(CELL, PAPER_MEASURED, PLAN, seed=2)
     ends = [episode.contact[1] for episode in find_touches(streams, CELL).episodes]
     start = min(streams.joints.stamp[0], streams.wrench.stamp[0])
-    _, answers = play(streams, CELL, 10, end=False)
+    _, answers = feed(streams, CELL, 10, end=False)
     delays = [1e-9 * (stamp - start) - ends[episode.index] for stamp, answer in answers for episode in answer.episodes]
     assert len(delays) == len(PLAN)
     assert max(delays[2:]) < 0.75
@@ -64,7 +64,7 @@ def test_touches_are_reported_soon_after_the_retraction():
 
 def test_rejected_touches_are_reported_once():
     scene = Scene().touches(3).touch(0, 30, 25.0, hold=0.1).touches(3)
-    detector, answers = play(scene.streams(), CELL)
+    detector, answers = feed(scene.streams(), CELL)
     rejected = [rejection for _, answer in answers for rejection in answer.rejected]
     assert detector.found == 7
     assert [rejection.index for rejection in rejected] == [3]
@@ -73,7 +73,7 @@ def test_rejected_touches_are_reported_once():
 
 def test_long_run_keeps_little():
     streams = simulate_streams(CELL, PAPER_MEASURED, PLAN)
-    detector, answers = play(streams, CELL, 50)
+    detector, answers = feed(streams, CELL, 50)
     assert sum(answer.found for _, answer in answers) == len(PLAN)
     kept = 1e-9 * (detector._wrench.stamps[-1] - detector._wrench.stamps[0])
     assert kept < 45.0
@@ -81,7 +81,7 @@ def test_long_run_keeps_little():
 
 
 def test_clock_that_starts_again():
-    detector, _ = play(Scene().touches(3).streams(), CELL)
+    detector, _ = feed(Scene().touches(3).streams(), CELL)
     streams = Scene().touches(2).streams()
     joints = [
         (int(s) - 10**12, q, detector.add_joint_state)
