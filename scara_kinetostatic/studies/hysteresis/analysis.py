@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -46,6 +47,11 @@ class Record(NamedTuple):
     repeatability: float
     independent: float
     notes: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the file without its folder."""
+        return Path(self.source).name
 
     @property
     def compliance(self) -> float:

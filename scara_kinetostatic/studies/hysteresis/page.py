@@ -37,6 +37,7 @@ def html_text(analysis: HysteresisAnalysis) -> str:
 def _record(record: Record, name: str) -> dict[str, Any]:
     headline, sentences = text.verdict(record)
     return {
+        'name': record.name,
         'source': record.source,
         'size': text.sweeps(record),
         'level': _level(record),

@@ -63,10 +63,10 @@ def summary_table(analysis: HysteresisAnalysis) -> Table:
             else []
         )
         for words, score in shown:
-            first = record.source if score is selection.before else ''
+            first = record.name if score is selection.before else ''
             rows.append((first, words, *_errors(score, record)))
         rows += [
-            ('', f'refined as {analysis.records[each.other].source}', *_errors(each.score, record))
+            ('', f'refined as {analysis.records[each.other].name}', *_errors(each.score, record))
             for each in analysis.transferred
             if each.record == number
         ]
@@ -150,7 +150,7 @@ def _value(record: Record, law: str, name: str) -> str:
 def prediction_table(analysis: HysteresisAnalysis) -> Table:
     """Each record predicted from the others."""
     rows = tuple(
-        (analysis.records[each.record].source, f'{each.tension:g}', force(each.backlash), force(each.by_tension),
+        (analysis.records[each.record].name, f'{each.tension:g}', force(each.backlash), force(each.by_tension),
          force(each.identified), force(each.own), _pair(each.slips), _pair(each.own_slips))
         for each in analysis.leave_one_out
     )  # fmt: skip

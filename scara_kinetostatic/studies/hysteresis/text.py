@@ -107,7 +107,7 @@ def prediction_sentences(analysis: HysteresisAnalysis) -> list[str]:
     found = analysis.leave_one_out
     ratios = [a / b for each in found for a, b in zip(each.slips, each.own_slips, strict=True) if b > 0]
     identified = [each.identified / each.own for each in found]
-    worse = [analysis.records[each.record].source for each in found if each.by_tension >= each.backlash]
+    worse = [analysis.records[each.record].name for each in found if each.by_tension >= each.backlash]
     sentences = []
     if ratios:
         limits = f'{min(ratios):.2g} to {max(ratios):.2g}'
