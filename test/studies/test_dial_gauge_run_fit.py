@@ -120,10 +120,10 @@ def test_rows_without_load_are_not_used():
 
 
 def test_cycles_are_told_from_the_order_of_the_rows():
-    told = readings()
-    untold = DialGaugeReadings.of(told.force, told.displacement)
-    assert np.array_equal(find_passes(told)[0], find_passes(untold)[0])
-    assert fit_run(untold).gap == fit_run(told).gap
+    given = readings()
+    without = DialGaugeReadings.of(given.force, given.displacement)
+    assert np.array_equal(find_passes(given)[0], find_passes(without)[0])
+    assert fit_run(without).gap == fit_run(given).gap
 
 
 def test_one_slip_of_the_pen_is_named():

@@ -99,8 +99,8 @@ def test_what_no_candidate_explains_is_said_to_be_unexplained():
     motion = simulate_record(BACKLASH, TRUTH, NOISE, 0)
     selection = select_model(motion, candidates=(VISCOUS,))
     assert selection.verdict == 'none'
-    bent = simulate_record(SOFTENING, {**TRUTH, **_SLIPS}, NOISE, 0)
-    selection = select_model(bent, candidates=(VISCOUS,))
+    softened = simulate_record(SOFTENING, {**TRUTH, **_SLIPS}, NOISE, 0)
+    selection = select_model(softened, candidates=(VISCOUS,))
     assert selection.verdict == 'unexplained'
     assert selection.p_value < 0.01
 

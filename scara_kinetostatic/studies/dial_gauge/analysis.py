@@ -15,7 +15,6 @@ from scara_kinetostatic.studies.dial_gauge.result import PointAnalysis
 from scara_kinetostatic.studies.dial_gauge.run_fit import ZERO_BAND
 
 AUTO, POINTS, LOOPS = 'auto', 'points', 'loops'
-KINDS = (AUTO, POINTS, LOOPS)
 _LEVEL = 0.01
 """Probability of a false alarm per record; shared out among its tests (Bonferroni)."""
 

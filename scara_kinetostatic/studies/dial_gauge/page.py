@@ -44,7 +44,7 @@ def part_section(part: Part) -> dict[str, Any]:
         compliance = figures.map_picture(part.compliance_map, 'µm/N', 'compliance', f'{part.name}_compliance')
         gap = figures.map_picture(part.gap_map, 'µm', 'backlash (gap)', f'{part.name}_gap')
         pairs.append(
-            [(compliance, _MAP_CAPTION.format('uᵀPu')), (gap, _MAP_CAPTION.format('width of an ellipse of free play'))]
+            [(compliance, _MAP_CAPTION.format('uᵀPu')), (gap, _MAP_CAPTION.format('width of an elliptical dead zone'))]
         )
     forces = [(figures.force_picture(run, f'{part.name}_force{k}'), _caption(run)) for k, run in _typical(part)]
     steps = (figures.step_picture(part, f'{part.name}_steps'), _STEP_CAPTION)

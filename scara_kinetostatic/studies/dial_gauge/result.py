@@ -1,7 +1,4 @@
-"""Result of the point-by-point experiments, run by run and part by part, and the warnings that go with it.
-
-What a reader of gauge experiments should know, in words.
-"""
+"""Result of the point-by-point experiments, run by run and part by part, and the warnings that go with it."""
 
 from __future__ import annotations
 

@@ -17,13 +17,13 @@ class _Quantity(NamedTuple):
     """A column that holds numbers.
 
     Attributes:
-        words: its names; the first one is used in messages.
+        names: its names; the first one is used in messages.
         units: factor to SI by unit.
         largest: largest plausible magnitude, SI.
         hint: the likeliest mistake behind a larger one.
     """
 
-    words: tuple[str, ...]
+    names: tuple[str, ...]
     units: dict[str, float]
     largest: float
     hint: str
@@ -46,7 +46,7 @@ CHOICES = {
     'gauge_at': {TIP: TIP, LINK: LINK},
 }
 _SYNONYMS = {'joint': 'part', 'seat': 'gauge_at'}
-_WORDS = {word: name for name, quantity in _QUANTITIES.items() for word in quantity.words}
+_WORDS = {word: name for name, quantity in _QUANTITIES.items() for word in quantity.names}
 _HEADING = re.compile(r'(?P<word>.*?)[\s_]*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|[_\s](?P<plain>[^_\s]+))?\Z')
 _NUMBER = re.compile(r'[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\Z')
 
@@ -75,7 +75,7 @@ def read_heading(cells: Sequence[str], where: str) -> tuple[dict[str, Column], l
     """
     columns: dict[str, Column] = {}
     unknown = []
-    if any(_NUMBER.match(plain(cell)) for cell in cells):
+    if any(_NUMBER.match(_plain(cell)) for cell in cells):
         raise RecordingError(where, 'expected a heading in the first line, got numbers', _example())
     for place, cell in enumerate(cells):
         column = _column(cell.strip(), place, where)
@@ -110,7 +110,7 @@ def _column(heading: str, place: int, where: str) -> Column | None:
     if name is None:
         return None
     units = _QUANTITIES[name].units
-    choices = ', '.join(f'{_QUANTITIES[name].words[0]}_{one}' for one in units if one.isascii())
+    choices = ', '.join(f'{_QUANTITIES[name].names[0]}_{one}' for one in units if one.isascii())
     if unit is None:
         raise RecordingError(where, f'the column {heading!r} has no unit', f'call it one of {choices}')
     if unit.strip() not in units:
@@ -118,7 +118,7 @@ def _column(heading: str, place: int, where: str) -> Column | None:
     return Column(name, heading, place, units[unit.strip()])
 
 
-def plain(cell: str) -> str:
+def _plain(cell: str) -> str:
     """A cell with a plain minus sign and without spaces, as spreadsheets add them."""
     return cell.strip().replace('\N{MINUS SIGN}', '-').replace('\N{NO-BREAK SPACE}', '').strip()
 
@@ -129,7 +129,7 @@ def read_number(cell: str, column: Column, decimal_comma: bool) -> float:
     Raises:
         ValueError: it is not a number, or not a plausible one; the message says what was expected.
     """
-    text = plain(cell)
+    text = _plain(cell)
     if decimal_comma and text.count(',') == 1 and '.' not in text:
         text = text.replace(',', '.')
     if not text:
@@ -151,20 +151,20 @@ def read_cycle(cell: str) -> int:
     Raises:
         ValueError: it is not a whole number of 0 or more.
     """
-    text = plain(cell)
+    text = _plain(cell)
     if not re.fullmatch(r'\d{1,6}([.,]0*)?', text):
         raise ValueError(f'expected the number of a cycle, got {cell.strip()[:40]!r}')
     return int(re.split('[.,]', text)[0])
 
 
 def read_choice(cell: str, column: Column) -> str:
-    """One of the values allowed in a column of words.
+    """One of the values allowed in a column of text.
 
     Raises:
         ValueError: it is not one of them.
     """
-    words = CHOICES[column.name]
+    values = CHOICES[column.name]
     text = re.sub(r'[\s_-]', '', cell.lower())
-    if text not in words:
-        raise ValueError(f'expected one of {", ".join(dict.fromkeys(words.values()))}, got {cell.strip()[:40]!r}')
-    return words[text]
+    if text not in values:
+        raise ValueError(f'expected one of {", ".join(dict.fromkeys(values.values()))}, got {cell.strip()[:40]!r}')
+    return values[text]

@@ -49,11 +49,11 @@ def residual_picture(record: Record, name: str) -> Markup:
     figure, panels = _panels(330)
     selection = record.selection
     names = ('before', 'refined' if '+' in selection.refined.law.name else 'after')
-    for axes, score, words in zip(panels, (selection.before, selection.refined), names, strict=True):
+    for axes, score, label in zip(panels, (selection.before, selection.refined), names, strict=True):
         _residual(axes, record.motion, score)
         axes.axhline(0, color=FAINT, lw=0.9)
         axes.set(xlabel='distance since the reversal  [mm]')
-        axes.set_title(f'{words}: rms {score.held_out_rms:.0f} N')
+        axes.set_title(f'{label}: rms {score.held_out_rms:.0f} N')
     panels[0].set(ylabel='held-out residual  [kN]')
     return as_svg(figure, name, 'residual on sweeps held out over the distance since the reversal, before and after')
 

@@ -260,7 +260,7 @@ def refined(law: Law, refinement: Refinement) -> Law:
     return law._replace(name=name, title=title, parameters=(*law.parameters, *refinement.parameters))
 
 
-_AMPLITUDE, PERIOD = 0.02, 2.0
+_AMPLITUDE, _PERIOD = 0.02, 2.0
 """Of the simulated motion, m and s."""
 _GROWN, _FIRST = 2, 0.4
 """Cycles after which the amplitude is reached, and the share of it at the start."""
@@ -268,9 +268,9 @@ _GROWN, _FIRST = 2, 0.4
 
 def sine(samples: int = 640, cycles: int = 5) -> tuple[Floats, Floats]:
     """Time (s) and displacement (m) of the simulated motion, each (samples,)."""
-    time = np.linspace(0, PERIOD * cycles, samples)
-    size = np.minimum(_FIRST + (1 - _FIRST) * time / (_GROWN * PERIOD), 1.0)
-    return time, _AMPLITUDE * size * np.sin(2 * np.pi * time / PERIOD)
+    time = np.linspace(0, _PERIOD * cycles, samples)
+    size = np.minimum(_FIRST + (1 - _FIRST) * time / (_GROWN * _PERIOD), 1.0)
+    return time, _AMPLITUDE * size * np.sin(2 * np.pi * time / _PERIOD)
 
 
 def simulate_record(law: Law, values: Values, noise: float, seed: int, correlation: float = 0.0) -> Motion:

@@ -127,11 +127,11 @@ def select_model(motion: Motion, candidates: tuple[Law, ...] = CANDIDATES) -> Mo
         motion: the record.
         candidates: laws to compare with law (6).
     """
-    before = cross_validate(BACKLASH, motion)
+    before = _cross_validate(BACKLASH, motion)
     dependence_before = dependences(motion, before.whole.residual)
     sufficient = p_independent(dependence_before) >= LEVEL
-    scores = [cross_validate(law, motion) for law in candidates]
-    compared = compare(before, scores, motion)
+    scores = [_cross_validate(law, motion) for law in candidates]
+    compared = _compare(before, scores, motion)
     if sufficient:
         compared = tuple(each._replace(accepted=False) for each in compared)
     accepted = _without_needless_gap([each.score for each in compared if each.accepted], motion)
@@ -143,7 +143,7 @@ def select_model(motion: Motion, candidates: tuple[Law, ...] = CANDIDATES) -> Mo
         verdict = NONE if sufficient else UNEXPLAINED
     return ModelSelection(
         before=before,
-        with_reset=cross_validate(RESET, motion),
+        with_reset=_cross_validate(RESET, motion),
         dependence_before=dependence_before,
         candidates=compared,
         selected=selected,
@@ -164,7 +164,7 @@ def _without_needless_gap(accepted: list[CrossValidation], motion: Motion) -> li
     return [each for each in accepted if each is not larger]
 
 
-def cross_validate(
+def _cross_validate(
     law: Law, motion: Motion, base: CrossValidation | None = None, refinement: Refinement | None = None
 ) -> CrossValidation:
     """Fits a law to all sweeps and to both halves, and predicts each half from the other.
@@ -205,7 +205,7 @@ def rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def compare(before: CrossValidation, scores: list[CrossValidation], motion: Motion) -> tuple[Comparison, ...]:
+def _compare(before: CrossValidation, scores: list[CrossValidation], motion: Motion) -> tuple[Comparison, ...]:
     """Every law compared with the one that it would replace, in the order given."""
     best = min([before, *scores], key=lambda each: each.held_out_rms)
     count = effective_count(best.whole.residual[motion.scored])
@@ -260,7 +260,7 @@ def apply_refinements(selected: CrossValidation, other: CrossValidation, motion:
     """
     found = selected
     for name in other.law.name.split('+')[1:]:
-        found = cross_validate(found.law, motion, found, next(each for each in REFINEMENTS if each.name == name))
+        found = _cross_validate(found.law, motion, found, next(each for each in REFINEMENTS if each.name == name))
     return found
 
 
@@ -268,7 +268,7 @@ def _refine(selected: CrossValidation, motion: Motion) -> tuple[CrossValidation,
     """Adds refinements to a law with slip one by one, as long as one is accepted."""
     open_ones, steps, now = list(REFINEMENTS), [], selected
     while open_ones and selected.law.name in (SLIP.name, SLIP_NO_GAP.name):
-        compared = compare(now, [cross_validate(now.law, motion, now, each) for each in open_ones], motion)
+        compared = _compare(now, [_cross_validate(now.law, motion, now, each) for each in open_ones], motion)
         order = sorted(range(len(compared)), key=lambda k: (not compared[k].accepted, compared[k].score.held_out_rms))
         steps.append(tuple(compared[k] for k in order))
         if not compared[order[0]].accepted:

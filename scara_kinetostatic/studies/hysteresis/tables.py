@@ -62,9 +62,9 @@ def summary_table(analysis: HysteresisAnalysis) -> Table:
             if selection.selected and selection.refined.law != selection.selected.law
             else []
         )
-        for words, score in shown:
+        for label, score in shown:
             first = record.name if score is selection.before else ''
-            rows.append((first, words, *_errors(score, record)))
+            rows.append((first, label, *_errors(score, record)))
         rows += [
             ('', f'refined as {analysis.records[each.other].name}', *_errors(each.score, record))
             for each in analysis.transferred

@@ -45,7 +45,7 @@ FORCE_ERROR_RANGE = (1.25, 1.35)
 """e_f with noise in the text, N."""
 FORCE = 40.0
 """f of figure 3, N."""
-POINTS_PER_DISC = 12
+_POINTS_PER_DISC = 12
 """npc of figure 3."""
 
 
@@ -72,8 +72,8 @@ def paper_touches(
         turn: rotation of all contact points around their discs, in units of their spacing.
         posture: of the elbow.
     """
-    plan = default_plan(CELL, per_disc=POINTS_PER_DISC, levels=levels, postures=(posture,))
-    turned = replace(plan, angle=plan.angle + turn * 2 * np.pi / POINTS_PER_DISC)
+    plan = default_plan(CELL, per_disc=_POINTS_PER_DISC, levels=levels, postures=(posture,))
+    turned = replace(plan, angle=plan.angle + turn * 2 * np.pi / _POINTS_PER_DISC)
     return simulate_touches(CELL, PAPER_ACTUAL, turned, noise, seed)
 
 
