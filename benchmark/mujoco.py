@@ -27,10 +27,10 @@ from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.simulation.mujoco.motion import Played
-from scara_kinetostatic.simulation.mujoco.player import Player
-from scara_kinetostatic.simulation.mujoco.recorded import as_streams, usual_plan
+from scara_kinetostatic.simulation.mujoco.controller import TouchController
+from scara_kinetostatic.simulation.mujoco.motion import SimulatedMotion
 from scara_kinetostatic.simulation.mujoco.scene import SCENES, Scene, scene_named
+from scara_kinetostatic.simulation.mujoco.streams import as_streams, preload_plan
 from scara_kinetostatic.simulation.mujoco.truth import built_effects, expected_parameters
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.sensors import SensorModel
@@ -41,16 +41,16 @@ HEAD = ('scene', 'verdict', 'named, values ± std (built)', 'χ²', 'e_f held ou
 
 def row(scene: Scene, plan: Plan, sensors: SensorModel, seed: int, cell: Cell) -> tuple[str, ...]:
     """Plays a scene, records it, calibrates the recording; one row of the table."""
-    played = Player(scene, CELL, plan).play()
+    motion = TouchController(scene, CELL, plan).run()
     with TemporaryDirectory() as folder:
         path = Path(folder) / 'recording.mcap'
-        write_streams(path, as_streams(played, scene, CELL, sensors, seed=seed), CELL, with_cell=False)
+        write_streams(path, as_streams(motion, scene, CELL, sensors, seed=seed), CELL, with_cell=False)
         try:
             outcome = calibrate_recordings([path], cell)
         except InputError as error:
             return (f'`{scene.name}`', f'no result: {error}'.replace(f'{path}: ', ''), *[''] * (len(HEAD) - 2))
     before, after, diagnosis = outcome.calibration, outcome.final, outcome.diagnosis
-    found = '; '.join(words(item, built(scene, played, plan)) for item in diagnosis.found) or 'nothing'
+    found = '; '.join(words(item, built(scene, motion, plan)) for item in diagnosis.found) or 'nothing'
     return (
         f'`{scene.name}`',
         diagnosis.verdict,
@@ -62,22 +62,22 @@ def row(scene: Scene, plan: Plan, sensors: SensorModel, seed: int, cell: Cell) -
     )
 
 
-def built(scene: Scene, played: Played, plan: Plan) -> dict[str, float]:
+def built(scene: Scene, motion: SimulatedMotion, plan: Plan) -> dict[str, float]:
     """Values of what was built, by label and name; of friction, how far the forces really lean."""
     values = {}
     for effect in built_effects(scene, CELL):
         label = effect['name'] + (f'[{effect["target"]}]' if effect['target'] else '')
         values.update({f'{label} {name}': value for name, value in effect['parameters'].items()})
-    values['contact_friction lean'] = off_normal(scene, played, plan)
+    values['contact_friction lean'] = off_normal(scene, motion, plan)
     return values
 
 
-def off_normal(scene: Scene, played: Played, plan: Plan) -> float:
+def off_normal(scene: Scene, motion: SimulatedMotion, plan: Plan) -> float:
     """Root mean square of the angle between the engine's force and the disc's normal, rad."""
-    force = played.force[played.holds]
+    force = motion.force[motion.holds]
     yields = scene.parameters.p_ee + np.array(scene.base_compliance)
     play = scene.parameters.g_ee * force / np.linalg.norm(force, axis=1)[:, None]
-    inward = CELL.centers[plan.disc] - (kinematics.forward(scene.parameters, played.links) - yields * force - play)
+    inward = CELL.centers[plan.disc] - (kinematics.forward(scene.parameters, motion.links) - yields * force - play)
     cross = inward[:, 0] * force[:, 1] - inward[:, 1] * force[:, 0]
     return float(np.sqrt(np.mean(np.arctan2(cross, (inward * force).sum(axis=1)) ** 2)))
 
@@ -107,17 +107,17 @@ def arrow(before: float, after: float) -> str:
     return ' → '.join(dict.fromkeys(texts)) if before == after else ' → '.join(texts)
 
 
-def used(outcome: Outcome, played: int) -> str:
+def used(outcome: Outcome, motion: int) -> str:
     """Touches used by the first and the last fit, of those played; how many were found if not all."""
-    text = arrow(outcome.calibration.used.sum(), outcome.final.used.sum()) + f' of {played}'
-    return text + (f' ({outcome.found} found)' if outcome.found != played else '')
+    text = arrow(outcome.calibration.used.sum(), outcome.final.used.sum()) + f' of {motion}'
+    return text + (f' ({outcome.found} found)' if outcome.found != motion else '')
 
 
 def rows(args: argparse.Namespace) -> Iterator[tuple[str, ...]]:
     """The rows that the arguments ask for."""
     cell = CELL if args.noise == 'given' else replace(CELL, noise=None)
     sensors = SensorModel(joint_rate=args.rates[0], wrench_rate=args.rates[1])
-    plan = usual_plan(CELL, args.per_disc)
+    plan = preload_plan(CELL, args.per_disc)
     for name in args.scene:
         yield row(scene_named(name), plan, sensors, args.seed, cell)
 

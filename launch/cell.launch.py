@@ -1,6 +1,6 @@
 """Starts a whole cell: simulated robot, collector, calibrator.
 
-With a real robot (`simulate:=false`) the first is left out. Then calibrate by
+For a real robot set `simulate:=false`, which leaves out the first. Then calibrate by
 `ros2 service call /calibrator/calibrate std_srvs/srv/Trigger`.
 """
 
@@ -33,9 +33,9 @@ def _arguments() -> list[DeclareLaunchArgument]:
     return [
         argument('cell', PathJoinSubstitution([SHARE, 'config', 'cell.yaml']), 'cell description'),
         argument('params', PathJoinSubstitution([SHARE, 'config', 'nodes.yaml']), 'parameters of the nodes'),
-        argument('simulate', 'true', 'play the robot, too', **switch),
-        argument('plan', '', 'simulator: plan of touches; empty: all over the discs'),
-        argument('effects', "['']", 'simulator: what the robot has beyond the twelve parameters, a YAML list'),
+        argument('simulate', 'true', 'start the simulator, too', **switch),
+        argument('plan', '', 'simulator: plan of touches; empty: the default plan over all discs'),
+        argument('effects', "['']", 'simulator: effects of the robot, a YAML list'),
         argument('time_factor', '1.0', 'simulator: simulated seconds per second'),
         argument('seed', '0', 'simulator: seed of the noise'),
         argument('autostart', 'true', 'collector: record at once', **switch),
@@ -66,5 +66,5 @@ def _nodes() -> list[Node]:
 
 
 def _value(argument: str, kind: object) -> ParameterValue:
-    """The argument as a parameter of that type, whatever it looks like."""
+    """The argument as a parameter of that type."""
     return ParameterValue(LaunchConfiguration(argument), value_type=kind)

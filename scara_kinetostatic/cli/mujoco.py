@@ -73,8 +73,8 @@ def run(args: argparse.Namespace) -> int:
     """
     from scara_kinetostatic.bags.writer import write_streams
     from scara_kinetostatic.files.atomic import all_or_nothing
-    from scara_kinetostatic.simulation.mujoco import play, scene_named
-    from scara_kinetostatic.simulation.mujoco.recorded import usual_plan
+    from scara_kinetostatic.simulation.mujoco import scene_named, simulate_streams
+    from scara_kinetostatic.simulation.mujoco.streams import preload_plan
     from scara_kinetostatic.simulation.mujoco.truth import truth_of_scene, truth_text
     from scara_kinetostatic.simulation.truth import truth_named
 
@@ -85,8 +85,8 @@ def run(args: argparse.Namespace) -> int:
     if args.out.exists():
         raise OutputError(args.out, 'exists already and is never overwritten', 'choose another name')
     with all_or_nothing(beside) as workshop:
-        plan = usual_plan(cell, args.per_disc)
-        streams = play(scene, cell, plan, seed=args.seed)
+        plan = preload_plan(cell, args.per_disc)
+        streams = simulate_streams(scene, cell, plan, seed=args.seed)
         (workshop / beside.name).write_text(truth, encoding='utf-8')
         write_streams(args.out, streams, cell)
     duration = 1e-9 * float(streams.joints.stamp[-1] - streams.joints.stamp[0])

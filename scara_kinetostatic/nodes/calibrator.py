@@ -1,10 +1,10 @@
-"""Node `calibrator`: turns a recording into the twelve parameters and what lies beyond them, on `~/calibrate`.
+"""Node `calibrator`: estimates the parameters of the model and its effects from a recording, on `~/calibrate`.
 
 The recording is the one that the parameter `recording` names or, if that is
 empty, the one that the collector has announced last on `collector/recording`.
 The results become parameters of the node and files in the folder `output`. A
 calibration runs in a thread of its own, so that the node answers meanwhile;
-there is only one at a time. One that fails leaves the former results alone.
+there is only one at a time. One that fails does not change the former results.
 """
 
 from __future__ import annotations
@@ -47,14 +47,14 @@ class Calibrator(Node):
     """Calibrates on request.
 
     Raises:
-        CellError: the cell description cannot be read, or makes no sense.
+        CellError: the cell description cannot be read, or is not valid.
     """
 
     def __init__(self) -> None:
         super().__init__('calibrator')
-        cell = 'cell description (YAML file); empty: the one that the recording carries'
+        cell = 'cell description (YAML file); empty: the one in the recording'
         _check_cell(declare.text(self, 'cell', '', cell, read_only=False))
-        recording = 'recording to calibrate from; empty: what the collector has announced last'
+        recording = 'recording to calibrate from; empty: the last one announced by the collector'
         declare.text(self, 'recording', '', recording, read_only=False)
         output = 'folder for the results; empty: beside the recording, with _calibration after its name'
         declare.text(self, 'output', '', output, read_only=False)
@@ -70,7 +70,7 @@ class Calibrator(Node):
         self.get_logger().info(f'ready; call {self.resolve_service_name("~/calibrate")}')
 
     def close(self) -> None:
-        """Gives up a calibration that is under way; results are written all or nothing."""
+        """Cancels a calibration that is running; results are written all or nothing."""
         self._closing = True
 
     def _note_recording(self, message: String) -> None:
@@ -100,10 +100,10 @@ class Calibrator(Node):
         """One calibration, from the recording to the parameters.
 
         Returns:
-            What came out, in one line.
+            The result in one line.
 
         Raises:
-            ScaraKinetostaticError: it did not come to a result.
+            ScaraKinetostaticError: there is no result.
         """
         from scara_kinetostatic.report.write import write_results  # The plots take a second to load; the node need not.
 
@@ -118,7 +118,7 @@ class Calibrator(Node):
         return message
 
     def _progress(self, stage: str, share: float) -> None:
-        """Ends a calibration whose node is to end."""
+        """Raises if the node is being shut down."""
         if self._closing:
             raise ShutDownError('the node is being shut down')
 
@@ -136,7 +136,7 @@ class Calibrator(Node):
             return load_cell(declare.place('cell', named))
         cell = embedded_cell(recording)
         if cell is None:
-            raise ParameterError('parameter cell', f'{recording} carries no cell description', 'set the parameter')
+            raise ParameterError('parameter cell', f'{recording} contains no cell description', 'set the parameter')
         return cell
 
     def _output(self, recording: Path) -> Path:
@@ -162,18 +162,18 @@ def _check_parameters(parameters: list[Parameter]) -> SetParametersResult:
     return SetParametersResult(successful=True)
 
 
-class PatientExecutor(MultiThreadedExecutor):
-    """Ends when the callbacks under way have ended; its base class leaves them to a node that is gone."""
+class WaitingExecutor(MultiThreadedExecutor):
+    """Ends when the running callbacks have ended; its base class lets them run on after the node is destroyed."""
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """Takes on no more work and waits for what is under way."""
+        """Starts no further callback and waits for the running ones."""
         self._executor.shutdown(wait=True)
         return bool(super().shutdown(timeout_sec))
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """Runs the node; see `runtime.run` for the exit status."""
-    return run(Calibrator, args, lambda: PatientExecutor(THREADS))
+    return run(Calibrator, args, lambda: WaitingExecutor(THREADS))
 
 
 if __name__ == '__main__':

@@ -7,7 +7,7 @@ new folder, which is announced on `~/recording`. A full or vanished disk ends
 the recording, not the node; so does a folder that cannot be written to.
 
 Messages are logged by the clock of the node. With `use_sim_time` there is no
-recording before `/clock` is heard. Touches are looked for by steady time.
+recording before the first message on `/clock`. Touches are looked for by steady time.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ from scara_kinetostatic.nodes.stream_monitor import StreamMonitor
 from scara_kinetostatic.nodes.stream_subscription import LATCHED, StreamSubscription
 
 POLL = 0.1
-"""Between two looks for finished touches, s."""
+"""Period of the search for finished touches, s."""
 REST = 0.005
 """Between two callbacks, s: messages of 1 kHz are taken ten at a time."""
 PERSISTENT = 3
-"""So many reports in a row complain of the same before it is logged, too."""
+"""Consecutive reports of the same problem after which it is logged, too."""
 
 
 class Collector(Node):
     """Records on request.
 
     Raises:
-        InputError: a parameter or the cell makes no sense.
+        InputError: a parameter or the cell is not valid.
     """
 
     def __init__(self) -> None:
@@ -53,7 +53,7 @@ class Collector(Node):
         self._cell = cell_or_example(self)
         output = 'folder in which each recording gets a folder of its own'
         declare.text(self, 'output', 'recordings', output, read_only=False)
-        self._autostart = declare.switch(self, 'autostart', False, 'begin to record at once')
+        self._autostart = declare.switch(self, 'autostart', False, 'start recording at once')
         sensor = self._cell.sensor
         self._monitors = {
             Stream.JOINTS: StreamMonitor(sensor.joint_states),
@@ -116,7 +116,7 @@ class Collector(Node):
     def _begin(self) -> str:
         now = self._now()
         if not now:
-            raise ParameterError('parameter use_sim_time', 'it is set, but nothing comes on /clock', 'publish /clock')
+            raise ParameterError('parameter use_sim_time', 'set, but there is no message on /clock', 'publish /clock')
         parent = declare.place('output', str(self.get_parameter('output').value)).absolute()
         self._session = Session(parent, self._cell, now)
         self._lost_before = self._lost()
@@ -127,11 +127,11 @@ class Collector(Node):
         return f'recording to {self._session.folder}'
 
     def _end(self) -> str:
-        """Completes the bag and says what is in it."""
+        """Completes the bag; returns its contents in one line."""
         session, self._session = self._session, None
         assert session is not None
         try:
-            self._tell(session.close())
+            self._log(session.close())
         except ScaraKinetostaticError as error:
             self._fail(error)
             return f'{session.folder}: {error}'
@@ -144,7 +144,7 @@ class Collector(Node):
         return sum(monitor.lost for monitor in self._monitors.values())
 
     def _fail(self, error: Exception) -> None:
-        """Gives up the recording, keeps the node."""
+        """Ends the recording; the node goes on."""
         if self._session is not None:
             self._session.abandon()
         self._session = None
@@ -171,7 +171,7 @@ class Collector(Node):
         return wrench_sample(message)
 
     def _now(self) -> int:
-        """Time of the node's clock, ns; 0 while simulated time has not been heard of."""
+        """Time of the node's clock, ns; 0 before the first message on `/clock`."""
         return int(self.get_clock().now().nanoseconds)
 
     def _poll(self) -> None:
@@ -185,15 +185,15 @@ class Collector(Node):
             self._fail(error)
             return
         if news:
-            self._tell(news)
+            self._log(news)
             self._touches.publish(UInt32(data=self._session.touches))
 
-    def _tell(self, lines: list[str]) -> None:
+    def _log(self, lines: list[str]) -> None:
         for line in lines:
             self.get_logger().info(line)
 
     def _report(self) -> Condition:
-        """The condition; losses, and what is wrong for some time, go to the log, too."""
+        """The status; losses and persistent problems are logged, too."""
         losses = [loss for monitor in self._monitors.values() if (loss := monitor.loss())]
         for loss in losses:
             self.get_logger().warning(loss)

@@ -1,6 +1,6 @@
-"""Node `contact_simulator`: plays the robot, the discs and the force sensor of a cell.
+"""Node `contact_simulator`: simulates the robot, the discs and the force sensor of a cell.
 
-The streams of a whole plan are computed beforehand and played out by a timer.
+The streams of a whole plan are computed beforehand and published by a timer.
 Header stamps are in simulated time, which begins at the wall time of the start
 and runs `time_factor` times as fast; what a recording holds does not depend on
 that factor. Publishes the topics named in the cell description and, latched,
@@ -30,18 +30,18 @@ from scara_kinetostatic.simulation.streams import simulate_streams
 TICK = 0.01
 """Between two batches of messages, s."""
 LONGEST_TICK = 0.05
-"""A machine that is late slows the play down instead of bursting, s."""
-SETTLING = 0.5
-"""From the first subscriber to the start, so that the other end has found us, too, s."""
+"""Longest advance of the simulation in one tick: a slow machine slows it down instead of sending bursts, s."""
+DISCOVERY = 0.5
+"""From the first subscriber to the start, s: the subscriber has then discovered both publishers."""
 PAUSE = 1.0
 """Between two passes through the plan, simulated s."""
 
 
 class ContactSimulator(Node):
-    """Plays a plan of touches, once or over and over.
+    """Publishes a plan of touches, once or repeatedly.
 
     Raises:
-        InputError: a parameter, the cell or the plan makes no sense.
+        InputError: a parameter, the cell or the plan is not valid.
         UnsupportedDataError: the simulated robot cannot reach a touch, or hold its force.
     """
 
@@ -50,7 +50,7 @@ class ContactSimulator(Node):
         self._settings = declare_simulator(self)
         faster = 'simulated seconds per second of wall time'
         declare.number(self, 'time_factor', 1.0, faster, Range(0.01, 1000.0), read_only=False)
-        declare.switch(self, 'loop', False, 'begin anew after the last touch', read_only=False)
+        declare.switch(self, 'loop', False, 'start again after the last touch', read_only=False)
         sensor = self._settings.cell.sensor
         self._joints = self.create_publisher(JointState, sensor.joint_states, RELIABLE_STREAM)
         self._wrench = self.create_publisher(WrenchStamped, sensor.wrench, RELIABLE_STREAM)
@@ -66,13 +66,18 @@ class ContactSimulator(Node):
         self.get_logger().info(f'{len(self._settings.plan)} touches planned')
 
     def close(self) -> None:
-        """Nothing to put away."""
+        """Nothing to close."""
 
     def _simulate(self, start: int = 0) -> Playback:
         """The next pass through the plan, with noise of its own."""
-        chosen = self._settings
+        settings = self._settings
         streams = simulate_streams(
-            chosen.cell, chosen.truth, chosen.plan, sensors=chosen.sensors, seed=chosen.seed + self._passes, start=0
+            settings.cell,
+            settings.truth,
+            settings.plan,
+            sensors=settings.sensors,
+            seed=settings.seed + self._passes,
+            start=0,
         )
         self._passes += 1
         return Playback(streams, start)
@@ -100,10 +105,10 @@ class ContactSimulator(Node):
             return
         now = monotonic()
         self._ready_since = self._ready_since or now
-        if now - self._ready_since >= SETTLING:
+        if now - self._ready_since >= DISCOVERY:
             self._playback.start = self.get_clock().now().nanoseconds
             self._last_tick = now
-            self.get_logger().info('the play begins')
+            self.get_logger().info('the simulation starts')
 
     def _end_pass(self) -> None:
         if self.get_parameter('loop').value:

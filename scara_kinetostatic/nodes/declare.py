@@ -1,6 +1,6 @@
 """Declaring ROS parameters: each with a description, a range where it is a number, and whether it may change.
 
-All functions raise `ParameterError` if the node was started with a value that does not do.
+All functions raise `ParameterError` if the node was started with a value that is not valid.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A whole cell on this machine: starts the three nodes, follows the play, calls the services, reads the result."""
+"""A whole cell on this machine: starts the three nodes, calls their services, reads the result."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ STANDSTILL = 20.0
 CALIBRATION = 120.0
 """Longest calibration, report included, s."""
 ASK_AGAIN = 2.0
-"""A first question that has not been answered by now was not heard, s."""
+"""After this time without an answer the first request is repeated, s."""
 WAIT = 0.1
 
 Progress = Callable[[str, int], None]
@@ -45,11 +45,11 @@ Progress = Callable[[str, int], None]
 
 @dataclass(frozen=True)
 class DemoResult:
-    """What came out of a demonstration.
+    """The result of a demonstration.
 
     Attributes:
         message: the calibrator's answer.
-        truth: what the simulator simulated, (12,).
+        truth: the true parameters of the simulator, (12,).
         estimate: the twelve parameters, (12,).
         std: their standard deviations, NaN where there is none, (12,).
         recording: folder of the bag.
@@ -112,11 +112,11 @@ class DemoClient:
         while not until():
             self._check()
             if monotonic() > end:
-                raise InputError('demo', f'waited {timeout:.0f} s for {what} in vain', 'is the machine overloaded?')
+                raise InputError('demo', f'waited {timeout:.0f} s for {what}', 'is the machine overloaded?')
             self._executor.spin_once(timeout_sec=WAIT)
 
     def wait_for_news(self, timeout: float) -> None:
-        """Waits for another touch or the end of the play."""
+        """Waits for another touch or the end of the simulation."""
         known = self.touches
         self.wait('a touch', lambda: self.finished or self.touches != known, timeout)
 
@@ -132,11 +132,11 @@ class DemoClient:
         return future.result()
 
     def _meet(self, service: str, service_type: type) -> Client:
-        """Makes a client that the other end knows of.
+        """Makes a client that the service has discovered.
 
-        We may find a service before its node has found our client; its answer is lost then. Endpoints become known in
-        the order in which they were made. So the node is asked something harmless, through a client made after this
-        one, until it answers.
+        A service may be discovered before its node has discovered the client; its answer is then lost. Endpoints are
+        discovered in the order in which they were made. So another service of the node is called, through a client
+        made after this one, until it answers.
         """
         client = self._clients[service] = self._node.create_client(service_type, service)
         self.wait(f'the service {service}', client.service_is_ready, START_UP)
@@ -169,13 +169,13 @@ class DemoClient:
 
 
 def run_demo(folder: Path, cell: Cell | None, settings: Mapping[str, object], progress: Progress) -> DemoResult:
-    """Plays, records and calibrates a cell.
+    """Simulates, records and calibrates a cell.
 
     Args:
         folder: where everything goes.
         cell: None for the example cell.
         settings: further parameters of the simulator.
-        progress: told what is going on and how many touches have been recorded.
+        progress: called with the present step and the number of touches recorded.
 
     Raises:
         InputError: a node did not start or did not answer; the message says which and where its output is.
@@ -205,7 +205,7 @@ def _write_cell(folder: Path, cell: Cell) -> Path:
 
 
 def _follow(client: DemoClient, progress: Progress) -> None:
-    """Waits for the end of the play, as long as touches keep coming."""
+    """Waits for the end of the simulation, as long as further touches are recorded."""
     client.wait('the collector to record', lambda: bool(client.recording), START_UP)
     while not client.finished:
         client.wait_for_news(STANDSTILL)

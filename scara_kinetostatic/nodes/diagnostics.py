@@ -1,4 +1,4 @@
-"""What a node tells on `/diagnostics`, once a second."""
+"""The status of a node on `/diagnostics`, once a second."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from scara_kinetostatic.nodes.stream_subscription import DIAGNOSTICS
 OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
 ERROR = DiagnosticStatus.ERROR
-PERIOD = 1.0
-"""Between two reports, s."""
+_PERIOD = 1.0
+"""Between two messages, s."""
 
 
 class Condition(NamedTuple):
-    """How a node is.
+    """The status of a node.
 
     Attributes:
         level: `OK`, `WARN` or `ERROR`.
@@ -33,12 +33,12 @@ class Condition(NamedTuple):
 
 
 class DiagnosticsPublisher:
-    """Publishes the condition of a node.
+    """Publishes the status of a node.
 
     Args:
         node: on which to publish.
         title: of the status, after the node's name.
-        examine: gives the condition; called once a second of wall time, also when simulated time stands still.
+        examine: returns the status; called once a second of wall time, whatever simulated time does.
     """
 
     def __init__(self, node: Node, title: str, examine: Callable[[], Condition]) -> None:
@@ -46,10 +46,10 @@ class DiagnosticsPublisher:
         self._name = f'{node.get_name()}: {title}'
         self._examine = examine
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS)
-        self._timer = node.create_timer(PERIOD, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = node.create_timer(_PERIOD, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def publish(self) -> None:
-        """Publishes the condition as it is now."""
+        """Publishes the present status."""
         condition = self._examine()
         values = [KeyValue(key=key, value=value) for key, value in condition.values.items()]
         status = DiagnosticStatus(

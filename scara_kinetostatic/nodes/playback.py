@@ -1,4 +1,4 @@
-"""The two streams of a simulated recording as one sequence, handed out as time goes on."""
+"""The two streams of a simulated recording as one sequence in time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scara_kinetostatic.touches.streams import Streams
 
 
 class Due(NamedTuple):
-    """A message whose time has come.
+    """A message that is due.
 
     Attributes:
         is_wrench: a wrench, else joint angles.
@@ -27,11 +27,11 @@ class Playback:
     """Both streams in the order of their stamps.
 
     Args:
-        streams: what is to be played, stamped from 0, ns.
+        streams: stamped from 0, ns.
         start: added to every stamp, ns.
 
     Attributes:
-        start: as given; may be changed as long as nothing has been handed out.
+        start: as given; may be changed before the first message is returned.
     """
 
     def __init__(self, streams: Streams, start: int) -> None:
@@ -45,7 +45,7 @@ class Playback:
 
     @property
     def finished(self) -> bool:
-        """Whether every message has been handed out."""
+        """Whether every message has been returned."""
         return self._next == len(self._stamp)
 
     @property
@@ -54,7 +54,7 @@ class Playback:
         return self.start + int(self._stamp[-1])
 
     def advance(self, elapsed: float) -> Iterator[Due]:
-        """The messages that have come due since the last call.
+        """The messages that became due since the last call.
 
         Args:
             elapsed: simulated time since the start, s.

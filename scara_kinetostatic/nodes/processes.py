@@ -1,4 +1,4 @@
-"""The nodes as processes of their own, for a program that starts a whole cell and clears up after itself."""
+"""The nodes as processes of their own, for a program that starts and ends a whole cell."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from types import TracebackType
 
 from scara_kinetostatic.errors import InputError
 
-PATIENCE = 10.0
+SHUTDOWN_TIME = 10.0
 """Longest wait for a node to end after the signal, s."""
 THIS_MACHINE = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
 """Environment of nodes that look for others on this machine only."""
@@ -63,7 +63,7 @@ class NodeProcesses:
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
-                start_new_session=True,  # Ctrl-C is ours; the nodes end in the order that suits them.
+                start_new_session=True,  # Ctrl-C reaches this process alone, which ends the nodes.
             )
         self._running[name] = process
         return process.pid
@@ -87,7 +87,7 @@ class NodeProcesses:
                 )
 
     def stop(self) -> dict[str, int]:
-        """Ends all nodes as Ctrl-C does, by force those that do not heed it.
+        """Ends all nodes as Ctrl-C does, by SIGKILL those that do not end in time.
 
         Returns:
             Exit status of each.
@@ -96,7 +96,7 @@ class NodeProcesses:
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)
         try:
-            return {name: process.wait(PATIENCE) for name, process in self._running.items()}
+            return {name: process.wait(SHUTDOWN_TIME) for name, process in self._running.items()}
         except subprocess.TimeoutExpired:
             return {name: process.returncode for name, process in self._running.items()}
         finally:
@@ -108,13 +108,13 @@ class NodeProcesses:
 
 
 def free_domain() -> int:
-    """A ROS domain that nobody on this machine uses, chosen at random."""
+    """A ROS domain that no process on this machine uses, chosen at random."""
     domains = random.sample(DOMAINS, len(DOMAINS))
     return next((domain for domain in domains if _is_free(domain)), domains[0])
 
 
 def _is_free(domain: int) -> bool:
-    """Whether the discovery port of the domain (DDSI-RTPS: 7400 + 250 d) can be had alone."""
+    """Whether the discovery port of the domain (DDSI-RTPS: 7400 + 250 d) is free."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind(('', 7400 + 250 * domain))

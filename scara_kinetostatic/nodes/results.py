@@ -1,8 +1,8 @@
-"""The results of a calibration as parameters of the node: `calibrated.<name>` and `calibrated_std.<name>`.
+"""The results of a calibration in ROS: parameters of the node, one line of text, values of a diagnostic status.
 
-They are there once there is a result, from a calibration or from a parameter
-file of an earlier one, and the node alone changes them. Effects found beyond the twelve come and go with
-the calibration that finds them: `effects.<name>.<target>.<parameter>` and `effects_std…`.
+The parameters `calibrated.<name>` and `calibrated_std.<name>` exist once there is a result, from a calibration or from
+a parameter file of an earlier one, and the node alone changes them. Those of effects exist as long as the last
+calibration has found them: `effects.<name>.<target>.<parameter>` and `effects_std…`.
 """
 
 from __future__ import annotations
@@ -37,16 +37,15 @@ EFFECTS = (f'{parameter_file.EFFECTS}.', f'{parameter_file.EFFECTS_STD}.')
 class ResultParameters:
     """Holds the parameters of the node and guards them.
 
-    `rclpy` lets no one change a parameter declared read-only, its own node
-    included. So these are ordinary ones with a guard that lets pass what the
-    thread of `publish` sets, and rejects the rest.
+    In `rclpy` not even its own node may change a parameter declared read-only. So these are ordinary ones with a
+    callback that accepts what the thread of `publish` sets, and rejects the rest.
 
     Args:
         node: whose parameters they are. Values given at its start (`--params-file`) are taken over.
 
     Raises:
         InvalidParameterTypeException: such a value is not a real number.
-        ParameterError: one of the twelve is not finite.
+        ParameterError: a parameter of the base model is not finite.
     """
 
     def __init__(self, node: Node) -> None:
@@ -61,16 +60,16 @@ class ResultParameters:
                 raise ParameterError(f'parameter {full}', f'expected a finite number, got {given.value}')
         self._effects = [full for full in node._parameter_overrides if full.startswith(EFFECTS)]
         for full in self._effects:
-            self._declare(full, 'of an effect beyond the twelve parameters')
+            self._declare(full, 'of an effect')
         node.add_on_set_parameters_callback(self._guard)
 
     def publish(self, values: ArrayLike, deviations: ArrayLike, effects: Sequence[EffectParameter] = ()) -> None:
-        """Sets all of them at once; those of effects that are no longer there are taken back.
+        """Sets all of them at once; those of effects that are no longer found are removed.
 
         Args:
-            values: the twelve parameters in the order of `NAMES`.
+            values: those of the base model in the order of `NAMES`.
             deviations: their standard deviations; NaN where there is none.
-            effects: what was found beyond the twelve.
+            effects: those of the effects found.
         """
         numbers = np.concatenate([np.asarray(values), np.asarray(deviations)]).tolist()
         named = dict(zip(DECLARED, numbers, strict=True))
@@ -81,7 +80,7 @@ class ResultParameters:
                 named[full], described[full] = number, f'{item.meaning}, {item.unit}'
         self._writer = threading.get_ident()
         try:
-            self._take_back([full for full in self._effects if full not in named])
+            self._remove([full for full in self._effects if full not in named])
             for full in named:
                 if not self._node.has_parameter(full):
                     self._declare(full, described[full])
@@ -92,7 +91,7 @@ class ResultParameters:
         finally:
             self._writer = None
 
-    def _take_back(self, names: Sequence[str]) -> None:
+    def _remove(self, names: Sequence[str]) -> None:
         for full in names:
             if self._node.has_parameter(full):
                 self._node.undeclare_parameter(full)
@@ -113,7 +112,7 @@ class ResultParameters:
 
 
 def one_line(outcome: Outcome) -> str:
-    """What came out: touches, force error before and after, fit, what cannot be told apart, verdict, effects."""
+    """Touches, force error before and after, goodness of fit, confounded parameters, verdict, effects, in one line."""
     result, compared = outcome.final, outcome.comparison
     alone, extended = compared.base, compared.extended
     parts = [
@@ -122,7 +121,7 @@ def one_line(outcome: Outcome) -> str:
         f'reduced chi-square {alone.reduced_chi_square:.3g}',
     ]
     for group in result.identifiability.confounded:
-        parts.append(f'cannot be told apart: {" ".join(group)}')
+        parts.append(f'confounded: {" ".join(group)}')
     parts.append(f'missing effects: {_verdict(outcome)}')
     if outcome.diagnosis.extended:
         parts.append(
@@ -141,7 +140,7 @@ def _verdict(outcome: Outcome) -> str:
 
 
 def details(outcome: Outcome) -> dict[str, str]:
-    """The same by name."""
+    """The same figures by name."""
     result, compared = outcome.final, outcome.comparison
     alone, extended = compared.base, compared.extended
     found = outcome.diagnosis.found

@@ -1,11 +1,9 @@
-"""How every node starts, spins and stops: one process, one exit status.
+"""Start, spin and stop of every node: one process, one exit status.
 
-Ctrl-C and SIGTERM are the ordinary way to end a node. Left to itself, `rclpy`
-takes the context away in the middle of whatever callback runs then. Here the
-signals only take note; the node ends between two callbacks, with everything at
-hand to close its files, and a second Ctrl-C cannot break into that. `ros2
-launch` always sends a second one, which often arrives when the interpreter
-already winds up and has given the handlers back; so at the end both signals are ignored.
+Ctrl-C and SIGTERM are the ordinary way to end a node. By default `rclpy` shuts the context down in the middle of a
+callback. Here the signals are only noted; the node ends between two callbacks, closes its files, and a second Ctrl-C
+does not interrupt that. `ros2 launch` always sends a second one, which often arrives after the interpreter has
+restored its handlers; so at the end both signals are ignored.
 """
 
 from __future__ import annotations
@@ -33,10 +31,10 @@ WAKE_UP = 0.2
 
 
 class Stoppable(Protocol):
-    """A node that has something to put away before it goes."""
+    """A node that has files or threads to close before it ends."""
 
     def close(self) -> None:
-        """Put it away; called once, after the last callback has begun."""
+        """Closes them; called once, after the last callback has begun."""
 
     def destroy_node(self) -> None:
         """Leave the ROS graph."""
@@ -48,14 +46,14 @@ def run(
     make_executor: Callable[[], Executor] = SingleThreadedExecutor,
     rest: float = 0.0,
 ) -> int:
-    """Runs one node until it is told to stop.
+    """Runs one node until a signal ends it.
 
     Args:
-        make_node: makes the node; its errors are about what it was started with.
+        make_node: makes the node; its errors are those of parameters and files.
         args: command line with the ROS arguments; `sys.argv` if None.
         make_executor: makes the executor that spins the node.
-        rest: between two callbacks, s. A round of the executor costs several times what a message does; a node that
-            takes all messages of a topic in one go is cheaper if they are given time to gather.
+        rest: between two callbacks, s. A round of the executor costs several times as much as a message; a node that
+            takes all waiting messages of a topic at once needs less time if several are waiting.
 
     Returns:
         Exit status: 0 after Ctrl-C or SIGTERM, 2 if a parameter, a file or a

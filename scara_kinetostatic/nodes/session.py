@@ -1,4 +1,4 @@
-"""One recording while it is made: every message into the bag, every touch counted once the bag holds it."""
+"""A recording in progress: every message is written to the bag, every touch counted once the bag holds it durably."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from scara_kinetostatic.touches.detection import Detection
 from scara_kinetostatic.touches.online import OnlineDetector
 
 QUIET = 1.0
-"""After this long without a message, s, what the bag does not hold durably yet is secured."""
+"""Time without a message after which the bag is written durably, s."""
 ATTEMPTS = 10
-"""To find a name for the folder that no other collector takes at the same moment."""
+"""Attempts to make a folder whose name no other collector takes at the same moment."""
 
 
 class Stream(Enum):
@@ -40,7 +40,7 @@ class Session:
     Attributes:
         folder: the bag.
         touches: touches found and durably recorded.
-        rejected: the same of touches that will not be used.
+        rejected: the same of touches that were rejected.
         news: last touch or warning, one line; empty before the first.
 
     Raises:
@@ -95,7 +95,7 @@ class Session:
         """Completes the bag; a touch still under way counts.
 
         Returns:
-            One line for each touch not yet told.
+            One line for each touch not yet reported.
         """
         try:
             return self._secure(self._detector.finish())

@@ -1,4 +1,4 @@
-"""The parameters of the contact simulator, declared and turned into what the simulation takes."""
+"""The parameters of the contact simulator: declared, checked, converted into the inputs of the simulation."""
 
 from __future__ import annotations
 
@@ -20,19 +20,20 @@ from scara_kinetostatic.simulation.plan_file import load_plan
 from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, SensorModel
 from scara_kinetostatic.simulation.truth import deviating_robot, parse_effect, with_effects
 
-TRUTH_RANGES = {
+_TRUTH_RANGES = {
     'x0': Range(-100.0, 100.0), 'y0': Range(-100.0, 100.0),
     'theta1': Range(-tau, tau), 'l1': Range(1e-3, 100.0), 'theta2': Range(-tau, tau), 'l2': Range(1e-3, 100.0),
     'p_ee': Range(0.0, 1e-2), 'p1': Range(0.0, 1e-2), 'p2': Range(0.0, 1e-2),
     'g_ee': Range(0.0, 1e-2), 'g1': Range(0.0, 0.1), 'g2': Range(0.0, 0.1),
 }  # fmt: skip
-RATES = Range(1.0, 2000.0)
+_RATES = Range(1.0, 2000.0)
+"""Messages per second."""
 _E = TypeVar('_E', bound=Enum)
 
 
 @dataclass(frozen=True)
 class SimulatorSettings:
-    """What is simulated.
+    """Inputs of the simulation.
 
     Attributes:
         cell: with the frame and the sign that the simulated sensor really has.
@@ -40,7 +41,7 @@ class SimulatorSettings:
         truth: the simulated robot, with its effects.
         sensors: noise, bias and rates.
         seed: of all random numbers.
-        wait_for_subscribers: subscribers that both topics need before the play begins.
+        wait_for_subscribers: subscribers that both topics need before the simulation starts.
     """
 
     cell: Cell
@@ -52,10 +53,10 @@ class SimulatorSettings:
 
 
 def declare_simulator(node: Node) -> SimulatorSettings:
-    """Declares all parameters but those that may change while the node runs.
+    """Declares all parameters except those that may change while the node runs.
 
     Raises:
-        InputError: the cell or the plan cannot be read, or a value or an effect makes no sense.
+        InputError: the cell or the plan cannot be read, or a value or an effect is not valid.
     """
     cell = _cell(node)
     return SimulatorSettings(
@@ -65,7 +66,11 @@ def declare_simulator(node: Node) -> SimulatorSettings:
         sensors=_sensors(node, cell),
         seed=declare.whole(node, 'seed', 0, 'seed of the noise', Range(0, 2**31 - 1)),
         wait_for_subscribers=declare.whole(
-            node, 'wait_for_subscribers', 0, 'subscribers that both topics need before the play begins', Range(0, 100)
+            node,
+            'wait_for_subscribers',
+            0,
+            'subscribers that both topics need before the simulation starts',
+            Range(0, 100),
         ),
     )
 
@@ -83,10 +88,10 @@ def _cell(node: Node) -> Cell:
 
 def _plan(node: Node, cell: Cell) -> Plan:
     file = declare.text(node, 'plan', '', 'plan of touches (YAML file); empty: a plan over all discs of the cell')
-    beyond = 'part of its force by which every other touch is first pressed beyond it; with a plan: 0'
-    preload = declare.number(node, 'preload', 0.0, beyond, Range(0.0, LARGEST_PRELOAD))
+    meaning = 'preload of every other touch: force beyond that of the hold, over it; with a plan: 0'
+    preload = declare.number(node, 'preload', 0.0, meaning, Range(0.0, LARGEST_PRELOAD))
     if file and preload > 0:
-        raise ParameterError('parameter preload', 'a plan says all about the touches', 'leave preload or plan out')
+        raise ParameterError('parameter preload', 'a plan defines all touches', 'leave out preload or plan')
     return load_plan(file, cell) if file else default_plan(cell, preload=preload)
 
 
@@ -100,16 +105,16 @@ def _choice(name: str, value: str, default: _E, choices: type[_E]) -> _E:
 
 def _with_effects(node: Node, cell: Cell) -> ExtendedModel:
     """The simulated robot, with its effects."""
-    how = "what the robot has beyond the twelve parameters, each as 'name[target]:parameter=value,parameter=value'"
+    how = "effects of the simulated robot, each as 'name[target]:parameter=value,parameter=value', SI units"
     chosen = [parse_effect(text, cell) for text in declare.texts(node, 'effects', how)]
     return with_effects(_truth(node, cell.nominal), chosen)
 
 
 def _truth(node: Node, nominal: Parameters) -> Parameters:
-    """The true parameters; by default as far from the nominal ones as in table 2."""
+    """The true parameters; by default they deviate from the nominal ones as in table 2."""
     values = {
         name: declare.number(
-            node, f'truth.{name}', default, f'true {DESCRIPTIONS[name]}, {UNITS[name]}', TRUTH_RANGES[name]
+            node, f'truth.{name}', default, f'true {DESCRIPTIONS[name]}, {UNITS[name]}', _TRUTH_RANGES[name]
         )
         for name, default in deviating_robot(nominal).as_dict().items()
     }
@@ -132,9 +137,9 @@ def _sensors(node: Node, cell: Cell) -> SensorModel:
         joint_noise=number('noise.joint_sample', usual.joint_noise, 'white noise of the joint samples, rad', angle),
         force_noise=number('noise.force_sample', usual.force_noise, 'white noise of the force samples, N', force),
         bias=(
-            number('bias.x', usual.bias[0], 'what the force sensor reads along x without force, N', bias),
-            number('bias.y', usual.bias[1], 'what the force sensor reads along y without force, N', bias),
+            number('bias.x', usual.bias[0], 'bias of the force sensor along x, N', bias),
+            number('bias.y', usual.bias[1], 'bias of the force sensor along y, N', bias),
         ),
-        joint_rate=number('joint_rate', usual.joint_rate, 'joint states per simulated second, Hz', RATES),
-        wrench_rate=number('wrench_rate', usual.wrench_rate, 'wrenches per simulated second, Hz', RATES),
+        joint_rate=number('joint_rate', usual.joint_rate, 'joint states per simulated second, Hz', _RATES),
+        wrench_rate=number('wrench_rate', usual.wrench_rate, 'wrenches per simulated second, Hz', _RATES),
     )

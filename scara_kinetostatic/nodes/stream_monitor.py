@@ -1,12 +1,12 @@
-"""How well a topic comes in: how many messages, how often, what is wrong with them."""
+"""Reception of a topic: number and rate of messages, unusable, delayed and lost ones."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from time import monotonic
 
-STANDING = 1.0
-"""Messages with the same stamp for so long, s, are said."""
+CONSTANT_STAMP = 1.0
+"""Longest time with the same stamp before it is reported, s."""
 
 
 class StreamMonitor:
@@ -19,8 +19,8 @@ class StreamMonitor:
         topic: its name.
         count: messages so far.
         unusable: messages so far that did not hold what is needed.
-        lost: messages so far that were published but did not come.
-        problem: what the last of these lacked; empty once a good message has come. Where good and unusable ones
+        lost: messages so far that were published but not received.
+        problem: of the last unusable message; empty after a usable one. Where good and unusable ones
             alternate (several drivers publish joint states on one topic), there is none.
     """
 
@@ -37,14 +37,14 @@ class StreamMonitor:
         self._stamp = -1
 
     def accept(self, stamp: int) -> None:
-        """Notes a good message, stamped so, ns."""
+        """Notes a usable message with its stamp, ns."""
         self.count += 1
         self._accepted = True
         now = monotonic()
         if stamp != self._stamp:
             self._stamp, self._stamped = stamp, now
-        standing = now - self._stamped > STANDING
-        self.problem = 'the header stamps stand still, so no touch can be counted' if standing else ''
+        constant = now - self._stamped > CONSTANT_STAMP
+        self.problem = 'the header stamps do not change, so no touch can be counted' if constant else ''
 
     def refuse(self, problem: str) -> None:
         """Notes a message that cannot be used."""
@@ -58,7 +58,7 @@ class StreamMonitor:
         self.lost += number
 
     def loss(self) -> str:
-        """What was lost since the last call, in words; empty if nothing."""
+        """The losses since the last call as text; empty if none."""
         number, self._told = self.lost - self._told, self.lost
         if not number:
             return ''
@@ -81,7 +81,7 @@ class StreamMonitor:
         }
 
     def complaint(self, rate: float, expected: bool) -> str:
-        """What is wrong with the topic; empty if nothing.
+        """The problem of the topic; empty if there is none.
 
         Args:
             rate: messages per second.
@@ -95,12 +95,12 @@ class StreamMonitor:
 class SequenceMonitor:
     """Follows the sequence numbers of one topic.
 
-    Every publisher numbers its messages without gaps. Which publisher a message is from is not told along with it,
-    so a number is taken to continue the sequence that it fits best. This also sees what no event of the middleware
-    reports: messages that came, but gave way to newer ones before the node took them.
+    Every publisher numbers its messages without gaps. The publisher of a message is not known,
+    so a number is taken to continue the sequence that it fits best. This also counts losses that no event of the
+    middleware reports: messages that newer ones displaced from the queue.
 
     Args:
-        publishers: tells how many publishers the topic has now.
+        publishers: returns the present number of publishers of the topic.
     """
 
     def __init__(self, publishers: Callable[[], int]) -> None:
@@ -112,7 +112,7 @@ class SequenceMonitor:
         """How many messages are missing before this one; 0 for the first of a publisher.
 
         Args:
-            number: of the message; None or 0 where the middleware does not tell.
+            number: of the message; None or 0 where the middleware does not state it.
         """
         if not number:
             return 0

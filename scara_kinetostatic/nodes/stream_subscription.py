@@ -1,4 +1,9 @@
-"""A subscription to raw messages: matches reliable and best-effort publishers alike, and keeps up with 1 kHz."""
+"""Quality of service of the topics, and a subscription to raw messages at 1 kHz.
+
+A calibration needs every sample: the simulator offers reliable streams with a deep history, and the collector requests
+the same. Many drivers offer sensor topics as best effort only, which a reliable subscription does not match; the
+subscription then requests best effort.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +25,7 @@ from rclpy.timer import Timer
 from scara_kinetostatic.nodes.stream_monitor import SequenceMonitor
 
 STREAM_DEPTH = 5000
-"""Samples held while the other side is busy: 5 s at 1 kHz."""
+"""Samples kept while the subscriber is busy: 5 s at 1 kHz."""
 
 RELIABLE_STREAM = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -36,7 +41,7 @@ BEST_EFFORT_STREAM = QoSProfile(
     reliability=ReliabilityPolicy.BEST_EFFORT,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""The same for a driver that offers no more."""
+"""The same for a publisher that offers best effort only."""
 
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -44,30 +49,30 @@ LATCHED = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""The last value, also for whoever comes later."""
+"""The last value, delivered to later subscribers, too."""
 
 DIAGNOSTICS = 10
 """Depth of `/diagnostics`, as everywhere in ROS."""
 
 MOST_AT_ONCE = 200
-"""Messages taken in one go, so that services and timers get their turn."""
+"""Most messages taken in one callback; then services and timers are served."""
 
 
 class StreamSubscription:
-    """Asks for a reliable stream; on meeting a publisher that offers best effort only, asks for that.
+    """Requests a reliable stream; where a publisher offers best effort only, requests that.
 
-    The middleware tells of such a publisher by an "incompatible QoS" event.
+    The middleware reports such a publisher by an "incompatible QoS" event.
     Best effort matches reliable publishers, too, so one step down is enough.
 
-    An executor takes one message per round, and a round costs three times
-    what a message does. So each round empties the queue.
+    An executor takes one message per round, and a round costs three times as much as a message. So each round empties
+    the queue.
 
     Args:
         node: on which to subscribe.
         message_type: of the topic.
         topic: its name.
         callback: gets each message as its serialized bytes (CDR).
-        lost: told how many messages are missing before one, where the middleware numbers them.
+        lost: called with the number of messages missing before one, where the middleware numbers them.
     """
 
     def __init__(

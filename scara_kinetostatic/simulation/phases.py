@@ -1,4 +1,4 @@
-"""The phases of a touch, how long they last, and how far each has come at a time."""
+"""The phases of a touch, their durations and their time law."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ TRAVEL, PAUSE, APPROACH, PRESS, EASE, HOLD, RELEASE, RETRACT = range(8)
 
 @dataclass(frozen=True)
 class Timing:
-    """How long the phases of a touch last, s.
+    """Durations of the phases of a touch, s.
 
     Attributes:
         travel: shortest travel between two touches.
         pause: rest at the free pose before the approach.
         approach: from the free pose to the disc.
         press: from no force to the force of the hold, or to the peak beyond it.
-        ease: from the peak down to the force of the hold, where there is one.
+        ease: from the peak down to the force of the hold, for touches with preload.
         hold: at rest under the force.
         release: back to no force.
         retract: back to the free pose.

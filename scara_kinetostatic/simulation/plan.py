@@ -1,9 +1,8 @@
-"""The plan of a recording: which disc is touched where, with which elbow, how hard.
+"""The plan of a recording: disc, place, elbow posture and force of each touch.
 
-The default plan mixes everything with everything: neighbouring points of a disc
-get different force levels, the two postures of a point as well, and the order in
-time jumps over the discs and around them, so that neither a drift in time nor one
-force level can pass for one direction, disc or posture.
+The default plan is balanced: neighbouring points of a disc and the two postures of a point get different force levels,
+and consecutive touches lie on different discs and sides, so that a drift in time or a force level is not confounded
+with a direction, disc or posture.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ BASE_MARGIN = 0.08
 CLEARANCE = 0.018
 """Distance of the free pose from the disc, m; see `simulation.trajectory`."""
 LARGEST_PRELOAD = 5.0
-"""Of a press that goes beyond the hold, of the force of the hold."""
+"""Largest preload, over the force of the hold."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class Plan:
 
     Raises:
         ParameterError: shapes that do not fit, a posture other than +1 or -1, a force not above 0,
-            an preload below 0 or above `LARGEST_PRELOAD`.
+            a preload below 0 or above `LARGEST_PRELOAD`.
     """
 
     disc: Index
@@ -98,8 +97,8 @@ def default_plan(
 ) -> Plan:
     """Evenly spaced points around every disc, each in every posture, the force levels in turn.
 
-    Whether the press goes beyond the hold changes from point to point, so that half of the
-    touches do, on every disc, in every posture and at every level.
+    The preload alternates from point to point: half of the touches have it, on every disc, in every posture and at
+    every level.
 
     Points that the nominal arm reaches only nearly stretched, nearly folded or
     close to its base are left out, and those before which another disc stands.
@@ -113,7 +112,7 @@ def default_plan(
 
     Raises:
         CellError: a disc has no point within reach.
-        ParameterError: no points, levels or postures, or senseless ones.
+        ParameterError: no points, levels or postures, or values out of range.
     """
     if per_disc < 1 or not len(levels) or not len(postures):
         raise ParameterError('plan', 'expected at least one point per disc, one force level and one posture')

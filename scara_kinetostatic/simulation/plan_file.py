@@ -32,10 +32,11 @@ DIGITS = 9
 """Decimals of angles in degrees, forces in N and preload in a written plan: far below what an arm can do."""
 EXAMPLE = 'write {disc: NAME, angle_deg: 30, posture: left, force: 25}'
 LARGEST_FORCE = 10_000.0
+"""Largest force of a planned touch, N."""
 
 
 class PlanError(InputError):
-    """A plan that cannot be read or makes no sense."""
+    """A plan that cannot be read or is not valid."""
 
 
 def load_plan(path: str | Path, cell: Cell) -> Plan:
@@ -46,7 +47,7 @@ def load_plan(path: str | Path, cell: Cell) -> Plan:
         cell: its discs and nominal arm.
 
     Raises:
-        PlanError: the file cannot be read, or an entry makes no sense or is out of reach.
+        PlanError: the file cannot be read, or an entry is not valid or out of reach.
     """
     return parse_plan(read_text(path, PlanError), cell, path)
 

@@ -1,13 +1,11 @@
-"""What encoders and force sensor make of a motion: noise, bias, frame, sign, stamps.
+"""Simulated encoders and force sensor: noise, bias, frame, sign, stamps.
 
-Two kinds of noise are told apart. The noise of one touch (`Noise`, `cell.noise`)
-is its repeatability: an error that stays the same while the touch lasts, so that
-no averaging takes it away. It belongs to the contact: its force part grows with
-the contact force, else the zero taken before the touch would remove it. The noise
-of the samples is white.
+There are two kinds of noise. The noise of one touch (`Noise`, `cell.noise`) is its repeatability: an error that is
+constant during the touch, so that averaging does not reduce it. Its force part is proportional to the contact force;
+otherwise the tare before the touch would remove it. The noise of the samples is white.
 
-An error of the force sensor that is played as an effect belongs to the contact for the same reason: what
-such an effect adds to no force, a bias, grows with the contact force up to the whole of it in the hold.
+An effect that is an error of the force sensor is treated alike: the part of it that does not depend on the force, a
+bias, is scaled with the contact force up to its full value in the hold.
 """
 
 from __future__ import annotations
@@ -24,7 +22,7 @@ from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.phases import TRAVEL
-from scara_kinetostatic.simulation.trajectory import Instant
+from scara_kinetostatic.simulation.trajectory import CellState
 
 Floats = NDArray[np.float64]
 
@@ -40,7 +38,7 @@ class SensorModel:
         touch_noise: repeatability of one touch; None: that of the cell.
         joint_noise: white noise of the joint samples, rad.
         force_noise: white noise of the force samples, N.
-        bias: what the force sensor reads without force, in its own frame and sign, N.
+        bias: reading of the force sensor without force, in its own frame and sign, N.
         resolution: step of the encoders, rad; 0 for none.
         joint_rate: joint states per second.
         wrench_rate: wrenches per second.
@@ -81,25 +79,25 @@ class SensorModel:
         joint, force = random.standard_normal((2, count, 2))
         return noise.joint * joint, noise.force * force
 
-    def read_joints(self, instant: Instant, errors: Floats, random: np.random.Generator) -> Floats:
+    def read_joints(self, state: CellState, errors: Floats, random: np.random.Generator) -> Floats:
         """Joint angles as the encoders report them, (k, 2), rad.
 
         Args:
-            instant: the cell at the k stamps.
-            errors: of each touch, (m, 2), rad; from one touch to the next they change during the travel.
+            state: the cell at the k stamps.
+            errors: of each touch, (m, 2), rad; they change from touch to touch during the travel.
             random: source of the white noise.
         """
-        before = np.where((instant.phase == TRAVEL) & (instant.touch > 0), instant.touch - 1, instant.touch)
-        share = np.where(instant.phase == TRAVEL, instant.progress, 1.0)[:, None]
-        error = (1.0 - share) * errors[before] + share * errors[instant.touch]
-        read = instant.joints + error + self.joint_noise * random.standard_normal(error.shape)
+        before = np.where((state.phase == TRAVEL) & (state.touch > 0), state.touch - 1, state.touch)
+        share = np.where(state.phase == TRAVEL, state.progress, 1.0)[:, None]
+        error = (1.0 - share) * errors[before] + share * errors[state.touch]
+        read = state.joints + error + self.joint_noise * random.standard_normal(error.shape)
         return np.round(read / self.resolution) * self.resolution if self.resolution else read
 
     def read_force(
         self,
         cell: Cell,
         truth: ExtendedModel | Parameters,
-        instant: Instant,
+        state: CellState,
         errors: Floats,
         random: np.random.Generator,
     ) -> Floats:
@@ -108,12 +106,12 @@ class SensorModel:
         Args:
             cell: frame and sign of the sensor.
             truth: its theta1 and theta2 place the tool frame; its effects may be errors of the sensor.
-            instant: the cell at the k stamps.
+            state: the cell at the k stamps.
             errors: of each touch in the hold, base frame, (m, 2), N.
             random: source of the white noise.
         """
-        error = instant.level[:, None] * errors[instant.touch]
-        reported = reported_force(cell, truth, instant.joints, instant.force, error, instant.level)
+        error = state.relative_force[:, None] * errors[state.touch]
+        reported = reported_force(cell, truth, state.joints, state.force, error, state.relative_force)
         reported *= -1.0 if cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
         return reported + self.bias + self.force_noise * random.standard_normal(reported.shape)
 
@@ -140,9 +138,9 @@ def reported_force(
     joints: Floats,
     force: Floats,
     error: Floats,
-    level: Floats | None = None,
+    relative_force: Floats | None = None,
 ) -> Floats:
-    """What the sensor makes of the force on the object, its sign and zero aside, (k, 2), N, in its frame.
+    """Reading of the sensor for a force on the object, without its sign and bias, (k, 2), N, in its frame.
 
     Args:
         cell: frame of the sensor.
@@ -150,13 +148,13 @@ def reported_force(
         joints: Q, (k, 2), rad.
         force: true force, base frame, (k, 2), N.
         error: noise of the touch, base frame, (k, 2), N.
-        level: force as a part of that of the hold, (k,); None in the hold.
+        relative_force: force over that of the hold, (k,); None in the hold.
     """
     model = as_model(truth)
     reported = in_sensor_frame(cell, model.parameters, joints, force + error)
     if model.effects:
         true = in_sensor_frame(cell, model.parameters, joints, force)
         reported = reported + sensor_error.reported_force(model, true) - true
-        if level is not None:
-            reported -= (1.0 - level)[:, None] * sensor_error.reported_force(model, np.zeros_like(true))
+        if relative_force is not None:
+            reported -= (1.0 - relative_force)[:, None] * sensor_error.reported_force(model, np.zeros_like(true))
     return reported

@@ -1,4 +1,4 @@
-"""A simulated recording: whole streams, or only the touches that streams would give."""
+"""A simulated recording: whole streams, or the touches alone."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.phases import Timing
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.sensors import SensorModel, reported_force
-from scara_kinetostatic.simulation.trajectory import Motion
+from scara_kinetostatic.simulation.trajectory import Trajectory
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 START = 1_700_000_000_000_000_000
@@ -43,13 +43,13 @@ def simulate_streams(
         UnsupportedDataError: the simulated robot cannot reach a touch, or hold its force.
     """
     sensors = sensors or SensorModel()
-    motion = Motion(cell, truth, plan, timing)
+    trajectory = Trajectory(cell, truth, plan, timing)
     joint_errors, force_errors = sensors.touch_errors(cell, len(plan), np.random.default_rng([seed, 0]))
     random = np.random.default_rng([seed, 1])
-    joint_stamps = sensors.stamps(motion.duration, sensors.joint_rate, 0.0, random)
-    wrench_stamps = sensors.stamps(motion.duration, sensors.wrench_rate, sensors.offset, random)
-    position = sensors.read_joints(motion.instant(1e-9 * joint_stamps), joint_errors, random)
-    force = sensors.read_force(cell, truth, motion.instant(1e-9 * wrench_stamps), force_errors, random)
+    joint_stamps = sensors.stamps(trajectory.duration, sensors.joint_rate, 0.0, random)
+    wrench_stamps = sensors.stamps(trajectory.duration, sensors.wrench_rate, sensors.offset, random)
+    position = sensors.read_joints(trajectory.state_at(1e-9 * joint_stamps), joint_errors, random)
+    force = sensors.read_force(cell, truth, trajectory.state_at(1e-9 * wrench_stamps), force_errors, random)
     return Streams(
         source='simulation',
         joints=JointStream(joint_stamps + start, position),
@@ -77,15 +77,15 @@ def simulate_touches(
     Raises:
         UnsupportedDataError: the simulated robot cannot reach a touch, or hold its force.
     """
-    motion = Motion(cell, truth, plan)
+    trajectory = Trajectory(cell, truth, plan)
     sensors = SensorModel(touch_noise=noise)
     joint_errors, force_errors = sensors.touch_errors(cell, len(plan), np.random.default_rng([seed, 0]))
     return TouchSet(
-        joints=motion.hold_joints + joint_errors,
-        force=reported_force(cell, truth, motion.hold_joints, motion.hold_force, force_errors),
+        joints=trajectory.hold_joints + joint_errors,
+        force=reported_force(cell, truth, trajectory.hold_joints, trajectory.hold_force, force_errors),
         disc=plan.disc,
         posture=plan.posture,
-        time=motion.hold_time,
-        approach=motion.metadata.approach,
-        press=motion.metadata.press,
+        time=trajectory.hold_time,
+        approach=trajectory.metadata.approach,
+        press=trajectory.metadata.press,
     )

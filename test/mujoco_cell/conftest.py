@@ -10,10 +10,10 @@ import pytest
 
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
-from scara_kinetostatic.simulation.mujoco.motion import Played
-from scara_kinetostatic.simulation.mujoco.player import Player
-from scara_kinetostatic.simulation.mujoco.recorded import usual_plan
+from scara_kinetostatic.simulation.mujoco.controller import TouchController
+from scara_kinetostatic.simulation.mujoco.motion import SimulatedMotion
 from scara_kinetostatic.simulation.mujoco.scene import scene_named
+from scara_kinetostatic.simulation.mujoco.streams import preload_plan
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.trajectory import Timing
 
@@ -24,7 +24,7 @@ BRISK = Timing(travel=0.3, pause=0.02, approach=0.2, hold=0.3, release=0.1, retr
 @pytest.fixture(scope='session')
 def plan() -> Plan:
     """24 touches, or some less where the arm does not reach."""
-    return usual_plan(CELL, per_disc=4)
+    return preload_plan(CELL, per_disc=4)
 
 
 @pytest.fixture(scope='session')
@@ -34,12 +34,12 @@ def few(plan: Plan) -> Plan:
 
 
 @pytest.fixture(scope='session')
-def played(plan: Plan) -> Callable[[str], Played]:
+def motion(plan: Plan) -> Callable[[str], SimulatedMotion]:
     """What the engine makes of the plan in a scene."""
-    return cache(lambda name: Player(scene_named(name), CELL, plan, BRISK).play())
+    return cache(lambda name: TouchController(scene_named(name), CELL, plan, BRISK).run())
 
 
 @pytest.fixture(scope='session')
-def played_few(few: Plan) -> Callable[[str], Played]:
+def played_few(few: Plan) -> Callable[[str], SimulatedMotion]:
     """The same of the few."""
-    return cache(lambda name: Player(scene_named(name), CELL, few, BRISK).play())
+    return cache(lambda name: TouchController(scene_named(name), CELL, few, BRISK).run())

@@ -15,8 +15,8 @@ from mujoco_cell.conftest import CELL
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.simulation.mujoco import Scene, play, scene_named
-from scara_kinetostatic.simulation.mujoco.recorded import usual_plan
+from scara_kinetostatic.simulation.mujoco import Scene, scene_named, simulate_streams
+from scara_kinetostatic.simulation.mujoco.streams import preload_plan
 from scara_kinetostatic.simulation.mujoco.truth import truth_of_scene, truth_text
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.sensors import SensorModel
@@ -49,7 +49,7 @@ class EngineRecording(NamedTuple):
     @property
     def plan(self) -> Plan:
         """The touches."""
-        return usual_plan(self.cell, PER_DISC)
+        return preload_plan(self.cell, PER_DISC)
 
 
 ALL = (
@@ -64,7 +64,7 @@ ALL = (
 def make(recording: EngineRecording, folder: Path, truths: Path) -> None:
     """Make one of the recordings in a folder, and its truth in another."""
     one, cell = recording, recording.cell
-    streams = play(one.robot, cell, one.plan, sensors=SENSORS, seed=one.seed)
+    streams = simulate_streams(one.robot, cell, one.plan, sensors=SENSORS, seed=one.seed)
     write_streams(folder / f'{one.name}.mcap', streams, cell, compression='zstd', with_cell=not one.plain)
     first = f'# What was built for bags/{one.name}.mcap. Only tests read this.\n'
     text = first + truth_text(truth_of_scene(one.robot, cell, one.seed))

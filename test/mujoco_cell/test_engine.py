@@ -15,43 +15,43 @@ from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.contact import contact_force
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.simulation.mujoco.motion import Played
-from scara_kinetostatic.simulation.mujoco.player import Player
-from scara_kinetostatic.simulation.mujoco.recorded import as_touches, with_noise
+from scara_kinetostatic.simulation.mujoco.controller import TouchController
+from scara_kinetostatic.simulation.mujoco.motion import SimulatedMotion
 from scara_kinetostatic.simulation.mujoco.scene import SCENES, Scene, scene_named
+from scara_kinetostatic.simulation.mujoco.streams import as_touches, with_noise
 from scara_kinetostatic.simulation.plan import Plan
 
-Play = Callable[[str], Played]
+Play = Callable[[str], SimulatedMotion]
 
 
-def error_of_the_model(played: Played) -> float:
+def error_of_the_model(motion: SimulatedMotion) -> float:
     """Largest difference between A(Q, L̄) of the arm as built and the engine's force, N."""
-    joints, force = played.joints[played.holds], played.force[played.holds]
+    joints, force = motion.joints[motion.holds], motion.force[motion.holds]
     return float(np.abs(contact_force(PAPER_ACTUAL, joints, CELL.centers, CELL.radii) - force).max())
 
 
-def test_twelve_parameters_explain_the_plain_scene(played: Play, plan: Plan) -> None:
-    calibration = calibrate(as_touches(played('plain'), CELL, plan), CELL)
+def test_twelve_parameters_explain_the_plain_scene(motion: Play, plan: Plan) -> None:
+    calibration = calibrate(as_touches(motion('plain'), CELL, plan), CELL)
     assert calibration.used.all()
     assert np.abs(calibration.residual).max() < 1e-5  # N
     error = calibration.parameters.as_array() - PAPER_ACTUAL.as_array()
     # what the engine's stops and contacts give way beside the springs is 2e-9 m/N
     scale = np.array([1e-8, 1e-8, 1e-8, 1e-8, 1e-8, 1e-8, 4e-9, 4e-9, 4e-9, 1e-8, 1e-8, 1e-8])
     assert np.all(np.abs(error) < scale)
-    assert error_of_the_model(played('plain')) < 0.02
+    assert error_of_the_model(motion('plain')) < 0.02
 
 
 @pytest.mark.parametrize('noise', [Noise(1e-5, 0.3), Noise(1e-5, 0.1)])
-def test_plain_scene_with_noise_fits_the_noise(played: Play, plan: Plan, noise: Noise) -> None:
-    touches = with_noise(as_touches(played('plain'), CELL, plan), CELL, noise, seed=3)
+def test_plain_scene_with_noise_fits_the_noise(motion: Play, plan: Plan, noise: Noise) -> None:
+    touches = with_noise(as_touches(motion('plain'), CELL, plan), CELL, noise, seed=3)
     calibration = calibrate(touches, replace(CELL, noise=noise))
     assert 0.5 < calibration.reduced_chi_square < 1.6
     error = (calibration.parameters.as_array() - PAPER_ACTUAL.as_array()) / calibration.std
     assert np.abs(error).max() < 4
 
 
-def test_at_rest_the_springs_carry_the_contact_force(played: Play) -> None:
-    plain = played('plain')
+def test_at_rest_the_springs_carry_the_contact_force(motion: Play) -> None:
+    plain = motion('plain')
     torques = np.einsum('nij,ni->nj', kinematics.jacobian(PAPER_ACTUAL, plain.links), plain.force[plain.holds])
     play = np.array([PAPER_ACTUAL.g1, PAPER_ACTUAL.g2])
     wound = plain.joints[plain.holds] - plain.links
@@ -65,8 +65,8 @@ def test_every_other_scene_differs_from_the_model(played_few: Play, name: str) -
     assert error_of_the_model(played_few(name)) > 1.0  # N
 
 
-def test_bearing_friction_holds_the_link_back(played: Play, plan: Plan) -> None:
-    scene, friction = scene_named('joint_friction'), played('joint_friction')
+def test_bearing_friction_holds_the_link_back(motion: Play, plan: Plan) -> None:
+    scene, friction = scene_named('joint_friction'), motion('joint_friction')
     torques = np.einsum('nij,ni->nj', kinematics.jacobian(PAPER_ACTUAL, friction.links), friction.force[friction.holds])
     wound = (friction.joints[friction.holds] - friction.links)[:, 1]
     spring = np.sign(wound) * np.maximum(np.abs(wound) - PAPER_ACTUAL.g2, 0.0) / PAPER_ACTUAL.p2
@@ -75,8 +75,8 @@ def test_bearing_friction_holds_the_link_back(played: Play, plan: Plan) -> None:
     assert np.mean(share > 0.9) > 0.6
 
 
-def test_contact_friction_takes_either_sense_and_any_size(played: Play, plan: Plan) -> None:
-    friction = played('contact_friction')
+def test_contact_friction_takes_either_sense_and_any_size(motion: Play, plan: Plan) -> None:
+    friction = motion('contact_friction')
     tip = kinematics.forward(PAPER_ACTUAL, friction.links)
     inward = CELL.centers[plan.disc] - tip
     inward /= np.linalg.norm(inward, axis=1)[:, None]
@@ -99,8 +99,8 @@ def test_a_moved_disc_is_found_where_it_stands(played_few: Play) -> None:
     assert np.abs(contact_force(PAPER_ACTUAL, joints, centers, CELL.radii) - force).max() < 0.02
 
 
-def test_preload_brings_the_joints_from_the_other_side(played: Play, plan: Plan) -> None:
-    plain = played('plain')
+def test_preload_brings_the_joints_from_the_other_side(motion: Play, plan: Plan) -> None:
+    plain = motion('plain')
     force = np.linalg.norm(plain.force[plain.holds], axis=1)
     assert np.allclose(force, plan.force, rtol=0.03)
     peak = np.array([np.linalg.norm(plain.force[plain.touch == touch], axis=1).max() for touch in range(len(plan))])
@@ -119,7 +119,7 @@ def test_senseless_scenes_and_plans_are_refused(plan: Plan) -> None:
     with pytest.raises(ParameterError, match='nonsense'):
         scene_named('nonsense')
     with pytest.raises(UnsupportedDataError, match='no touch'):
-        Player(Scene(), CELL, plan.select(np.arange(0)))
+        TouchController(Scene(), CELL, plan.select(np.arange(0)))
     far = replace(CELL, discs=(CELL.discs[0]._replace(x=2.0),))
     with pytest.raises(UnsupportedDataError, match='touch 0'):
-        Player(Scene(), far, plan.select(plan.disc == 0))
+        TouchController(Scene(), far, plan.select(plan.disc == 0))

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from simulation.oval import OvalDisc
+from simulation.oval_disc import OvalDisc
 
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.effects.registry import register, unregister

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from effects.scenes import EFFECTS, LABELS, plausible
-from simulation.oval import OvalDisc
+from simulation.oval_disc import OvalDisc
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, SensorFrame, SensorSign
@@ -22,7 +22,7 @@ from scara_kinetostatic.simulation.phases import HOLD, PAUSE, TRAVEL
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
-from scara_kinetostatic.simulation.trajectory import Motion
+from scara_kinetostatic.simulation.trajectory import Trajectory
 from scara_kinetostatic.touches.detection import find_touches
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3))
@@ -82,15 +82,15 @@ def test_touches_found_in_the_streams_are_those_without(effect, values):
 @pytest.mark.parametrize('label', ['contact_compliance', 'object_radius[disc_2]', 'encoder_gain[joint1]'])
 def test_the_force_rises_and_falls_steadily_and_is_zero_in_free_motion(label):
     truth = with_effects([of(label)], plausible(of(label)))
-    motion = Motion(CELL, truth, PLAN)
+    motion = Trajectory(CELL, truth, PLAN)
     time = np.linspace(0.0, motion.duration, 60_000)
-    instant = motion.instant(time)
+    instant = motion.state_at(time)
     load = np.hypot(*instant.force.T)
     assert np.all(load[(instant.phase == TRAVEL) | (instant.phase == PAUSE)] == 0)
     held = instant.phase == HOLD
     np.testing.assert_array_equal(instant.force[held], motion.hold_force[instant.touch[held]])
-    np.testing.assert_allclose(instant.level, load / np.hypot(*motion.hold_force.T)[instant.touch])
-    np.testing.assert_allclose(instant.level.max(), 1.3, rtol=0.04)
+    np.testing.assert_allclose(instant.relative_force, load / np.hypot(*motion.hold_force.T)[instant.touch])
+    np.testing.assert_allclose(instant.relative_force.max(), 1.3, rtol=0.04)
     assert np.abs(np.diff(load)).max() < 500.0 * (time[1] - time[0]) + 0.2
     disc = PLAN.disc[instant.touch[::50]]
     metadata = motion.metadata.select(instant.touch[::50])
@@ -129,15 +129,15 @@ def test_errors_of_the_sensor_are_in_its_frame_and_grow_with_the_load(frame, sig
     zero = np.array([0.4, 0.3])
     sensors = replace(QUIET, bias=tuple(zero), jitter=0.0)
     streams = simulate_streams(declared, truth, PLAN, sensors=sensors)
-    motion = Motion(declared, truth, PLAN)
-    instant = motion.instant(1e-9 * (streams.wrench.stamp - streams.joints.stamp[0]))
+    motion = Trajectory(declared, truth, PLAN)
+    instant = motion.state_at(1e-9 * (streams.wrench.stamp - streams.joints.stamp[0]))
     force, side = streams.wrench.force - zero, -1.0 if sign is SensorSign.ON_ROBOT else 1.0
-    np.testing.assert_allclose(force[instant.level == 0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(force[instant.relative_force == 0], 0.0, atol=1e-12)
     true = instant.force
     if frame is SensorFrame.TOOL:
         true = rotate(true, -(instant.joints.sum(axis=1) + PAPER_ACTUAL.theta1 + PAPER_ACTUAL.theta2))
     turned = rotate(true, np.full(len(true), 0.05))
-    np.testing.assert_allclose(side * force, turned + instant.level[:, None] * (1.0, -0.7), atol=1e-9)
+    np.testing.assert_allclose(side * force, turned + instant.relative_force[:, None] * (1.0, -0.7), atol=1e-9)
     found = find_touches(streams, declared).touches
     np.testing.assert_allclose(found.force, simulate_touches(declared, truth, PLAN, EXACT).force, atol=1e-3)
 

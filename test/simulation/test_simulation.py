@@ -16,7 +16,7 @@ from scara_kinetostatic.simulation.phases import APPROACH, EASE, HOLD, PRESS, RE
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import START, simulate_streams, simulate_touches
-from scara_kinetostatic.simulation.trajectory import Motion
+from scara_kinetostatic.simulation.trajectory import Trajectory
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3))
 PLAN = default_plan(CELL)
@@ -27,8 +27,8 @@ SMALL = PLAN.select(np.arange(12))
 @pytest.mark.parametrize('truth', [PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL], ids=['actual', 'measured', 'nominal'])
 @pytest.mark.parametrize('plan', [PLAN, BEYOND], ids=['plain', 'beyond'])
 def test_force_is_that_of_the_model_all_along(truth, plan):
-    motion = Motion(CELL, truth, plan)
-    instant = motion.instant(np.sort(np.random.default_rng(0).uniform(0, motion.duration, 4000)))
+    motion = Trajectory(CELL, truth, plan)
+    instant = motion.state_at(np.sort(np.random.default_rng(0).uniform(0, motion.duration, 4000)))
     warm_start = instant.phase >= APPROACH
     disc = plan.disc[instant.touch[warm_start]]
     expected = contact(truth, instant.joints[warm_start], CELL.centers[disc], CELL.radii[disc]).force
@@ -39,9 +39,9 @@ def test_force_is_that_of_the_model_all_along(truth, plan):
 @pytest.mark.parametrize('sign', list(GripperSign))
 @pytest.mark.parametrize('plan', [PLAN, BEYOND], ids=['plain', 'beyond'])
 def test_motion_is_continuous_and_rises_steadily(sign, plan):
-    motion = Motion(replace(CELL, gripper_sign=sign), PAPER_MEASURED, plan)
+    motion = Trajectory(replace(CELL, gripper_sign=sign), PAPER_MEASURED, plan)
     time = np.linspace(-0.1, motion.duration + 0.1, 200_000)
-    instant = motion.instant(time)
+    instant = motion.state_at(time)
     assert np.abs(np.diff(instant.joints, axis=0)).max() < 9.0 * (time[1] - time[0])
     assert np.abs(np.diff(instant.force, axis=0)).max() < 500.0 * (time[1] - time[0])
     load = np.hypot(*instant.force.T)
@@ -53,35 +53,35 @@ def test_motion_is_continuous_and_rises_steadily(sign, plan):
 
 
 def test_holds_are_as_planned():
-    motion = Motion(CELL, PAPER_ACTUAL, PLAN)
+    motion = Trajectory(CELL, PAPER_ACTUAL, PLAN)
     joints, force = motion.at(motion.hold_time)
     np.testing.assert_allclose(np.linalg.norm(force, axis=1), PLAN.force, rtol=1e-12)
     np.testing.assert_array_equal(joints, motion.hold_joints)
     np.testing.assert_array_equal(posture(PAPER_ACTUAL, joints), PLAN.posture)
     np.testing.assert_allclose(force / PLAN.force[:, None], -PLAN.normal(), atol=1e-12)
-    assert np.all(motion.instant(motion.hold_time).phase == HOLD)
+    assert np.all(motion.state_at(motion.hold_time).phase == HOLD)
     free = forward(PAPER_ACTUAL, motion.free_joints) - CELL.centers[PLAN.disc]
     np.testing.assert_allclose(np.linalg.norm(free, axis=1), CELL.radii[PLAN.disc] + 0.018, atol=1e-9)
 
 
 def test_preload_peaks_eases_and_leaves_the_holds():
-    motion, plain = Motion(CELL, PAPER_ACTUAL, BEYOND), Motion(CELL, PAPER_ACTUAL, PLAN)
+    motion, plain = Trajectory(CELL, PAPER_ACTUAL, BEYOND), Trajectory(CELL, PAPER_ACTUAL, PLAN)
     np.testing.assert_array_equal(motion.hold_joints, plain.hold_joints)
     ease = motion.knots[:, HOLD] - motion.knots[:, EASE]
     np.testing.assert_allclose(ease, np.where(BEYOND.preload > 0, Timing().ease, 0.0), atol=1e-9)
     beyond = BEYOND.preload > 0
-    peak = motion.instant(motion.knots[beyond, EASE])
+    peak = motion.state_at(motion.knots[beyond, EASE])
     assert np.all(peak.phase == EASE)
     np.testing.assert_allclose(np.linalg.norm(peak.force, axis=1), 1.3 * BEYOND.force[beyond], rtol=1e-12)
     np.testing.assert_allclose(peak.joints, motion.peak_joints[beyond], atol=1e-12)
-    held = motion.instant(motion.hold_time)
+    held = motion.state_at(motion.hold_time)
     assert np.all(held.phase == HOLD)
     np.testing.assert_array_equal(held.joints, motion.hold_joints)
 
 
 def test_without_preload_the_ease_is_nowhere():
     time = np.linspace(0.0, 60.0, 20_000)
-    assert not np.any(Motion(CELL, PAPER_ACTUAL, PLAN).instant(time).phase == EASE)
+    assert not np.any(Trajectory(CELL, PAPER_ACTUAL, PLAN).state_at(time).phase == EASE)
     usual, other = (simulate_streams(CELL, PAPER_ACTUAL, PLAN, timing=Timing(ease=ease)) for ease in (0.2, 3.0))
     np.testing.assert_array_equal(usual.joints.position, other.joints.position)
     np.testing.assert_array_equal(usual.wrench.force, other.wrench.force)
@@ -90,9 +90,9 @@ def test_without_preload_the_ease_is_nowhere():
 
 def test_unreachable_for_the_simulated_robot():
     with pytest.raises(UnsupportedDataError, match='cannot reach touch'):
-        Motion(CELL, PAPER_ACTUAL.replace(l2=0.1), PLAN)
+        Trajectory(CELL, PAPER_ACTUAL.replace(l2=0.1), PLAN)
     with pytest.raises(UnsupportedDataError, match='no touch'):
-        Motion(CELL, PAPER_ACTUAL, PLAN.select(np.zeros(len(PLAN), dtype=bool)))
+        Trajectory(CELL, PAPER_ACTUAL, PLAN.select(np.zeros(len(PLAN), dtype=bool)))
 
 
 @pytest.mark.parametrize('wrong', [{'hold': 0.0}, {'press': -1.0}, {'speed': np.inf}])
@@ -122,8 +122,8 @@ def test_stamps_are_irregular_and_increase():
 
 def test_joints_at_rest_repeat_to_the_last_bit():
     streams = simulate_streams(CELL, PAPER_ACTUAL, SMALL)
-    motion = Motion(CELL, PAPER_ACTUAL, SMALL)
-    instant = motion.instant(1e-9 * (streams.joints.stamp - START))
+    motion = Trajectory(CELL, PAPER_ACTUAL, SMALL)
+    instant = motion.state_at(1e-9 * (streams.joints.stamp - START))
     held = streams.joints.position[(instant.phase == HOLD) & (instant.touch == 5)]
     assert len(held) > 30
     assert np.all(held == held[0])
@@ -155,7 +155,7 @@ def test_frame_and_sign(frame, sign):
     reference = simulate_streams(CELL, PAPER_MEASURED, SMALL, sensors=sensors)
     expected = reference.wrench.force - (0.7, -0.4)
     if frame is SensorFrame.TOOL:
-        motion = Motion(CELL, PAPER_MEASURED, SMALL)
+        motion = Trajectory(CELL, PAPER_MEASURED, SMALL)
         q, _ = motion.at(1e-9 * (reference.wrench.stamp - START))
         expected = rotate(expected, -(q.sum(axis=1) + PAPER_MEASURED.theta1 + PAPER_MEASURED.theta2))
     np.testing.assert_allclose(force, -expected if sign is SensorSign.ON_ROBOT else expected, atol=1e-9)

@@ -13,7 +13,7 @@ from scara_kinetostatic.simulation.phases import Timing
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
-from scara_kinetostatic.simulation.trajectory import Motion
+from scara_kinetostatic.simulation.trajectory import Trajectory
 from scara_kinetostatic.touches.approach import SMALLEST_REVERSAL, last_movement, resolution
 from scara_kinetostatic.touches.detection import find_touches
 from scara_kinetostatic.touches.online import OnlineDetector
@@ -64,7 +64,7 @@ def test_press_is_the_part_of_the_approach_in_contact(truth, preload):
     assert clear.mean() > 0.9
     np.testing.assert_array_equal(np.sign(found.press[clear]), np.sign(made.press[clear]))
     np.testing.assert_allclose(found.press, made.press, rtol=0.06, atol=1e-5)
-    motion = Motion(CELL, truth, plan)
+    motion = Trajectory(CELL, truth, plan)
     turned = np.abs(motion.peak_joints - motion.hold_joints) > 4 * SMALLEST_REVERSAL
     for touches in (found, made):
         moved = touches.press != 0
@@ -75,7 +75,7 @@ def test_press_is_the_part_of_the_approach_in_contact(truth, preload):
 @TRUTHS
 def test_press_without_preload_is_how_far_the_force_bends_the_joints(truth):
     plan = default_plan(CELL)
-    motion = Motion(CELL, truth, plan)
+    motion = Trajectory(CELL, truth, plan)
     pressed = motion.hold_joints - motion.contact_joints
     np.testing.assert_allclose(
         simulate_touches(CELL, truth, plan, Noise(0.0, 0.0)).press, pressed, atol=SMALLEST_REVERSAL
@@ -111,7 +111,7 @@ def test_preload_turns_the_sense_of_every_joint_that_the_press_moves(truth):
     plan, plain = default_plan(CELL, preload=0.3), default_plan(CELL)
     found = find_touches(simulate_streams(CELL, truth, plan), CELL).touches.approach
     before = find_touches(simulate_streams(CELL, truth, plain), CELL).touches.approach
-    motion = Motion(CELL, truth, plan)
+    motion = Trajectory(CELL, truth, plan)
     moved = np.abs(motion.peak_joints - motion.hold_joints) > 1.5 * SMALLEST_REVERSAL
     assert moved[plan.preload > 0].mean() > 0.95
     assert np.all(np.sign(found[moved]) == -np.sign(before[moved]))
@@ -121,7 +121,7 @@ def test_preload_turns_the_sense_of_every_joint_that_the_press_moves(truth):
 
 def test_joint_that_turns_round_at_the_contact_counts_from_there():
     plan = default_plan(CELL)
-    motion = Motion(CELL, PAPER_MEASURED, plan)
+    motion = Trajectory(CELL, PAPER_MEASURED, plan)
     travel, press = motion.contact_joints - motion.free_joints, motion.hold_joints - motion.contact_joints
     turned = (travel * press < 0) & (np.abs(press) > 1e-5)
     found = find_touches(simulate_streams(CELL, PAPER_MEASURED, plan), CELL).touches.approach

@@ -1,13 +1,13 @@
-"""A cell in an independent physics engine, MuJoCo: bodies, springs, friction, contact; none of our formulas of the arm.
+"""A cell in the physics engine MuJoCo: bodies, springs, friction and contact, independent of this package's model.
 
-`scene` says what is built, `mjcf` builds it of bodies, `engine` moves it, `player` plays the touches of a plan on it
-(`played`), `recorded` is what the sensors make of that; `truth` tells what was built. MuJoCo comes with the extra
-`physics` and is imported when the engine starts.
+`scene` describes the robot, `mjcf` builds it of bodies, `engine` integrates it, `controller` makes the touches of a
+plan (`motion`), `streams` applies the sensors, `truth` states the true parameters and effects. MuJoCo comes with the
+extra `physics` and is imported when the engine starts.
 """
 
 from __future__ import annotations
 
-from scara_kinetostatic.simulation.mujoco.recorded import play, play_touches
 from scara_kinetostatic.simulation.mujoco.scene import SCENES, Scene, scene_named
+from scara_kinetostatic.simulation.mujoco.streams import simulate_streams, simulate_touches
 
-__all__ = ['SCENES', 'Scene', 'play', 'play_touches', 'scene_named']
+__all__ = ['SCENES', 'Scene', 'scene_named', 'simulate_streams', 'simulate_touches']

@@ -1,4 +1,4 @@
-"""The engine: a scene that moves, its encoders and what its discs feel."""
+"""The engine: integrates a scene; its encoders and contact forces."""
 
 from __future__ import annotations
 
@@ -94,12 +94,12 @@ class Engine:
 
     @property
     def joints(self) -> Floats:
-        """What the encoders read: the angles of the motors, (2,), rad."""
+        """Angles of the motors, which the encoders measure, (2,), rad."""
         return self.data.qpos[self._motors]
 
     @property
     def links(self) -> Floats:
-        """What no encoder reads: the angles of the links behind their transmissions, without offsets, (2,), rad."""
+        """Angles of the links behind their transmissions, without offsets, (2,), rad; no encoder measures them."""
         return np.array([self.data.qpos[places].sum() for places in self._turning])
 
     @property

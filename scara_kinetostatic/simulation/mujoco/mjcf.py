@@ -3,9 +3,9 @@
 From the ground up: base (on springs or fixed) -> rotor of motor 1 -> transmission 1 (a
 hinge with a spring, then one with play) -> link 1 (in pieces with springs between, if it
 bends) -> rotor of motor 2 -> transmission 2 -> link 2 -> third axis -> gripper (two
-springs) -> tip, a ball with play on the gripper's pin. What the engine needs beside
-that, inertia and damping, is chosen so that motions die out within some 10 ms;
-at rest it has no part in the balance of forces. The integrator `discrete` is implicit in springs,
+springs) -> tip, a ball with play on the gripper's pin. Inertia and damping, which the engine
+needs besides, are chosen so that oscillations decay within some 10 ms; at rest they have no influence on the
+balance of forces. The integrator `discrete` is implicit in springs,
 dampers, contacts and stops together; with this time step the others let stiff stops and springs rattle.
 """
 
@@ -33,18 +33,18 @@ HARD = {'solref': f'{2 * TIMESTEP} 1', 'solimp': '0.9999 0.9999 0.001 0.5 2'}
 HARD_STOP = {'solreflimit': HARD['solref'], 'solimplimit': HARD['solimp']}
 HARD_FRICTION = {'solreffriction': HARD['solref'], 'solimpfriction': HARD['solimp']}
 PAD_ONSET, PAD_FULL = 0.3, 0.7
-"""Impedance of a coat on a disc where it is hardly pressed, and from the depth on that its stiffness is given for."""
-SWING = (0.9, 0.2)
-"""Inertia that the damping of each transmission is laid out for, kg m²."""
+"""Impedance of a coat on a disc at no pressure, and from the depth on for which its stiffness is stated."""
+LINK_INERTIA = (0.9, 0.2)
+"""Inertia for which each transmission is critically damped, kg m²."""
 PLAY_INERTIA, PLAY_DAMPING = 0.5, 1.0
 """Of the hinge with play, kg m² and Nm s/rad."""
 ROTOR = 4.0
-"""Inertia of a rotor seen behind its gear, kg m²."""
+"""Inertia of a rotor, reduced to the output of its gear, kg m²."""
 MOTOR_GAIN = 4e6
 """Stiffness of a motor's position servo, Nm/rad."""
 LIFT_SERVO = (1e5, 1.0)
 """Stiffness of the third axis' servo, N/m, and the mass that its damping is laid out for, kg."""
-PART = 0.3
+SMALL_MASS = 0.3
 """Mass of the third axis, of the gripper, of the tip, and of the base's upper part by 100, kg."""
 TIP_DAMPING = 50.0
 """Of the ball on its pin, N s/m."""
@@ -95,7 +95,7 @@ def _body(parent: Xml.Element, name: str, mass: float, *, inertia: float = 0.01,
 
 
 def _gravity(scene: Scene) -> tuple[float, float, float]:
-    """9.81 m/s² downwards, seen from a base turned by `tilt` about its x and then its y axis."""
+    """9.81 m/s² downwards in the frame of a base turned by `tilt` about its x and then its y axis."""
     a, b = scene.tilt
     return (9.81 * np.cos(a) * np.sin(b), -9.81 * np.sin(a), -9.81 * np.cos(a) * np.cos(b))
 
@@ -119,7 +119,7 @@ def _disc(world: Xml.Element, scene: Scene, cell: Cell, number: int) -> None:
 
 def _base(world: Xml.Element, scene: Scene) -> Xml.Element:
     base = _put(world, 'body', name='base', pos=(scene.parameters.x0, scene.parameters.y0, 0.0))
-    mass = 100.0 * PART
+    mass = 100.0 * SMALL_MASS
     _put(base, 'inertial', pos=(0.0, 0.0, 0.0), mass=mass, diaginertia=(1.0, 1.0, 1.0))
     for axis, compliance, direction in zip('xy', scene.base_compliance, ((1, 0, 0), (0, 1, 0)), strict=True):
         if compliance:
@@ -149,8 +149,8 @@ def _transmission(parent: Xml.Element, scene: Scene, number: int) -> Xml.Element
     link = _body(rotor, f'link{name}', 1.0)
     friction = scene.winding_friction[number - 1]
     rubbing: dict[str, object] = {'frictionloss': friction, **HARD_FRICTION} if friction else {}
-    _spring(link, f'spring{name}', 'hinge', z, 1.0 / values[f'p{name}'], SWING[number - 1], armature=PLAY_INERTIA,
-            **rubbing)  # fmt: skip
+    stiffness = 1.0 / values[f'p{name}']
+    _spring(link, f'spring{name}', 'hinge', z, stiffness, LINK_INERTIA[number - 1], armature=PLAY_INERTIA, **rubbing)
     play = values[f'g{name}']
     if play:
         _put(link, 'joint', name=f'play{name}', type='hinge', axis=z, range=(-play, play), armature=PLAY_INERTIA,
@@ -178,14 +178,14 @@ def _link1(beam: Xml.Element, scene: Scene) -> Xml.Element:
 def _tip(beam: Xml.Element, scene: Scene, cell: Cell) -> None:
     """Third axis, gripper on two springs, and the ball, with play if there is any."""
     x, y, z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
-    body = _body(beam, 'quill', PART, x=scene.parameters.l2)
+    body = _body(beam, 'quill', SMALL_MASS, x=scene.parameters.l2)
     _put(body, 'joint', name='lift', type='slide', axis=z)
-    body = _body(body, 'gripper', PART)
+    body = _body(body, 'gripper', SMALL_MASS)
     for name, axis in (('grip_x', x), ('grip_y', y)):
-        _spring(body, name, 'slide', axis, 1.0 / scene.parameters.p_ee, 2.0 * PART)
+        _spring(body, name, 'slide', axis, 1.0 / scene.parameters.p_ee, 2.0 * SMALL_MASS)
     _put(body, 'site', name='pin')
     if scene.parameters.g_ee:
-        body = _body(body, 'tip', PART)
+        body = _body(body, 'tip', SMALL_MASS)
         for name, axis in (('loose_x', x), ('loose_y', y)):
             _put(body, 'joint', name=name, type='slide', axis=axis, damping=TIP_DAMPING)
     _put(body, 'site', name='ball')
@@ -193,7 +193,7 @@ def _tip(beam: Xml.Element, scene: Scene, cell: Cell) -> None:
 
 
 def _connections(root: Xml.Element, scene: Scene) -> None:
-    """What couples several joints: the pin in the ball's hole, friction of a bearing, a cable."""
+    """Couplings of several joints: the pin in the ball's hole, friction of a bearing, a cable."""
     tendons = _put(root, 'tendon')
     if scene.parameters.g_ee:
         pin = _put(tendons, 'spatial', name='pin', range=(0.0, scene.parameters.g_ee), **HARD_STOP)

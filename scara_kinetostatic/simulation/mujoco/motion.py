@@ -1,4 +1,4 @@
-"""What was played on the engine, as arrays."""
+"""The simulated motion of a recording, as arrays."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 
 class Tick(NamedTuple):
-    """What there is to be seen at one moment; see `Played`."""
+    """The state at one tick; see `SimulatedMotion`."""
 
     joints: Floats
     force: Floats
@@ -24,8 +24,8 @@ class Tick(NamedTuple):
     progress: float
 
 
-class Played(NamedTuple):
-    """What happened, tick by tick, and at the end of each hold.
+class SimulatedMotion(NamedTuple):
+    """The motion, tick by tick, and at the end of each hold.
 
     Attributes:
         time: (k,), s.
@@ -34,10 +34,10 @@ class Played(NamedTuple):
         link2_angle: direction of link 2, (k,), rad.
         touch: number of the touch in the plan, (k,).
         phase: which of the simulation's `PHASES`, (k,).
-        progress: how much of a travel has passed, 0 to 1, (k,).
+        progress: completed part of a travel, 0 to 1, (k,).
         holds: tick at the end of each hold, (m,).
         approach: last movement of each joint before each hold, (m, 2), rad.
-        press: the part of it in contact, from the first tick on that feels a force, (m, 2), rad.
+        press: the part of it in contact, from the first tick with a force on, (m, 2), rad.
         links: angles of the links at the end of each hold, without offsets, (m, 2), rad.
         speed: largest speed of any joint of the engine then, (m,), rad/s or m/s.
     """
@@ -64,7 +64,7 @@ class Played(NamedTuple):
         holds: Sequence[int],
         links: Floats,
         speed: Floats,
-    ) -> Played:
+    ) -> SimulatedMotion:
         """From the ticks, a period in s apart; `begins` are the ticks from which on each hold was approached."""
         joints = np.array([tick.joints for tick in ticks])
         force = np.array([tick.force for tick in ticks])

@@ -1,4 +1,4 @@
-"""Scenes: which robot stands in the engine, and what it has beyond the twelve parameters."""
+"""Scenes: robots in the engine with their effects."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ Pair = tuple[float, float]
 
 @dataclass(frozen=True)
 class Scene:
-    """A robot and its discs, as built. All but the first two are 0 where there is no such effect.
+    """A robot and its discs as they truly are. All but the first two are 0 where there is no such effect.
 
     Attributes:
         name: of the scene.
-        parameters: L̄ of the arm that is built: lengths, offsets, springs, plays.
+        parameters: L̄ of the arm: lengths, offsets, springs, backlashes.
         contact_friction: Coulomb's coefficient μ between tip and discs.
         bearing_friction: Coulomb friction that opposes the turning of each link, behind its transmission, Nm.
         winding_friction: Coulomb friction inside each transmission, beside its spring, Nm.
-        displaced: number of the disc that stands beside its place.
+        displaced: number of the displaced disc.
         displacement: by how much, m.
-        base_compliance: of the springs the base stands on, along x and y, m/N.
-        link_compliance: link 1 clamped at one end and bent by a moment at the other turns by this much, rad/Nm.
+        base_compliance: of the springs under the base, along x and y, m/N.
+        link_compliance: rotation of the end of link 1, clamped at the other end, per moment, rad/Nm.
         padded: numbers of the discs with a soft coat; a cell with fewer discs counts round, here and above.
         pad: its stiffness, force by depth, N/m, where it is pressed by a depth, m; it is softer where it is
             pressed less.
         tilt: of the base, about its x and y axes, rad.
-        masses: of the two links, kg; felt only by a tilted base.
+        masses: of the two links, kg; they matter on a tilted base alone.
         cable: stiffness of a cable that pulls link 2 towards the straight arm, Nm/rad.
 
     Raises:
@@ -71,7 +71,7 @@ class Scene:
             raise ParameterError(f'{where}: pad', f'expected a stiffness and a depth above 0, got {self.pad}')
 
     def displaced_disc(self, cell: Cell) -> int | None:
-        """Number of the disc that stands beside its place, if one does."""
+        """Number of the displaced disc; None if there is none."""
         return self.displaced % len(cell.discs) if any(self.displacement) else None
 
     def padded_discs(self, cell: Cell) -> tuple[int, ...]:
@@ -79,7 +79,7 @@ class Scene:
         return tuple(sorted({number % len(cell.discs) for number in self.padded}))
 
     def with_parameters(self, parameters: Parameters) -> Scene:
-        """The same on another arm."""
+        """The same scene with another arm."""
         return replace(self, parameters=parameters)
 
 

@@ -1,4 +1,4 @@
-"""What was built, as data: the truth that only tests and studies may read."""
+"""True parameters and effects of a scene, as data; for tests and studies alone."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ SCHEMA = 'scara_kinetostatic/physics_truth/1'
 
 
 def truth_of_scene(scene: Scene, cell: Cell, seed: int = 0) -> dict[str, Any]:
-    """Engine, scene, parameters as built and as touches can show them, effects.
+    """Engine, scene, true parameters, the parameters that touches can identify, effects.
 
     Args:
-        scene: the robot, as built.
+        scene: the true robot.
         cell: names the discs.
         seed: of the noise.
 
@@ -48,13 +48,13 @@ def base(parameters: Parameters) -> dict[str, float]:
 
 
 def expected_parameters(scene: Scene) -> Parameters:
-    """The twelve as touches show them: the mean of a base's yield in x and y cannot be told from p_ee."""
+    """The twelve that touches identify: the mean compliance of the base in x and y is confounded with p_ee."""
     mean = 0.5 * sum(scene.base_compliance)
     return scene.parameters.replace(p_ee=scene.parameters.p_ee + mean)
 
 
 def built_effects(scene: Scene, cell: Cell) -> list[dict[str, Any]]:
-    """What the scene has beyond the twelve parameters: name, target and values, SI units."""
+    """The effects of the scene: name, target and values, SI units."""
     effects = []
 
     def add(name: str, target: str | None, **values: float) -> None:

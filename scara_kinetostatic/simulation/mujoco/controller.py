@@ -1,9 +1,8 @@
-"""Plays the touches of a plan: travels, approaches, presses until the force is there, holds, retracts.
+"""The simulated controller makes the touches of a plan: travel, approach, press up to a force, hold, retract.
 
-The controller knows the nominal arm and the declared discs alone. It aims at a point on
-the normal of the disc, moves it inwards until the sensed force reaches its level, and then
-keeps the motors where they are. A touch with preload is pressed harder first and
-eased down to its level, so that the joints come to it from the other side.
+It uses the nominal arm and the declared discs alone. It commands a point on the normal of the disc, moves it inwards
+until the sensed force reaches the planned one, and then keeps the motor angles. A touch with preload is pressed
+harder first and then eased down, so that the joints reach the force from the other side.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import inverse, wrap
 from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine
 from scara_kinetostatic.simulation.mujoco.mjcf import LIFT
-from scara_kinetostatic.simulation.mujoco.motion import Played, Tick
+from scara_kinetostatic.simulation.mujoco.motion import SimulatedMotion, Tick
 from scara_kinetostatic.simulation.mujoco.scene import Scene
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.trajectory import (
@@ -34,46 +33,46 @@ from scara_kinetostatic.simulation.trajectory import (
 
 Floats = NDArray[np.float64]
 
-DEEPEST = 0.02
-"""The controller gives up when it aims this deep into a disc and the force is not there, m."""
-GRID = 60
-"""Aims between the free pose and the deepest, for which the motor angles are worked out."""
-NEAR = 7e-3
-"""Closer than this to where the contact is expected the tip goes, m,"""
-NEAR_SPEED = 0.01
-"""at this speed, m/s, so that it hardly knocks."""
-FIRST_FORCE = 0.5
-"""Sensed force that ends the approach, N;"""
+LARGEST_DEPTH = 0.02
+"""Largest commanded depth in a disc; if the force is not reached there the touch is given up, m."""
+DEPTHS = 60
+"""Depths from the free pose to the largest for which the motor angles are computed."""
+SLOW_DISTANCE = 7e-3
+"""Distance from the expected contact, m, within which the tip moves"""
+SLOW_SPEED = 0.01
+"""at this speed, m/s, to limit the impact."""
+CONTACT_FORCE = 0.5
+"""Sensed force that ends the approach, N."""
 FIRM_FORCE = 2.0
-"""from there the tip creeps on up to this force, N,"""
+"""After the approach the tip moves up to this force, N,"""
 CREEP_SPEED = 4e-3
 """at this speed, m/s."""
-BOUNCE = 0.04
-"""Rest between the first contact and the creeping, s."""
+REST = 0.04
+"""Rest after the first contact, s."""
 FILTER = 0.004
 """Time constant of the controller's filter of the force, s."""
 PRESS_SPEED = (2e-4, 0.015)
-"""Slowest and fastest aim while it presses, m/s."""
-SOFTNESS = (5e-6, 3e-4)
-"""Limits of what the controller believes of the compliance it feels, m/N."""
-REACTION = 0.05
-"""Time constant with which it comes to the level, s."""
-CLOSE = 0.005
-"""Part of the level by which the force may miss it."""
-PATIENCE = 5.0
+"""Slowest and fastest commanded motion while it presses, m/s."""
+COMPLIANCE_LIMITS = (5e-6, 3e-4)
+"""Limits of the compliance that the controller estimates, m/N."""
+CONTROL_TIME = 0.05
+"""Time constant with which the force approaches its target, s."""
+FORCE_TOLERANCE = 0.005
+"""Relative error of the force at which a press ends."""
+LONGEST_PRESS = 5.0
 """Longest time for a press, s."""
-LIFTING = 0.1
-"""Time in which the third axis lifts or lowers the tip, s."""
+LIFT_TIME = 0.1
+"""Duration of lifting or lowering the tip by the third axis, s."""
 
 
-class Player:
+class TouchController:
     """One pass through a plan.
 
     Args:
         scene: the robot.
         cell: nominal arm and declared discs.
         plan: the touches.
-        timing: how long the phases last; those of the press follow from the force.
+        timing: durations of the phases; that of the press follows from the force.
 
     Raises:
         InputError: MuJoCo is not installed.
@@ -84,37 +83,37 @@ class Player:
         self.plan, self.timing = plan, timing or Timing()
         if not len(plan):
             raise UnsupportedDataError('the plan holds no touch', 'plan at least one')
-        self._depths = np.linspace(-self.timing.clearance, DEEPEST, GRID)
+        self._depths = np.linspace(-self.timing.clearance, LARGEST_DEPTH, DEPTHS)
         self._paths = self._motor_paths(cell)
         self._home = self._paths[[0, -1], 0] + (0.25, -0.15)
         self.engine = Engine(scene, cell, self._home[0])
-        self._aim, self._depth, self._lift = self._home[0], 0.0, LIFT
+        self._command, self._depth, self._lift = self._home[0], 0.0, LIFT
         self._touch, self._phase = 0, TRAVEL
-        self._force, self._first, self._softness = 0.0, (0.0, 0.0), SOFTNESS[0]
+        self._force, self._first, self._compliance = 0.0, (0.0, 0.0), COMPLIANCE_LIMITS[0]
         self._ticks: list[Tick] = []
 
-    def play(self) -> Played:
-        """Plays all touches.
+    def run(self) -> SimulatedMotion:
+        """Makes all touches.
 
         Raises:
-            UnsupportedDataError: a force does not reach its level.
+            UnsupportedDataError: a force is not reached.
         """
         holds, begins, links, speed = [], [], [], []
         for touch in range(len(self.plan)):
             self._touch = touch
             self._travel(self._paths[self._touch, 0])
             begins.append(self._lower())
-            self._come()
+            self._approach_and_press()
             self._rest(HOLD, self.timing.hold)
             holds.append(len(self._ticks) - 1)
             links.append(self.engine.links)
             speed.append(self.engine.speed)
-            self._go()
+            self._retract()
         self._travel(self._home[1])
-        return Played.of(self._ticks, TICK, begins, holds, np.array(links), np.array(speed))
+        return SimulatedMotion.of(self._ticks, TICK, begins, holds, np.array(links), np.array(speed))
 
     def _motor_paths(self, cell: Cell) -> Floats:
-        """Motor angles for the aims of each touch by the nominal arm, (m, GRID, 2), rad."""
+        """Motor angles for the depths of each touch by the nominal arm, (m, DEPTHS, 2), rad."""
         aims = self.plan.contact(cell)[:, None] - self._depths[:, None] * self.plan.normal()[:, None]
         poses = inverse(cell.nominal, aims, self.plan.posture[:, None])
         lost = np.flatnonzero(~np.isfinite(poses).all(axis=(1, 2)))
@@ -125,7 +124,7 @@ class Player:
         return poses[:, :1] + wrap(poses - poses[:, :1])
 
     def _tick(self, progress: float = 0.0) -> None:
-        self.engine.command(self._aim, self._lift)
+        self.engine.command(self._command, self._lift)
         self.engine.advance()
         force = self.engine.force()
         self._force += TICK / (TICK + FILTER) * (float(np.hypot(*force)) - self._force)
@@ -136,15 +135,15 @@ class Player:
         return np.array([np.interp(depth, self._depths, path[:, joint]) for joint in (0, 1)])
 
     def _travel(self, goal: Floats) -> None:
-        self._phase, start = TRAVEL, self._aim
+        self._phase, start = TRAVEL, self._command
         distance = float(np.abs(goal - start).max())
-        for part in _law(max(self.timing.travel, distance / self.timing.speed)):
-            self._aim = start + part * (goal - start)
+        for part in _minimum_jerk_steps(max(self.timing.travel, distance / self.timing.speed)):
+            self._command = start + part * (goal - start)
             self._tick(part)
 
     def _raise(self, lift: float) -> None:
         start = self._lift
-        for part in _law(LIFTING):
+        for part in _minimum_jerk_steps(LIFT_TIME):
             self._lift = start + part * (lift - start)
             self._tick()
 
@@ -160,59 +159,59 @@ class Player:
         self._rest(PAUSE, self.timing.pause)
         return len(self._ticks) - 1
 
-    def _come(self) -> None:
+    def _approach_and_press(self) -> None:
         """From the free pose to the force of the hold."""
         speed, passed = self.timing.clearance / self.timing.approach, 0.0
         self._phase, self._depth = APPROACH, -self.timing.clearance
-        while self._force < FIRST_FORCE:
+        while self._force < CONTACT_FORCE:
             passed += TICK
-            self._deepen(NEAR_SPEED if self._depth > -NEAR else speed * min(1.0, passed / LIFTING))
-        self._rest(PRESS, BOUNCE)
+            self._advance(SLOW_SPEED if self._depth > -SLOW_DISTANCE else speed * min(1.0, passed / LIFT_TIME))
+        self._rest(PRESS, REST)
         while self._force < FIRM_FORCE:
-            self._deepen(CREEP_SPEED)
-        self._first, self._softness = (self._depth, self._force), SOFTNESS[0]
+            self._advance(CREEP_SPEED)
+        self._first, self._compliance = (self._depth, self._force), COMPLIANCE_LIMITS[0]
         level, beyond = float(self.plan.force[self._touch]), float(self.plan.preload[self._touch])
         self._press((1.0 + beyond) * level)
         if beyond:
             self._phase = EASE
             self._press(level)
 
-    def _deepen(self, speed: float) -> None:
+    def _advance(self, speed: float) -> None:
         self._depth += speed * TICK
-        if self._depth > DEEPEST:
+        if self._depth > LARGEST_DEPTH:
             raise UnsupportedDataError(
-                f'touch {self._touch} of the plan: the force is not there {1e3 * DEEPEST:.0f} mm inside the disc',
-                'check the discs, or play a stiffer robot',
+                f'touch {self._touch} of the plan: no such force {1e3 * LARGEST_DEPTH:.0f} mm inside the disc',
+                'check the discs, or simulate a stiffer robot',
             )
-        self._aim = self._at(self._depth)
+        self._command = self._at(self._depth)
         self._tick()
 
     def _press(self, level: float) -> None:
-        """Moves the aim, ever in the same sense, until the force reaches a level."""
+        """Moves the commanded point, in one sense only, until the force reaches a level."""
         sense, (depth, force) = np.sign(level - self._force), self._first
-        for _ in range(round(PATIENCE / TICK)):
+        for _ in range(round(LONGEST_PRESS / TICK)):
             missing = sense * (level - self._force)
-            if missing < CLOSE * level:
+            if missing < FORCE_TOLERANCE * level:
                 return
             if sense > 0 and self._force > force + FIRM_FORCE:
-                self._softness = float(np.clip((self._depth - depth) / (self._force - force), *SOFTNESS))
-            self._deepen(sense * float(np.clip(missing * self._softness / REACTION, *PRESS_SPEED)))
+                self._compliance = float(np.clip((self._depth - depth) / (self._force - force), *COMPLIANCE_LIMITS))
+            self._advance(sense * float(np.clip(missing * self._compliance / CONTROL_TIME, *PRESS_SPEED)))
         raise UnsupportedDataError(
             f'touch {self._touch} of the plan: the force stays at {self._force:.1f} N instead of {level:.1f} N',
-            'play a robot with less friction, or a stiffer one',
+            'simulate a robot with less friction, or a stiffer one',
         )
 
-    def _go(self) -> None:
+    def _retract(self) -> None:
         """Retracts and lifts the tip."""
         start, goal = self._depth, -self.timing.clearance
-        for part in _law(self.timing.release + self.timing.retract):
+        for part in _minimum_jerk_steps(self.timing.release + self.timing.retract):
             self._phase = RELEASE if self._ticks[-1].force.any() else RETRACT
-            self._aim = self._at(start + part * (goal - start))
+            self._command = self._at(start + part * (goal - start))
             self._tick()
         self._phase = RETRACT
         self._raise(LIFT)
 
 
-def _law(duration: float) -> Floats:
+def _minimum_jerk_steps(duration: float) -> Floats:
     """The minimum-jerk law at each tick of a movement, (k,), the last one 1."""
     return minimum_jerk(np.linspace(0.0, 1.0, max(2, round(duration / TICK)) + 1)[1:])

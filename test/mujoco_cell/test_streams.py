@@ -18,7 +18,7 @@ from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.cli.mujoco import SCENE_NAMES, TRUTH
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.simulation.mujoco import play, play_touches
+from scara_kinetostatic.simulation.mujoco import simulate_streams, simulate_touches
 from scara_kinetostatic.simulation.mujoco.scene import SCENES, scene_named
 from scara_kinetostatic.simulation.mujoco.truth import truth_of_scene
 from scara_kinetostatic.simulation.plan import Plan
@@ -34,8 +34,10 @@ EXACT = Noise(0.0, 0.0)
     ids=['base', 'tool'],
 )
 def test_touches_found_in_the_streams_are_those_played(few: Plan, cell: Cell) -> None:
-    streams = play(scene_named('contact_friction'), cell, few, sensors=SensorModel(touch_noise=EXACT), seed=1)
-    expected = play_touches(scene_named('contact_friction'), cell, few, noise=EXACT)
+    streams = simulate_streams(
+        scene_named('contact_friction'), cell, few, sensors=SensorModel(touch_noise=EXACT), seed=1
+    )
+    expected = simulate_touches(scene_named('contact_friction'), cell, few, noise=EXACT)
     detection = find_touches(streams, cell)
     assert detection.found == len(few)
     assert not detection.rejected
@@ -51,7 +53,7 @@ def test_touches_found_in_the_streams_are_those_played(few: Plan, cell: Cell) ->
 
 
 def test_streams_are_finite_continuous_and_repeat(few: Plan) -> None:
-    first, again = (play(scene_named('plain'), CELL, few.select(np.arange(3)), seed=5) for _ in range(2))
+    first, again = (simulate_streams(scene_named('plain'), CELL, few.select(np.arange(3)), seed=5) for _ in range(2))
     assert np.array_equal(first.joints.position, again.joints.position)
     assert np.array_equal(first.wrench.force, again.wrench.force)
     assert np.all(np.isfinite(first.joints.position))
@@ -61,14 +63,14 @@ def test_streams_are_finite_continuous_and_repeat(few: Plan) -> None:
 
 
 def test_noise_of_a_touch_is_drawn_once(few: Plan) -> None:
-    exact = play_touches(scene_named('plain'), CELL, few, noise=EXACT)
-    noisy = play_touches(scene_named('plain'), CELL, few, noise=Noise(1e-4, 0.2), seed=2)
+    exact = simulate_touches(scene_named('plain'), CELL, few, noise=EXACT)
+    noisy = simulate_touches(scene_named('plain'), CELL, few, noise=Noise(1e-4, 0.2), seed=2)
     assert 5e-5 < np.std(noisy.joints - exact.joints) < 2e-4
     assert 0.1 < np.std(noisy.force - exact.force) < 0.4
 
 
 def test_the_press_is_the_part_of_the_last_movement_in_contact(few: Plan) -> None:
-    touches = play_touches(scene_named('plain'), CELL, few, noise=EXACT)
+    touches = simulate_touches(scene_named('plain'), CELL, few, noise=EXACT)
     assert np.all(np.abs(touches.press) <= np.abs(touches.approach))
     eased = few.preload > 0  # both joints turned round in contact
     assert np.array_equal(touches.press[eased], touches.approach[eased])
@@ -80,14 +82,14 @@ def test_recordings_kept_with_the_project_are_what_the_engine_plays(one: EngineR
     kept = find_touches(read_streams(BAGS / f'{one.name}.mcap', one.cell), one.cell).touches
     count = 3
     errors = SENSORS.touch_errors(one.cell, len(kept), np.random.default_rng([one.seed, 0]))
-    played = play_touches(one.robot, one.cell, one.plan.select(np.arange(count)), noise=EXACT)
-    assert np.abs(kept.joints[:count] - errors[0][:count] - played.joints).max() < 2e-5
+    motion = simulate_touches(one.robot, one.cell, one.plan.select(np.arange(count)), noise=EXACT)
+    assert np.abs(kept.joints[:count] - errors[0][:count] - motion.joints).max() < 2e-5
     force = kept.force[:count] - errors[1][:count]
-    size = np.linalg.norm(played.force, axis=1)
+    size = np.linalg.norm(motion.force, axis=1)
     assert np.abs(np.linalg.norm(force, axis=1) - size).max() < 0.25
     # where a tip sticks depends on the last digit of the movement: within the cone of friction, on any machine
     leeway = 0.25 + one.robot.contact_friction * size
-    assert np.all(np.abs(force - played.force) < leeway[:, None])
+    assert np.all(np.abs(force - motion.force) < leeway[:, None])
     assert np.array_equal(kept.disc, one.plan.disc)
     text = (TRUTHS / f'{one.name}.yaml').read_text(encoding='utf-8')
     made = truth_of_scene(one.robot, one.cell, one.seed)

@@ -1,9 +1,9 @@
-"""The force that comes of commanded joint angles where the robot has effects beyond the twelve parameters.
+"""Contact forces of a robot with effects under commanded joint angles.
 
-The controller knows the twelve alone: it commands Ḡ(S, F) without effects. What force that gives is up to the
-physics, F = A(Q, L̄) with the effects. A controller that presses until the sensor shows a force aims
-deeper, or less deep, than the twelve say; by how much is found here at two levels, a light one and that of the hold,
-and is linear in the force between them and beyond.
+The simulated controller uses the base model: it commands Ḡ(S, F) without effects. The force that results is
+F = A(Q, L̄) with the effects. A controller that presses until the sensor shows a force therefore commands a point
+deeper, or less deep, than the base model gives. This depth is solved for at two forces, a light one and that of the
+hold, and is linear in the force between them and beyond.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ from scara_kinetostatic.simulation.plan import Plan
 Floats = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-LIGHT = 0.05
-"""The beginning of a contact is looked for under this part of the force of the hold."""
-NEAR_ENOUGH = 1e-3
-"""Error of a force at which the search for a depth ends, as a part of it."""
-LARGEST_ERROR = 0.02
-"""A hold under a force farther than this from the planned one, as a part of it, is none."""
-PASSES = 30
+LIGHT_FORCE = 0.05
+"""The light force, over that of the hold."""
+FORCE_TOLERANCE = 1e-3
+"""Relative error of the force at which the iteration for a depth ends."""
+LARGEST_FORCE_ERROR = 0.02
+"""Largest relative error of the force of a hold; beyond it the touch is refused."""
+MOST_ITERATIONS = 30
 LARGEST_STEP = 2e-3
-"""By which the aim is deepened at once, m."""
-SOFTEST = 20.0
-"""The robot with effects may be softer than without by this factor, or stiffer by its inverse."""
+"""Largest change of a depth in one iteration, m."""
+LARGEST_COMPLIANCE_RATIO = 20.0
+"""Largest compliance of the robot with effects over that without; the smallest is its inverse."""
 
 
 @dataclass(frozen=True)
-class Loading:
-    """The touches of a plan under load.
+class ContactForces:
+    """The contact forces of the touches of a plan.
 
     Attributes:
         cell: discs, gripper.
         truth: the simulated robot.
         plan: the m touches.
-        tags: what effects ask of each touch besides.
+        metadata: what effects need to know of each touch besides.
     """
 
     cell: Cell
@@ -59,7 +59,7 @@ class Loading:
         Args:
             touch: number of the touch, (k,).
             joints: commanded Q, (k, 2), rad.
-            near: where there are several equilibria, the one nearest to this force is taken, (k, 2), N.
+            warm_start: of several equilibria, the one nearest to this force is taken, (k, 2), N.
             tension: as in `model.contact.contact`.
         """
         disc = self.plan.disc[touch]
@@ -74,10 +74,10 @@ class Loading:
             metadata=self.metadata.select(touch),
         )
 
-    def along(self, touch: Index, joints: Floats, warm_start: Floats) -> Floats:
+    def force_over_time(self, touch: Index, joints: Floats, warm_start: Floats) -> Floats:
         """Force on the object at k moments in the order of time, (k, 2), N; zero outside contact.
 
-        At a moment whose equilibrium is not found the force lies between those before and after.
+        Where no equilibrium is found the force is interpolated in time.
         """
         found = self.contact(touch, joints, warm_start)
         force, at = found.force.copy(), np.arange(len(touch))
@@ -86,37 +86,41 @@ class Loading:
                 force[:, axis] = np.interp(at, at[found.solved], force[found.solved, axis])
         return force
 
-    def depths(
-        self, command: Callable[[Floats], Floats], level: float, softness: Floats, start: Floats | None = None
+    def command_depths(
+        self,
+        command: Callable[[Floats], Floats],
+        relative_force: float,
+        compliance: Floats,
+        start: Floats | None = None,
     ) -> Floats:
-        """How much deeper than by the twelve alone each touch is aimed, (m,), m; by secants.
+        """Depths at which the force is reached, beyond those of the base model, (m,), m; by the secant method.
 
         Args:
             command: from depths (m,), m, to the Q commanded under the level, (m, 2), rad.
             level: part of the force of the hold that is wanted.
             softness: depth per force of the robot without effects, (m,), m/N.
-            start: where the search begins, (m,), m.
+            start: first depths, (m,), m.
         """
-        wanted = level * self.plan.force
+        wanted = relative_force * self.plan.force
         warm_start = -wanted[:, None] * self.plan.normal()
         depth = np.zeros(len(self.plan)) if start is None else start.copy()
-        slope, todo = softness.copy(), np.arange(len(self.plan))
+        slope, todo = compliance.copy(), np.arange(len(self.plan))
         before = np.full((2, len(self.plan)), np.nan)
-        for _ in range(PASSES):
+        for _ in range(MOST_ITERATIONS):
             force = self.contact(todo, command(depth)[todo], warm_start[todo], tension=True).magnitude
-            off = np.abs(wanted[todo] - force) > NEAR_ENOUGH * wanted[todo]
+            off = np.abs(wanted[todo] - force) > FORCE_TOLERANCE * wanted[todo]
             todo, force = todo[off], force[off]
             if not len(todo):
                 break
             step, rise = depth[todo] - before[0, todo], force - before[1, todo]
             known = np.abs(rise) > 1e-9  # false in the first pass
-            bounds = softness[todo] / SOFTEST, softness[todo] * SOFTEST
+            bounds = compliance[todo] / LARGEST_COMPLIANCE_RATIO, compliance[todo] * LARGEST_COMPLIANCE_RATIO
             slope[todo[known]] = np.clip(step / np.where(known, rise, 1.0), *bounds)[known]
             before[:, todo] = depth[todo], force
             depth[todo] += np.clip(slope[todo] * (wanted[todo] - force), -LARGEST_STEP, LARGEST_STEP)
         return depth
 
-    def held(self, joints: Floats) -> Floats:
+    def hold_force(self, joints: Floats) -> Floats:
         """Force on the object in each hold, (m, 2), N.
 
         Args:
@@ -127,7 +131,7 @@ class Loading:
         """
         planned = -self.plan.force[:, None] * self.plan.normal()
         found = self.contact(np.arange(len(self.plan)), joints, planned)
-        off = ~(np.abs(found.magnitude - self.plan.force) <= LARGEST_ERROR * self.plan.force) | ~found.solved
+        off = ~(np.abs(found.magnitude - self.plan.force) <= LARGEST_FORCE_ERROR * self.plan.force) | ~found.solved
         if off.any():
             first = int(np.argmax(off))
             name = self.cell.discs[self.plan.disc[first]].name
