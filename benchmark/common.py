@@ -50,7 +50,7 @@ def parser(description: str | None, *, json_file: bool = True, plot: bool = Fals
 def save(path: Path | None, content: Any) -> None:
     """Writes a JSON file, NaN as null; nothing for None."""
     if path:
-        text = json.dumps(_json_value(content), indent=1, ensure_ascii=False, allow_nan=False)
+        text = json.dumps(json_value(content), indent=1, ensure_ascii=False, allow_nan=False)
         path.write_text(text + '\n', encoding='utf-8')
 
 
@@ -60,11 +60,12 @@ def print_and_save(path: Path | None, content: Mapping[str, Any]) -> None:
     save(path, content)
 
 
-def _json_value(item: Any) -> Any:
+def json_value(item: Any) -> Any:
+    """The same content with null for what JSON has no number for."""
     if isinstance(item, Mapping):
-        return {key: _json_value(value) for key, value in item.items()}
+        return {key: json_value(value) for key, value in item.items()}
     if isinstance(item, (list, tuple)):
-        return [_json_value(value) for value in item]
+        return [json_value(value) for value in item]
     return None if isinstance(item, float) and not math.isfinite(item) else item
 
 

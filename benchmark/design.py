@@ -39,7 +39,7 @@ CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=NOISE)
 WITHIN = 0.10
 
 
-def played(truth: Parameters, plan: Plan, number: int, balanced: bool) -> Iterator[TouchSet]:
+def simulated_touches(truth: Parameters, plan: Plan, number: int, balanced: bool) -> Iterator[TouchSet]:
     """Simulated touches of all runs, with independent or with balanced noise."""
     if not balanced:
         yield from (simulate_touches(CELL, truth, plan, seed=seed) for seed in range(number))
@@ -53,15 +53,15 @@ def played(truth: Parameters, plan: Plan, number: int, balanced: bool) -> Iterat
         yield exact.replace(joints=exact.joints + joint, force=exact.force + force)
 
 
-def play(truth: Parameters, plan: Plan, number: int, balanced: bool) -> tuple[NDArray[np.float64], int, int]:
+def estimates(truth: Parameters, plan: Plan, number: int, balanced: bool) -> tuple[NDArray[np.float64], int, int]:
     """Errors of the estimates, (number, 12), touches rejected, and calibrations that did not see all twelve."""
-    errors, rejected, blind = [], 0, 0
-    for touches in played(truth, plan, number, balanced):
+    errors, rejected, lower_rank = [], 0, 0
+    for touches in simulated_touches(truth, plan, number, balanced):
         found = calibrate(touches, CELL)
         errors.append(found.parameters.as_array() - truth.as_array())
         rejected += int((~found.used).sum())
-        blind += found.identifiability.rank < len(NAMES)
-    return np.array(errors), rejected, blind
+        lower_rank += found.identifiability.rank < len(NAMES)
+    return np.array(errors), rejected, lower_rank
 
 
 def compare(truth: Parameters, plan: Plan, number: int, balanced: bool) -> dict[str, object]:
@@ -69,7 +69,7 @@ def compare(truth: Parameters, plan: Plan, number: int, balanced: bool) -> dict[
     robot = Robot.of(CELL, truth)
     tip: Tip = free_tip(robot, make_workspace(robot))
     predicted = predict(robot, plan)
-    errors, rejected, blind = play(truth, plan, number, balanced)
+    errors, rejected, lower_rank = estimates(truth, plan, number, balanced)
     moved = np.einsum('gdik,nk->ngdi', tip.derivative, errors)
     variance = (moved**2).sum(axis=-1).mean(axis=0)[:, 0]
     places = tip_std(tip, predicted).places.ravel()
@@ -89,7 +89,7 @@ def compare(truth: Parameters, plan: Plan, number: int, balanced: bool) -> dict[
         'parameters_scattered_over_predicted': dict(zip(NAMES, ratio.round(4).tolist(), strict=True)),
         'mean_error_over_std': dict(zip(NAMES, (errors.mean(axis=0) / predicted.std).round(3).tolist(), strict=True)),
         'touches_rejected': rejected,
-        'calibrations_of_lower_rank': blind,
+        'calibrations_of_lower_rank': lower_rank,
         'tip_off_by': tip_off,
         'parameters_off_by': parameters_off,
         'confirmed': bool(tip_off <= WITHIN and parameters_off <= allowed),

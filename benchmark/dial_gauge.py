@@ -20,7 +20,7 @@ from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOIN
 from scara_kinetostatic.studies.dial_gauge.simulation import DialGaugeTruth, simulate_experiments
 
 
-def play(number: int) -> dict[str, object]:
+def evaluate(number: int) -> dict[str, object]:
     """Pooled figures of so many files."""
     truth = DialGaugeTruth()
     z, warned, isotropy, ellipse = [], 0, [], []
@@ -60,7 +60,7 @@ def main() -> int:
     parser.add_argument('--number', type=int, default=1000)
     parser.add_argument('--json', type=Path, help='write the figures there')
     args = parser.parse_args()
-    figures = play(args.number)
+    figures = evaluate(args.number)
     text = json.dumps(figures, indent=2)
     print(text)
     if args.json:

@@ -50,7 +50,7 @@ def row(scene: Scene, plan: Plan, sensors: SensorModel, seed: int, cell: Cell) -
         except InputError as error:
             return (f'`{scene.name}`', f'no result: {error}'.replace(f'{path}: ', ''), *[''] * (len(HEAD) - 2))
     before, after, diagnosis = outcome.calibration, outcome.final, outcome.diagnosis
-    found = '; '.join(words(item, built(scene, motion, plan)) for item in diagnosis.found) or 'nothing'
+    found = '; '.join(effect_text(item, true_values(scene, motion, plan)) for item in diagnosis.found) or 'nothing'
     return (
         f'`{scene.name}`',
         diagnosis.verdict,
@@ -62,7 +62,7 @@ def row(scene: Scene, plan: Plan, sensors: SensorModel, seed: int, cell: Cell) -
     )
 
 
-def built(scene: Scene, motion: SimulatedMotion, plan: Plan) -> dict[str, float]:
+def true_values(scene: Scene, motion: SimulatedMotion, plan: Plan) -> dict[str, float]:
     """Values of what was built, by label and name; of friction, how far the forces really lean."""
     values = {}
     for effect in built_effects(scene, CELL):
@@ -82,7 +82,7 @@ def off_normal(scene: Scene, motion: SimulatedMotion, plan: Plan) -> float:
     return float(np.sqrt(np.mean(np.arctan2(cross, (inward * force).sum(axis=1)) ** 2)))
 
 
-def words(item: Found, truth: dict[str, float]) -> str:
+def effect_text(item: Found, truth: dict[str, float]) -> str:
     """An effect that was found, its values beside those built; one that has rivals with a question mark."""
     label = item.effect.label
     if isinstance(item.effect, Unnamed):

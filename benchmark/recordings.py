@@ -31,7 +31,7 @@ CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 ROBOTS = {'table 2': PAPER_ACTUAL, 'figure 4(d)': PAPER_MEASURED}
 
 
-def play(number: int, given: bool) -> Iterator[dict[str, object]]:
+def evaluate(number: int, given: bool) -> Iterator[dict[str, object]]:
     """One record per recording: robot, z-scores, touches, reduced chi-square, verdict."""
     cell = CELL if given else replace(CELL, noise=None)
     plan = default_plan(CELL)
@@ -73,7 +73,7 @@ def main() -> int:
     parser.add_argument('--json', type=Path)
     options = parser.parse_args()
     records = []
-    for record in play(options.number, options.noise == 'given'):
+    for record in evaluate(options.number, options.noise == 'given'):
         records.append(record)
         if sys.stderr.isatty():
             print(f'\r{len(records)}/{options.number}', end='', file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Two cells with 108 touches each, and how large an effect must be for its trace to reach a given size."""
+"""Two cells with 108 touches each, and effects scaled to a given detectability."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ FOUR_DISCS = (
     Disc('disc_4', 0.20, -0.33, 0.05),
 )
 SIZES = (1.3, 2.0, 5.0)
-"""Reduced chi-square of the fit of the twelve parameters that an effect is to bring about."""
-ABSURD = 30.0
-"""An effect of more than so many plausible sizes is none."""
-FIRST = 1e-3
-"""Where the search for a size begins, in plausible sizes."""
-NEAR = 0.03
-"""Relative error of a trace at which its search ends."""
-STEPS = 25
-CLOSE = 0.9
-"""So near to a strength that cannot be played, as a part of it, the search does not go."""
+"""Reduced chi-square of the fit of the twelve parameters at which each effect is simulated."""
+LARGEST_PLAUSIBLE = 30.0
+"""Largest size of an effect, in plausible sizes."""
+FIRST_FACTOR = 1e-3
+"""First factor of the search for a size, in plausible sizes."""
+SIZE_TOLERANCE = 0.03
+"""Relative error of a size at which its search ends."""
+MOST_STEPS = 25
+CEILING_MARGIN = 0.9
+"""The search stays below this part of the smallest factor that cannot be simulated."""
 
 
 class Setup(NamedTuple):
@@ -68,7 +68,7 @@ SETUPS = {
 """The paper's cell with L̄a of table 2; four other discs with the soft robot of figure 4(d)."""
 
 
-class Played(NamedTuple):
+class SimulatedEffects(NamedTuple):
     """Effects with the values of their parameters, effect by effect."""
 
     effects: tuple[Effect, ...]
@@ -83,45 +83,45 @@ class Played(NamedTuple):
         """A robot with these effects."""
         return ExtendedModel(truth, self.effects, tuple(tuple(part.tolist()) for part in self.values))
 
-    def scaled(self, factor: float) -> Played:
-        """Effects stronger by a factor; what is no strength (a phase, a frequency) stays."""
+    def scaled(self, factor: float) -> SimulatedEffects:
+        """Effects scaled by a factor; a phase or a frequency is not scaled."""
         pairs = zip(self.effects, self.values, strict=True)
         return self._replace(values=tuple(v + (factor - 1) * effect.amplitudes(v) for effect, v in pairs))
 
-    def beside(self, other: Played) -> Played:
+    def combined(self, other: SimulatedEffects) -> SimulatedEffects:
         """Both together."""
-        return Played((*self.effects, *other.effects), (*self.values, *other.values))
+        return SimulatedEffects((*self.effects, *other.effects), (*self.values, *other.values))
 
     @property
-    def absurd(self) -> bool:
-        """Whether an effect is larger than any robot would have it."""
+    def implausible(self) -> bool:
+        """Whether an effect is implausibly large."""
         pairs = zip(self.effects, self.values, strict=True)
-        return any(bool(np.max(np.abs(e.amplitudes(v)) / np.array(e.scales)) > ABSURD) for e, v in pairs)
+        return any(bool(np.max(np.abs(e.amplitudes(v)) / np.array(e.scales)) > LARGEST_PLAUSIBLE) for e, v in pairs)
 
 
-def seed_of(*words: object) -> int:
+def seed_of(*named_text: object) -> int:
     """A number that depends on words only."""
-    return crc32(' '.join(map(str, words)).encode())
+    return crc32(' '.join(map(str, named_text)).encode())
 
 
-def direction(effect: Effect, seed: int) -> Played:
+def random_effect(effect: Effect, seed: int) -> SimulatedEffects:
     """An effect in a random way that a robot may have, of plausible size."""
     random = np.random.default_rng([seed, seed_of(effect.label)])
-    return Played((effect,), (effect.random_values(random),))
+    return SimulatedEffects((effect,), (effect.random_values(random),))
 
 
-def play(setup: Setup, played: Played, noise: Noise = NOISE, seed: int = 0) -> TouchSet:
+def simulate(setup: Setup, simulated: SimulatedEffects, noise: Noise = NOISE, seed: int = 0) -> TouchSet:
     """The touches of a robot with effects.
 
     Raises:
         UnsupportedDataError: the robot cannot hold a touch.
     """
-    return simulate_touches(setup.cell, played.robot(setup.truth), setup.plan, noise, seed)
+    return simulate_touches(setup.cell, simulated.robot(setup.truth), setup.plan, noise, seed)
 
 
-def trace(setup: Setup, played: Played) -> float:
+def chi_square_increase(setup: Setup, simulated: SimulatedEffects) -> float:
     """By how much effects raise the reduced chi-square of the twelve parameters, fitted to all touches."""
-    observations: Observations = observe(play(setup, played, Noise(0.0, 0.0)), setup.cell)
+    observations: Observations = observe(simulate(setup, simulated, Noise(0.0, 0.0)), setup.cell)
     start = ExtendedModel(setup.truth)
     subspace = Subspace(start.as_array(), np.diag(scales_of(start)))
     fit = minimise(observations, start, project(observations, start, NOISE).adjusted, subspace, NOISE, FINAL)
@@ -132,50 +132,50 @@ class Sized(NamedTuple):
     """Effects at a size, or why there are none.
 
     Attributes:
-        size: reduced chi-square that they bring about.
-        played: the effects; None if that size is absurd or cannot be played.
-        why: it is not there; empty if it is.
+        size: reduced chi-square that they give.
+        simulated: the effects; None if that size is implausible or cannot be simulated.
+        reason: why there are none; empty if there are.
     """
 
     size: float
-    played: Played | None
-    why: str = ''
+    simulated: SimulatedEffects | None
+    reason: str = ''
 
 
-def at_sizes(setup: Setup, one: Played, sizes: Sequence[float] = SIZES) -> Iterator[Sized]:
-    """An effect at each size, the smallest first: the trace grows about as the square of its strength."""
-    search, why = _Search(setup, one), ''
+def at_sizes(setup: Setup, one: SimulatedEffects, sizes: Sequence[float] = SIZES) -> Iterator[Sized]:
+    """An effect at each size, the smallest first: the chi-square grows about as the square of the amplitude."""
+    search, reason = _Search(setup, one), ''
     for size in sorted(sizes):
-        why = why or search.find(size)
-        yield Sized(size, None if why else one.scaled(search.factor), why)
+        reason = reason or search.find(size)
+        yield Sized(size, None if reason else one.scaled(search.factor), reason)
 
 
 class _Search:
     """The factor by which an effect must be stronger."""
 
-    def __init__(self, setup: Setup, one: Played) -> None:
+    def __init__(self, setup: Setup, one: SimulatedEffects) -> None:
         self.setup, self.one = setup, one
-        self.factor, self.ceiling = FIRST, np.inf
-        self.found = trace(setup, one.scaled(FIRST))
+        self.factor, self.ceiling = FIRST_FACTOR, np.inf
+        self.found = chi_square_increase(setup, one.scaled(FIRST_FACTOR))
 
     def find(self, size: float) -> str:
         """Go to a size; empty if it was reached, else why not."""
-        for _ in range(STEPS):
-            if abs(self.found / (size - 1) - 1) < NEAR:
+        for _ in range(MOST_STEPS):
+            if abs(self.found / (size - 1) - 1) < SIZE_TOLERANCE:
                 return ''
             wanted = self.factor * float(np.clip(np.sqrt((size - 1) / max(self.found, 1e-300)), 0.1, 30.0))
-            if self.one.scaled(wanted).absurd:
-                return f'more than {ABSURD:g} plausible sizes'
-            if wanted > CLOSE * self.ceiling:
+            if self.one.scaled(wanted).implausible:
+                return f'more than {LARGEST_PLAUSIBLE:g} plausible sizes'
+            if wanted > CEILING_MARGIN * self.ceiling:
                 wanted = float(np.sqrt(self.factor * self.ceiling))
-            if wanted > CLOSE * self.ceiling:
+            if wanted > CEILING_MARGIN * self.ceiling:
                 return 'the robot cannot hold the touches'
             self._step(wanted)
-        return 'no strength was found that brings it about'
+        return 'no factor was found that gives it'
 
     def _step(self, wanted: float) -> None:
         try:
-            found = trace(self.setup, self.one.scaled(wanted))
+            found = chi_square_increase(self.setup, self.one.scaled(wanted))
         except UnsupportedDataError:
             self.ceiling = wanted
         else:

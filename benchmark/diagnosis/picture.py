@@ -1,4 +1,4 @@
-"""The outcome of the study of the diagnosis, drawn: naming, errors before and after, what was taken for what."""
+"""The outcome of the study of the diagnosis, drawn: naming, errors before and after, true against named effects."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmark.diagnosis.record import NAMINGS, WITHIN, Record
-from benchmark.diagnosis.tables import SHOWN
+from benchmark.diagnosis.tables import REFERENCE_SIZE
 from scara_kinetostatic.render.figure import FAINT, INK, LINE, SERIES, WARN, light_colours, style
 
 Pick = Callable[[Record, int], float]
@@ -25,9 +25,9 @@ OTHERS = ('unnamed structure', 'nothing')
 def draw(records: Sequence[Record], path: Path) -> None:
     """Draw single effects into a file, .svg or .png by its name; the sizes other than `SHOWN` only in the matrix."""
     every = [r for r in records if r.section == 'effects' and r.verdict]
-    shown = [r for r in every if r.size == SHOWN]
-    kinds = list(dict.fromkeys(_kind(r.played[0]) for r in every))
-    labels = sorted({r.played[0] for r in every}, key=lambda label: (kinds.index(_kind(label)), label))[::-1]
+    shown = [r for r in every if r.size == REFERENCE_SIZE]
+    kinds = list(dict.fromkeys(_kind(r.simulated[0]) for r in every))
+    labels = sorted({r.simulated[0] for r in every}, key=lambda label: (kinds.index(_kind(label)), label))[::-1]
     palette = light_colours()
     with style():
         mpl.rcParams.update({key: palette.get(str(value), value) for key, value in mpl.rcParams.items()})
@@ -37,14 +37,14 @@ def draw(records: Sequence[Record], path: Path) -> None:
         above, below = figure.add_subfigure(halves[0]), figure.add_subfigure(halves[1])
         first, second, third = above.subplots(1, 3, sharey=True)
         _naming(first, shown, labels, palette)
-        _errors(second, shown, labels, palette, lambda r, k: r.held[k] / r.held[2])
+        _errors(second, shown, labels, palette, lambda r, k: r.held_out[k] / r.held_out[2])
         second.set(title='held-out error over that of the true model', xlabel='before (open), after (full)')
         _errors(third, shown, labels, palette, lambda r, k: r.z[k])
-        third.set(title='largest |z| of the twelve', xlabel='before (open), after (full)', xscale='log')
+        third.set(title='largest |z| of the twelve parameters', xlabel='before (open), after (full)', xscale='log')
         third.xaxis.set_major_formatter('{x:g}')
         third.axvline(WITHIN, color=palette[WARN], lw=1)
         _matrix(below.subplots(), every, labels, palette)
-        above.suptitle(f'Single effects that bring the reduced chi-square to {SHOWN:g}; simulated touches')
+        above.suptitle(f'Single effects that bring the reduced chi-square to {REFERENCE_SIZE:g}; simulated touches')
         figure.savefig(path)
 
 
@@ -56,7 +56,7 @@ def _naming(ax: Axes, records: Sequence[Record], labels: Sequence[str], palette:
     colours = dict(zip(NAMINGS, (SERIES[0], SERIES[4], SERIES[3], WARN, FAINT), strict=True))
     left = np.zeros(len(labels))
     for name in NAMINGS:
-        share = np.array([_share([r for r in records if r.played[0] == label], name) for label in labels])
+        share = np.array([_share([r for r in records if r.simulated[0] == label], name) for label in labels])
         ax.barh(range(len(labels)), share, left=left, color=palette[colours[name]], label=name, height=0.7)
         left += share
     ax.set_yticks(range(len(labels)), labels)
@@ -65,13 +65,13 @@ def _naming(ax: Axes, records: Sequence[Record], labels: Sequence[str], palette:
 
 
 def _share(records: Sequence[Record], name: str) -> float:
-    return sum(r.naming.get(r.played[0]) == name for r in records) / max(len(records), 1)
+    return sum(r.naming.get(r.simulated[0]) == name for r in records) / max(len(records), 1)
 
 
 def _errors(ax: Axes, records: Sequence[Record], labels: Sequence[str], palette: dict[str, str], pick: Pick) -> None:
     """Medians and ranges, before and after."""
     for row, label in enumerate(labels):
-        some = [r for r in records if r.played[0] == label]
+        some = [r for r in records if r.simulated[0] == label]
         for k, colour in ((0, FAINT), (1, SERIES[0])):
             values = np.array([pick(r, k) for r in some])
             values = values[np.isfinite(values)]
@@ -84,10 +84,10 @@ def _errors(ax: Axes, records: Sequence[Record], labels: Sequence[str], palette:
 
 
 def _matrix(ax: Axes, records: Sequence[Record], labels: Sequence[str], palette: dict[str, str]) -> None:
-    """Played against named: full where it was named for sure, open among rivals; the area is the part of recordings."""
+    """Simulated against named: full where it was named alone, open among rivals; the area is the part of recordings."""
     columns = [*labels[::-1], *OTHERS]
     for row, label in enumerate(labels):
-        some = [r for r in records if r.played[0] == label]
+        some = [r for r in records if r.simulated[0] == label]
         sure = Counter(_column(name, columns) for r in some for name in r.named or (() if r.rivals else ('',)))
         rivals = Counter(_column(name, columns) for r in some for group in r.rivals for name in group)
         for counts, full in ((rivals, False), (sure, True)):
@@ -98,8 +98,8 @@ def _matrix(ax: Axes, records: Sequence[Record], labels: Sequence[str], palette:
                 ax.scatter(column, row, s=area, facecolor=colour if full else 'none', edgecolor=colour, zorder=3)
     ax.set_xticks(range(len(columns)), columns, rotation=60, ha='right', rotation_mode='anchor')
     ax.set_yticks(range(len(labels)), labels)
-    ax.set(xlim=(-0.6, len(columns) - 0.4), ylim=(-0.6, len(labels) - 0.4), ylabel='played', xlabel='named')
-    ax.set(title='named for sure (full), among rivals (open); the area is the part of the recordings, all sizes')
+    ax.set(xlim=(-0.6, len(columns) - 0.4), ylim=(-0.6, len(labels) - 0.4), ylabel='simulated', xlabel='named')
+    ax.set(title='named alone (full), among rivals (open); the area is the part of the recordings, all sizes')
     ax.grid(color=palette[LINE], lw=0.5)
 
 

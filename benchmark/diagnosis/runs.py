@@ -1,4 +1,4 @@
-"""One simulated recording, diagnosed and held against what was played."""
+"""One simulated recording, diagnosed and compared with the true effects."""
 
 from __future__ import annotations
 
@@ -10,9 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.diagnosis.cells import NOISE, SETUPS, Played, Setup, Sized, at_sizes, direction, play, seed_of
+from benchmark.common import NOISES
+from benchmark.diagnosis.cells import (
+    NOISE,
+    SETUPS,
+    Setup,
+    SimulatedEffects,
+    Sized,
+    at_sizes,
+    random_effect,
+    seed_of,
+    simulate,
+)
 from benchmark.diagnosis.record import ALONE, NONE, RIVALS, UNNAMED, WRONG, Record
-from benchmark.diagnosis.unlisted import ALIAS, UNLISTED, unlisted
+from benchmark.diagnosis.unlisted import ALIAS_OF, UNLISTED, unlisted
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.held_out import held_out_force_error
@@ -25,7 +36,6 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 
-NOISES = ('given', 'estimated')
 PAIRED = (
     'encoder_gain[joint1]',
     'transmission_error[joint2]',
@@ -36,13 +46,13 @@ PAIRED = (
 )
 PAIR_SIZE = 2.0
 UNLISTED_SIZES = (2.0, 5.0)
-BENT = ('link_bending[link2]', 'gripper along link 2')
+ALIASES = ('link_bending[link2]', 'gripper along link 2')
 """Exact aliases of the twelve parameters."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """Recordings that are played one after the other: one effect, or pair, of one cell and seed, at all sizes."""
+    """Recordings that are simulated one after the other: one effect, or pair, of one cell and seed, at all sizes."""
 
     section: str
     cell: str
@@ -52,92 +62,92 @@ class Task:
     sizes: tuple[float, ...] = ()
 
 
-def work(task: Task) -> list[Record]:
+def run_task(task: Task) -> list[Record]:
     """All recordings of a task."""
     setup = SETUPS[task.cell]
     records = []
-    for played, size, why in _played(task, setup):
+    for simulated, size, reason in _simulated_effects(task, setup):
         seed = seed_of(task.section, *task.labels, size, task.seed)
-        blank = Record(task.section, task.cell, '', task.seed, task.labels, size, why=why)
-        if played is None:
+        blank = Record(task.section, task.cell, '', task.seed, task.labels, size, reason=reason)
+        if simulated is None:
             records += [replace(blank, noise=noise) for noise in task.noises]
             continue
-        blank.values = tuple(float(value) for part in played.values for value in part)
+        blank.values = tuple(float(value) for part in simulated.values for value in part)
         try:
-            touches = _touches(task, setup, played, seed)
+            touches = _touches(task, setup, simulated, seed)
         except ScaraKinetostaticError as error:
-            records += [replace(blank, noise=noise, why=str(error)) for noise in task.noises]
+            records += [replace(blank, noise=noise, reason=str(error)) for noise in task.noises]
             continue
-        records += [_examined(replace(blank, noise=noise), setup, played, touches) for noise in task.noises]
+        records += [_diagnosed(replace(blank, noise=noise), setup, simulated, touches) for noise in task.noises]
     return records
 
 
-def _played(task: Task, setup: Setup) -> Iterator[tuple[Played | None, float, str]]:
-    """What a task plays, size by size."""
+def _simulated_effects(task: Task, setup: Setup) -> Iterator[tuple[SimulatedEffects | None, float, str]]:
+    """The effects of a task, size by size."""
     if task.section == 'clean':
         yield _alias(task, setup), np.nan, ''
         return
     ones = [_one(task.section, task.cell, label, task.seed) for label in task.labels]
     found = [_sized(task.cell, one.effects, tuple(map(tuple, one.values)), task.sizes) for one in ones]
     for items in zip(*found, strict=True):
-        missing = [item.why for item in items if item.played is None]
-        together = Played((), ())
+        missing = [item.reason for item in items if item.simulated is None]
+        combination = SimulatedEffects((), ())
         for item in items:
-            together = together.beside(item.played or Played((), ()))
-        yield (None if missing else together), items[0].size, ', '.join(missing)
+            combination = combination.combined(item.simulated or SimulatedEffects((), ()))
+        yield (None if missing else combination), items[0].size, ', '.join(missing)
 
 
-def _one(section: str, cell: str, label: str, seed: int) -> Played:
+def _one(section: str, cell: str, label: str, seed: int) -> SimulatedEffects:
     setup = SETUPS[cell]
-    return unlisted(label, setup, seed) if section == 'unlisted' else direction(find(setup.cell, label), seed)
+    return unlisted(label, setup, seed) if section == 'unlisted' else random_effect(find(setup.cell, label), seed)
 
 
 @cache
 def _sized(cell: str, effects: Any, values: Any, sizes: tuple[float, ...]) -> tuple[Sized, ...]:
-    return tuple(at_sizes(SETUPS[cell], Played(effects, tuple(np.array(v) for v in values)), sizes))
+    return tuple(at_sizes(SETUPS[cell], SimulatedEffects(effects, tuple(np.array(v) for v in values)), sizes))
 
 
-def _alias(task: Task, setup: Setup) -> Played:
-    """The bending of link 2 that adds a tenth to a whole of p2, if it is to be played; else nothing."""
-    if task.labels != BENT[:1]:
-        return Played((), ())
+def _alias(task: Task, setup: Setup) -> SimulatedEffects:
+    """The bending of link 2 that adds a tenth to a whole of p2, if the task has it; else no effect."""
+    if task.labels != ALIASES[:1]:
+        return SimulatedEffects((), ())
     part = np.random.default_rng([task.seed, 1]).uniform(0.1, 1.0)
-    return Played((find(setup.cell, BENT[0]),), (np.array([3 * part * setup.truth.p2]),))
+    return SimulatedEffects((find(setup.cell, ALIASES[0]),), (np.array([3 * part * setup.truth.p2]),))
 
 
-def _touches(task: Task, setup: Setup, played: Played, seed: int) -> TouchSet:
-    """What is played; a gripper that is stiffer along link 2 by a tenth to 0.8 of p_ee is no effect but the cell's."""
-    if task.labels != BENT[1:]:
-        return play(setup, played, seed=seed)
+def _touches(task: Task, setup: Setup, simulated: SimulatedEffects, seed: int) -> TouchSet:
+    """The touches; a gripper that is stiffer along link 2 by a tenth to 0.8 of p_ee is no effect but the cell's."""
+    if task.labels != ALIASES[1:]:
+        return simulate(setup, simulated, seed=seed)
     part = np.random.default_rng([task.seed, 2]).uniform(0.1, 0.8)
     excess = ((-part * setup.truth.p_ee, 0.0), (0.0, 0.0))
-    return play(setup._replace(cell=replace(setup.cell, gripper_excess=excess)), played, seed=seed)
+    return simulate(setup._replace(cell=replace(setup.cell, gripper_excess=excess)), simulated, seed=seed)
 
 
-def _examined(record: Record, setup: Setup, played: Played, touches: TouchSet) -> Record:
+def _diagnosed(record: Record, setup: Setup, simulated: SimulatedEffects, touches: TouchSet) -> Record:
     cell = setup.cell if record.noise == 'given' else replace(setup.cell, noise=None)
     try:
         before = calibrate(touches, cell)
         began = process_time()
         found = diagnose(before)
         record.cpu = process_time() - began
-        _judge(record, found, before)
-        _measure(record, setup, cell, played, (before, found))
+        _record_naming(record, found, before)
+        _record_errors(record, setup, cell, simulated, (before, found))
     except (ScaraKinetostaticError, ArithmeticError, ValueError, AssertionError, LookupError) as error:
         record.error = f'{type(error).__name__}: {error}'
     return record
 
 
-def _judge(record: Record, found: Diagnosis, before: Calibration) -> None:
-    """What was named."""
+def _record_naming(record: Record, found: Diagnosis, before: Calibration) -> None:
+    """Notes the effects that were named."""
     record.verdict, record.p_value, record.remaining = found.verdict, found.p_value, found.remaining_p_value
     record.chi_square = before.reduced_chi_square
     record.named = tuple(item.effect.label for item in found.found if item.in_every_model)
     record.rivals = found.rivals
-    expected = [ALIAS.get(label, label) for label in record.played]
+    expected = [ALIAS_OF.get(label, label) for label in record.simulated]
     naming: dict[str, str] = {}
     unnamed = all(not item.effect.is_physical for item in found.found if item.in_every_model) and not found.rivals
-    for label, wanted in zip(record.played, expected, strict=True):
+    for label, wanted in zip(record.simulated, expected, strict=True):
         if any(wanted in group for group in found.rivals):
             naming[label] = RIVALS
         elif wanted in record.named:
@@ -148,30 +158,32 @@ def _judge(record: Record, found: Diagnosis, before: Calibration) -> None:
     record.more = tuple(label for label in record.named if label not in expected)
 
 
-def _measure(record: Record, setup: Setup, cell: Cell, played: Played, outcome: tuple[Calibration, Diagnosis]) -> None:
+def _record_errors(
+    record: Record, setup: Setup, cell: Cell, simulated: SimulatedEffects, outcome: tuple[Calibration, Diagnosis]
+) -> None:
     """Errors of the twelve, of the extended and of the true model, on the touches that the true model uses."""
     before, found = outcome
     after, truth = found.extended or before, setup.truth
     if record.section == 'clean':
         record.z = _largest_z(before, truth), _largest_z(after, truth), np.nan
         return
-    warm_start = WarmStart(played.robot(truth), NOISE, np.ones(len(before.touches), dtype=bool))
-    true = calibrate(before.touches, cell, played.effects, warm_start=warm_start)
+    warm_start = WarmStart(simulated.robot(truth), NOISE, np.ones(len(before.touches), dtype=bool))
+    true = calibrate(before.touches, cell, simulated.effects, warm_start=warm_start)
     three = before, after, true
     first, second, third = (held_out_force_error(replace(fit, used=true.used)).force_error for fit in three)
-    record.held = first, second, third
+    record.held_out = first, second, third
     record.z = _largest_z(before, truth), _largest_z(after, truth), _largest_z(true, truth)
-    record.value_z = _value_z(found, played)
+    record.value_z = _value_z(found, simulated)
 
 
 def _largest_z(fit: Calibration, truth: Parameters) -> float:
     return float(np.nanmax(np.abs(fit.parameters.as_array() - truth.as_array()) / fit.std))
 
 
-def _value_z(found: Diagnosis, played: Played) -> float:
+def _value_z(found: Diagnosis, simulated: SimulatedEffects) -> float:
     """Largest error of the values of effects that were found, in standard deviations; NaN if there is none."""
     largest = [np.nan]
-    for effect, values in zip(played.effects, played.values, strict=True):
+    for effect, values in zip(simulated.effects, simulated.values, strict=True):
         for item in found.found:
             if item.effect.label != effect.label or len(item.values) != len(values):
                 continue
@@ -180,12 +192,12 @@ def _value_z(found: Diagnosis, played: Played) -> float:
     return float(np.nanmax(largest)) if np.isfinite(largest).any() else np.nan
 
 
-def everything(section: str, cell: str) -> list[tuple[str, ...]]:
-    """What a section plays in a cell."""
+def cases(section: str, cell: str) -> list[tuple[str, ...]]:
+    """The effects of a section in a cell, one tuple per recording."""
     if section == 'clean':
-        return [(), *((label,) for label in BENT)]
+        return [(), *((label,) for label in ALIASES)]
     if section == 'pairs':
         return [(a, b) for i, a in enumerate(PAIRED) for b in PAIRED[i + 1 :]]
     if section == 'unlisted':
         return [(kind,) for kind in UNLISTED]
-    return [(effect.label,) for effect in catalogue(SETUPS[cell].cell) if effect.label != BENT[0]]
+    return [(effect.label,) for effect in catalogue(SETUPS[cell].cell) if effect.label != ALIASES[0]]

@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.diagnosis.cells import Played, Setup, seed_of
+from benchmark.diagnosis.cells import Setup, SimulatedEffects, seed_of
 from scara_kinetostatic.effects.base import DiscEffect, Effect, JointEffect, Parameter
 from scara_kinetostatic.model.effect_law import TouchState
 
@@ -90,21 +90,21 @@ class Cable(JointEffect):
 
 UNLISTED = ('oval_disc', 'joint_leak[joint1]', 'cable[joint2]', 'linear_cable[joint2]')
 """What `unlisted` can make; the last is an alias of ``encoder_gain[joint2]``."""
-ALIAS = {'linear_cable[joint2]': 'encoder_gain[joint2]'}
+ALIAS_OF = {'linear_cable[joint2]': 'encoder_gain[joint2]'}
 
 
-def unlisted(kind: str, setup: Setup, seed: int) -> Played:
+def unlisted(kind: str, setup: Setup, seed: int) -> SimulatedEffects:
     """One of `UNLISTED` in a random way, of plausible size."""
     random = np.random.default_rng([seed, seed_of(kind)])
     sign = random.choice([-1.0, 1.0])
     if kind == 'oval_disc':
         disc, angle = int(random.integers(len(setup.cell.discs))), random.uniform(0, 2 * np.pi)
         effect: Effect = OvalDisc.of(disc, setup.cell.discs[disc].name)
-        return Played((effect,), (1e-3 * np.array([np.cos(angle), np.sin(angle)]),))
+        return SimulatedEffects((effect,), (1e-3 * np.array([np.cos(angle), np.sin(angle)]),))
     if kind == 'joint_leak[joint1]':
         effect = Leak(target='joint1', joint=0)
     elif kind == 'cable[joint2]':
         effect = Cable(target='joint2', joint=1, rest=random.uniform(-LARGEST_REST, LARGEST_REST))
     else:
         effect = Cable(target='joint2', joint=1, power=1)
-    return Played((effect,), (sign * np.array(effect.scales),))
+    return SimulatedEffects((effect,), (sign * np.array(effect.scales),))

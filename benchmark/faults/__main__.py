@@ -27,7 +27,7 @@ import numpy as np
 
 from benchmark.common import CELL
 from benchmark.faults.formats import CELL_FILE, forms, short_streams
-from benchmark.faults.outcomes import FAILURES, Judged, Verdict, judged_calibration, judged_cell, judged_reading
+from benchmark.faults.outcomes import FAILURES, Outcome, Verdict, calibration_outcome, cell_outcome, reading_outcome
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
@@ -61,33 +61,33 @@ class Row:
     shift: float = 0.0
     failures: list[tuple[int, str]] = field(default_factory=list)
 
-    def note(self, number: int, judged: Judged, *, failed: bool) -> None:
+    def note(self, number: int, outcome_of: Outcome, *, failed: bool) -> None:
         """Takes in a case."""
-        self.counts[judged.verdict.value] += 1
-        self.slowest = max(self.slowest, judged.seconds)
+        self.counts[outcome_of.verdict.value] += 1
+        self.slowest = max(self.slowest, outcome_of.seconds)
         if failed:
-            self.failures.append((number, f'{judged.verdict.value}: {judged.said}'))
+            self.failures.append((number, f'{outcome_of.verdict.value}: {outcome_of.message}'))
 
 
 def damage_recordings(number: int, folder: Path) -> Iterator[Row]:
     """Damages so many recordings and reads them; those of each form together."""
     short = short_streams()
     plan, sensors = default_plan(CELL, per_disc=6), SensorModel(joint_rate=40, wrench_rate=40)
-    played = simulate_streams(CELL, PAPER_ACTUAL, plan, sensors=sensors)
-    intact = calibrate(find_touches(played, CELL).touches, CELL)
-    pairs = list(zip(forms(short, CELL), forms(played, CELL), strict=True))
+    simulated = simulate_streams(CELL, PAPER_ACTUAL, plan, sensors=sensors)
+    intact = calibrate(find_touches(simulated, CELL).touches, CELL)
+    pairs = list(zip(forms(short, CELL), forms(simulated, CELL), strict=True))
     for place, (small, large) in enumerate(pairs):
         row = Row(small.name)
         for count in range(place, number, len(pairs)):
             faulthandler.dump_traceback_later(STUCK, exit=True)
             calibrated = count // len(pairs) % CALIBRATED == CALIBRATED - 1
             if calibrated:
-                judged = judged_calibration(large, count, intact, folder)
-                row.shift = max(row.shift, judged.shift if judged.verdict is Verdict.SILENT else 0.0)
+                outcome_of = calibration_outcome(large, count, intact, folder)
+                row.shift = max(row.shift, outcome_of.shift if outcome_of.verdict is Verdict.SILENT else 0.0)
             else:
-                judged = judged_reading(small, count, short, CELL, folder)
-            silent = small.protected and judged.verdict is Verdict.SILENT
-            row.note(count, judged, failed=judged.verdict in FAILURES or silent)
+                outcome_of = reading_outcome(small, count, short, CELL, folder)
+            silent = small.protected and outcome_of.verdict is Verdict.SILENT
+            row.note(count, outcome_of, failed=outcome_of.verdict in FAILURES or silent)
         yield row
 
 
@@ -97,12 +97,12 @@ def damage_cells(number: int, folder: Path) -> Iterator[Row]:
         row = Row(name)
         for count in range(number // 2):
             faulthandler.dump_traceback_later(STUCK, exit=True)
-            judged = judged_cell(text, count, folder)
-            row.note(count, judged, failed=judged.verdict in FAILURES)
+            outcome_of = cell_outcome(text, count, folder)
+            row.note(count, outcome_of, failed=outcome_of.verdict in FAILURES)
         yield row
 
 
-def told(rows: Iterable[Row]) -> list[Row]:
+def print_rows(rows: Iterable[Row]) -> list[Row]:
     """The rows, each printed when it is complete."""
     kept = []
     for row in rows:
@@ -111,8 +111,8 @@ def told(rows: Iterable[Row]) -> list[Row]:
         )
         shift = f', shift {row.shift:.3g} σ' if row.shift else ''
         print(f'{row.form}: {counts}; slowest {row.slowest:.2f} s{shift}', flush=True)
-        for number, said in row.failures[:5]:
-            print(f'  {number}: {said[:300]}')
+        for number, message in row.failures[:5]:
+            print(f'  {number}: {message[:300]}')
         kept.append(row)
     faulthandler.cancel_dump_traceback_later()
     return kept
@@ -147,8 +147,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix='faults_') as name:
         folder, here = Path(name), Path.cwd()
         os.chdir(folder)  # what a file might have executed would leave its traces there
-        rows = told(damage_recordings(options.bags, folder / 'case')) if options.bags else []
-        rows += told(damage_cells(options.cells, folder / 'case')) if options.cells else []
+        rows = print_rows(damage_recordings(options.bags, folder / 'case')) if options.bags else []
+        rows += print_rows(damage_cells(options.cells, folder / 'case')) if options.cells else []
         os.chdir(here)
         records = live(options.kills, options.disks, folder)
     if options.json:

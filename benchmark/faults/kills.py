@@ -26,7 +26,7 @@ from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain
 from scara_kinetostatic.touches.detection import find_touches
 
-PATIENCE = 60.0
+LONGEST_WAIT = 60.0
 """Longest wait for anything, s."""
 LIFE = (0.3, 9.0)
 """Shortest and longest life of a collector, from the start of its process, s."""
@@ -49,9 +49,9 @@ def kill_collectors(number: int, folder: Path) -> Iterator[dict[str, object]]:
         with NodeProcesses(domain, folder / 'logs') as nodes, DemoClient(domain, lambda: None) as client:
             nodes.start('contact_simulator', LOAD)
             pid = nodes.start('collector', {'output': output, 'autostart': True})
-            _spin(client, life)
+            _spin_for(client, life)
             os.kill(pid, signal.SIGKILL)
-            _spin(client, 0.2)  # what was under way
+            _spin_for(client, 0.2)  # what was under way
             yield {'life': round(life, 2), **examine(output, client.touches)}
         shutil.rmtree(output, ignore_errors=True)
 
@@ -78,17 +78,17 @@ def fill_disk(size: int, folder: Path) -> dict[str, object]:
         DemoClient(domain, simulator.check) as client,
         _on_small_disk(disk, size, domain, folder / 'logs' / 'collector.log') as pid,
     ):
-        said: list[str] = []
-        client._node.create_subscription(DiagnosticArray, '/diagnostics', lambda array: _note(array, said), 10)
+        message: list[str] = []
+        client._node.create_subscription(DiagnosticArray, '/diagnostics', lambda array: _note(array, message), 10)
         simulator.start('contact_simulator', LOAD)
-        client.wait('the end of the disk', lambda: any('recording failed' in text for text in said), PATIENCE)
+        client.wait('the end of the disk', lambda: any('recording failed' in text for text in message), LONGEST_WAIT)
         inside = Path(f'/proc/{pid}/root{disk}')
         shutil.copytree(inside, folder / 'copy')
         result = examine(folder / 'copy', client.touches)
-        answer = client.call('/collector/stop', Trigger, Trigger.Request(), PATIENCE)
+        answer = client.call('/collector/stop', Trigger, Trigger.Request(), LONGEST_WAIT)
         for item in inside.iterdir():
             shutil.rmtree(item)
-        again = client.call('/collector/start', Trigger, Trigger.Request(), PATIENCE)
+        again = client.call('/collector/start', Trigger, Trigger.Request(), LONGEST_WAIT)
         return {'size': size, **result, 'said': answer.message, 'records again when there is room': again.success}
 
 
@@ -133,14 +133,14 @@ def _open_strictly(bag: Path) -> None:
         assert count == item['message_count'], f'{count} of {item["message_count"]} messages in {item["path"]}'
 
 
-def _spin(client: DemoClient, seconds: float) -> None:
+def _spin_for(client: DemoClient, seconds: float) -> None:
     end = monotonic() + seconds
     while (left := end - monotonic()) > 0:
         client._executor.spin_once(timeout_sec=left)
 
 
-def _note(array: DiagnosticArray, said: list[str]) -> None:
-    said.extend(status.message for status in array.status)
+def _note(array: DiagnosticArray, message: list[str]) -> None:
+    message.extend(status.message for status in array.status)
 
 
 @contextmanager
@@ -158,4 +158,4 @@ def _on_small_disk(disk: Path, size: int, domain: int, log: Path) -> Iterator[in
             yield process.pid
         finally:
             process.send_signal(signal.SIGINT)
-            process.wait(PATIENCE)
+            process.wait(LONGEST_WAIT)

@@ -50,7 +50,7 @@ FAILURES = (Verdict.CRASHED, Verdict.SLOW, Verdict.EXECUTED)
 """What must not happen to any file."""
 
 
-class Judged(NamedTuple):
+class Outcome(NamedTuple):
     """What became of a damaged file.
 
     Attributes:
@@ -61,7 +61,7 @@ class Judged(NamedTuple):
     """
 
     verdict: Verdict
-    said: str
+    message: str
     shift: float
     seconds: float
 
@@ -109,7 +109,7 @@ def time_limit(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGALRM, former)
 
 
-def judged(read: Callable[[], tuple[float, str]], folder: Path) -> Judged:
+def outcome_of(read: Callable[[], tuple[float, str]], folder: Path) -> Outcome:
     """What becomes of a reading.
 
     Args:
@@ -119,19 +119,19 @@ def judged(read: Callable[[], tuple[float, str]], folder: Path) -> Judged:
     start, shift = perf_counter(), 0.0
     try:
         with time_limit(LONGEST):
-            shift, said = read()
-        verdict = Verdict.WARNED if said else Verdict.SILENT if shift else Verdict.SAME
+            shift, message = read()
+        verdict = Verdict.WARNED if message else Verdict.SILENT if shift else Verdict.SAME
     except ScaraKinetostaticError as error:
-        verdict, said = Verdict.REFUSED, str(error)
+        verdict, message = Verdict.REFUSED, str(error)
     except TooSlowError:
-        verdict, said = Verdict.SLOW, ''
+        verdict, message = Verdict.SLOW, ''
     except Exception as error:  # what this looks for
-        verdict, said = Verdict.CRASHED, f'{type(error).__name__}: {error}'
-    if not said.isprintable():
+        verdict, message = Verdict.CRASHED, f'{type(error).__name__}: {error}'
+    if not message.isprintable():
         verdict = Verdict.CRASHED
     if list(folder.rglob(CANARY)) or Path(CANARY).exists():
         verdict = Verdict.EXECUTED
-    return Judged(verdict, said, shift, perf_counter() - start)
+    return Outcome(verdict, message, shift, perf_counter() - start)
 
 
 def damaged_recording(form: Form, number: int, folder: Path) -> Path:
@@ -158,7 +158,7 @@ def damaged_recording(form: Form, number: int, folder: Path) -> Path:
     return folder / form.root
 
 
-def judged_reading(form: Form, number: int, whole: Streams, cell: Cell, folder: Path) -> Judged:
+def reading_outcome(form: Form, number: int, whole: Streams, cell: Cell, folder: Path) -> Outcome:
     """Damages a recording and reads it.
 
     Args:
@@ -175,10 +175,10 @@ def judged_reading(form: Form, number: int, whole: Streams, cell: Cell, folder: 
         find_touches(streams, cell)
         return float(carried != cell or not _equal(streams, whole)), '; '.join(streams.warnings)
 
-    return judged(read, folder)
+    return outcome_of(read, folder)
 
 
-def judged_calibration(form: Form, number: int, intact: Calibration, folder: Path) -> Judged:
+def calibration_outcome(form: Form, number: int, intact: Calibration, folder: Path) -> Outcome:
     """Damages a recording and calibrates from it; the shift is the largest of a parameter, in standard deviations."""
     root = damaged_recording(form, number, folder)
 
@@ -187,10 +187,10 @@ def judged_calibration(form: Form, number: int, intact: Calibration, folder: Pat
         shift = np.abs(outcome.final.parameters.as_array() - intact.parameters.as_array()) / intact.std
         return float(shift.max()), '; '.join(outcome.warnings)
 
-    return judged(read, folder)
+    return outcome_of(read, folder)
 
 
-def judged_cell(text: str, number: int, folder: Path) -> Judged:
+def cell_outcome(text: str, number: int, folder: Path) -> Outcome:
     """Damages a cell file and reads it; a cell that is read must make sense and survive a round trip."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
@@ -206,7 +206,7 @@ def judged_cell(text: str, number: int, folder: Path) -> Judged:
             raise ValueError('not finite')
         return float(cell != parse_cell(text)), ''
 
-    return judged(read, folder)
+    return outcome_of(read, folder)
 
 
 def _equal(read: Streams, whole: Streams) -> bool:

@@ -27,7 +27,7 @@ from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain
 from scara_kinetostatic.touches.detection import find_touches
 
-PATIENCE = 60.0
+LONGEST_WAIT = 60.0
 """Longest wait for an answer, s."""
 CALIBRATE_EVERY = 30.0
 ASK_EVERY = 1.0
@@ -54,37 +54,37 @@ def run(seconds: float, rate: float, folder: Path) -> dict[str, object]:
             DemoClient(domain, nodes.check) as client,
             subprocess.Popen(
                 command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-            ) as player,
+            ) as publisher,
         ):
-            assert player.stdin is not None
-            assert player.stdout is not None
-            client.wait('the collector', lambda: bool(client.recording), PATIENCE)
-            assert player.stdout.readline() == 'ready\n'
-            player.stdin.write('go\n')
-            player.stdin.flush()
+            assert publisher.stdin is not None
+            assert publisher.stdout is not None
+            client.wait('the collector', lambda: bool(client.recording), LONGEST_WAIT)
+            assert publisher.stdout.readline() == 'ready\n'
+            publisher.stdin.write('go\n')
+            publisher.stdin.flush()
             figures = _ask(client, seconds, collector)
-            published, latest = player.stdout.readline().split()
-            stopped = client.call('/collector/stop', Trigger, Trigger.Request(), PATIENCE)
-            player.stdin.write('end\n')
-        figures |= {'published of each topic': int(published), 'player late by at most [s]': float(latest)}
+            published, largest_delay = publisher.stdout.readline().split()
+            stopped = client.call('/collector/stop', Trigger, Trigger.Request(), LONGEST_WAIT)
+            publisher.stdin.write('end\n')
+        figures |= {'published of each topic': int(published), 'player late by at most [s]': float(largest_delay)}
         return figures | _compare(Path(client.recording), int(published)) | {'collector says': stopped.message}
 
 
 def _ask(client: DemoClient, seconds: float, collector: int) -> dict[str, object]:
     """Calls the services as long as the play lasts, and measures."""
     for service in ('/collector/start', '/calibrator/calibrate'):
-        client.call(service, Trigger, Trigger.Request(), PATIENCE)
+        client.call(service, Trigger, Trigger.Request(), LONGEST_WAIT)
     begun, used = monotonic(), _cpu(collector)
     asked, calibrated = begun, begun
     answers: list[float] = []
     calibrations: list[tuple[bool, float]] = []
     while (now := monotonic()) < begun + seconds - 2 * ASK_EVERY:
         if now - calibrated > CALIBRATE_EVERY:
-            answer = client.call('/calibrator/calibrate', Trigger, Trigger.Request(), PATIENCE)
+            answer = client.call('/calibrator/calibrate', Trigger, Trigger.Request(), LONGEST_WAIT)
             calibrations.append((answer.success, monotonic() - now))
             calibrated = now
         elif now - asked > ASK_EVERY:
-            client.call('/collector/start', Trigger, Trigger.Request(), PATIENCE)
+            client.call('/collector/start', Trigger, Trigger.Request(), LONGEST_WAIT)
             answers.append(monotonic() - now)
             asked = now
         else:

@@ -33,7 +33,7 @@ PERIOD = 0.001
 SECOND = 1_000_000_000
 
 
-class Player(Node):
+class CellPublisher(Node):
     """Publishes messages when they are due."""
 
     def __init__(self) -> None:
@@ -47,7 +47,7 @@ class Player(Node):
             sleep(0.05)
         sleep(0.5)
 
-    def play(self, streams: Streams, start: float, until: float) -> tuple[int, float]:
+    def publish(self, streams: Streams, start: float, until: float) -> tuple[int, float]:
         """Plays one pass.
 
         Args:
@@ -58,17 +58,17 @@ class Player(Node):
         Returns:
             How many pairs of messages were published, and by how much the latest was late, s.
         """
-        count, latest = 0, 0.0
+        count, largest_delay = 0, 0.0
         for due, joint_state, wrench in _serialized(streams):
             while (now := monotonic()) < start + due:
                 sleep(PERIOD)
             if start + due > until:
                 break
-            latest = max(latest, now - start - due)
+            largest_delay = max(largest_delay, now - start - due)
             _publish(self.joints, joint_state)
             _publish(self.wrench, wrench)
             count += 1
-        return count, latest
+        return count, largest_delay
 
 
 def _publish(publisher: Publisher, message: bytes) -> None:
@@ -92,18 +92,18 @@ def main() -> int:
     parser.add_argument('--rate', type=float, default=1000.0)
     options = parser.parse_args()
     rclpy.init()
-    player = Player()
+    publisher = CellPublisher()
     sensors = SensorModel(joint_rate=options.rate, wrench_rate=options.rate)
     streams = simulate_streams(PAPER_CELL, PAPER_ACTUAL, default_plan(PAPER_CELL), sensors=sensors, start=0)
-    player.wait_for_subscriber()
+    publisher.wait_for_subscriber()
     print('ready', flush=True)
     sys.stdin.readline()
     start = monotonic()
-    until, count, latest = start + options.seconds, 0, 0.0
+    until, count, largest_delay = start + options.seconds, 0, 0.0
     while monotonic() < until:
-        published, late = player.play(streams, monotonic(), until)
-        count, latest = count + published, max(latest, late)
-    print(count, f'{latest:.4f}', flush=True)
+        published, late = publisher.publish(streams, monotonic(), until)
+        count, largest_delay = count + published, max(largest_delay, late)
+    print(count, f'{largest_delay:.4f}', flush=True)
     sys.stdin.readline()  # reliable: what is under way must not die with the publisher
     rclpy.try_shutdown()
     return 0

@@ -1,4 +1,4 @@
-"""Bad touches among good ones: what they are, and what becomes of the calibration.
+"""Outliers: bad touches among good ones, and the calibration with them.
 
 One touch in ten is bad. Three kinds, each in realistic sizes:
 
@@ -7,21 +7,21 @@ One touch in ten is bad. Three kinds, each in realistic sizes:
   part, which bends the joints as well as it shows in the force;
 - force spike: a force in a random direction is added to the reading.
 
-A size in newtons says little; what counts is the distance of the bad touch, free of noise, from what the model
+The relevant size is not in newtons but the distance of the bad touch, free of noise, from what the model
 allows, in standard deviations of a good one (`bound.size`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.common import CELL
+from benchmark.common import CELL, NOISE
 from benchmark.statistics.bound import size
-from benchmark.statistics.runs import NOISE, Scene, Task, error_of, scene, told
+from benchmark.statistics.runs import Setup, Task, described_cell, error_of, run_noise, run_starts, setup_of
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import ScaraKinetostaticError
@@ -82,40 +82,40 @@ class OutlierRun:
     failed: dict[str, str] = field(default_factory=dict)
 
 
-def play_outliers(task: Task) -> list[OutlierRun]:
+def run_outliers(task: Task) -> list[OutlierRun]:
     """All cases on the same noise, run by run."""
-    stage, cell = scene(task.robot, task.per_disc), told(task.noise)
+    setup, cell = setup_of(task.robot, task.per_disc), described_cell(task.noise)
     runs = []
     for seed in task.seeds:
-        good = simulate_touches(CELL, stage.truth, stage.plan, NOISE, seed)
+        good = simulate_touches(CELL, setup.truth, setup.plan, NOISE, seed)
         bad = np.sort(np.random.default_rng([seed, 2]).permutation(len(good))[: round(SHARE * len(good))])
         run, none = OutlierRun(), np.zeros(0, dtype=np.intp)
         variants = {CLEAN: (good, none), LEFT_OUT: (good.select(np.setdiff1d(np.arange(len(good)), bad)), none)}
         for label, kinds in CASES.items():
-            exact = spoiled(stage, bad, kinds, seed)
-            run.sizes[label] = size(CELL, stage.truth, exact.select(bad), stage.exact.select(bad), NOISE)
-            joints, force = good.joints - stage.exact.joints, good.force - stage.exact.force
+            exact = with_outliers(setup, bad, kinds, seed)
+            run.sizes[label] = size(CELL, setup.truth, exact.select(bad), setup.exact.select(bad), NOISE)
+            joints, force = good.joints - setup.exact.joints, good.force - setup.exact.force
             variants[label] = exact.replace(joints=exact.joints + joints, force=exact.force + force), bad
         for label, (touches, spoilt) in variants.items():
             try:
-                _note(run, label, calibrate(touches, cell), stage, spoilt)
+                _note(run, label, calibrate(touches, cell), setup, spoilt)
             except ScaraKinetostaticError as error:
                 run.failed[label] = str(error)
         runs.append(run)
     return runs
 
 
-def _note(run: OutlierRun, label: str, found: Calibration, stage: Scene, bad: NDArray[np.intp]) -> None:
+def _note(run: OutlierRun, label: str, found: Calibration, setup: Setup, bad: NDArray[np.intp]) -> None:
     indices = [item.index for item in found.rejected]
     named = np.isin(bad, indices)
-    run.error[label], run.named[label] = error_of(found, stage.truth), named
+    run.error[label], run.named[label] = error_of(found, setup.truth), named
     run.lost[label] = len(indices) - int(named.sum())
 
 
-def spoiled(stage: Scene, bad: NDArray[np.intp], kinds: tuple[Kind, ...], seed: int) -> TouchSet:
+def with_outliers(setup: Setup, bad: NDArray[np.intp], kinds: tuple[Kind, ...], seed: int) -> TouchSet:
     """The exact touches with some of them bad, the kinds in turn."""
     random = np.random.default_rng([seed, 3])
-    touches = stage.exact
+    touches = setup.exact
     for number, kind in enumerate(kinds):
         which = bad[number :: len(kinds)]
         amount = random.uniform(kind.least, kind.most, len(which)) if kind.kind != WRONG else np.zeros(len(which))
@@ -128,18 +128,24 @@ def spoiled(stage: Scene, bad: NDArray[np.intp], kinds: tuple[Kind, ...], seed: 
             force[which] += amount[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
             touches = touches.replace(force=force)
         else:
-            touches = _slipped(stage, touches, which, amount * random.choice([-1, 1], len(which)))
+            touches = _slipped(setup, touches, which, amount * random.choice([-1, 1], len(which)))
     return touches
 
 
-def _slipped(stage: Scene, touches: TouchSet, which: NDArray[np.intp], amount: Floats) -> TouchSet:
+def _slipped(setup: Setup, touches: TouchSet, which: NDArray[np.intp], amount: Floats) -> TouchSet:
     """Some touches with a tangential force of so many times the normal one, held by joints that feel it."""
-    plan = stage.plan.select(which)
+    plan = setup.plan.select(which)
     inward = -plan.normal()
     tangent = np.stack([-inward[:, 1], inward[:, 0]], axis=1)
     joints, force = touches.joints.copy(), touches.force.copy()
     force[which] = plan.force[:, None] * (inward + amount[:, None] * tangent)
-    turned, _ = inverse_kinetostatics(stage.truth, plan.contact(CELL), force[which], plan.posture, CELL.gripper)
+    turned, _ = inverse_kinetostatics(setup.truth, plan.contact(CELL), force[which], plan.posture, CELL.gripper)
     before = joints[which]
     joints[which] = before + (turned - before + np.pi) % (2 * np.pi) - np.pi
     return touches.replace(joints=joints, force=force)
+
+
+def run_task(task: Task) -> list[Any]:
+    """All runs of a task of any section."""
+    run = {'noise': run_noise, 'starts': run_starts, 'outliers': run_outliers}[task.section]
+    return list(run(task))

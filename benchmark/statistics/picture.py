@@ -12,8 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmark.statistics.outliers import CASES, LEFT_OUT
-from benchmark.statistics.summary import COVERED, EFFICIENT, GROWTH, LEVEL
-from benchmark.statistics.tables import sizes_of
+from benchmark.statistics.summary import COVERED, EFFICIENT, GROWTH, LEVEL, sizes_of
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.render.figure import INK, LINE, SERIES, WARN, light_colours, style
 

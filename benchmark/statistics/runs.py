@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmark.common import CELL, ROBOTS
+from benchmark.common import CELL, EXACT, NOISE, ROBOTS
 from benchmark.statistics.bound import Bound, bound
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import ScaraKinetostaticError
-from scara_kinetostatic.model.cell import Cell, Noise
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import Plan, default_plan
@@ -22,18 +22,15 @@ from scara_kinetostatic.simulation.streams import simulate_touches
 
 Floats = NDArray[np.float64]
 
-NOISES = ('given', 'estimated')
-NOISE = Noise(joint=1e-5, force=0.3)
-EXACT = Noise(joint=0.0, force=0.0)
 LENGTH_OFF, ANGLE_OFF, FACTOR_OFF = 0.020, np.deg2rad(3.0), 5.0
 """How far nominal values are off: lengths and base ± m, offsets ± rad, compliances and backlashes × or ÷."""
-OFF = np.array([LENGTH_OFF, LENGTH_OFF, ANGLE_OFF, LENGTH_OFF, ANGLE_OFF, LENGTH_OFF])
+LARGEST_OFFSETS = np.array([LENGTH_OFF, LENGTH_OFF, ANGLE_OFF, LENGTH_OFF, ANGLE_OFF, LENGTH_OFF])
 SAME_COST, SAME_VALUE = 1e-6, 1e-3
 """Two optima are one if costs agree to this part and parameters to this many standard deviations."""
 
 
 class Task(NamedTuple):
-    """Runs that are played one after the other.
+    """Runs that are made one after the other.
 
     Attributes:
         section: ``noise``, ``starts`` or ``outliers``.
@@ -50,7 +47,7 @@ class Task(NamedTuple):
     seeds: range
 
 
-class Scene(NamedTuple):
+class Setup(NamedTuple):
     """A robot, its touches as they truly are, and the bound that goes with them."""
 
     truth: Parameters
@@ -82,7 +79,7 @@ class NoiseRun:
 
 @dataclass
 class StartRun:
-    """One calibration from nominal values far off, held against that from the nominal robot.
+    """One calibration from nominal values far off, compared with that from the nominal robot.
 
     Attributes:
         cost: its difference, relative.
@@ -103,29 +100,29 @@ class StartRun:
 
 
 @cache
-def scene(robot: str, per_disc: int) -> Scene:
+def setup_of(robot: str, per_disc: int) -> Setup:
     """The paper's cell, three force levels, both postures."""
     truth, plan = ROBOTS[robot], default_plan(CELL, per_disc)
     exact = simulate_touches(CELL, truth, plan, EXACT)
-    return Scene(truth, plan, exact, bound(CELL, truth, exact, NOISE))
+    return Setup(truth, plan, exact, bound(CELL, truth, exact, NOISE))
 
 
-def told(noise: str) -> Cell:
-    """The cell with its noise, or without, as the calibration is told."""
+def described_cell(noise: str) -> Cell:
+    """The cell description with its noise, or without."""
     return replace(CELL, noise=NOISE if noise == 'given' else None)
 
 
-def play_noise(task: Task) -> list[NoiseRun]:
+def run_noise(task: Task) -> list[NoiseRun]:
     """Fresh noise each time."""
-    stage, cell = scene(task.robot, task.per_disc), told(task.noise)
+    setup, cell = setup_of(task.robot, task.per_disc), described_cell(task.noise)
     runs = []
     for seed in task.seeds:
-        touches = simulate_touches(CELL, stage.truth, stage.plan, NOISE, seed)
+        touches = simulate_touches(CELL, setup.truth, setup.plan, NOISE, seed)
         found = calibrate(touches, cell)
-        ideal = stage.bound.ideal(touches.joints - stage.exact.joints, touches.force - stage.exact.force)
+        ideal = setup.bound.ideal(touches.joints - setup.exact.joints, touches.force - setup.exact.force)
         levels = (found.noise.joint, found.noise.force)
         freedoms, rejected = found.degrees_of_freedom, len(found.rejected)
-        runs.append(NoiseRun(error_of(found, stage.truth), found.std, ideal, freedoms, rejected, levels))
+        runs.append(NoiseRun(error_of(found, setup.truth), found.std, ideal, freedoms, rejected, levels))
     return runs
 
 
@@ -134,15 +131,15 @@ def error_of(found: Calibration, truth: Parameters) -> Floats:
     return found.parameters.as_array() - truth.as_array()
 
 
-def play_starts(task: Task) -> list[StartRun]:
+def run_starts(task: Task) -> list[StartRun]:
     """The same touches, other nominal values each time."""
-    stage, cell = scene(task.robot, task.per_disc), told(task.noise)
-    touches = simulate_touches(CELL, stage.truth, stage.plan, NOISE, seed=0)
+    setup, cell = setup_of(task.robot, task.per_disc), described_cell(task.noise)
+    touches = simulate_touches(CELL, setup.truth, setup.plan, NOISE, seed=0)
     reference = calibrate(touches, cell)
     runs = []
     for seed in task.seeds:
         try:
-            found = calibrate(touches, replace(cell, nominal=far_off(stage.truth, seed)))
+            found = calibrate(touches, replace(cell, nominal=distant_nominal(setup.truth, seed)))
         except ScaraKinetostaticError as error:
             runs.append(StartRun(np.inf, np.inf, 0, str(error)))
             continue
@@ -154,10 +151,10 @@ def play_starts(task: Task) -> list[StartRun]:
     return runs
 
 
-def far_off(truth: Parameters, seed: int) -> Parameters:
+def distant_nominal(truth: Parameters, seed: int) -> Parameters:
     """Nominal values as far off as `OFF` and `FACTOR_OFF` say, at random."""
     random = np.random.default_rng([seed, 17])
     values = truth.as_array()
-    values[: len(OFF)] += OFF * random.uniform(-1, 1, len(OFF))
-    values[len(OFF) : len(NAMES)] *= FACTOR_OFF ** random.uniform(-1, 1, len(NAMES) - len(OFF))
+    values[: len(LARGEST_OFFSETS)] += LARGEST_OFFSETS * random.uniform(-1, 1, len(LARGEST_OFFSETS))
+    values[len(LARGEST_OFFSETS) : len(NAMES)] *= FACTOR_OFF ** random.uniform(-1, 1, len(NAMES) - len(LARGEST_OFFSETS))
     return Parameters.from_array(values)

@@ -1,4 +1,4 @@
-"""The benchmark of the calibration as an estimator plays what it says, and judges as it says."""
+"""The benchmark of the calibration as an estimator: its simulations, figures and targets."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmark.common import CELL, ROBOTS
-from benchmark.statistics.__main__ import plain, summarise, tasks
+from benchmark.common import CELL, NOISE, ROBOTS, json_value
+from benchmark.statistics.__main__ import summarise, tasks
 from benchmark.statistics.bound import linear, size
-from benchmark.statistics.outliers import CASES, CLEAN, LARGE, LEFT_OUT, SPIKE, Kind, play_outliers, spoiled
+from benchmark.statistics.outliers import CASES, CLEAN, LARGE, LEFT_OUT, SPIKE, Kind, run_outliers, with_outliers
 from benchmark.statistics.picture import draw
-from benchmark.statistics.runs import NOISE, Task, far_off, play_noise, play_starts, scene
-from benchmark.statistics.summary import judge, noise_summary, outlier_summary, starts_summary
-from benchmark.statistics.tables import tables
+from benchmark.statistics.runs import Task, distant_nominal, run_noise, run_starts, setup_of
+from benchmark.statistics.summary import check_targets, noise_summary, outlier_summary, starts_summary, tables
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -23,30 +22,30 @@ from scara_kinetostatic.simulation.streams import simulate_touches
 
 @pytest.fixture(scope='module')
 def noise_runs():
-    return play_noise(Task('noise', 'table 2', 'given', 12, range(200)))
+    return run_noise(Task('noise', 'table 2', 'given', 12, range(200)))
 
 
 @pytest.mark.parametrize('robot', list(ROBOTS))
 def test_the_bound_is_the_covariance_that_exact_touches_give(robot):
-    stage = scene(robot, 12)
-    assert len(stage.plan) == 72
-    assert np.abs(linear(CELL, stage.truth, stage.exact).misclosure).max() < 1e-14
-    found = calibrate(stage.exact, CELL)
-    scale = np.outer(stage.bound.std, stage.bound.std)
-    np.testing.assert_allclose(found.covariance / scale, stage.bound.covariance / scale, atol=1e-8)
+    setup = setup_of(robot, 12)
+    assert len(setup.plan) == 72
+    assert np.abs(linear(CELL, setup.truth, setup.exact).misclosure).max() < 1e-14
+    found = calibrate(setup.exact, CELL)
+    scale = np.outer(setup.bound.std, setup.bound.std)
+    np.testing.assert_allclose(found.covariance / scale, setup.bound.covariance / scale, atol=1e-8)
 
 
 def test_the_ideal_estimate_attains_the_bound_and_lies_beside_the_real_one(noise_runs):
-    stage = scene('table 2', 12)
-    gain = stage.bound.gain * [NOISE.joint, NOISE.joint, NOISE.force, NOISE.force]
+    setup = setup_of('table 2', 12)
+    gain = setup.bound.gain * [NOISE.joint, NOISE.joint, NOISE.force, NOISE.force]
     attained = np.einsum('knj,lnj->kl', gain, gain)
-    np.testing.assert_allclose(np.diag(attained), np.diag(stage.bound.covariance), rtol=1e-9)
-    apart = np.array([(run.error - run.ideal) / stage.bound.std for run in noise_runs])
+    np.testing.assert_allclose(np.diag(attained), np.diag(setup.bound.covariance), rtol=1e-9)
+    apart = np.array([(run.error - run.ideal) / setup.bound.std for run in noise_runs])
     assert np.sqrt((apart**2).mean()) < 0.1
 
 
 def test_efficiency_and_coverage(noise_runs):
-    found = noise_summary(noise_runs, scene('table 2', 12))
+    found = noise_summary(noise_runs, setup_of('table 2', 12))
     assert found['runs'] == 200
     assert all(0.97 < ratio < 1.03 for ratio in found['variance_over_ideal_of_same_noise'].values())
     assert all(0.6 < ratio < 1.5 for ratio in found['variance_over_bound'].values())
@@ -56,47 +55,47 @@ def test_efficiency_and_coverage(noise_runs):
 
 def test_sigmas_that_are_too_small_and_errors_that_are_too_large_are_told(noise_runs):
     wrong = [replace(run, error=1.2 * run.error, std=0.8 * run.std) for run in noise_runs]
-    found = noise_summary(wrong, scene('table 2', 12))
-    verdicts = judge({'efficiency': {'wrong': found}, 'coverage': {'wrong': found}})
+    found = noise_summary(wrong, setup_of('table 2', 12))
+    verdicts = check_targets({'efficiency': {'wrong': found}, 'coverage': {'wrong': found}})
     assert len(verdicts) == 4
     assert not any(met for _, met in verdicts)
 
 
 def test_starts_far_off_are_far_off_and_lead_home():
-    off = np.array([far_off(PAPER_ACTUAL, seed).as_array() for seed in range(200)]) - PAPER_ACTUAL.as_array()
+    off = np.array([distant_nominal(PAPER_ACTUAL, seed).as_array() for seed in range(200)]) - PAPER_ACTUAL.as_array()
     assert np.abs(off[:, 0]).max() == pytest.approx(0.02, rel=0.05)
     assert np.abs(off[:, 2]).max() == pytest.approx(np.deg2rad(3), rel=0.05)
     assert off[:, 6].max() / PAPER_ACTUAL.p_ee == pytest.approx(4, rel=0.1)
-    found = starts_summary(play_starts(Task('starts', 'figure 4(d)', 'estimated', 12, range(5))))
+    found = starts_summary(run_starts(Task('starts', 'figure 4(d)', 'estimated', 12, range(5))))
     assert found['same_optimum'] == found['starts'] == 5
 
 
 def test_the_size_of_a_bad_touch():
-    stage = scene('table 2', 12)
-    assert size(CELL, stage.truth, stage.exact, stage.exact, NOISE).max() < 1e-6
-    every, spike = np.arange(len(stage.plan)), Kind(SPIKE, 2.0, 2.0)
-    spiked = size(CELL, stage.truth, spoiled(stage, every, (spike,), 0), stage.exact, NOISE)
+    setup = setup_of('table 2', 12)
+    assert size(CELL, setup.truth, setup.exact, setup.exact, NOISE).max() < 1e-6
+    every, spike = np.arange(len(setup.plan)), Kind(SPIKE, 2.0, 2.0)
+    spiked = size(CELL, setup.truth, with_outliers(setup, every, (spike,), 0), setup.exact, NOISE)
     assert spiked.max() <= 2.0 / NOISE.force + 1e-9
     assert np.median(spiked) > 2.0
-    assert np.isinf(size(CELL, stage.truth, spoiled(stage, every, LARGE[:1], 0), stage.exact, NOISE)).all()
+    assert np.isinf(size(CELL, setup.truth, with_outliers(setup, every, LARGE[:1], 0), setup.exact, NOISE)).all()
 
 
 def test_a_slipped_touch_is_in_balance():
-    stage = scene('figure 4(d)', 12)
-    slipped = spoiled(stage, np.arange(len(stage.plan)), LARGE[1:2], 0)
-    inward = -stage.plan.normal()
+    setup = setup_of('figure 4(d)', 12)
+    slipped = with_outliers(setup, np.arange(len(setup.plan)), LARGE[1:2], 0)
+    inward = -setup.plan.normal()
     along = (slipped.force * inward).sum(axis=1)
     across = np.abs(inward[:, 0] * slipped.force[:, 1] - inward[:, 1] * slipped.force[:, 0])
-    np.testing.assert_allclose(along, stage.plan.force)
+    np.testing.assert_allclose(along, setup.plan.force)
     assert ((across / along > 0.3) & (across / along < 0.6)).all()
-    off_normal_fit = linear(CELL, stage.truth, slipped).misclosure + CELL.centers[slipped.disc]
+    off_normal_fit = linear(CELL, setup.truth, slipped).misclosure + CELL.centers[slipped.disc]
     radius = CELL.radii[slipped.disc, None]
     tip = off_normal_fit - radius * slipped.force / np.hypot(*slipped.force.T)[:, None]
-    assert np.hypot(*(tip - stage.plan.contact(CELL)).T).max() < 1e-12
+    assert np.hypot(*(tip - setup.plan.contact(CELL)).T).max() < 1e-12
 
 
 def test_large_bad_touches_are_named_and_cost_no_more_than_they_must():
-    runs = play_outliers(Task('outliers', 'table 2', 'given', 12, range(4)))
+    runs = run_outliers(Task('outliers', 'table 2', 'given', 12, range(4)))
     found = outlier_summary(runs)
     assert found['bad_touches_in_each'] == 7
     for kind in LARGE:
@@ -104,17 +103,17 @@ def test_large_bad_touches_are_named_and_cost_no_more_than_they_must():
         assert (case['named'], case['bad'], case['good_touches_rejected']) == (28, 28, 0)
         assert case['growth_rms'] == pytest.approx(found['cases'][LEFT_OUT]['growth_rms'], abs=1e-6)
     assert sum(row['bad'] for row in found['named_by_size']) == 28 * len(CASES)
-    clean = simulate_touches(CELL, ROBOTS['table 2'], scene('table 2', 12).plan, NOISE, 0)
+    clean = simulate_touches(CELL, ROBOTS['table 2'], setup_of('table 2', 12).plan, NOISE, 0)
     same = calibrate(clean, CELL).parameters.as_array() - ROBOTS['table 2'].as_array()
     np.testing.assert_array_equal(runs[0].error[CLEAN], same)
 
 
 def test_the_report(noise_runs, tmp_path):
-    found = noise_summary(noise_runs, scene('table 2', 12))
+    found = noise_summary(noise_runs, setup_of('table 2', 12))
     summary = {'efficiency': {'table 2, given': found}, 'coverage': {'table 2, given': found}}
     draw(summary, tmp_path / 'picture.svg')
     assert 'all touches are simulated' in (tmp_path / 'picture.svg').read_text(encoding='utf-8')
-    assert json.loads(json.dumps(plain(summary), allow_nan=False)) == plain(summary)
+    assert json.loads(json.dumps(json_value(summary), allow_nan=False)) == json_value(summary)
     text = '\n'.join(tables(summary))
     assert text.startswith('All touches are simulated')
     assert all(f'\n{name} ' in text for name in NAMES)

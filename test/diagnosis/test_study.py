@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmark.diagnosis.cells import NOISE, SETUPS, TOUCHES, at_sizes, direction, play, trace
-from benchmark.diagnosis.record import ALONE, Record, failure, fallen
-from benchmark.diagnosis.runs import NOISES, Task, everything, work
+from benchmark.diagnosis.cells import NOISE, SETUPS, TOUCHES, at_sizes, chi_square_increase, random_effect, simulate
+from benchmark.diagnosis.record import ALONE, Record, error_reduction, failure
+from benchmark.diagnosis.runs import NOISES, Task, cases, run_task
 from benchmark.diagnosis.tables import tables
 from benchmark.diagnosis.unlisted import unlisted
 from scara_kinetostatic.calibration.calibrate import calibrate
@@ -25,22 +25,22 @@ def test_both_cells_have_all_touches() -> None:
 
 
 def test_a_size_is_the_reduced_chi_square_of_the_twelve() -> None:
-    one = direction(find(SOFT.cell, 'sensor_bias'), seed=3)
+    one = random_effect(find(SOFT.cell, 'sensor_bias'), seed=3)
     (found,) = at_sizes(SOFT, one, (2.0,))
-    assert found.played is not None
-    assert 1 + trace(SOFT, found.played) == pytest.approx(2.0, abs=0.05)
-    fits = [calibrate(play(SOFT, found.played, NOISE, seed), SOFT.cell).reduced_chi_square for seed in range(6)]
+    assert found.simulated is not None
+    assert 1 + chi_square_increase(SOFT, found.simulated) == pytest.approx(2.0, abs=0.05)
+    fits = [calibrate(simulate(SOFT, found.simulated, NOISE, seed), SOFT.cell).reduced_chi_square for seed in range(6)]
     assert np.mean(fits) == pytest.approx(2.0, abs=0.15)
 
 
 def test_an_alias_of_the_twelve_has_no_size() -> None:
-    (found,) = at_sizes(PAPER, direction(find(PAPER.cell, 'link_bending[link2]'), seed=0), (1.3,))
-    assert found.played is None
-    assert 'plausible sizes' in found.why
+    (found,) = at_sizes(PAPER, random_effect(find(PAPER.cell, 'link_bending[link2]'), seed=0), (1.3,))
+    assert found.simulated is None
+    assert 'plausible sizes' in found.reason
 
 
 def test_a_frequency_is_kept_when_the_effect_grows() -> None:
-    one = direction(find(PAPER.cell, 'transmission_error[joint2]'), seed=5)
+    one = random_effect(find(PAPER.cell, 'transmission_error[joint2]'), seed=5)
     grown = one.scaled(3.0)
     np.testing.assert_allclose(grown.values[0], one.values[0] * (3.0, 1.0, 1.0))
 
@@ -52,7 +52,7 @@ def test_the_oval_disc_is_touched_where_its_normal_is() -> None:
     disc = oval.effects[0].disc  # type: ignore[attr-defined]
     a, b = oval.values[0]
     rigid = PAPER._replace(truth=PAPER.truth.replace(p1=1e-9, p2=1e-9, p_ee=1e-9, g_ee=0.0, g1=0.0, g2=0.0))
-    touches = play(rigid, oval, type(NOISE)(0.0, 0.0))
+    touches = simulate(rigid, oval, type(NOISE)(0.0, 0.0))
     on_it = touches.select(touches.disc == disc)
     angle = np.arctan2(-on_it.force[:, 1], -on_it.force[:, 0])
     away = forward(rigid.truth, on_it.joints) - PAPER.cell.centers[disc]
@@ -65,15 +65,15 @@ def test_the_oval_disc_is_touched_where_its_normal_is() -> None:
 
 def test_a_linear_cable_is_the_gain_of_an_encoder() -> None:
     cable = unlisted('linear_cable[joint2]', PAPER, seed=1)
-    gain = direction(find(PAPER.cell, 'encoder_gain[joint2]'), seed=1)
+    gain = random_effect(find(PAPER.cell, 'encoder_gain[joint2]'), seed=1)
     gain = gain._replace(values=(-PAPER.truth.p2 * cable.values[0],))
-    one, other = (play(PAPER, played) for played in (cable, gain))
+    one, other = (simulate(PAPER, simulated) for simulated in (cable, gain))
     np.testing.assert_allclose(one.joints, other.joints, atol=1e-9)
     np.testing.assert_allclose(one.force, other.force, atol=1e-6)
 
 
 def test_a_task_gives_a_record_per_size_and_noise_that_the_tables_take() -> None:
-    records = work(Task('effects', 'paper', ('encoder_gain[joint1]',), 0, sizes=(2.0,)))
+    records = run_task(Task('effects', 'paper', ('encoder_gain[joint1]',), 0, sizes=(2.0,)))
     assert [(r.size, r.noise) for r in records] == [(2.0, noise) for noise in NOISES]
     assert all(r.naming == {'encoder_gain[joint1]': ALONE} for r in records)
     assert all(r.held[0] > 1.2 * r.held[2] for r in records)
@@ -82,7 +82,7 @@ def test_a_task_gives_a_record_per_size_and_noise_that_the_tables_take() -> None
     assert 'failures' not in text
     (line,) = (line for line in text.splitlines() if 'named, alone or among rivals' in line)
     assert line.split()[-7:-3] == ['2', '100', '%', 'wanted']
-    again = work(Task('effects', 'paper', ('encoder_gain[joint1]',), 0, noises=('given',), sizes=(2.0,)))
+    again = run_task(Task('effects', 'paper', ('encoder_gain[joint1]',), 0, noises=('given',), sizes=(2.0,)))
     assert again[0].held == records[0].held
 
 
@@ -91,12 +91,12 @@ def test_a_failure_says_what_is_wrong() -> None:
     wrong.naming = {'sensor_bias': 'none'}
     wrong.held, wrong.z = (0.6, 0.6, 0.4), (9.0, 9.0, 1.0)
     assert failure(wrong) == 'misnamed, held-out, z > 4'
-    assert fallen(wrong) == 0.0
+    assert error_reduction(wrong) == 0.0
     assert '--first 7 --effect sensor_bias, size 2: misnamed' in '\n'.join(tables([wrong]))
 
 
 def test_everything_is_played_in_every_section() -> None:
-    assert len(everything('pairs', 'paper')) == 15
-    assert ('link_bending[link2]',) not in everything('effects', 'soft')
-    assert ('object_radius[disc_4]',) in everything('effects', 'soft')
-    assert () in everything('clean', 'paper')
+    assert len(cases('pairs', 'paper')) == 15
+    assert ('link_bending[link2]',) not in cases('effects', 'soft')
+    assert ('object_radius[disc_4]',) in cases('effects', 'soft')
+    assert () in cases('clean', 'paper')

@@ -10,7 +10,7 @@ import pytest
 from benchmark.common import CELL
 from benchmark.faults import outcomes
 from benchmark.faults.formats import CELL_FILE, forms, short_streams
-from benchmark.faults.outcomes import CANARY, FAILURES, Form, Verdict, judged, judged_cell, judged_reading
+from benchmark.faults.outcomes import CANARY, FAILURES, Form, Verdict, cell_outcome, outcome_of, reading_outcome
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.files.cell_file import dump_cell
 
@@ -29,7 +29,7 @@ def somewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_damaged_recording_is_refused_or_warned_about(form: Form, tmp_path: Path) -> None:
     met = set()
     for number in range(BAGS):
-        case = judged_reading(form, number, STREAMS, CELL, tmp_path / 'case')
+        case = reading_outcome(form, number, STREAMS, CELL, tmp_path / 'case')
         assert case.verdict not in FAILURES, (number, case)
         assert not (form.protected and case.verdict is Verdict.SILENT), (number, case)
         met.add(case.verdict)
@@ -38,7 +38,7 @@ def test_a_damaged_recording_is_refused_or_warned_about(form: Form, tmp_path: Pa
 
 @pytest.mark.parametrize('text', [CELL_FILE.read_text(encoding='utf-8'), dump_cell(CELL)], ids=['example', 'compact'])
 def test_a_damaged_cell_file_is_refused_in_one_line_or_makes_sense(text: str, tmp_path: Path) -> None:
-    cases = [judged_cell(text, number, tmp_path / 'case') for number in range(CELLS)]
+    cases = [cell_outcome(text, number, tmp_path / 'case') for number in range(CELLS)]
     assert [(number, case) for number, case in enumerate(cases) if case.verdict in FAILURES] == []
     refused = sum(case.verdict is Verdict.REFUSED for case in cases)
     assert CELLS // 3 < refused < CELLS
@@ -48,9 +48,9 @@ def test_what_is_intact_is_read_without_a_word(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(outcomes, 'mutated', lambda content, other, rng: content)
     monkeypatch.setattr(outcomes, 'mutated_yaml', lambda text, rng: text.encode())
     for form in FORMS:
-        case = judged_reading(form, 0, STREAMS, CELL, tmp_path / 'case')
-        assert (case.verdict, case.said) == (Verdict.SAME, ''), form.name
-    assert judged_cell(dump_cell(CELL), 0, tmp_path / 'case').verdict is Verdict.SAME
+        case = reading_outcome(form, 0, STREAMS, CELL, tmp_path / 'case')
+        assert (case.verdict, case.message) == (Verdict.SAME, ''), form.name
+    assert cell_outcome(dump_cell(CELL), 0, tmp_path / 'case').verdict is Verdict.SAME
 
 
 def test_the_judge_sees_what_it_looks_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -83,4 +83,4 @@ def test_the_judge_sees_what_it_looks_for(tmp_path: Path, monkeypatch: pytest.Mo
         execute: Verdict.EXECUTED,
     }
     for read, verdict in expected.items():
-        assert judged(read, tmp_path).verdict is verdict
+        assert outcome_of(read, tmp_path).verdict is verdict
