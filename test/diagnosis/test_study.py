@@ -76,20 +76,20 @@ def test_a_task_gives_a_record_per_size_and_noise_that_the_tables_take() -> None
     records = run_task(Task('effects', 'paper', ('encoder_gain[joint1]',), 0, sizes=(2.0,)))
     assert [(r.size, r.noise) for r in records] == [(2.0, noise) for noise in NOISES]
     assert all(r.naming == {'encoder_gain[joint1]': ALONE} for r in records)
-    assert all(r.held[0] > 1.2 * r.held[2] for r in records)
+    assert all(r.held_out[0] > 1.2 * r.held_out[2] for r in records)
     assert not any(map(failure, records))
     text = '\n'.join(tables(records))
     assert 'failures' not in text
     (line,) = (line for line in text.splitlines() if 'named, alone or among rivals' in line)
     assert line.split()[-7:-3] == ['2', '100', '%', 'wanted']
     again = run_task(Task('effects', 'paper', ('encoder_gain[joint1]',), 0, noises=('given',), sizes=(2.0,)))
-    assert again[0].held == records[0].held
+    assert again[0].held_out == records[0].held_out
 
 
 def test_a_failure_says_what_is_wrong() -> None:
     wrong = Record('effects', 'paper', 'given', 7, ('sensor_bias',), 2.0, verdict='none')
     wrong.naming = {'sensor_bias': 'none'}
-    wrong.held, wrong.z = (0.6, 0.6, 0.4), (9.0, 9.0, 1.0)
+    wrong.held_out, wrong.z = (0.6, 0.6, 0.4), (9.0, 9.0, 1.0)
     assert failure(wrong) == 'misnamed, held-out, z > 4'
     assert error_reduction(wrong) == 0.0
     assert '--first 7 --effect sensor_bias, size 2: misnamed' in '\n'.join(tables([wrong]))
