@@ -31,7 +31,7 @@ class StreamMonitor:
         self.lost = 0
         self.problem = ''
         self._counted = 0
-        self._told = 0
+        self._reported = 0
         self._accepted = False
         self._since = self._stamped = monotonic()
         self._stamp = -1
@@ -59,7 +59,7 @@ class StreamMonitor:
 
     def loss(self) -> str:
         """The losses since the last call as text; empty if none."""
-        number, self._told = self.lost - self._told, self.lost
+        number, self._reported = self.lost - self._reported, self.lost
         if not number:
             return ''
         return f'{self.topic}: {number} messages lost on the way; this machine or the network is too busy'

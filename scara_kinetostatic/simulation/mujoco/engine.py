@@ -62,7 +62,7 @@ class Engine:
         self._motors = np.array([self.model.joint(name).qposadr[0] for name in ('motor1', 'motor2')])
         names = [self.model.joint(number).name for number in range(self.model.njnt)]
         self._turning = [
-            [self.model.joint(name).qposadr[0] for name in names if name in (f'motor{n}', f'spring{n}', f'play{n}')]
+            [self.model.joint(name).qposadr[0] for name in names if name in (f'motor{n}', f'spring{n}', f'backlash{n}')]
             for n in (1, 2)
         ]
         self._frame = self.model.body('quill').id

@@ -1,9 +1,9 @@
 """A scene as MJCF, MuJoCo's description of bodies, joints and actuators.
 
 From the ground up: base (on springs or fixed) -> rotor of motor 1 -> transmission 1 (a
-hinge with a spring, then one with play) -> link 1 (in pieces with springs between, if it
+hinge with a spring, then one with backlash) -> link 1 (in pieces with springs between, if it
 bends) -> rotor of motor 2 -> transmission 2 -> link 2 -> third axis -> gripper (two
-springs) -> tip, a ball with play on the gripper's pin. Inertia and damping, which the engine
+springs) -> tip, a ball with backlash on the gripper's pin. Inertia and damping, which the engine
 needs besides, are chosen so that oscillations decay within some 10 ms; at rest they have no influence on the
 balance of forces. The integrator `discrete` is implicit in springs,
 dampers, contacts and stops together; with this time step the others let stiff stops and springs rattle.
@@ -36,8 +36,8 @@ PAD_ONSET, PAD_FULL = 0.3, 0.7
 """Impedance of a coat on a disc at no pressure, and from the depth on for which its stiffness is stated."""
 LINK_INERTIA = (0.9, 0.2)
 """Inertia for which each transmission is critically damped, kg m²."""
-PLAY_INERTIA, PLAY_DAMPING = 0.5, 1.0
-"""Of the hinge with play, kg m² and Nm s/rad."""
+BACKLASH_INERTIA, BACKLASH_DAMPING = 0.5, 1.0
+"""Of the hinge with backlash, kg m² and Nm s/rad."""
 ROTOR = 4.0
 """Inertia of a rotor, reduced to the output of its gear, kg m²."""
 MOTOR_GAIN = 4e6
@@ -142,7 +142,7 @@ def _spring(
 
 
 def _transmission(parent: Xml.Element, scene: Scene, number: int) -> Xml.Element:
-    """Rotor, spring and play of a joint, and the frame of the link behind, at the joint's axis."""
+    """Rotor, spring and backlash of a joint, and the frame of the link behind, at the joint's axis."""
     values, name, z = scene.parameters.as_dict(), str(number), (0, 0, 1)
     rotor = _body(parent, f'rotor{name}', 1.0)
     _put(rotor, 'joint', name=f'motor{name}', type='hinge', axis=z, armature=ROTOR)
@@ -150,11 +150,13 @@ def _transmission(parent: Xml.Element, scene: Scene, number: int) -> Xml.Element
     friction = scene.winding_friction[number - 1]
     rubbing: dict[str, object] = {'frictionloss': friction, **HARD_FRICTION} if friction else {}
     stiffness = 1.0 / values[f'p{name}']
-    _spring(link, f'spring{name}', 'hinge', z, stiffness, LINK_INERTIA[number - 1], armature=PLAY_INERTIA, **rubbing)
-    play = values[f'g{name}']
-    if play:
-        _put(link, 'joint', name=f'play{name}', type='hinge', axis=z, range=(-play, play), armature=PLAY_INERTIA,
-             damping=PLAY_DAMPING, **HARD_STOP)  # fmt: skip
+    _spring(
+        link, f'spring{name}', 'hinge', z, stiffness, LINK_INERTIA[number - 1], armature=BACKLASH_INERTIA, **rubbing
+    )
+    backlash = values[f'g{name}']
+    if backlash:
+        _put(link, 'joint', name=f'backlash{name}', type='hinge', axis=z, range=(-backlash, backlash),
+             armature=BACKLASH_INERTIA, damping=BACKLASH_DAMPING, **HARD_STOP)  # fmt: skip
     frame = _body(link, f'beam{name}', scene.masses[number - 1])
     frame.set('euler', _text((0.0, 0.0, values[f'theta{name}'])))
     length, inertial = values[f'l{name}'], frame.find('inertial')
@@ -176,7 +178,7 @@ def _link1(beam: Xml.Element, scene: Scene) -> Xml.Element:
 
 
 def _tip(beam: Xml.Element, scene: Scene, cell: Cell) -> None:
-    """Third axis, gripper on two springs, and the ball, with play if there is any."""
+    """Third axis, gripper on two springs, and the ball, with backlash if there is any."""
     x, y, z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
     body = _body(beam, 'quill', SMALL_MASS, x=scene.parameters.l2)
     _put(body, 'joint', name='lift', type='slide', axis=z)
@@ -209,7 +211,7 @@ def _connections(root: Xml.Element, scene: Scene) -> None:
 
 def _turning(tendon: Xml.Element, scene: Scene, number: int) -> None:
     """Makes a tendon follow the turning of a link against what carries its motor."""
-    names = ['motor', 'spring'] + ['play'] * bool(getattr(scene.parameters, f'g{number}'))
+    names = ['motor', 'spring'] + ['backlash'] * bool(getattr(scene.parameters, f'g{number}'))
     for name in names:
         _put(tendon, 'joint', joint=f'{name}{number}', coef=1.0)
 

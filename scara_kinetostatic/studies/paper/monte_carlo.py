@@ -94,15 +94,15 @@ def _collect(
 ) -> Iterator[Floats]:
     seeds = [range(first, min(first + _CHUNK, runs)) for first in range(0, runs, _CHUNK)]
     done = 0
-    with ProcessPoolExecutor(workers, mp_context=get_context('spawn')) as candidates:
-        for part in candidates.map(_play, seeds, [levels] * len(seeds), [noise] * len(seeds)):
+    with ProcessPoolExecutor(workers, mp_context=get_context('spawn')) as pool:
+        for part in pool.map(_estimates, seeds, [levels] * len(seeds), [noise] * len(seeds)):
             done += len(part)
             if progress is not None:
                 progress(done)
             yield part
 
 
-def _play(seeds: range, levels: tuple[float, ...], noise: Noise) -> Floats:
+def _estimates(seeds: range, levels: tuple[float, ...], noise: Noise) -> Floats:
     """Estimates and e_f of both estimators, (len(seeds), 2, 13)."""
     rows = []
     for seed in seeds:
