@@ -56,8 +56,8 @@ KEPT_IN = {
 """The packages in which each library is imported."""
 FORMER_NAMES = """
 betrays hides_behind reveal runs_off makes_sense strength other_forms contest judge price proved stories story told
-leaning lean deciding hidden_bend bent unbent unseen misreading unread structure forms conclude assignment live inflate
-folders overpress let_down play played player gauge situation setting tags twelve settle chosen
+leaning lean deciding hidden_bend bent unbent unseen misreading unread structure conclude assignment live inflate
+folders overpress let_down play played player gauge situation setting tags twelve settle
 """
 """Words that a standard term has replaced: none of them is an identifier."""
 MODULES = sorted(PACKAGE.rglob('*.py'))
