@@ -81,7 +81,7 @@ def test_a_task_gives_a_record_per_size_and_noise_that_the_tables_take() -> None
     text = '\n'.join(tables(records))
     assert 'failures' not in text
     (line,) = (line for line in text.splitlines() if 'named, alone or among rivals' in line)
-    assert line.split()[-7:-3] == ['2', '100', '%', 'wanted']
+    assert line.split()[-7:-3] == ['2', '100', '%', 'target']
     again = run_task(Task('effects', 'paper', ('encoder_gain[joint1]',), 0, noises=('given',), sizes=(2.0,)))
     assert again[0].held_out == records[0].held_out
 
@@ -95,7 +95,7 @@ def test_a_failure_says_what_is_wrong() -> None:
     assert '--first 7 --effect sensor_bias, size 2: misnamed' in '\n'.join(tables([wrong]))
 
 
-def test_everything_is_played_in_every_section() -> None:
+def test_the_cases_of_every_section() -> None:
     assert len(cases('pairs', 'paper')) == 15
     assert ('link_bending[link2]',) not in cases('effects', 'soft')
     assert ('object_radius[disc_4]',) in cases('effects', 'soft')
