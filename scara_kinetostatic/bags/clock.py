@@ -1,7 +1,7 @@
 """One clock for both topics: the header stamps where they are valid, else the recording times.
 
 Joint angles and forces are matched by their stamps, so both must come from one clock. Header stamps are not valid where
-they are zero or constant, where they step back by more than `LARGEST_STEP_BACK` (a simulation restarted, a bag played
+they are zero or constant, where they step back by more than `_LARGEST_STEP_BACK` (a simulation restarted, a bag played
 in a loop), or where the clocks of the topics differ. The recording times (log times) then replace them in both topics,
 if these are valid. Where both step back, as when the computer's clock was set back, the parts between the steps are
 placed one after another.
@@ -19,21 +19,21 @@ from numpy.typing import NDArray
 from scara_kinetostatic.bags.decoding import Samples
 from scara_kinetostatic.errors import RecordingError
 
-LARGEST_STEP_BACK = 1_000_000_000
+_LARGEST_STEP_BACK = 1_000_000_000
 """Stamps that step back by more than this are from a clock that was set; by less, from messages out of order, ns."""
-OUTLIER = 60_000_000_000
+_OUTLIER = 60_000_000_000
 """A stamp that differs by more than this from the median of its neighbours is an outlier, ns."""
-LARGEST_OUTLIER_SHARE = 20
+_LARGEST_OUTLIER_SHARE = 20
 """Outliers are dropped if they are at most one in so many stamps."""
-PAUSE = 1_000_000_000
+_PAUSE = 1_000_000_000
 """Time inserted between the parts of a recording whose clock was set back, ns: longer than a gap within a touch."""
-LARGEST_OFFSET = 250_000_000
+_LARGEST_OFFSET = 250_000_000
 """Clocks that differ by more than this would assign forces to wrong joint angles, ns."""
-INTERVAL, FEWEST_INTERVALS, MOST_INTERVALS = 2_000_000_000, 8, 200
+_INTERVAL, _FEWEST_INTERVALS, _MOST_INTERVALS = 2_000_000_000, 8, 200
 """Offsets that vary are compared by intervals: shortest one, ns, fewest, most."""
-LARGEST_SHARE_APART = 0.04
+_LARGEST_SHARE_APART = 0.04
 """A larger offset in at most this part of the intervals is accepted."""
-SAME_RATE = 0.03
+_SAME_RATE = 0.03
 """Stamps and recording times run at the same rate if they differ by less over an interval; clocks drift far less."""
 
 
@@ -78,13 +78,13 @@ def on_one_clock(source: str, streams: dict[str, Samples], warnings: list[str]) 
 
 
 def _without_outliers(topic: str, samples: Samples, warnings: list[str]) -> Samples:
-    """The samples without the few whose stamp is zero or more than `OUTLIER` from those around it."""
-    if np.all(np.abs(np.diff(samples.stamp)) < OUTLIER):
+    """The samples without the few whose stamp is zero or more than `_OUTLIER` from those around it."""
+    if np.all(np.abs(np.diff(samples.stamp)) < _OUTLIER):
         return samples
     around = sliding_window_view(np.pad(samples.stamp, 3, mode='symmetric'), 7)
-    outlier = np.abs(samples.stamp - np.median(around, axis=1)) > OUTLIER
+    outlier = np.abs(samples.stamp - np.median(around, axis=1)) > _OUTLIER
     number = int(np.sum(outlier))
-    if number == 0 or number > max(1, len(outlier) // LARGEST_OUTLIER_SHARE):
+    if number == 0 or number > max(1, len(outlier) // _LARGEST_OUTLIER_SHARE):
         return samples
     warnings.append(f'{topic}: {counted(number)} dropped whose stamp is more than 60 s off')
     return samples._replace(
@@ -101,7 +101,7 @@ def _problem(streams: dict[str, Samples], use: str) -> str:
         if len(times) > 2 and np.all(times == times[0]):
             return f'`header.stamp` of {topic} is constant'
         step = int(np.min(np.diff(times), initial=0))
-        if step < -LARGEST_STEP_BACK:
+        if step < -_LARGEST_STEP_BACK:
             return f'`header.stamp` of {topic} steps back by {-step / 1e9:.3g} s'
     return ''
 
@@ -114,11 +114,11 @@ def _clock_offset(streams: dict[str, Samples]) -> str:
     for samples in streams.values():
         lag = samples.stamp - samples.log_time
         low, middle, high = np.percentile(lag - lag[0], [5, 50, 95])
-        if high - low > LARGEST_OFFSET:
+        if high - low > _LARGEST_OFFSET:
             return _clock_drift(streams)
         lags.append(int(lag[0]) + int(middle))
     apart = max(lags) - min(lags)
-    if apart < LARGEST_OFFSET:
+    if apart < _LARGEST_OFFSET:
         return ''
     return f'`header.stamp` of {" and ".join(streams)} comes from clocks that differ by {apart / 1e9:.3g} s'
 
@@ -132,8 +132,8 @@ def _clock_drift(streams: dict[str, Samples]) -> str:
     samples = list(streams.values())
     begin = max(int(one.log_time.min()) for one in samples)
     end = min(int(one.log_time.max()) for one in samples)
-    number = min((end - begin) // INTERVAL, MOST_INTERVALS)
-    if number < FEWEST_INTERVALS:
+    number = min((end - begin) // _INTERVAL, _MOST_INTERVALS)
+    if number < _FEWEST_INTERVALS:
         return ''
     edges = np.linspace(begin, end, number + 1)
     apart = []
@@ -141,7 +141,7 @@ def _clock_drift(streams: dict[str, Samples]) -> str:
         lags = [_lag(one, low, high) for one in samples]
         if not any(np.isnan(lags)):
             apart.append(abs(lags[0] - lags[1]))
-    if len(apart) < FEWEST_INTERVALS or np.mean(np.array(apart) > LARGEST_OFFSET) < LARGEST_SHARE_APART:
+    if len(apart) < _FEWEST_INTERVALS or np.mean(np.array(apart) > _LARGEST_OFFSET) < _LARGEST_SHARE_APART:
         return ''
     topics = ' and '.join(streams)
     return f'`header.stamp` of {topics} comes from clocks that drift apart, by up to {max(apart) / 1e9:.3g} s'
@@ -151,7 +151,7 @@ def _lag(samples: Samples, begin: float, end: float) -> float:
     """Median of stamp - recording time in an interval, ns; NaN where the two run at different rates."""
     first, last = np.searchsorted(samples.log_time, [begin, end])
     stamp, recorded = samples.stamp[first:last].astype(float), samples.log_time[first:last].astype(float)
-    if len(stamp) < 3 or abs((recorded[-1] - recorded[0]) - (stamp[-1] - stamp[0])) > SAME_RATE * (end - begin):
+    if len(stamp) < 3 or abs((recorded[-1] - recorded[0]) - (stamp[-1] - stamp[0])) > _SAME_RATE * (end - begin):
         return np.nan
     return float(np.median(stamp - recorded))
 
@@ -177,14 +177,14 @@ def _parts_in_turn(streams: dict[str, Samples], use: str) -> dict[str, Samples] 
     All topics are shifted by the same time in each part, so that forces and joint angles stay together.
     """
     times = [np.array(getattr(samples, use)) for samples in streams.values()]
-    cuts = [[0, *(np.flatnonzero(np.diff(time) < -LARGEST_STEP_BACK) + 1).tolist(), len(time)] for time in times]
+    cuts = [[0, *(np.flatnonzero(np.diff(time) < -_LARGEST_STEP_BACK) + 1).tolist(), len(time)] for time in times]
     if len({len(cut) for cut in cuts}) != 1 or len(cuts[0]) < 3 or any(np.all(time == 0) for time in times):
         return None
     for part in range(1, len(cuts[0]) - 1):
         end = max(int(time[: cut[part]].max()) for time, cut in zip(times, cuts, strict=True))
         begin = min(int(time[cut[part] : cut[part + 1]].min()) for time, cut in zip(times, cuts, strict=True))
         for time, cut in zip(times, cuts, strict=True):
-            time[cut[part] : cut[part + 1]] += end + PAUSE - begin
+            time[cut[part] : cut[part + 1]] += end + _PAUSE - begin
     return {topic: samples._replace(stamp=time) for (topic, samples), time in zip(streams.items(), times, strict=True)}
 
 

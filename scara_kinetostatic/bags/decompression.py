@@ -11,13 +11,13 @@ import zstandard
 from scara_kinetostatic.bags.messages import Batch
 
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
-LARGEST_CHUNK = 1 << 28
+_LARGEST_CHUNK = 1 << 28
 """Larger chunks are refused, bytes."""
 LARGEST_MESSAGE = 1 << 20
 """A joint state, wrench or cell description is smaller than this, bytes; larger messages are refused."""
-PORTION = 1 << 25
+_PORTION = 1 << 25
 """So many bytes of decompressed messages are held at a time."""
-LEAST_ALLOWED, LARGEST_RATIO = 1 << 28, 200
+LEAST_ALLOWED, _LARGEST_RATIO = 1 << 28, 200
 """A file that is decompressed as a whole may grow to so many bytes, or to so many times its size."""
 
 
@@ -33,10 +33,10 @@ def decompress(data: bytes, compression: str, size: int) -> bytes:
         The first `size` bytes, fewer where the input ends early.
 
     Raises:
-        ValueError: the compression is unknown, or the size exceeds `LARGEST_CHUNK`.
+        ValueError: the compression is unknown, or the size exceeds `_LARGEST_CHUNK`.
     """
-    if size > LARGEST_CHUNK:
-        raise ValueError(f'a chunk of {size} bytes, expected at most {LARGEST_CHUNK}')
+    if size > _LARGEST_CHUNK:
+        raise ValueError(f'a chunk of {size} bytes, expected at most {_LARGEST_CHUNK}')
     if compression in ('', 'none'):
         return data[:size]
     if compression == 'zstd':
@@ -72,7 +72,7 @@ def decompress_messages(batch: Batch) -> Iterator[Batch]:
     for index in range(len(times)):
         payloads.append(_message(batch.payload(index)))
         size += len(payloads[-1])
-        if size > PORTION or index == len(times) - 1:
+        if size > _PORTION or index == len(times) - 1:
             yield Batch.from_payloads(batch.topic, times[index + 1 - len(payloads) : index + 1], payloads)
             payloads, size = [], 0
 
@@ -96,7 +96,7 @@ def unpack(packed: IO[bytes], plain: IO[bytes], compressed: int) -> None:
     Raises:
         ValueError: it grows beyond the limit; nothing beyond that is written.
     """
-    left = limit = max(LEAST_ALLOWED, LARGEST_RATIO * compressed)
+    left = limit = max(LEAST_ALLOWED, _LARGEST_RATIO * compressed)
     while part := packed.read(1 << 20):
         left -= len(part)
         if left < 0:

@@ -23,7 +23,7 @@ from scara_kinetostatic.bags.messages import BATCH, Batch, Topic
 
 MAGIC = b'\x89MCAP0\r\n'
 """First and last bytes of an MCAP file."""
-SCHEMA, CHANNEL, CHUNK = 3, 4, 6
+SCHEMA, _CHANNEL, CHUNK = 3, 4, 6
 """Opcodes."""
 _FOOTER_OPCODE, _MESSAGE, _DATA_END_OPCODE = 2, 5, 15
 RECORD = struct.Struct('<BQ')
@@ -72,7 +72,7 @@ def chunk_records(data: bytes) -> ChunkRecords:
                 places[key].append(at)
             else:
                 places[key] = [at]
-        elif opcode in (SCHEMA, CHANNEL):
+        elif opcode in (SCHEMA, _CHANNEL):
             definitions.append((opcode, data[at + 9 : end]))
         else:
             complete &= opcode != _MESSAGE

@@ -17,8 +17,8 @@ from scara_kinetostatic.bags.mcap_records import MAGIC as MCAP_MAGIC
 from scara_kinetostatic.bags.messages import Batches, Source, Topic, reading
 from scara_kinetostatic.errors import RecordingError
 
-SQLITE_MAGIC = b'SQLite format 3\0'
-ROS1_MAGIC = b'#ROSBAG V'
+_SQLITE_MAGIC = b'SQLite format 3\0'
+_ROS1_MAGIC = b'#ROSBAG V'
 _FORMS = 'a rosbag2 folder, an .mcap or .db3 file, or a ROS 1 .bag'
 
 
@@ -36,11 +36,11 @@ def open_recording(path: str | Path) -> Source:
         if not path.exists():
             raise RecordingError(path, 'there is no such recording', 'check the path')
         if path.is_dir():
-            return BagFolder(path, open_file)
-        return open_file(path)
+            return BagFolder(path, _open_file)
+        return _open_file(path)
 
 
-def open_file(path: Path) -> Source:
+def _open_file(path: Path) -> Source:
     """The source of a single file.
 
     Raises:
@@ -64,11 +64,11 @@ def open_file(path: Path) -> Source:
 def _plain(path: Path, start: bytes) -> Source | None:
     if start.startswith(MCAP_MAGIC):
         return McapFile(path)
-    if start.startswith(SQLITE_MAGIC):
+    if start.startswith(_SQLITE_MAGIC):
         from scara_kinetostatic.bags.sqlite_file import SqliteFile
 
         return SqliteFile(path)
-    if start.startswith(ROS1_MAGIC):  # `rosbags` takes its time to import
+    if start.startswith(_ROS1_MAGIC):  # `rosbags` takes its time to import
         from scara_kinetostatic.bags.ros1_file import Ros1File
 
         return Ros1File(path)
@@ -81,7 +81,7 @@ def _open_compressed(path: Path) -> Source:
         start = stream.read(16)
     if start.startswith(MCAP_MAGIC):
         return McapFile(path, cast('IO[bytes]', zstandard.open(path, 'rb')))
-    if start.startswith((SQLITE_MAGIC, ROS1_MAGIC)):
+    if start.startswith((_SQLITE_MAGIC, _ROS1_MAGIC)):
         return _Decompressed(path)
     raise RecordingError(path, 'contains no recording after decompression', f'give {_FORMS}')
 
@@ -111,7 +111,7 @@ class _Decompressed:
 
     def _read(self, plain: Path, wanted: Collection[str]) -> Batches:
         try:
-            source = open_file(plain)
+            source = _open_file(plain)
             yield from source.batches(wanted)
         except RecordingError as error:
             raise RecordingError(self.path, error.problem, error.remedy) from error

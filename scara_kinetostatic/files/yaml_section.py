@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from scara_kinetostatic.errors import InputError
 
-LARGEST = {'m': 100.0, 'rad': 2 * math.pi, 'm/N': 1.0, 'rad/Nm': 1.0}
+_LARGEST = {'m': 100.0, 'rad': 2 * math.pi, 'm/N': 1.0, 'rad/Nm': 1.0}
 """Largest plausible size of a number by its unit."""
 _HINT = {'m': 'lengths are in m, not mm', 'rad': 'angles are in rad, not degrees'}
 _LONGEST_WORD = 200
@@ -80,14 +80,14 @@ class Section:
         return [self._inside(f'{path}[{number}]', item, required, optional) for number, item in enumerate(items)]
 
     def number(self, name: str, unit: str = '') -> float:
-        """A finite number of a plausible size (`LARGEST`)."""
+        """A finite number of a plausible size (`_LARGEST`)."""
         value = self.data[name]
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise self.error(name, f'expected a number, got {shown(value)}')
         if not math.isfinite(value):
             raise self.error(name, f'expected a finite number, got {value}')
-        if abs(value) > LARGEST.get(unit, math.inf):
-            problem = f'expected at most {LARGEST[unit]:.4g} {unit} in size, got {shown(value)}'
+        if abs(value) > _LARGEST.get(unit, math.inf):
+            problem = f'expected at most {_LARGEST[unit]:.4g} {unit} in size, got {shown(value)}'
             raise self.error(name, problem, _HINT.get(unit, 'give it in SI units'))
         return float(value)
 

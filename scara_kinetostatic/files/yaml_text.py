@@ -22,14 +22,14 @@ import yaml
 
 from scara_kinetostatic.errors import InputError
 
-MAX_BYTES = 256 * 1024
+_MAX_BYTES = 256 * 1024
 """Largest file that a user writes, bytes."""
-MAX_DEPTH = 32
+_MAX_DEPTH = 32
 """Deepest nesting; a cell description has 4 levels, the metadata of a recording 8."""
 _StringLoader = getattr(yaml, 'CBaseLoader', yaml.BaseLoader)
 """Leaves scalars as text; in C where PyYAML has been built with it."""
 
-Problem = type[InputError]
+_Problem = type[InputError]
 
 
 class _Loader(yaml.SafeLoader):
@@ -69,7 +69,7 @@ _Loader.add_constructor('tag:yaml.org,2002:int', _Loader.construct_core_int)
 _Loader.add_constructor('tag:yaml.org,2002:float', _Loader.construct_core_float)
 
 
-def read_text(path: str | Path, problem: Problem) -> str:
+def read_text(path: str | Path, problem: _Problem) -> str:
     """The text of a small file a user wrote.
 
     Args:
@@ -77,7 +77,7 @@ def read_text(path: str | Path, problem: Problem) -> str:
         problem: error class to raise.
 
     Raises:
-        problem: no such file, no regular file, unreadable, over `MAX_BYTES` or not UTF-8.
+        problem: no such file, no regular file, unreadable, over `_MAX_BYTES` or not UTF-8.
     """
     path = Path(path)
     try:
@@ -86,8 +86,8 @@ def read_text(path: str | Path, problem: Problem) -> str:
         if not path.is_file():
             raise problem(path, 'expected a file, got ' + ('a folder' if path.is_dir() else 'something else'))
         size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise problem(path, f'expected at most {MAX_BYTES // 1024} KiB of YAML, got {size} bytes')
+        if size > _MAX_BYTES:
+            raise problem(path, f'expected at most {_MAX_BYTES // 1024} KiB of YAML, got {size} bytes')
         return path.read_bytes().decode('utf-8-sig')
     except UnicodeDecodeError as error:
         raise problem(path, f'not UTF-8 text (byte {error.start})', 'save it as UTF-8') from error
@@ -96,7 +96,7 @@ def read_text(path: str | Path, problem: Problem) -> str:
         raise problem(path, f'cannot be read: {reason}') from error
 
 
-def parse_yaml(text: str, where: str | Path, problem: Problem) -> Any:
+def parse_yaml(text: str, where: str | Path, problem: _Problem) -> Any:
     """The one document in a YAML text, as dicts (with string keys), lists, strings, numbers, bools and None.
 
     Args:
@@ -107,8 +107,8 @@ def parse_yaml(text: str, where: str | Path, problem: Problem) -> Any:
     Raises:
         problem: the text is not valid, with the line.
     """
-    if len(text) > MAX_BYTES:
-        raise problem(where, f'expected at most {MAX_BYTES // 1024} KiB of YAML, got {len(text)} characters')
+    if len(text) > _MAX_BYTES:
+        raise problem(where, f'expected at most {_MAX_BYTES // 1024} KiB of YAML, got {len(text)} characters')
     loader = None
     try:
         _check_events(text, yaml.BaseLoader)
@@ -151,8 +151,8 @@ def _check_events(text: str, loader: Any) -> None:
             problem = 'anchors and aliases are not allowed'
         elif tag is not None:
             problem = f'the tag {tag!r} is not allowed'
-        elif depth > MAX_DEPTH:
-            problem = f'nested deeper than {MAX_DEPTH}'
+        elif depth > _MAX_DEPTH:
+            problem = f'nested deeper than {_MAX_DEPTH}'
         if problem:
             mark: Any = event.start_mark
             raise yaml.MarkedYAMLError(problem=problem, problem_mark=mark)

@@ -17,17 +17,17 @@ from scara_kinetostatic.touches.signals import SMOOTHING, Floats, Topic, median_
 
 SMALLEST_REVERSAL = 5e-6
 """A movement back by less than this is not a reversal, rad,"""
-REVERSAL_SIGMAS = 8.0
+_REVERSAL_SIGMAS = 8.0
 """nor by less than this many standard deviations of the smoothed joint angle,"""
-REVERSAL_STEPS = 2.0
+_REVERSAL_STEPS = 2.0
 """nor by less than this many steps of the encoder."""
-LONGEST_APPROACH = 5.0
+_LONGEST_APPROACH = 5.0
 """The movement before a contact is followed back for at most so long, s."""
-REST_TIME = 0.04
+_REST_TIME = 0.04
 """The arm rests if during this time, s,"""
-REST_SPEED = 1e-3
+_REST_SPEED = 1e-3
 """no joint moves faster than this, rad/s."""
-CLEAR = 2e-3
+_CLEAR = 2e-3
 """A pose is free if a joint is at least so far from its angle at the contact, rad."""
 
 
@@ -83,14 +83,14 @@ def approach_of_hold(joints: Topic, hold: Hold, contact: float, earliest: float,
         Both as by `last_movement`. The press does not contain the movement while the force was still below the noise
         of the sensor.
     """
-    part = joints.stretch(max(earliest, contact - LONGEST_APPROACH), float(hold.intervals[0, 0]))
+    part = joints.stretch(max(earliest, contact - _LONGEST_APPROACH), float(hold.intervals[0, 0]))
     time, value = joints.time[part], joints.value[part]
     if not len(time):
         return Approach(np.zeros(2), np.zeros(2))
     width = 2 * round(0.5 * SMOOTHING / joints.period) + 1
     smooth = moving_mean(median_of_three(value), width)
     scatter = hold.joint_scatter / np.sqrt(width)
-    least = np.maximum(max(SMALLEST_REVERSAL, REVERSAL_STEPS * step), REVERSAL_SIGMAS * scatter)
+    least = np.maximum(max(SMALLEST_REVERSAL, _REVERSAL_STEPS * step), _REVERSAL_SIGMAS * scatter)
     touching = int(np.searchsorted(time, contact))
     begin = _free_pose(time, smooth, touching, float(least.max()))
     pressed = moving_mean(median_of_three(value[touching:]), width)
@@ -100,11 +100,11 @@ def approach_of_hold(joints: Topic, hold: Hold, contact: float, earliest: float,
 def _free_pose(time: Floats, value: Floats, contact: int, least: float) -> int:
     """Index of the last sample before the contact at which the arm rests in a free pose; 0 if there is none."""
     time, value = time[: contact + 1], value[: contact + 1]
-    later = np.searchsorted(time, time + REST_TIME)
+    later = np.searchsorted(time, time + _REST_TIME)
     earlier = np.flatnonzero(later < len(time))
     later = later[earlier]
     moved = np.abs(value[later] - value[earlier]).max(axis=1)
-    rests: NDArray[np.bool_] = moved <= REST_SPEED * (time[later] - time[earlier]) + least
-    clear = np.abs(value[later] - value[-1]).max(axis=1) > max(CLEAR, least)
+    rests: NDArray[np.bool_] = moved <= _REST_SPEED * (time[later] - time[earlier]) + least
+    clear = np.abs(value[later] - value[-1]).max(axis=1) > max(_CLEAR, least)
     free = later[rests & clear]
     return int(free[-1]) if len(free) else 0

@@ -24,24 +24,24 @@ from scara_kinetostatic.model.parameters import Parameters
 
 Floats = NDArray[np.float64]
 
-LENGTH_PRIOR = 0.015
+_LENGTH_PRIOR = 0.015
 """Standard deviation of the errors of the nominal lengths and offsets, m."""
-ANGLE_PRIOR = np.deg2rad(2.5)
+_ANGLE_PRIOR = np.deg2rad(2.5)
 """Standard deviation of the errors of the nominal angles, rad."""
-MISS_SIGMA = 0.005
+_MISS_SIGMA = 0.005
 """Standard deviation of the miss of the touched disc with the true geometry, m."""
-LARGEST_MISS_NOMINAL = 0.08
+_LARGEST_MISS_NOMINAL = 0.08
 """A touch belongs to a disc if its miss with the nominal geometry is at most this, m."""
-LARGEST_MISS_FITTED = 0.03
-"""The same with the fitted geometry, m; or `MISS_MEDIANS` times the median miss, where that is more."""
-MISS_MEDIANS = 6.0
-FEWEST_FOR_FIT = 8
+_LARGEST_MISS_FITTED = 0.03
+"""The same with the fitted geometry, m; or `_MISS_MEDIANS` times the median miss, where that is more."""
+_MISS_MEDIANS = 6.0
+_FEWEST_FOR_FIT = 8
 """Touches needed for the fit of the geometry."""
-LARGEST_FRICTION_ANGLE = 0.35
+_LARGEST_FRICTION_ANGLE = 0.35
 """Accepted angle between the force and the normal of the disc (friction, noise), rad."""
-MOSTLY_KNOWN = 0.8
+_MOSTLY_KNOWN = 0.8
 """If a smaller part of the touches belongs to discs, another frame or sign of the sensor is tried;"""
-MOSTLY_BY_OTHER = 0.9
+_MOSTLY_BY_OTHER = 0.9
 """it is advised if at least this part of them would, and at least three."""
 
 
@@ -51,7 +51,7 @@ class Association(NamedTuple):
     Attributes:
         disc: index of the nearest disc, (n,).
         posture: +1 or -1, (n,).
-        miss: |m| of that disc, less what an oblique force explains (`LARGEST_FRICTION_ANGLE`), (n,), m.
+        miss: |m| of that disc, less what an oblique force explains (`_LARGEST_FRICTION_ANGLE`), (n,), m.
         known: whether the touch belongs to the disc, (n,).
         advice: frame and sign of the sensor by which nearly all touches would meet a disc, in words; empty if those
             of the cell description do, or no others.
@@ -74,14 +74,14 @@ def associate(joints: Floats, force: Floats, cell: Cell) -> Association:
     """
     fitted = _fit_geometry(joints, force, cell)
     disc, miss = _nearest_disc(cell.nominal, joints, force, cell)
-    known = miss <= LARGEST_MISS_NOMINAL
-    if len(joints) >= FEWEST_FOR_FIT:
+    known = miss <= _LARGEST_MISS_NOMINAL
+    if len(joints) >= _FEWEST_FOR_FIT:
         fitted_disc, fitted_miss = _nearest_disc(fitted, joints, force, cell)
-        close = fitted_miss <= LARGEST_MISS_FITTED
-        if np.sum(close) >= max(FEWEST_FOR_FIT, len(joints) / 2):
+        close = fitted_miss <= _LARGEST_MISS_FITTED
+        if np.sum(close) >= max(_FEWEST_FOR_FIT, len(joints) / 2):
             disc, miss = fitted_disc, fitted_miss
-            known = miss <= max(LARGEST_MISS_FITTED, MISS_MEDIANS * float(np.median(miss)))
-    advice = '' if known.mean() > MOSTLY_KNOWN else _other_convention(joints, force, cell)
+            known = miss <= max(_LARGEST_MISS_FITTED, _MISS_MEDIANS * float(np.median(miss)))
+    advice = '' if known.mean() > _MOSTLY_KNOWN else _other_convention(joints, force, cell)
     return Association(disc, posture(cell.nominal, joints), miss, known, advice)
 
 
@@ -101,13 +101,13 @@ def _nearest_disc(parameters: Parameters, joints: Floats, force: Floats, cell: C
     miss = misses[np.arange(len(disc)), disc]
     radial = np.sum(miss * unit, axis=1)
     tangential = np.abs(np.sum(miss * quarter_turn(unit), axis=1))
-    return disc, np.hypot(radial, np.maximum(tangential - LARGEST_FRICTION_ANGLE * cell.radii[disc], 0.0))
+    return disc, np.hypot(radial, np.maximum(tangential - _LARGEST_FRICTION_ANGLE * cell.radii[disc], 0.0))
 
 
 def _fit_geometry(joints: Floats, force: Floats, cell: Cell, rounds: int = 8) -> Parameters:
     """Parameters with the geometry fitted to the misses of the nearest discs."""
     nominal = cell.nominal.as_array()
-    prior = np.array([LENGTH_PRIOR, LENGTH_PRIOR, ANGLE_PRIOR, LENGTH_PRIOR, ANGLE_PRIOR, LENGTH_PRIOR])
+    prior = np.array([_LENGTH_PRIOR, _LENGTH_PRIOR, _ANGLE_PRIOR, _LENGTH_PRIOR, _ANGLE_PRIOR, _LENGTH_PRIOR])
     change = np.zeros(6)
     for _ in range(rounds):
         parameters = Parameters.from_array(nominal + np.append(change, np.zeros(6)))
@@ -116,9 +116,9 @@ def _fit_geometry(joints: Floats, force: Floats, cell: Cell, rounds: int = 8) ->
         miss = misses[np.arange(len(disc)), disc]
         jacobian = _miss_jacobian(parameters, joints, cell.radii[disc, None] * unit, cell.sensor)
         size = np.linalg.norm(miss, axis=1)
-        weight = 1.0 / np.sqrt(1.0 + (size / max(4 * MISS_SIGMA, float(np.median(size)))) ** 2)
-        rows = (weight / MISS_SIGMA)[:, None, None] * jacobian * prior
-        right = (weight / MISS_SIGMA)[:, None] * (np.einsum('nij,j->ni', jacobian, change) - miss)
+        weight = 1.0 / np.sqrt(1.0 + (size / max(4 * _MISS_SIGMA, float(np.median(size)))) ** 2)
+        rows = (weight / _MISS_SIGMA)[:, None, None] * jacobian * prior
+        right = (weight / _MISS_SIGMA)[:, None] * (np.einsum('nij,j->ni', jacobian, change) - miss)
         system = np.vstack([rows.reshape(-1, 6), np.eye(6)])
         change = prior * np.linalg.lstsq(system, np.append(right.ravel(), np.zeros(6)), rcond=None)[0]
     return Parameters.from_array(nominal + np.append(change, np.zeros(6)))
@@ -142,7 +142,7 @@ def _other_convention(joints: Floats, force: Floats, cell: Cell) -> str:
                 continue
             turned = force if sign is cell.sensor.sign else -force
             other = Cell(cell.nominal, cell.discs, sensor=cell.sensor._replace(frame=frame, sign=sign))
-            meet = int(np.sum(_nearest_disc(cell.nominal, joints, turned, other)[1] <= LARGEST_MISS_NOMINAL))
-            if meet >= max(3, MOSTLY_BY_OTHER * len(joints)):
+            meet = int(np.sum(_nearest_disc(cell.nominal, joints, turned, other)[1] <= _LARGEST_MISS_NOMINAL))
+            if meet >= max(3, _MOSTLY_BY_OTHER * len(joints)):
                 return f'with sensor frame {frame.value!r} and sign {sign.value!r} {meet} of {len(joints)} would'
     return ''

@@ -12,27 +12,27 @@ from scara_kinetostatic.touches.segmentation import Contacts
 from scara_kinetostatic.touches.signals import Floats, Signals, median, white_noise
 from scara_kinetostatic.touches.tare import AFTER_CONTACT, SHORTEST_FREE, Tare, tare_before
 
-LARGEST_DRIFT = 0.03
+_LARGEST_DRIFT = 0.03
 """Accepted change of the force from the first to the last third of a hold, relative to the force,"""
-FASTEST_DRIFT = 0.1
+_FASTEST_DRIFT = 0.1
 """and the same per second, 1/s; the smaller one holds,"""
-DRIFT_SIGMAS = 6.0
+_DRIFT_SIGMAS = 6.0
 """but never less than this many standard deviations of that change by noise."""
-LARGEST_SCATTER = 0.1
+_LARGEST_SCATTER = 0.1
 """Accepted standard deviation of the force in a hold, relative to the force,"""
-SCATTER_SIGMAS = 4.0
+_SCATTER_SIGMAS = 4.0
 """but never less than this many times the noise before the contact."""
-LARGEST_SLIDE = 3e-4
+_LARGEST_SLIDE = 3e-4
 """Accepted change of a joint angle from the first to the last third of a hold, rad."""
-WEAK_FORCE = 0.5
+_WEAK_FORCE = 0.5
 """A contact without a hold under less force than this part of the smallest force of a hold,"""
-WEAK_TRAVEL = 0.03
+_WEAK_TRAVEL = 0.03
 """in which a joint moves by more than this, rad, is not a touch: the force is that of the arm's acceleration."""
-MOTION_BEFORE = 0.1
+_MOTION_BEFORE = 0.1
 """Joint readings that have not changed from this long before a contact on are frozen, s."""
-FEWEST_FROZEN = 5
+_FEWEST_FROZEN = 5
 """So many equal readings are not yet frozen."""
-SHORTEST_NAMED = 0.05
+_SHORTEST_NAMED = 0.05
 """A hold must last for this, s, to be named in the reason."""
 
 
@@ -66,8 +66,8 @@ class TouchCandidates(NamedTuple):
 def find_candidates(signals: Signals, contacts: Contacts) -> TouchCandidates:
     """Every hold of every contact, and every contact without a hold.
 
-    Contacts without a hold, with far less force than any hold (`WEAK_FORCE`) and while the joints move far
-    (`WEAK_TRAVEL`), are left out: the force comes from the acceleration of the arm.
+    Contacts without a hold, with far less force than any hold (`_WEAK_FORCE`) and while the joints move far
+    (`_WEAK_TRAVEL`), are left out: the force comes from the acceleration of the arm.
 
     Args:
         signals: the recording.
@@ -76,8 +76,8 @@ def find_candidates(signals: Signals, contacts: Contacts) -> TouchCandidates:
     found = _all_candidates(signals, contacts)
     loads = [float(np.hypot(*c.hold.force)) for c in found if c.hold is not None and not c.reason]
     held = [c.contact[1] for c in found if c.hold is not None]
-    weak = contacts.peak < WEAK_FORCE * min(loads, default=0.0)
-    weak &= ~np.isin(contacts.end, held) & (contacts.travel > WEAK_TRAVEL)
+    weak = contacts.peak < _WEAK_FORCE * min(loads, default=0.0)
+    weak &= ~np.isin(contacts.end, held) & (contacts.travel > _WEAK_TRAVEL)
     if not weak.any():
         return TouchCandidates(found, 0)
     return TouchCandidates(_all_candidates(signals, contacts.select(~weak)), int(weak.sum()))
@@ -129,7 +129,7 @@ def _why_no_hold(search: HoldSearch) -> str:
         return f'hold too short: under load for {search.loaded:.2f} s, expected {SHORTEST_HOLD} s at rest'
     if search.slides:
         return 'the tip slides: the joints keep moving during the contact'
-    if search.parts == 1 and search.longest > SHORTEST_NAMED:
+    if search.parts == 1 and search.longest > _SHORTEST_NAMED:
         return f'hold too short: at rest for {search.longest:.2f} s, expected {SHORTEST_HOLD} s'
     return f'no steady force: it is steady during only {100 * search.steady:.0f} % of the contact'
 
@@ -140,16 +140,16 @@ def _slow_change(signals: Signals, tare: Tare, hold: Hold) -> str:
     load, noise = float(np.hypot(*hold.force)), max(tare.noise, white_noise(force))
     scatter = float(hold.force_scatter.max())
     slide = _drift(joints)
-    if slide > LARGEST_SLIDE:
+    if slide > _LARGEST_SLIDE:
         return f'the tip slides: the joints move by {slide:.1e} rad during the hold'
     drift = _drift(force)
     apart = 2.0 / 3.0 * float(hold.intervals[-1, 1] - hold.intervals[0, 0])
-    allowed = load * min(LARGEST_DRIFT, FASTEST_DRIFT * apart)
-    white = DRIFT_SIGMAS * noise / np.sqrt(max(len(force) / 3, 1.0))
-    slow = min(DRIFT_SIGMAS * tare.slow_noise, 2.0 * allowed)
+    allowed = load * min(_LARGEST_DRIFT, _FASTEST_DRIFT * apart)
+    white = _DRIFT_SIGMAS * noise / np.sqrt(max(len(force) / 3, 1.0))
+    slow = min(_DRIFT_SIGMAS * tare.slow_noise, 2.0 * allowed)
     if drift > max(allowed, white, slow):
         return f'no steady force: it changes by {drift:.2f} N during the hold'
-    if scatter > max(LARGEST_SCATTER * load, SCATTER_SIGMAS * tare.noise):
+    if scatter > max(_LARGEST_SCATTER * load, _SCATTER_SIGMAS * tare.noise):
         return f'no steady force: its standard deviation during the hold is {scatter:.2f} N'
     return ''
 
@@ -162,10 +162,10 @@ def _frozen(signals: Signals, tare: Tare, hold: Hold) -> str:
     force = signals.wrench.during(hold.intervals)
     still = ~np.any(np.diff(force, axis=0), axis=0) & _is_noisy(signals, tare)
     for axis, name in enumerate('xy'):
-        if len(force) > FEWEST_FROZEN and still[axis]:
+        if len(force) > _FEWEST_FROZEN and still[axis]:
             return f'the force reading is frozen or saturated: {len(force)} samples of f{name} = {force[0, axis]:.6g} N'
-    joints = signals.joints.value[signals.joints.stretch(tare.contact - MOTION_BEFORE, hold.end)]
-    if len(joints) > FEWEST_FROZEN and not np.any(np.diff(joints, axis=0)):
+    joints = signals.joints.value[signals.joints.stretch(tare.contact - _MOTION_BEFORE, hold.end)]
+    if len(joints) > _FEWEST_FROZEN and not np.any(np.diff(joints, axis=0)):
         return f'the joint readings are frozen: {len(joints)} samples of {joints[0, 0]:.6g}, {joints[0, 1]:.6g} rad'
     return ''
 

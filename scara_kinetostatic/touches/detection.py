@@ -22,7 +22,7 @@ from scara_kinetostatic.touches.segmentation import find_contacts
 from scara_kinetostatic.touches.signals import Floats, Signals, as_signals
 from scara_kinetostatic.touches.streams import Streams
 
-ZERO_CHANGE = 1.0
+_ZERO_CHANGE = 1.0
 """A larger change of the force zero within a recording is a warning, N."""
 
 
@@ -199,6 +199,6 @@ def _warnings(spikes: int, weak: int, candidates: list[TouchCandidate]) -> list[
         warnings.append(f'{weak} weak forces during a motion of the arm are no touches and were ignored')
     zeros = np.array([candidate.tare.force for candidate in candidates if candidate.tare is not None])
     change = float(np.ptp(zeros, axis=0).max()) if len(zeros) else 0.0
-    if change > ZERO_CHANGE:
+    if change > _ZERO_CHANGE:
         warnings.append(f'the zero of the force sensor changes by {change:.1f} N within the recording')
     return warnings

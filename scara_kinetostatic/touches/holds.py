@@ -30,37 +30,37 @@ from scara_kinetostatic.touches.tare import Tare
 
 SHORTEST_HOLD = 0.2
 """A shorter hold is not a touch, s."""
-SIGMAS = 5.0
+_SIGMAS = 5.0
 """A difference of neighbouring means is a change if it exceeds this many of its standard deviations."""
-STEADY_FORCE = 0.004
+_STEADY_FORCE = 0.004
 """Difference of neighbouring means of the force up to which it is steady, relative to the force."""
-ROUGH_CONTACT = 0.02
+_ROUGH_CONTACT = 0.02
 """White noise of the force in contact is accepted up to this part of the force, where it exceeds that before."""
-LARGEST_SLOW_NOISE = 0.01
+_LARGEST_SLOW_NOISE = 0.01
 """Slow noise of the force before the contact is accepted up to this part of the force."""
-STEADY_JOINT = 1e-3
+_STEADY_JOINT = 1e-3
 """Speed up to which a joint is at rest, rad/s."""
-HIGHEST_JOINT_NOISE = 1e-4
+_HIGHEST_JOINT_NOISE = 1e-4
 """Noise of the joint readings is accepted up to this, rad; more is a motion."""
-FARTHEST_JOINT = 5e-3
+_FARTHEST_JOINT = 5e-3
 """The tip slides if a joint moves by more than this, rad,"""
-SOFTEST = 3e-4
+_SOFTEST = 3e-4
 """plus this times the change of the force, rad/N: the largest compliance of a joint that is expected."""
-SAME_FORCE = 0.01
+_SAME_FORCE = 0.01
 """Two holds are one if their forces differ by less, relative to the force,"""
-SAME_JOINT = 5e-5
+_SAME_JOINT = 5e-5
 """and their joint angles by less, rad."""
-CREEP = 0.05
+_CREEP = 0.05
 """Two holds whose forces differ by less, relative to the force,"""
-CREEP_TIME = 0.1
+_CREEP_TIME = 0.1
 """and that follow each other within this time, s, are one in which the force creeps; the longer is kept."""
-LOADED = 0.5
+_LOADED = 0.5
 """A contact is under load while the force exceeds this part of its largest value."""
-SHORTEST_SEARCHED = 0.1
+_SHORTEST_SEARCHED = 0.1
 """Shorter stretches of steady samples, s, or those of less than three windows, are not considered."""
-BEGIN_OMITTED, END_OMITTED = 0.25, 0.1
+_BEGIN_OMITTED, _END_OMITTED = 0.25, 0.1
 """Parts of a hold, less half of `SHORTEST_HOLD`, that are not averaged: at its begin the force may still creep."""
-PEAK = 0.5
+_PEAK = 0.5
 """A hold shorter than three windows and than this part of the longest one in its contact is left out: the means on
 both sides of a peak of the force agree as well."""
 
@@ -131,7 +131,7 @@ def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> HoldSe
     is_hold = state.steady & state.at_rest & (time >= begin)
     found = _holds_of_contact(signals, tare, time, is_hold, window, state.noise)
     shortest = SHORTEST_HOLD - 1.5 * max(joints.period, signals.wrench.period)
-    loaded = np.flatnonzero(state.load >= LOADED * state.load.max())
+    loaded = np.flatnonzero(state.load >= _LOADED * state.load.max())
     span = slice(int(loaded[0]), int(loaded[-1]) + 1)
     under_load = joints.value[joints.stretch(time[span][0], time[span][-1])]
     return HoldSearch(
@@ -158,14 +158,14 @@ def _steadiness(signals: Signals, tare: Tare, time: Floats) -> _Steadiness:
     force_step, load = steps_of_mean(wrench, time, window)
     load = np.hypot(*(load - tare.force).T)
     force = wrench.value[wrench.stretch(time[0], np.nextafter(time[-1], np.inf))]
-    noise = max(tare.noise, min(white_noise(force), ROUGH_CONTACT * float(median(load))))
-    slow_noise = min(tare.slow_noise, LARGEST_SLOW_NOISE * float(load.max()))
-    force_limit = max(SIGMAS * max(_step_std(noise, wrench, window), slow_noise), _resolution(force))
-    joint_noise = min(white_noise(joints.value[joints.stretch(time[0], time[-1])]), HIGHEST_JOINT_NOISE)
-    joint_limit = STEADY_JOINT * window + SIGMAS * _step_std(joint_noise, joints, window)
+    noise = max(tare.noise, min(white_noise(force), _ROUGH_CONTACT * float(median(load))))
+    slow_noise = min(tare.slow_noise, _LARGEST_SLOW_NOISE * float(load.max()))
+    force_limit = max(_SIGMAS * max(_step_std(noise, wrench, window), slow_noise), _resolution(force))
+    joint_noise = min(white_noise(joints.value[joints.stretch(time[0], time[-1])]), _HIGHEST_JOINT_NOISE)
+    joint_limit = _STEADY_JOINT * window + _SIGMAS * _step_std(joint_noise, joints, window)
     return _Steadiness(
         load=load,
-        steady=np.hypot(*force_step.T) <= np.maximum(force_limit, STEADY_FORCE * load),
+        steady=np.hypot(*force_step.T) <= np.maximum(force_limit, _STEADY_FORCE * load),
         at_rest=np.abs(steps_of_mean(joints, time, window)[0]).max(axis=1) <= joint_limit,
         noise=noise,
     )
@@ -175,7 +175,7 @@ def _is_sliding(joints: Floats, load: Floats, at_rest: NDArray[np.bool_]) -> boo
     """Whether the joints, mostly not at rest, move farther than their compliance explains."""
     if at_rest.mean() > 0.5 or not len(joints):
         return False
-    return bool(np.ptp(joints, axis=0).max() > FARTHEST_JOINT + SOFTEST * np.ptp(load))
+    return bool(np.ptp(joints, axis=0).max() > _FARTHEST_JOINT + _SOFTEST * np.ptp(load))
 
 
 def _resolution(values: Floats) -> float:
@@ -196,7 +196,7 @@ def _holds_of_contact(
     found: list[Hold] = []
     for first, last in zip(*runs(is_hold), strict=True):
         begin, end = float(time[first]), float(time[last])
-        if end - begin + 2 * window < min(SHORTEST_SEARCHED, 3 * window):
+        if end - begin + 2 * window < min(_SHORTEST_SEARCHED, 3 * window):
             continue
         inner = _inner(begin, end, window)
         hold = _hold(signals, tare, np.array([inner]), begin - window, end + window)
@@ -210,14 +210,14 @@ def _holds_of_contact(
             hold = max(found.pop(), hold, key=lambda one: one.duration)
         found.append(hold)
     longest = max((hold.duration for hold in found), default=0.0)
-    return [hold for hold in found if hold.duration >= min(3 * window, PEAK * longest)]
+    return [hold for hold in found if hold.duration >= min(3 * window, _PEAK * longest)]
 
 
 def _inner(begin: float, end: float, window: float) -> tuple[float, float]:
     """The interval to average, from the first to the last steady sample of a hold: (begin, end), s."""
     extra = end - begin - SHORTEST_HOLD / 2
     if extra > 0:
-        return begin + BEGIN_OMITTED * extra, end - END_OMITTED * extra
+        return begin + _BEGIN_OMITTED * extra, end - _END_OMITTED * extra
     more = min(-0.5 * extra, window)
     return begin - more, end + more
 
@@ -231,13 +231,13 @@ def _hold(signals: Signals, tare: Tare, intervals: Floats, begin: float, end: fl
 
 
 def _is_creep(one: Hold, other: Hold) -> bool:
-    """Whether two holds of nearly the same force follow each other within `CREEP_TIME`."""
-    nearly = np.hypot(*(one.force - other.force)) <= CREEP * np.hypot(*one.force)
-    return bool(nearly and other.begin - one.end < CREEP_TIME)
+    """Whether two holds of nearly the same force follow each other within `_CREEP_TIME`."""
+    nearly = np.hypot(*(one.force - other.force)) <= _CREEP * np.hypot(*one.force)
+    return bool(nearly and other.begin - one.end < _CREEP_TIME)
 
 
 def _same_hold(one: Hold, other: Hold, noise: float) -> bool:
     """Whether two holds have the same force and joint angles."""
-    limit = max(SIGMAS * noise / 3.0, SAME_FORCE * float(np.hypot(*one.force)))
+    limit = max(_SIGMAS * noise / 3.0, _SAME_FORCE * float(np.hypot(*one.force)))
     same_force = np.hypot(*(one.force - other.force)) <= limit
-    return bool(same_force and np.abs(one.joints - other.joints).max() <= SAME_JOINT)
+    return bool(same_force and np.abs(one.joints - other.joints).max() <= _SAME_JOINT)

@@ -1,7 +1,7 @@
 """Online detection: the touches in two streams that are still running.
 
-The latest `HORIZON` of samples is kept. A poll compares only the new forces with the zero of the sensor; once the force
-has deviated from it and returned, `find_touches` runs on all kept samples, and each contact that has ended is
+The latest `_HORIZON` of samples is kept. A poll compares only the new forces with the zero of the sensor; once the
+force has deviated from it and returned, `find_touches` runs on all kept samples, and each contact that has ended is
 reported once.
 """
 
@@ -20,17 +20,17 @@ from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStrea
 from scara_kinetostatic.touches.tare import coarse_tare
 
 SECOND = 1_000_000_000
-HORIZON = 30 * SECOND
+_HORIZON = 30 * SECOND
 """Older samples are dropped, ns: the longest contact that can be found."""
-CLEAR = SECOND // 7
+_CLEAR = SECOND // 7
 """A contact is over when the force has been back at its zero for so long, ns."""
-LONGEST_WAIT = 5 * SECOND
+_LONGEST_WAIT = 5 * SECOND
 """During a contact the detection runs once in so long, ns,"""
-SHORTEST_WAIT = SECOND // 2
+_SHORTEST_WAIT = SECOND // 2
 """and never more often than once in so long, ns."""
-LARGEST_STEP_BACK = SECOND
+_LARGEST_STEP_BACK = SECOND
 """Stamps that step back by more than this start new streams, ns."""
-LARGEST_STEP_AHEAD = 86_400 * SECOND
+_LARGEST_STEP_AHEAD = 86_400 * SECOND
 """So do stamps that step ahead by more than this, ns."""
 
 
@@ -44,7 +44,7 @@ class OnlineDetector:
         horizon: length of the streams that is kept, ns.
     """
 
-    def __init__(self, cell: Cell, horizon: int = HORIZON) -> None:
+    def __init__(self, cell: Cell, horizon: int = _HORIZON) -> None:
         self._cell = cell
         self._horizon = horizon
         self._found = 0
@@ -66,7 +66,7 @@ class OnlineDetector:
         self._wrench.append(stamp_ns, force)
 
     def _check_clock(self, stamp: int, newest: int) -> None:
-        if newest and not -LARGEST_STEP_BACK <= stamp - newest <= LARGEST_STEP_AHEAD:
+        if newest and not -_LARGEST_STEP_BACK <= stamp - newest <= _LARGEST_STEP_AHEAD:
             self._reset()
 
     def poll(self) -> Detection:
@@ -84,7 +84,7 @@ class OnlineDetector:
         self._in_contact = False
 
     def _is_due(self) -> bool:
-        """Whether a contact has ended, or `LONGEST_WAIT` is over."""
+        """Whether a contact has ended, or `_LONGEST_WAIT` is over."""
         wrench = self._wrench
         fresh = wrench.values[wrench.stamps > self._polled]
         if not len(fresh):
@@ -92,11 +92,11 @@ class OnlineDetector:
         self._polled, self._searched = wrench.newest, self._searched or int(wrench.stamps[0])
         waited = wrench.newest - self._searched
         if self._tare is None:
-            return waited > SHORTEST_WAIT
+            return waited > _SHORTEST_WAIT
         self._in_contact |= bool(np.any(_deviation(fresh, self._tare) > CONTACT_FORCE))
-        last = wrench.values[wrench.stamps > wrench.newest - 4 * CLEAR // 3].mean(axis=0)
+        last = wrench.values[wrench.stamps > wrench.newest - 4 * _CLEAR // 3].mean(axis=0)
         back = bool(_deviation(last, self._tare) < END_RATIO * CONTACT_FORCE)
-        return self._in_contact and (waited > LONGEST_WAIT or (back and waited > SHORTEST_WAIT))
+        return self._in_contact and (waited > _LONGEST_WAIT or (back and waited > _SHORTEST_WAIT))
 
     def _search(self, open_too: bool) -> Detection:
         """The touches among the kept samples that are new and complete; with `open_too`, also those in contact."""
@@ -110,7 +110,7 @@ class OnlineDetector:
         if signals is None:
             return Detection(no_touches())
         self._tare = coarse_tare(signals)[-1]
-        latest = min(self._wrench.newest - CLEAR, self._joints.newest)
+        latest = min(self._wrench.newest - _CLEAR, self._joints.newest)
         new = self._new(find_touches(streams, self._cell), np.iinfo(np.int64).max if open_too else latest)
         self._joints.drop_before(self._wrench.newest - self._horizon)
         self._wrench.drop_before(self._wrench.newest - self._horizon)

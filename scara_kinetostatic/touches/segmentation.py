@@ -16,13 +16,13 @@ from scara_kinetostatic.touches.tare import coarse_tare
 
 CONTACT_FORCE = 1.0
 """Deviation from the zero at which a contact begins, N; above the drift of a zero, below usual touches."""
-CONTACT_SIGMAS = 6.0
+_CONTACT_SIGMAS = 6.0
 """The same as a multiple of the standard deviation of the smoothed force, where that is larger."""
 END_RATIO = 0.5
 """A contact ends below this part of the deviation at which it begins."""
-LONGEST_BOUNCE = 0.05
+_LONGEST_BOUNCE = 0.05
 """Two contacts with a shorter loss of contact between them are one, s."""
-SHORTEST_CONTACT = 0.05
+_SHORTEST_CONTACT = 0.05
 """A shorter deviation is a spike of the sensor, not a contact, s."""
 
 
@@ -55,12 +55,12 @@ def find_contacts(signals: Signals) -> Contacts:
     smooth = moving_mean(signals.filtered.value, width)
     smooth -= coarse_tare(signals)
     deviation = np.hypot(smooth[:, 0], smooth[:, 1])
-    on = max(CONTACT_FORCE, CONTACT_SIGMAS * white_noise(wrench.value) / np.sqrt(width))
+    on = max(CONTACT_FORCE, _CONTACT_SIGMAS * white_noise(wrench.value) / np.sqrt(width))
     first, last = runs(_with_hysteresis(deviation, on, END_RATIO * on))
     begin, end = wrench.time[first], wrench.time[last]
-    apart = begin[1:] - end[:-1] >= LONGEST_BOUNCE
+    apart = begin[1:] - end[:-1] >= _LONGEST_BOUNCE
     begin, end = begin[np.append(True, apart)[: len(begin)]], end[np.append(apart, True)[: len(end)]]
-    lasting = end - begin > max(SHORTEST_CONTACT, (width + 1) * wrench.period)
+    lasting = end - begin > max(_SHORTEST_CONTACT, (width + 1) * wrench.period)
     begin, end = begin[lasting], end[lasting]
     peak = [deviation[wrench.stretch(b, e)].max() for b, e in zip(begin, end, strict=True)]
     inside = [signals.joints.value[signals.joints.stretch(b, e)] for b, e in zip(begin, end, strict=True)]

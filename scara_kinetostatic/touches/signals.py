@@ -16,17 +16,17 @@ from scara_kinetostatic.touches.streams import Streams
 
 Floats = NDArray[np.float64]
 
-SHORTEST_GAP = 0.1
+_SHORTEST_GAP = 0.1
 """A pause of a topic is a gap if it is longer than this, s,"""
-GAP_PERIODS = 5.0
+_GAP_PERIODS = 5.0
 """and longer than this many periods of the topic."""
-SHORTEST_WINDOW = 0.03
+_SHORTEST_WINDOW = 0.03
 """Time over which neighbouring means are taken, s,"""
-WINDOW_PERIODS = 2.5
+_WINDOW_PERIODS = 2.5
 """but at least this many periods of either topic."""
 SMOOTHING = 0.03
 """Length of the moving mean of force and joint angles, s."""
-OUTLIER_SPREADS = 4.0
+_OUTLIER_SPREADS = 4.0
 """`robust_mean` leaves out what is farther from the median than this many times the range of the middle 68 %."""
 
 
@@ -48,7 +48,7 @@ class Topic(NamedTuple):
     @property
     def gap_limit(self) -> float:
         """Longest pause within a touch, s."""
-        return max(SHORTEST_GAP, GAP_PERIODS * self.period)
+        return max(_SHORTEST_GAP, _GAP_PERIODS * self.period)
 
     def stretch(self, begin: float, end: float) -> slice:
         """The samples from `begin` (included) to `end` (not included), s."""
@@ -94,7 +94,7 @@ class Signals(NamedTuple):
     @property
     def window(self) -> float:
         """Time over which neighbouring means are taken, s: short, but with enough samples of either topic."""
-        return max(SHORTEST_WINDOW, WINDOW_PERIODS * self.joints.period, WINDOW_PERIODS * self.wrench.period)
+        return max(_SHORTEST_WINDOW, _WINDOW_PERIODS * self.joints.period, _WINDOW_PERIODS * self.wrench.period)
 
 
 def as_signals(streams: Streams, cell: Cell) -> Signals | None:
@@ -226,14 +226,14 @@ class RobustMean(NamedTuple):
 
 
 def robust_mean(values: Floats) -> RobustMean:
-    """Mean and standard deviation of samples (n, 2) without outliers (`OUTLIER_SPREADS`)."""
+    """Mean and standard deviation of samples (n, 2) without outliers (`_OUTLIER_SPREADS`)."""
     ordered, last = np.sort(values, axis=0), len(values) - 1
     center = ordered[last // 2]
     spread = ordered[round(0.84 * last)] - ordered[round(0.16 * last)]
     if not spread.all():
         spread = np.where(spread > 0, spread, ordered[round(0.975 * last)] - ordered[round(0.025 * last)])
     off = values - center
-    off[np.abs(off) > np.where(spread > 0, OUTLIER_SPREADS * spread, np.inf)] = np.nan
+    off[np.abs(off) > np.where(spread > 0, _OUTLIER_SPREADS * spread, np.inf)] = np.nan
     kept = np.isfinite(off)
     count, off = kept.sum(axis=0), np.where(kept, off, 0.0)
     mean = off.sum(axis=0) / count

@@ -2,7 +2,7 @@
 
 The zero is unknown and may be larger than a light touch. `coarse_tare`, which serves to find the contacts, uses that
 the arm moves freely between the contacts and hardly in them: the zero is the mode of the force readings, each weighted
-with the travel of the joints meanwhile. It is estimated every `BLOCK` seconds, so that it follows a drift.
+with the travel of the joints meanwhile. It is estimated every `_BLOCK` seconds, so that it follows a drift.
 `tare_before` is the zero of one touch, from the free motion right before its contact.
 """
 
@@ -26,25 +26,25 @@ from scara_kinetostatic.touches.signals import (
     white_noise,
 )
 
-GRID = 0.025
+_GRID = 0.025
 """Interval over which force and joint travel are taken together for the coarse zero, s."""
-LARGEST_WEIGHT = 0.01
+_LARGEST_WEIGHT = 0.01
 """Largest weight of one such interval: a joint travel beyond this counts no more, rad."""
-BLOCK = 10.0
+_BLOCK = 10.0
 """The coarse zero is estimated once in so long, s."""
-LEAST_SHARE = 0.05
+_LEAST_SHARE = 0.05
 """A block with less than this part of the mean joint travel of all blocks gives no coarse zero."""
-LONGEST_FREE = 2.0
+_LONGEST_FREE = 2.0
 """At most so long before a contact is used for its zero, s."""
 SHORTEST_FREE = 0.1
 """Free motion needed for a zero, s."""
 AFTER_CONTACT = 0.05
 """Left out after the previous contact, s."""
-BEFORE_CONTACT = 0.02
+_BEFORE_CONTACT = 0.02
 """Left out before the contact, s."""
-SMALLEST_DEVIATION = 1e-3
+_SMALLEST_DEVIATION = 1e-3
 """Smallest deviation from the zero that marks the begin of a contact, N, for sensors without noise."""
-ONSET_SIGMAS = 4.0
+_ONSET_SIGMAS = 4.0
 """The same as a multiple of the standard deviation of the smoothed force."""
 
 
@@ -77,14 +77,14 @@ def tare_before(signals: Signals, begin: float, previous_end: float) -> Tare | N
         The zero; None where the free motion before the contact is too short.
     """
     wrench = signals.wrench
-    earliest = max(previous_end + AFTER_CONTACT, begin - LONGEST_FREE)
+    earliest = max(previous_end + AFTER_CONTACT, begin - _LONGEST_FREE)
     free = wrench.stretch(earliest, begin)
     time, force = wrench.time[free], wrench.value[free]
     if len(time) < 5 or begin - max(earliest, time[0]) < SHORTEST_FREE:
         return None
     noise = white_noise(force)
     contact = _first_contact(time, signals.filtered.value[free], noise, wrench.period)
-    before = time < contact - BEFORE_CONTACT
+    before = time < contact - _BEFORE_CONTACT
     if np.sum(before) < 3:
         before = np.arange(len(time)) < 3
     steps, _ = steps_of_mean(signals.filtered, time[before], signals.window)
@@ -97,7 +97,7 @@ def _first_contact(time: Floats, force: Floats, noise: float, period: float) -> 
     """Time after which the force stays away from the median of the free samples, s; in their later half."""
     width = 2 * round(0.5 * SMOOTHING / period) + 1
     smooth = moving_mean(force - median(force), width)
-    limit = max(SMALLEST_DEVIATION, ONSET_SIGMAS * noise / np.sqrt(width))
+    limit = max(_SMALLEST_DEVIATION, _ONSET_SIGMAS * noise / np.sqrt(width))
     at_zero = np.flatnonzero(np.hypot(smooth[:, 0], smooth[:, 1]) < limit)
     latest = max(int(at_zero[-1]) if len(at_zero) else 0, len(time) // 2)
     return float(time[latest])
@@ -107,15 +107,15 @@ def coarse_tare(signals: Signals) -> Floats:
     """The zero of the force sensor at every wrench sample, (n, 2), N, in its frame and sign."""
     wrench = signals.wrench
     time, force, travel = _grid_means(signals.joints, signals.filtered)
-    block = (time // BLOCK).astype(np.intp)
-    whole = weighted_mode(force, travel)
-    enough = LEAST_SHARE * travel.sum() / (block[-1] + 1)
+    block = (time // _BLOCK).astype(np.intp)
+    whole = _weighted_mode(force, travel)
+    enough = _LEAST_SHARE * travel.sum() / (block[-1] + 1)
     centers, zeros = [], []
     for first, last in zip(*_equal_runs(block), strict=True):
         part = slice(first, last + 1)
         if travel[part].sum() > enough:
             centers.append(time[part].mean())
-            zeros.append(weighted_mode(force[part], travel[part]))
+            zeros.append(_weighted_mode(force[part], travel[part]))
     if not zeros:
         return np.broadcast_to(whole, wrench.value.shape)
     course = median_of_three(np.array(zeros))
@@ -124,7 +124,7 @@ def coarse_tare(signals: Signals) -> Floats:
 
 def _grid_means(joints: Topic, wrench: Topic) -> tuple[Floats, Floats, Floats]:
     """Time (k,), s, mean force (k, 2), N, and joint travel (k,), rad, of every interval with force samples."""
-    size = max(GRID, 2.5 * wrench.period)
+    size = max(_GRID, 2.5 * wrench.period)
     first, last = _equal_runs((wrench.time // size).astype(np.intp))
     count = (last - first + 1)[:, None]
     force = np.add.reduceat(wrench.value, first, axis=0) / count
@@ -133,10 +133,10 @@ def _grid_means(joints: Topic, wrench: Topic) -> tuple[Floats, Floats, Floats]:
         np.column_stack([np.interp(time + side * size, joints.time, column) for column in joints.value.T])
         for side in (-0.5, 0.5)
     )
-    return time, force, np.minimum(np.abs(end - begin).sum(axis=1), LARGEST_WEIGHT)
+    return time, force, np.minimum(np.abs(end - begin).sum(axis=1), _LARGEST_WEIGHT)
 
 
-def weighted_mode(values: Floats, weight: Floats) -> Floats:
+def _weighted_mode(values: Floats, weight: Floats) -> Floats:
     """Mode of weighted points in the plane: the half-sample mode, along x and y in turn.
 
     The shortest interval with half of the weight is kept, again and again, until few points are left; the mode is
