@@ -12,9 +12,8 @@ from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.studies.design.prediction import Robot
-    from scara_kinetostatic.studies.design.result import Design, Requirements
+    from scara_kinetostatic.studies.design.result import Requirements
 
-PLAN, SPARE_PLAN = 'plan.yaml', 'plan_spare.yaml'
 DESCRIPTION = """\
 Predicts the uncertainty of a calibration before any touch is made: the standard
 deviation of every parameter, and of the tip over the workspace. Finds the
@@ -40,7 +39,7 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         help='largest standard deviation of the tip over the workspace, m (default: 1e-5)',
     )
     parser.add_argument(
-        '--out', type=Path, metavar='DIR', help=f'folder for {PLAN}, {SPARE_PLAN}, design.json and design.html'
+        '--out', type=Path, metavar='DIR', help='folder for plan.yaml, plan_spare.yaml, design.json, design.html'
     )
     parser.add_argument('--json', action='store_true', help='print JSON instead of text')
     _add_robot(parser)
@@ -102,31 +101,16 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: the accuracy is out of reach.
     """
     requirements, robot = _requirements(args), _robot(args)
+    from scara_kinetostatic.studies.design import page
     from scara_kinetostatic.studies.design.document import design_document
     from scara_kinetostatic.studies.design.optimal_design import optimal_design
     from scara_kinetostatic.studies.design.text import text
 
     with progress() as show_progress:
         design = optimal_design(robot, requirements, show_progress)
-        files = design_texts(design) if args.out else {}
+        files = page.design_files(design) if args.out else {}
     print_result(text(design), design_document(design), args.json, args.out, files)
     return 0
-
-
-def design_texts(design: Design) -> dict[str, str]:
-    """The files of a design by name: both plans, the numbers, the page."""
-    from scara_kinetostatic.render.json_file import json_text
-    from scara_kinetostatic.simulation.plan_file import dump_plan
-    from scara_kinetostatic.studies.design import document, page
-    from scara_kinetostatic.studies.design.text import set_sentences
-
-    cell = design.robot.cell
-    return {
-        PLAN: dump_plan(design.smallest.plan, cell, tuple(set_sentences(design.smallest, design))),
-        SPARE_PLAN: dump_plan(design.spare.plan, cell, tuple(set_sentences(design.spare, design))),
-        document.NAME: json_text(document.design_document(design)),
-        page.NAME: page.html_text(design),
-    }
 
 
 def _requirements(args: argparse.Namespace) -> Requirements:

@@ -39,9 +39,9 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         OutputError: DIR cannot be written.
     """
-    from scara_kinetostatic.cli.design import design_texts
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.render.json_file import json_text
+    from scara_kinetostatic.studies.design.page import design_files
     from scara_kinetostatic.studies.design.text import headline
     from scara_kinetostatic.studies.paper import document, page
     from scara_kinetostatic.studies.paper.reproduction import reproduce
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
             document.NAME: json_text(document.paper_document(found)),
         }
         if found.design:
-            texts.update(design_texts(found.design))
+            texts.update(design_files(found.design))
         write_texts(args.out, texts)
     exact, study = found.exact, found.monte_carlo
     print(f'figure 3   e_f {exact.paper.force_error:.1e} N after {exact.paper.iterations} iterations (paper: 4.5e-5 N)')

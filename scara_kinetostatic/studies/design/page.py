@@ -1,4 +1,4 @@
-"""`design.html`: one self-contained page with the optimal design."""
+"""The files of a design: `design.html`, one self-contained page, `design.json`, and two plans of touches."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ from pathlib import Path
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.render.figure import COLOURS, mark, style
+from scara_kinetostatic.render.json_file import json_text
 from scara_kinetostatic.render.page import page_template
-from scara_kinetostatic.studies.design import figures, text
+from scara_kinetostatic.simulation.plan_file import dump_plan
+from scara_kinetostatic.studies.design import document, figures, text
 from scara_kinetostatic.studies.design.result import Design
 
 NAME = 'design.html'
+PLAN, SPARE_PLAN = 'plan.yaml', 'plan_spare.yaml'
 _TEMPLATE = Path(__file__).parent / 'page.html.j2'
 
 
@@ -45,3 +48,14 @@ def html_text(design: Design) -> str:
         tables=text.factor_tables(design),
         legend=[(each.sign, COLOURS[each.colour], disc.name) for each, disc in zip(marks, discs, strict=True)],
     )
+
+
+def design_files(design: Design) -> dict[str, str]:
+    """The text of each file of a design by its name: both plans, the numbers, the page."""
+    cell = design.robot.cell
+    return {
+        PLAN: dump_plan(design.smallest.plan, cell, tuple(text.set_sentences(design.smallest, design))),
+        SPARE_PLAN: dump_plan(design.spare.plan, cell, tuple(text.set_sentences(design.spare, design))),
+        document.NAME: json_text(document.design_document(design)),
+        NAME: html_text(design),
+    }
