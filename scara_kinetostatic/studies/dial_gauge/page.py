@@ -66,7 +66,8 @@ def _typical(part: Part) -> list[tuple[int, Run]]:
 def _caption(run: Run) -> str:
     where = f'{run.name}: ' if run.part == GRIPPER else ''
     unused = '; hollow: no load, not used' if not run.fit.used.all() else ''
-    return f'{where}readings, straight lines, residuals{unused}.'
+    caption = f'{where}readings, straight lines, residuals{unused}.'
+    return caption[0].upper() + caption[1:]
 
 
 def _loop(record: LoopRecord, name: str) -> dict[str, Any]:
