@@ -1,7 +1,8 @@
 """CSV as spreadsheets save it: text of a file, rows with their line numbers, numbers with a decimal comma.
 
 The heading is the first line that is neither empty nor a comment (`#`). Separators are comma, semicolon or tab; with
-the latter two, numbers may have a decimal comma. A wrong row is an error that names its line: none is dropped silently.
+the latter two, numbers may have a decimal comma. An invalid row is an error that names its
+line: nothing is dropped silently. Empty rows are skipped.
 """
 
 from __future__ import annotations
@@ -94,9 +95,9 @@ def split_rows(text: str, where: str, example: str) -> CsvRows:
         line = first + reader.line_num
         raise RecordingError(where, f'line {line}: not CSV: {error}', 'check the quotes') from error
     if not rows:
-        raise RecordingError(where, 'there is nothing in it', f'begin with a line such as {example}')
+        raise RecordingError(where, 'the file is empty', f'begin with a line such as {example}')
     body = [(line, cells) for line, cells in rows[1:] if any(cell.strip() for cell in cells)]
-    if is_number(rows[0][1][0]):
+    if any(_NUMBER.match(plain(cell)) for cell in rows[0][1]):
         problem = 'expected a heading in the first line, got numbers'
         raise RecordingError(where, problem, f'begin with a line such as {example}')
     if not body:
@@ -116,24 +117,19 @@ def plain(cell: str) -> str:
     return cell.strip().replace('\N{MINUS SIGN}', '-').replace('\N{NO-BREAK SPACE}', '').strip()
 
 
-def is_number(cell: str) -> bool:
-    """Whether a cell holds a number with a decimal point."""
-    return bool(_NUMBER.match(plain(cell)))
-
-
 def read_number(cell: str, decimal_comma: bool) -> float:
-    """The number in a cell.
+    """The number in a cell; infinite where it is too large for a float.
 
     Raises:
-        ValueError: it holds none, or no finite one; the message says what was expected.
+        ValueError: it holds none; the message says what was expected.
     """
     text = plain(cell)
     if decimal_comma and text.count(',') == 1 and '.' not in text:
         text = text.replace(',', '.')
     if not text:
         raise ValueError('expected a number, got nothing')
-    if not _NUMBER.match(text) or float(text) in (float('inf'), float('-inf')):
-        raise ValueError(f'expected a finite number, got {cell.strip()[:40]!r}')
+    if not _NUMBER.match(text):
+        raise ValueError(f'expected a number, got {cell.strip()[:40]!r}')
     return float(text)
 
 
@@ -157,4 +153,6 @@ def raise_wrong_rows(where: str, wrong: Sequence[tuple[int, str]]) -> None:
     more = [str(number) for number, _ in others]
     also = f'; also wrong: line{"s" * (len(more) > 1)} {", ".join(more[:_SHOWN])}' if more else ''
     also += f' and {len(more) - _SHOWN} more' if len(more) > _SHOWN else ''
-    raise RecordingError(where, f'line {line}: {problem}{also}', 'correct the table, or begin the line with #')
+    raise RecordingError(
+        where, f'line {line}: {problem}{also}', 'correct the table, or begin the line with # to leave it out'
+    )

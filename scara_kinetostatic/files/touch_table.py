@@ -40,7 +40,15 @@ NEEDED = ('q1_rad', 'q2_rad', 'fx_N', 'fy_N')
 OPTIONAL = ('time_s', 'approach1', 'approach2')
 OBJECT = 'object'
 EXAMPLE = ','.join(NEEDED)
-LARGEST = {'q1_rad': 30.0, 'q2_rad': 30.0, 'fx_N': 1e5, 'fy_N': 1e5, 'approach1': 30.0, 'approach2': 30.0}
+_LARGEST = {
+    'q1_rad': 30.0,
+    'q2_rad': 30.0,
+    'fx_N': 1e5,
+    'fy_N': 1e5,
+    'time_s': 1e12,
+    'approach1': 30.0,
+    'approach2': 30.0,
+}
 """Beyond this a number is not plausible in its unit."""
 _QUANTITIES = {
     'q1': ('q1_rad', 'joint angles in rad'),
@@ -201,7 +209,7 @@ def _number(cell: str, name: str, decimal_comma: bool) -> tuple[float, str]:
         value = read_number(cell, decimal_comma)
     except ValueError as error:
         return 0.0, f'{name}: {error}'
-    if abs(value) > LARGEST.get(name, float('inf')):
+    if abs(value) > _LARGEST[name]:
         return 0.0, f'{name}: {cell.strip()[:40]} is not plausible; check the unit'
     return value, ''
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.files import csv_text
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2, LINK, TIP
 
 _LENGTH = {'m': 1.0, 'mm': 1e-3, 'um': 1e-6, 'µm': 1e-6, 'μm': 1e-6}
@@ -48,7 +49,6 @@ CHOICES = {
 _SYNONYMS = {'joint': 'part', 'seat': 'gauge_at'}
 _WORDS = {word: name for name, quantity in _QUANTITIES.items() for word in quantity.names}
 _HEADING = re.compile(r'(?P<word>.*?)[\s_]*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|[_\s](?P<plain>[^_\s]+))?\Z')
-_NUMBER = re.compile(r'[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\Z')
 
 
 class Column(NamedTuple):
@@ -75,8 +75,6 @@ def read_heading(cells: Sequence[str], where: str) -> tuple[dict[str, Column], l
     """
     columns: dict[str, Column] = {}
     unknown = []
-    if any(_NUMBER.match(_plain(cell)) for cell in cells):
-        raise RecordingError(where, 'expected a heading in the first line, got numbers', _example())
     for place, cell in enumerate(cells):
         column = _column(cell.strip(), place, where)
         if column is None:
@@ -118,25 +116,13 @@ def _column(heading: str, place: int, where: str) -> Column | None:
     return Column(name, heading, place, units[unit.strip()])
 
 
-def _plain(cell: str) -> str:
-    """A cell with a plain minus sign and without spaces, as spreadsheets add them."""
-    return cell.strip().replace('\N{MINUS SIGN}', '-').replace('\N{NO-BREAK SPACE}', '').strip()
-
-
 def read_number(cell: str, column: Column, decimal_comma: bool) -> float:
     """A number in SI.
 
     Raises:
         ValueError: it is not a number, or not a plausible one; the message says what was expected.
     """
-    text = _plain(cell)
-    if decimal_comma and text.count(',') == 1 and '.' not in text:
-        text = text.replace(',', '.')
-    if not text:
-        raise ValueError('expected a number, got nothing')
-    if not _NUMBER.match(text):
-        raise ValueError(f'expected a number, got {cell.strip()[:40]!r}')
-    value = float(text) * column.factor
+    value = csv_text.read_number(cell, decimal_comma) * column.factor
     quantity = _QUANTITIES[column.name]
     if not abs(value) <= quantity.largest:
         raise ValueError(f'{cell.strip()[:40]} is too large to be plausible; {quantity.hint}')
@@ -151,7 +137,7 @@ def read_cycle(cell: str) -> int:
     Raises:
         ValueError: it is not a whole number of 0 or more.
     """
-    text = _plain(cell)
+    text = csv_text.plain(cell)
     if not re.fullmatch(r'\d{1,6}([.,]0*)?', text):
         raise ValueError(f'expected the number of a cycle, got {cell.strip()[:40]!r}')
     return int(re.split('[.,]', text)[0])
