@@ -74,7 +74,7 @@ def missing_effect() -> Markup:
     assert cell is not None
     outcome = calibrate_recordings([UNDECLARED], cell)
     (found,), (residual,) = outcome.diagnosis.found, outcome.effect_residuals
-    titles = 'the twelve parameters alone', f'with {found.effect.label}'
+    titles = 'base model', f'with {found.effect.label}'
     return effect_pictures.residual_picture(residual, 'missing', titles)
 
 
