@@ -6,7 +6,7 @@ from setuptools import find_packages, setup
 
 NAME = 'scara_kinetostatic'
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
-PHYSICS = ['mujoco>=3.13']  # the first with the integrator `discrete`; only the verb physics needs it
+PHYSICS = ['mujoco>=3.13']  # the first with the integrator `discrete`; only the verb mujoco needs it
 TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML', *PHYSICS]
 BENCH = ['casadi', 'mcap-ros2-support', *PHYSICS]  # the peers that `benchmark` measures against
 DOCS = ['sphinx>=7.2', 'myst-parser>=3', 'furo', 'latex2mathml']  # builds the site in docs/
@@ -21,7 +21,7 @@ def files(folder: str, pattern: str) -> list[str]:
 setup(
     name=NAME,
     version='0.1.0',
-    description='Kinetostatic calibration of a SCARA robot by touch, and what its model lacks',
+    description='Kinetostatic calibration of a SCARA robot by touch, with the diagnosis of model errors',
     long_description=README.read_text(encoding='utf-8') if README.is_file() else '',
     long_description_content_type='text/markdown',
     author='scara_kinetostatic maintainers',

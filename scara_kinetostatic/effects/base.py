@@ -83,7 +83,7 @@ class Effect(ABC):
         name: of the kind of effect, as in the results; letters, digits and ``_``.
         parameters: what is to be estimated.
         statement: what its presence says of the cell, a clause; ``{target}`` stands for the target.
-        confounded_with: what it cannot be told from, and when.
+        confounded_with: what it cannot be distinguished from, and when.
         identified_by: the touches that determine it.
         plot_variable: the variable over which its residual is plotted, a key of `variables.VARIABLES`.
 
@@ -237,7 +237,7 @@ class Effect(ABC):
         return True
 
     def alternative_laws(self) -> tuple[Effect, ...]:
-        """The same effect by other laws, just as plausible, that few touches do not tell from this one."""
+        """The same effect by other laws, just as plausible, that few touches do not distinguish from this one."""
         return ()
 
     def undetermined_constant(self, at: TouchState, values: Floats) -> tuple[str, float] | None:

@@ -15,7 +15,7 @@ from scara_kinetostatic.model.effect_law import Shift, TouchState
 class BaseCompliance(LinearEffect):
     """The robot stands on springs: pushed by -F, its base moves by d = -[[excess, coupling], [coupling, -excess]] F.
 
-    That is the part of a compliance matrix, in the base frame, that the twelve parameters lack: what is the same in
+    That is the part of a compliance matrix, in the base frame, that the base model lacks: what is the same in
     all directions is another p_ee, what turns the base about joint 1 another p1.
     """
 

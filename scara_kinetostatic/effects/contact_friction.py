@@ -37,7 +37,7 @@ class ContactFriction(Effect):
     statement: ClassVar[str] = 'friction between tip and disc turns the contact force, in the sense of the slide'
     confounded_with: ClassVar[str] = 'a turned force sensor, if the tip slides the same way in all touches'
     identified_by: ClassVar[str] = (
-        'touches that slide in both senses: press beyond the force and let it down, every other time'
+        'touches that slide in both senses: every other time press beyond the force and release to it'
     )
     plot_variable: ClassVar[str] = 'slide'
     order: ClassVar[int] = 1

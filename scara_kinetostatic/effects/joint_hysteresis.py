@@ -25,7 +25,7 @@ class JointHysteresis(JointEffect):
     statement: ClassVar[str] = '{target} has hysteresis beyond its backlash'
     confounded_with: ClassVar[str] = 'the backlash of the joint, if it always moves on in the sense of its torque'
     identified_by: ClassVar[str] = (
-        'touches reached from both sides: press beyond the force and let it down, every other time'
+        'touches reached from both sides: every other time press beyond the force and release to it'
     )
     plot_variable: ClassVar[str] = 'approach'
     order: ClassVar[int] = 8

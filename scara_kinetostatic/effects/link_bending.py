@@ -13,7 +13,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import Shift, TouchState
 
 HINGES = (0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.75, 0.8)
-"""Where a link that bends at one place may do so."""
+"""Places of a hinge, as parts of the length of link 1, for the alternative laws."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ class SensorRotation(SensorEffect):
     statement: ClassVar[str] = 'the force sensor is rotated about its axis'
     confounded_with: ClassVar[str] = 'contact friction, if the tip slides the same way in all touches'
     identified_by: ClassVar[str] = (
-        'touches that slide in both senses: press beyond the force and let it down, every other time'
+        'touches that slide in both senses: every other time press beyond the force and release to it'
     )
     plot_variable: ClassVar[str] = 'direction'
     order: ClassVar[int] = 2

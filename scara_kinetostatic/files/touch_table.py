@@ -121,7 +121,7 @@ def parse_touch_table(text: str, where: str) -> TouchTable:
         approach=np.stack([values.get(name, np.zeros(n)) for name in ('approach1', 'approach2')], axis=-1),
         lines=tuple(line for line, _ in rows.body),
         source=where,
-        notes=tuple(f'the column {name!r} is not known and not used' for name in unknown),
+        notes=tuple(f'the column {name!r} is unknown and not used' for name in unknown),
     )
 
 

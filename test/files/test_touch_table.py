@@ -48,7 +48,7 @@ def test_all_columns_in_any_order_with_comments_empty_lines_and_empty_cells():
     np.testing.assert_array_equal(table.approach, [[2e-3, -1e-3], [0, 0]])
     assert table.objects == ('disc_1', '')
     assert table.lines == (4, 5)
-    assert table.notes == ("the column 'operator' is not known and not used",)
+    assert table.notes == ("the column 'operator' is unknown and not used",)
 
 
 @pytest.mark.parametrize(
