@@ -63,26 +63,26 @@ def _number(value: float) -> float | None:
 def _errors(outcome: Outcome) -> Document:
     """Errors of the base model and of the extended model on the same touches."""
     compared = outcome.comparison
-    alone, extended = compared.base, compared.extended
+    base, extended = compared.base, compared.extended
     return {
         'force_error': {
             'nominal': _number(compared.nominal),
-            'calibrated': _number(alone.force_error),
+            'calibrated': _number(base.force_error),
             'extended': _number(extended.force_error),
         },
         'held_out_force_error': {
-            'calibrated': _number(alone.held_out),
+            'calibrated': _number(base.held_out),
             'extended': _number(extended.held_out),
             'folds': outcome.extended_held_out.folds,
         },
         'reduced_chi_square': {
-            'calibrated': _number(alone.reduced_chi_square),
+            'calibrated': _number(base.reduced_chi_square),
             'extended': _number(extended.reduced_chi_square),
         },
         'tip_error': {
-            'calibrated': _number(alone.tip.fitted),
+            'calibrated': _number(base.tip.fitted),
             'extended': _number(extended.tip.fitted),
-            'held_out': {'calibrated': _number(alone.tip.held_out), 'extended': _number(extended.tip.held_out)},
+            'held_out': {'calibrated': _number(base.tip.held_out), 'extended': _number(extended.tip.held_out)},
             'noise': _number(extended.tip.noise),
             'bias': {'rms': _number(compared.tip_bias), 'largest': _number(compared.largest_tip_bias)},
         },

@@ -64,9 +64,9 @@ def html_text(outcome: Outcome) -> str:
 def _facts(outcome: Outcome) -> list[tuple[str, str, str]]:
     """The four numbers at the top: value, unit, what it is."""
     c, compared = outcome.final, outcome.comparison
-    alone, extended = compared.base, compared.extended
-    errors, held_out = [compared.nominal, alone.force_error], [alone.held_out]
-    chi_square, steps = [alone.reduced_chi_square], 'nominal → calibrated'
+    base, extended = compared.base, compared.extended
+    errors, held_out = [compared.nominal, base.force_error], [base.held_out]
+    chi_square, steps = [base.reduced_chi_square], 'nominal → calibrated'
     if c is not outcome.calibration:
         errors, held_out = [*errors, extended.force_error], [*held_out, extended.held_out]
         chi_square, steps = [*chi_square, extended.reduced_chi_square], 'nominal → base model → extended'
