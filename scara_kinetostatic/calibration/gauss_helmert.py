@@ -12,7 +12,7 @@ the misclosure w = h + B [Q - Q̂; F - F̂] has the covariance V = σ_q² h_Q h_
 different for every touch. To first order h = -h_F (F - A(Q, L̄)), so this is the weighted fit of the force
 (9) (10) with residual covariance Σ_F + A_Q Σ_Q A_Qᵀ. Beyond first order it is better: derivatives
 taken at adjusted, not at noisy, observations do not correlate with the noise,
-which would draw the compliances to one side as touches get many.
+which would bias the compliances.
 
 **Two stages.** The direction of a small force is poorly measured: σ_f/f = 0.03 rad at 10 N. Taken as
 measured, it puts the tip r (σ_f/f)²/2 ≈ 0.1 mm off along the normal, far more than
@@ -55,7 +55,7 @@ from scara_kinetostatic.model.sensor_error import (
     true_force_derivative,
 )
 
-GROSS = 200.0
+_GROSS_DISTANCE = 200.0
 """A touch whose squared distance is beyond this keeps its observations as measured."""
 
 
@@ -92,7 +92,7 @@ class Observations(NamedTuple):
         )
 
     def contact_problem(self, joints: Floats, off_normal: Floats | None = None) -> ContactProblem:
-        """The touches at joint angles (n, 2), rad, and leans (n,), rad, as the equations take them."""
+        """The touches at joint angles (n, 2), rad, and off-normal angles (n,), rad, as the equations take them."""
         return ContactProblem(joints, self.centers, self.radii, self.gripper, self.metadata, off_normal)
 
 
@@ -103,7 +103,7 @@ class Adjusted(NamedTuple):
         joints: Q̂, (n, 2), rad.
         force: F̂ in the sensor's frame, (n, 2), N.
         state: link angles and modes that go with them.
-        lean: α̂ of each touch's force, (n,), rad; None where no effect lets it differ.
+        off_normal: α̂, the off-normal angle of each touch's force, (n,), rad; None where no effect has one.
     """
 
     joints: Floats
@@ -236,7 +236,7 @@ def _multiplier(whitened: Whitened, step: Floats) -> tuple[Floats, Mask]:
     l11, l21, l22 = whitened.root
     n, _, k = whitened.derivative.shape
     left = whitened.residual.T + (step @ whitened.derivative.transpose(2, 1, 0).reshape(k, 2 * n)).reshape(2, n)
-    close = left[0] * left[0] + left[1] * left[1] < GROSS
+    close = left[0] * left[0] + left[1] * left[1] < _GROSS_DISTANCE
     multiplier = by_touch(2, n)
     multiplier[:, 1] = left[1] / l22
     multiplier[:, 0] = (left[0] - l21 * multiplier[:, 1]) / l11

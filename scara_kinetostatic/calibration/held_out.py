@@ -12,7 +12,7 @@ from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import minimise
 
-SEED = 0
+_SEED = 0
 
 
 class HeldOut(NamedTuple):
@@ -30,7 +30,7 @@ class HeldOut(NamedTuple):
 def held_out_force_error(calibration: Calibration, folds: int = 5) -> HeldOut:
     """Split the used touches at random into folds; predict each fold by a fit to the others.
 
-    Noise levels, bad touches and unseen directions are those of the whole fit.
+    Noise levels, outliers and unidentifiable directions are those of the whole fit.
 
     Args:
         calibration: the result whose touches, noise and free parameters are used.
@@ -41,7 +41,7 @@ def held_out_force_error(calibration: Calibration, folds: int = 5) -> HeldOut:
     n = len(touches)
     spare = n - (c.subspace.basis.shape[1] // 2 + 1)
     folds = max(2, min(folds, n)) if spare < 1 else min(n, max(folds, -(-n // spare)))
-    part = np.random.default_rng(SEED).permutation(n) % folds
+    part = np.random.default_rng(_SEED).permutation(n) % folds
     residual = np.empty((n, 2))
     for fold in range(folds):
         kept = observe(touches.select(part != fold), c.cell)

@@ -1,15 +1,15 @@
-"""What the data can show of L̄, and what they cannot: rank, condition, confounded groups.
+"""Identifiability: rank, condition, and the groups of parameters that the data do not separate.
 
-A direction of L̄ counts as unseen for either of two reasons.
+A direction of L̄ is unidentifiable for either of two reasons.
 
 - **It hardly moves the predictions**: a change along it by the whole range a robot's
   parameter can plausibly have (`SCALES`) moves them by less than one standard deviation.
-- **What seems to show it is noise**: the Jacobian is evaluated at measured quantities. With one
+- **Its information is noise**: the Jacobian is evaluated at measured quantities. With one
   force level, the columns of p_ee and g_ee are proportional but for the noise of the
-  measured force, and a fit happily separates the two by that noise. The part ρ of the
+  measured force, and a fit separates the two by that noise. The part ρ of the
   information along a direction that the noise of the observations alone would
   produce is worked out from the derivatives of the Jacobian; 1 - ρ is the
-  reliability ratio of errors-in-variables regression. Above `NOISE_SHARE` the direction is unseen.
+  reliability ratio of errors-in-variables regression. Above `NOISE_SHARE` the direction is unidentifiable.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from scara_kinetostatic.model.parameters import NAMES, UNITS
 SCALES = np.array([0.02, 0.02, 0.05, 0.02, 0.05, 0.02, 1e-4, 1e-3, 1e-3, 1e-3, 5e-3, 5e-3])
 """Plausible range of each parameter about its nominal value, in its unit; also the solver's scaling."""
 NOISE_SHARE = 0.25
-CONSEQUENCE = 0.3
-SAMPLE = 1024
+_MEMBER_EFFECT = 0.3
+_SAMPLE_SIZE = 1024
 """Touches from which the information that noise produces is worked out, if there are more: drawn at random."""
-VARIANTS = 4
+_VARIANTS = 4
 """Forces at which the change of the Jacobian is worked out: two ways along F̂, two across."""
-MEMBER = 0.05
-"""A parameter belongs to a group if its part of the unseen direction, in `SCALES`, is at least this."""
+_MEMBER_PART = 0.05
+"""A parameter belongs to a group if its part of the unidentifiable direction, in `SCALES`, is at least this."""
 
 
 def scales_of(model: ExtendedModel) -> Floats:
@@ -67,10 +67,10 @@ class Identifiability:
     """What the data show.
 
     Attributes:
-        rank: number of independent combinations of the free parameters seen.
-        condition: condition number of the weighted Jacobian with unit columns, over what is seen.
+        rank: number of independent combinations of the free parameters that the data determine.
+        condition: condition number of the weighted Jacobian with unit columns, over what is determined.
         confounded: groups of parameters that only together are determined, by name;
-            a group of one is a parameter not seen at all.
+            a group of one is a parameter that the data do not determine at all.
         combinations: what of each pair is determined all the same.
         advice: which touches would cure it; empty where nothing is confounded.
     """
@@ -83,7 +83,7 @@ class Identifiability:
 
 
 def unidentifiable_directions(observations: Observations, point: Point, free: Indices, noise: Noise) -> Floats:
-    """The directions of L̄ that the data do not show.
+    """The unidentifiable directions of a model.
 
     Args:
         observations: the used touches.
@@ -92,7 +92,7 @@ def unidentifiable_directions(observations: Observations, point: Point, free: In
         noise: σ_q and σ_f with which the fit was whitened.
 
     Returns:
-        (k, d) orthonormal columns in units of `SCALES`; d = 0 where all is seen.
+        (k, d) orthonormal columns in units of `SCALES`; d = 0 where all are identifiable.
     """
     scale = np.diag(scales_of(point.model))[:, free]
     system = compress(point.whitened.derivative, point.whitened.residual, basis=scale)
@@ -110,13 +110,13 @@ def unidentifiable_directions(observations: Observations, point: Point, free: In
 
 
 def _purified(row: Floats, scaled: Floats, by_noise: Floats) -> Floats:
-    """An unseen direction freed of the parameters that noise has mixed into it.
+    """An unidentifiable direction without the parameters that noise has mixed into it.
 
-    Of its members, the largest first, as few are kept as make up an unseen direction by themselves. `scaled`
+    Of its members, the largest first, as few are kept as are an unidentifiable direction by themselves. `scaled`
     and `by_noise` need not be the Jacobian and its changes: any matrices with the same products of columns do.
     """
     order = np.argsort(-np.abs(row))
-    for size in range(1, int((np.abs(row) >= MEMBER * np.abs(row).max()).sum()) + 1):
+    for size in range(1, int((np.abs(row) >= _MEMBER_PART * np.abs(row).max()).sum()) + 1):
         members = order[:size]
         vector = np.linalg.svd(np.linalg.qr(scaled[:, members], mode='r'))[2][-1]
         seen = float(np.sum((scaled[:, members] @ vector) ** 2))
@@ -133,11 +133,11 @@ def _noise_triangle(observations: Observations, point: Point, noise: Noise) -> F
     its QR factorisation, (12, 12).
     """
     count = len(observations.joints)
-    if count > SAMPLE:
-        some = np.sort(np.random.default_rng(0).choice(count, SAMPLE, replace=False))
+    if count > _SAMPLE_SIZE:
+        some = np.sort(np.random.default_rng(0).choice(count, _SAMPLE_SIZE, replace=False))
         observations, point = observations.select(some), select(point, some)
     changes = _noise_derivatives(observations, point, noise)
-    return upper_triangle(changes, overwrite=True) * np.sqrt(max(count / SAMPLE, 1.0))
+    return upper_triangle(changes, overwrite=True) * np.sqrt(max(count / _SAMPLE_SIZE, 1.0))
 
 
 def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -> Floats:
@@ -146,18 +146,18 @@ def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -
     l11, l21, l22 = point.whitened.root
     x, y = a.force[:, 0], a.force[:, 1]
     size = np.hypot(x, y)
-    moved = np.empty((2, VARIANTS, n))
+    moved = np.empty((2, _VARIANTS, n))
     for k, (along_x, along_y) in enumerate(((x / size, y / size), (-y / size, x / size))):
         left = noise_left(point.linear, point.whitened.root, noise, k)
         moved[:, 2 * k] = x + left * along_x, y + left * along_y
         moved[:, 2 * k + 1] = x - left * along_x, y - left * along_y
-    every = np.tile(np.arange(n), VARIANTS)
+    every = np.tile(np.arange(n), _VARIANTS)
     o, adjusted, force = observations.select(every), pick(a, every), moved.reshape(2, -1).T
     placed = place_force(o, model, adjusted.joints, force, adjusted.state)
     state, arm = solve_links(o, model, adjusted.joints, placed, off_normal=adjusted.off_normal)
     linear = linearise(o, model, adjusted._replace(force=force, state=state), arm)
-    root = (np.tile(l11, VARIANTS), np.tile(l21, VARIANTS), np.tile(l22, VARIANTS))
-    columns = whiten_by(linear.derivative, root).transpose(2, 1, 0).reshape(-1, 2, VARIANTS, n)
+    root = (np.tile(l11, _VARIANTS), np.tile(l21, _VARIANTS), np.tile(l22, _VARIANTS))
+    columns = whiten_by(linear.derivative, root).transpose(2, 1, 0).reshape(-1, 2, _VARIANTS, n)
     changes = (columns[:, :, 0::2] - columns[:, :, 1::2]) / 2
     return np.asarray(changes.reshape(len(columns), -1).T)
 
@@ -169,22 +169,22 @@ def group_names(
     scales: Floats = SCALES,
     names: tuple[str, ...] = NAMES,
 ) -> tuple[tuple[str, ...], ...]:
-    """The groups of parameters that unseen directions tie together, by name.
+    """The groups of parameters that unidentifiable directions combine, by name.
 
     Args:
-        directions: (k, d), as `unseen_directions` gives them.
+        directions: (k, d), as `unidentifiable_directions` gives them.
         free: positions of the parameters that are not fixed, (k,).
         std: standard deviations of the fit that holds these directions, (12,): a parameter that such a
-            direction could have moved by more than `CONSEQUENCE` of its own belongs to the group as well.
+            direction could have moved by more than `_MEMBER_EFFECT` of its own belongs to the group as well.
         scales: (12,), or more with effects.
         names: of all parameters.
     """
     groups = []
     for row in _sparse_rows(directions.T):
         row = row / np.linalg.norm(row)
-        members = np.abs(row) >= MEMBER * np.abs(row).max()
+        members = np.abs(row) >= _MEMBER_PART * np.abs(row).max()
         if std is not None:
-            members |= np.abs(row) * scales[free] > CONSEQUENCE * std[free]
+            members |= np.abs(row) * scales[free] > _MEMBER_EFFECT * std[free]
         groups.append(tuple(names[j] for j in free[members]))
     return tuple(groups)
 
@@ -214,10 +214,10 @@ def condition_number(derivative: Floats) -> float:
 
 
 def determined_pairs(directions: Floats, free: Indices, values: Floats, covariance: Floats) -> tuple[Combination, ...]:
-    """For each unseen direction that ties two parameters, the sum of the two that is determined."""
+    """For each unidentifiable direction of two parameters, the sum of the two that is determined."""
     found = []
     for row in _sparse_rows(directions.T):
-        members = np.flatnonzero(np.abs(row) >= MEMBER * np.abs(row).max())
+        members = np.flatnonzero(np.abs(row) >= _MEMBER_PART * np.abs(row).max())
         if len(members) != 2:
             continue
         # moving along `row` leaves u + c v as it is for c = -du/dv
@@ -245,7 +245,7 @@ def advise(groups: tuple[tuple[str, ...], ...], mean_force: float) -> str:
                 f'another level, {mean_force / 2:.0f} N for instance'
             )
         elif len(group) == 1:
-            sentences.append(f'{names} is not seen by these touches; touch where it matters more, or fix it')
+            sentences.append(f'{names} is not determined by these touches; touch where it has more effect, or fix it')
         elif set(group) <= {'p1', 'g1', 'p2', 'g2', 'p_ee', 'g_ee'}:
             sentences.append(
                 f'{names} cannot be told apart; add touches at other force levels and with other lever arms'

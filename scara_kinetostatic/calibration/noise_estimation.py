@@ -6,7 +6,7 @@ accounting for the parameters fitted. One round solves
 
     Σ_l tr(P V_k P V_l) σ_l² = rᵀ V⁻¹ V_k V⁻¹ r,   P = V⁻¹ - V⁻¹ J C Jᵀ V⁻¹,
 
-and rounds are repeated with the fit until nothing moves. The two are well told apart: along the
+and rounds are repeated with the fit until it converges. The two are well separated: along the
 force both act, across it the force's noise alone.
 
 Source: Förstner's and Helmert's variance component estimation; Koch, Parameter
@@ -16,19 +16,17 @@ Estimation and Hypothesis Testing in Linear Models (1999), section 3.6.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, outer
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Noise
 
-Floats = NDArray[np.float64]
-
-FLOOR = Noise(joint=1e-8, force=1e-5)
+_LEAST_NOISE = Noise(joint=1e-8, force=1e-5)
 """The least that a noise level is taken to be: joint readings may repeat to the last bit, and below this
 the weights would be those of rounding errors."""
-LARGEST_CHANGE = 10.0
-LEAST_SHARE = 0.5
-FEWEST_FREEDOMS = 10
+_LARGEST_CHANGE = 10.0
+_LEAST_SHARE = 0.5
+_FEWEST_FREEDOMS = 10
 """With fewer degrees of freedom the ratio of the two levels is kept and only their size estimated."""
 
 
@@ -51,7 +49,7 @@ def estimate_noise(linear: Linearisation, whitened: Whitened, covariance: Floats
     freedoms = r.size - int(np.linalg.matrix_rank(covariance))
     factor = np.sqrt(float((r**2).sum()) / max(freedoms, 1))
     same_ratio = _bounded(noise, Noise(noise.joint * factor, noise.force * factor))
-    if freedoms < FEWEST_FREEDOMS:
+    if freedoms < _FEWEST_FREEDOMS:
         return same_ratio
     weighted = [np.einsum('nij,njk->nik', part, jacobian) for part in parts]
     normals = [np.einsum('nik,nil->kl', jacobian, w) @ covariance for w in weighted]
@@ -72,14 +70,14 @@ def estimate_noise(linear: Linearisation, whitened: Whitened, covariance: Floats
 
 
 def _distinguishable(matrix: Floats, vector: Floats) -> Floats:
-    """Solve for two variances, neither smaller than what the residuals could tell from zero.
+    """Solve for two variances, neither smaller than what the residuals could distinguish from zero.
 
     An estimate at or below zero says that a noise does not show, not that there is none: a weight
-    without bound would make sigmas too small. Such a variance is set to `LEAST_SHARE` of its own
+    without bound would make sigmas too small. Such a variance is set to `_LEAST_SHARE` of its own
     standard deviation, and the other is solved for.
     """
     solution = np.asarray(np.linalg.solve(matrix, vector), dtype=float)
-    least = LEAST_SHARE * np.sqrt(2 * np.diag(np.linalg.inv(matrix)))
+    least = _LEAST_SHARE * np.sqrt(2 * np.diag(np.linalg.inv(matrix)))
     if (solution >= least).all():
         return solution
     hidden = int(np.argmin(solution / least))
@@ -92,8 +90,8 @@ def _distinguishable(matrix: Floats, vector: Floats) -> Floats:
 def _bounded(old: Noise, new: Noise) -> Noise:
     return Noise(
         *(
-            max(floor, min(max(after, before / LARGEST_CHANGE), before * LARGEST_CHANGE))
-            for before, after, floor in zip(old, new, FLOOR, strict=True)
+            max(floor, min(max(after, before / _LARGEST_CHANGE), before * _LARGEST_CHANGE))
+            for before, after, floor in zip(old, new, _LEAST_NOISE, strict=True)
         )
     )
 

@@ -1,6 +1,6 @@
-"""Single bad touches: found by their distance from what all the others predict.
+"""Outliers: touches far from what all the others predict.
 
-A touch is judged by its studentised distance: the squared Mahalanobis distance of
+The measure is the studentised distance: the squared Mahalanobis distance of
 its misclosure under the covariance it has as a residual of the fit (for a used touch, smaller
 than V by its leverage; for an unused one, larger). Where all is well it is chi-square with 2 degrees of
 freedom; the bound is set so that one good touch is lost in a thousand recordings.
@@ -11,24 +11,22 @@ model or the noise is wrong, which is not the touches' fault.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.blocks import in_blocks, pick
 from scara_kinetostatic.calibration.least_squares import typical_scale
 from scara_kinetostatic.calibration.whitening import Whitened
+from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.touch import Rejection
-
-Floats = NDArray[np.float64]
 
 FALSE_REJECTIONS = 1e-3
 """Expected number of good touches rejected in one recording."""
-MOST_REJECTED = 0.2
+_MOST_REJECTED = 0.2
 """If more than this part seems bad, the touches disagree with the model, not single ones with the rest."""
-LEAST_SPREAD = 1e-3
-"""The least variance of a residual, in units of that of its observation, by which it is judged."""
+_LEAST_VARIANCE = 1e-3
+"""The least variance of a residual, in units of that of its observation, that is assumed."""
 
 
-def studentised(whitened: Whitened, covariance: Floats, used: NDArray[np.bool_]) -> Floats:
+def studentised(whitened: Whitened, covariance: Floats, used: Mask) -> Floats:
     """Squared studentised distance of each touch, (n,).
 
     Args:
@@ -48,18 +46,18 @@ def _studentised(whitened: Whitened, covariance: Floats, sign: Floats) -> Floats
     s11, s21, s22 = (sign * (moved[:, i] * rows[:, j]).sum(axis=0) for i, j in ((0, 0), (1, 0), (1, 1)))
     s11, s22 = 1.0 + s11, 1.0 + s22
     r1, r2 = whitened.residual[:, 0], whitened.residual[:, 1]
-    # a touch the fit cannot do without has leverage 1 and no say of its own
+    # a touch without which a parameter is undetermined has leverage 1: its residual is zero whatever it measured
     middle = (s11 + s22) / 2
     apart = np.hypot((s11 - s22) / 2, s21)
-    dull = middle - apart < LEAST_SPREAD
+    dull = middle - apart < _LEAST_VARIANCE
     distance = (s22 * r1 * r1 - 2 * s21 * r1 * r2 + s11 * r2 * r2) / np.where(dull, 1.0, s11 * s22 - s21 * s21)
     for i in np.flatnonzero(dull):
         values, vectors = np.linalg.eigh([[s11[i], s21[i]], [s21[i], s22[i]]])
-        distance[i] = ((whitened.residual[i] @ vectors) ** 2 / np.maximum(values, LEAST_SPREAD)).sum()
+        distance[i] = ((whitened.residual[i] @ vectors) ** 2 / np.maximum(values, _LEAST_VARIANCE)).sum()
     return np.asarray(distance)
 
 
-def find_good(distance: Floats) -> NDArray[np.bool_]:
+def find_good(distance: Floats) -> Mask:
     """Which touches are no outliers, (n,); all, if too many would be.
 
     Args:
@@ -67,11 +65,11 @@ def find_good(distance: Floats) -> NDArray[np.bool_]:
     """
     bound = -2 * np.log(FALSE_REJECTIONS / len(distance)) * typical_scale(distance)
     good = distance <= bound
-    return good if (~good).mean() <= MOST_REJECTED else np.ones_like(good)
+    return good if (~good).mean() <= _MOST_REJECTED else np.ones_like(good)
 
 
 def explain(index: int, distance: float, residual: Floats) -> Rejection:
-    """The rejection of one touch in words."""
+    """The rejection of one touch, with its reason."""
     size = float(np.hypot(*residual))
     return Rejection(
         index,

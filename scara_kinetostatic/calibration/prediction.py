@@ -39,7 +39,7 @@ def observe(touches: TouchSet, cell: Cell) -> Observations:
 def base_force(observations: Observations, model: ExtendedModel) -> Floats:
     """The measured forces in the base frame, (n, 2), N; the tool frame turns with q1 + theta1 + q2 + theta2.
 
-    What the sensor misreads, if the model has such an effect, is taken off.
+    Errors of the sensor, if the model has such effects, are corrected.
     """
     force = true_force(model, observations.force)
     if observations.frame is SensorFrame.BASE:
@@ -55,7 +55,7 @@ def force_residual(observations: Observations, model: ExtendedModel) -> Floats:
 def _force_residual(observations: Observations, model: ExtendedModel) -> Floats:
     o = observations
     measured = base_force(o, model)
-    off_normal = measured_off_normal(o, model) if model.off_normal_std else None
+    off_normal = _measured_off_normal(o, model) if model.off_normal_std else None
     found = contact(
         model,
         o.joints,
@@ -69,8 +69,8 @@ def _force_residual(observations: Observations, model: ExtendedModel) -> Floats:
     return measured - found.force
 
 
-def measured_off_normal(observations: Observations, model: ExtendedModel) -> Floats:
-    """By how much each measured force leans from the normal of the disc, (n,), rad."""
+def _measured_off_normal(observations: Observations, model: ExtendedModel) -> Floats:
+    """Off-normal angle of each measured force, (n,), rad."""
     o = observations
     state = first_guess(o, model).state
     link2 = state.link1 + state.link2 + model.parameters.theta1 + model.parameters.theta2

@@ -10,10 +10,10 @@ from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Observations,
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
-ROUNDS = 5
-"""Enough for forces along the normal; where each may lean by an angle of its own, some touches need more."""
-MOST_ROUNDS = 20
-SETTLED = 1e-3
+_ROUNDS = 5
+"""Rounds that suffice for forces along the normal; with an off-normal angle in each touch some touches need more."""
+_MOST_ROUNDS = 20
+_CONVERGED = 1e-3
 
 
 def turn_radial(observations: Observations, point: Point) -> Adjusted:
@@ -41,9 +41,9 @@ def project(observations: Observations, model: ExtendedModel, noise: Noise) -> P
         point = evaluate(observations, model, first_guess(observations, model), noise, COARSE)
         adjusted = turn_radial(observations, point)
         before = np.full(len(observations.joints), np.inf)
-        for number in range(MOST_ROUNDS):
+        for number in range(_MOST_ROUNDS):
             point = evaluate(observations, model, adjusted, noise)
-            if number >= ROUNDS and not np.any(np.abs(point.distance - before) > SETTLED * (1 + point.distance)):
+            if number >= _ROUNDS and not np.any(np.abs(point.distance - before) > _CONVERGED * (1 + point.distance)):
                 return point
             before = point.distance
             still = np.zeros(point.whitened.derivative.shape[2])

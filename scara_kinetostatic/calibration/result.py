@@ -117,7 +117,7 @@ class Calibration:
     history: tuple[float, ...]
 
     def __getitem__(self, name: str) -> Estimate:
-        """One of the twelve parameters by name.
+        """A parameter of the base model by name.
 
         Raises:
             KeyError: no such parameter.
@@ -177,7 +177,7 @@ class Calibration:
         return self.chi_square / self.degrees_of_freedom
 
     def std_of(self, name: str) -> float:
-        """Standard uncertainty of one of the twelve by name, in its unit."""
+        """Standard uncertainty of a parameter of the base model by name, in its unit."""
         return float(self.std[NAMES.index(name)])
 
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Noise
-
-Floats = NDArray[np.float64]
 
 
 class Linearisation(NamedTuple):
@@ -17,10 +15,10 @@ class Linearisation(NamedTuple):
 
     Attributes:
         misclosure: w, (n, 2), m, along and across the force.
-        derivative: h_L̄, (n, 2, 12 + k), the k parameters of effects behind the twelve.
+        derivative: h_L̄, (n, 2, 12 + k), in the order of `ExtendedModel.names`.
         by_joints: h_Q, (n, 2, 2), m/rad.
         by_force: h_F in radial and tangential components of F̂, (n, 2, 2), m/N.
-        by_lean: h_α times the standard deviation of the lean, (n, 2), m; None without.
+        by_off_normal: h_α times the standard deviation of the off-normal angle, (n, 2), m; None without.
     """
 
     misclosure: Floats
@@ -35,7 +33,7 @@ class Whitened(NamedTuple):
 
     Attributes:
         residual: (n, 2).
-        derivative: (n, 2, 12).
+        derivative: (n, 2, 12 + k).
         root: lower Cholesky factor of V, as (l11, l21, l22), (n,) each.
     """
 
@@ -49,7 +47,7 @@ def by_touch(*shape: int) -> Floats:
     return np.empty(shape).transpose()
 
 
-def covariance_of(linear: Linearisation, noise: Noise) -> tuple[Floats, Floats, Floats]:
+def _covariance_of(linear: Linearisation, noise: Noise) -> tuple[Floats, Floats, Floats]:
     """V of each touch's misclosure: the entries 11, 21, 22, (n,) each, m²."""
     q, f = noise.joint**2, noise.force**2
     joints, force = products(linear.by_joints), products(linear.by_force)
@@ -74,7 +72,7 @@ def outer(matrices: Floats) -> Floats:
 
 def whiten(linear: Linearisation, noise: Noise, extra: Floats | float = 0.0) -> Whitened:
     """Divide by the Cholesky root of V, touch by touch; `extra` is added to V11."""
-    v11, v21, v22 = covariance_of(linear, noise)
+    v11, v21, v22 = _covariance_of(linear, noise)
     l11 = np.sqrt(v11 + extra)
     l21 = v21 / l11
     l22 = np.sqrt(np.maximum(v22 - l21 * l21, 1e-12 * v22))
@@ -96,7 +94,7 @@ def whiten_by(array: Floats, root: tuple[Floats, Floats, Floats]) -> Floats:
 
 
 def noise_left(linear: Linearisation, root: tuple[Floats, Floats, Floats], noise: Noise, side: int) -> Floats:
-    """Standard deviation of the noise that is left in the adjusted force, (n,), N.
+    """Standard deviation of the noise that remains in the adjusted force, (n,), N.
 
     Args:
         linear: the linearisation.

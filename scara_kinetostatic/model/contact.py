@@ -18,7 +18,7 @@ from scara_kinetostatic.model.gripper import Gripper, as_gripper
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import THETA1, THETA2, Parameters
 
-NEGATIVE_PLAY = 1e-3
+_NEGATIVE_BACKLASH = 1e-3
 """How far outside the disc the rigid tip may be for a force to be possible at all, m."""
 
 
@@ -110,10 +110,10 @@ def _contact_problem(
 def _reaches(parameters: Parameters, free: State, centers: Floats, radii: Floats) -> Mask:
     """Whether the rigid tip H(L, Q) is inside the disc, (n,): only then can there be a force (section 4.2).
 
-    `NEGATIVE_PLAY` allows for backlashes that noise has made negative.
+    `_NEGATIVE_BACKLASH` allows for backlashes that noise has made negative.
     """
     tip = forward(parameters, np.stack([free.link1, free.link2], axis=-1))
-    return np.hypot(tip[:, 0] - centers[:, 0], tip[:, 1] - centers[:, 1]) < radii + NEGATIVE_PLAY
+    return np.hypot(tip[:, 0] - centers[:, 0], tip[:, 1] - centers[:, 1]) < radii + _NEGATIVE_BACKLASH
 
 
 def _as_contact(model: ExtendedModel, contact_problem: ContactProblem, state: State, solved: Mask) -> Contact:
@@ -143,7 +143,7 @@ def contact_force(
         joints: Q, (n, 2), rad.
         centers: centres of all discs, (m, 2), m.
         radii: their radii, (m,), m.
-        gripper: the form of (7); a bare sign stands for the isotropic gripper.
+        gripper: the form of (7); a bare sign is the isotropic gripper.
 
     Returns:
         F on the object, base frame, (n, 2), N. Discs do not overlap, so at most one is pressed.
@@ -163,7 +163,7 @@ class ContactDerivatives(NamedTuple):
 
     Attributes:
         joints: A_Q, (n, 2, 2), N/rad.
-        parameters: A_L̄ = J_L̄ (12), (n, 2, 12 + k), N per unit of the parameter; effects behind the twelve.
+        parameters: A_L̄ = J_L̄ (12), (n, 2, 12 + k), N per unit of the parameter, in the order of `ExtendedModel.names`.
     """
 
     joints: Floats

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.gripper import Gripper
-from scara_kinetostatic.model.lever_arms import Arm, Floats, view_arm
+from scara_kinetostatic.model.lever_arms import Arm, view_arm
 from scara_kinetostatic.model.parameters import Parameters
 
-MODE_SCALE = 1.0
+_MODE_SCALE = 1.0
 """Weight of lever arm against backlash in the choice of a mode, rad/m. Any positive value is right; with this one a
 lever arm of a millimetre already outweighs a usual backlash, so that a flank gives way to the other one at once."""
 
@@ -35,11 +35,11 @@ class State(NamedTuple):
     mode1: Floats
     mode2: Floats
 
-    def select(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> State:
+    def select(self, which: Mask | Indices) -> State:
         """The touches that a mask or an array of positions picks."""
         return State(*(part[which] for part in self))
 
-    def replace_where(self, where: NDArray[np.bool_], other: State) -> State:
+    def replace_where(self, where: Mask, other: State) -> State:
         """Another state's touches where a mask is true, this one's elsewhere; both of n touches."""
         return State(*(np.where(where, new, old) for new, old in zip(other, self, strict=True)))
 
@@ -48,8 +48,8 @@ def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -
     """The modes that the state calls for, by the rule of a primal-dual active set.
 
     The law of the backlash is β ∈ g Sign(a) with β = q - q* - p f a, that is: on a
-    flank β = ±g and a has its sign; floating, a = 0 and |β| ≤ g. Both are told
-    apart by β + κ a for any κ > 0: outside [-g, g] it is on that flank.
+    flank β = ±g and a has its sign; floating, a = 0 and |β| ≤ g. Which of the
+    two holds follows from β + κ a for any κ > 0: outside [-g, g] it is on that flank.
 
     Args:
         parameters: L̄.
@@ -61,8 +61,8 @@ def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -
         The state with its modes renewed.
     """
     p, f = parameters, state.magnitude
-    floats1 = joints[:, 0] - state.link1 + (MODE_SCALE - p.p1 * f) * arm.lever1
-    floats2 = joints[:, 1] - state.link2 + (MODE_SCALE - p.p2 * f) * arm.lever2
+    floats1 = joints[:, 0] - state.link1 + (_MODE_SCALE - p.p1 * f) * arm.lever1
+    floats2 = joints[:, 1] - state.link2 + (_MODE_SCALE - p.p2 * f) * arm.lever2
     return state._replace(mode1=_mode(floats1, arm.lever1, p.g1), mode2=_mode(floats2, arm.lever2, p.g2))
 
 

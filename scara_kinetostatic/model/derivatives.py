@@ -10,9 +10,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from scara_kinetostatic.model import kinematics, kinetostatics
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.kinematics import quarter_turn
@@ -32,8 +33,6 @@ from scara_kinetostatic.model.parameters import (
     Y0,
     Parameters,
 )
-
-Floats = NDArray[np.float64]
 
 
 class Derivatives(NamedTuple):

@@ -27,7 +27,7 @@ class ExtendedModel:
     effect by effect (`names`).
 
     Attributes:
-        parameters: L̄, the twelve of the base model.
+        parameters: L̄, the values of the base model.
         effects: the effects; none for the base model alone.
         effect_values: of each effect, the values of its parameters in their order and units.
 
@@ -108,7 +108,7 @@ class ExtendedModel:
         return replace(other, effect_values=values)
 
     def replace(self, **changes: float) -> ExtendedModel:
-        """The same with some of the twelve changed, by name."""
+        """The same with some values of L̄ changed, by name."""
         return replace(self, parameters=self.parameters.replace(**changes))
 
     @cached_property

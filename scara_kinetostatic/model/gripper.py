@@ -15,12 +15,10 @@ from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import Parameters
-
-Floats = NDArray[np.float64]
 
 
 class GripperSign(str, Enum):
@@ -123,5 +121,5 @@ class Gripper:
 
 
 def as_gripper(gripper: Gripper | GripperSign) -> Gripper:
-    """A bare sign stands for the isotropic gripper with that sign."""
+    """A bare sign is the isotropic gripper with that sign."""
     return gripper if isinstance(gripper, Gripper) else Gripper(gripper)

@@ -8,11 +8,10 @@ printed under (5) lacks the l2 term in the first column, a misprint.)
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.parameters import Parameters
-
-Floats = NDArray[np.float64]
 
 
 def link_vectors(parameters: Parameters, joints: ArrayLike) -> tuple[Floats, Floats]:
@@ -83,7 +82,7 @@ def inverse(parameters: Parameters, tip: ArrayLike, posture: ArrayLike) -> Float
     return wrap(np.stack([shoulder - parameters.theta1, elbow - parameters.theta2], axis=-1))
 
 
-def posture(parameters: Parameters, joints: ArrayLike) -> NDArray[np.intp]:
+def posture(parameters: Parameters, joints: ArrayLike) -> Indices:
     """The elbow posture: +1 where sin(q2 + theta2) > 0, else -1, (n,)."""
     elbow = np.asarray(joints, dtype=float)[..., 1] + parameters.theta2
     return np.where(np.sin(elbow) > 0, 1, -1)

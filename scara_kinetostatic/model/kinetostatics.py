@@ -4,15 +4,16 @@ sign(c) in (6) is set-valued at c = 0: inside its backlash the joint floats and
 q - q* is anywhere in [-g, g]. Where a torque vanishes, `slack` in [-1, 1] says
 where in the dead band the joint is, 0 being its middle.
 
-With effects beyond the twelve parameters those of the robot itself are part of both (`robot_effects`).
+The effects of an extended model that act on the robot itself are part of both (`robot_effects`).
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from scara_kinetostatic.model import kinematics
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
@@ -20,11 +21,9 @@ from scara_kinetostatic.model.gripper import Gripper, as_gripper
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.robot_effects import Pose, solve_pose
 
-Floats = NDArray[np.float64]
-
-TORQUE_ROUNDING = 1e-13
+_TORQUE_ROUNDING = 1e-13
 """A torque below this part of force times arm length is rounding error: zero."""
-PASSES = 8
+_PASSES = 8
 """Fixed-point passes for a gripper that does not give way along the force; each gains three digits or more."""
 
 
@@ -65,7 +64,7 @@ def joint_torques(
     if offset is not None:
         torques = torques + _moment(np.asarray(offset), force)[..., None]
     scale = (parameters.l1 + parameters.l2) * np.hypot(force[..., 0], force[..., 1])
-    return np.where(np.abs(torques) <= TORQUE_ROUNDING * scale[..., None], 0.0, torques)
+    return np.where(np.abs(torques) <= _TORQUE_ROUNDING * scale[..., None], 0.0, torques)
 
 
 def _moment(arm: Floats, force: Floats) -> Floats:
@@ -124,7 +123,7 @@ def _held_links(
     links = kinematics.inverse(parameters, tip - offset, posture)
     if gripper.isotropic:
         return links, joint_torques(parameters, links, force)
-    for _ in range(PASSES):
+    for _ in range(_PASSES):
         offset = gripper.deflection(parameters, force, _link2_angle(parameters, links))
         links = kinematics.inverse(parameters, tip - offset, posture)
     return links, joint_torques(parameters, links, force, offset)
@@ -179,7 +178,7 @@ def _exerted(parameters: Parameters, links: Floats, torques: Floats, gripper: Gr
         force = (link2 * moment1[..., None] - link1 * moment2[..., None]) / area[..., None]
         link2_angle = _link2_angle(parameters, links)
         offset = gripper.deflection(parameters, force, link2_angle)
-        for _ in range(0 if gripper.isotropic else PASSES):
+        for _ in range(0 if gripper.isotropic else _PASSES):
             # the force acts beside the rigid tip: what its offset adds to both torques is not JᵀF
             moment2 = torques[..., 1] - _moment(offset, force)
             force = (link2 * moment1[..., None] - link1 * moment2[..., None]) / area[..., None]

@@ -1,4 +1,4 @@
-"""The arm seen along a direction of force: its lever arms and what they become as it moves.
+"""Lever arms of the joints about a line of force, and their changes as the arm moves.
 
 With n the unit vector of the force on the object and t = R90 n, with e and k the
 vectors from the axes of joint 1 and joint 2 to the rigid tip,
@@ -17,14 +17,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.gripper import Gripper, Skew
 from scara_kinetostatic.model.parameters import Parameters
 
-Floats = NDArray[np.float64]
-
-ISOTROPIC = Gripper().excess
+_ISOTROPIC = Gripper().excess
 
 
 class Arm(NamedTuple):
@@ -97,7 +95,7 @@ def view_arm(
     vn, vt = vx * nx + vy * ny, vy * nx - vx * ny
     a2, b2 = -parameters.l2 * vt, parameters.l2 * vn
     a1, b1 = a2 - parameters.l1 * ut, b2 + parameters.l1 * un
-    skew = None if gripper.excess == ISOTROPIC else gripper.skew(direction - second)
+    skew = None if gripper.excess == _ISOTROPIC else gripper.skew(direction - second)
     if skew is None:
         return Arm(ux, uy, vx, vy, nx, ny, a1, a2, b1, b2, a1, a2, b1, b2, None, un, ut, vn, vt)
     aside, turn = magnitude * skew.tangent, magnitude * skew.tangent_turn

@@ -103,7 +103,7 @@ class Parameters:
         return np.array([getattr(self, name) for name in NAMES])
 
     def as_dict(self) -> dict[str, float]:
-        """The twelve by name, in the order of `NAMES`."""
+        """The values by name, in the order of `NAMES`."""
         return {name: getattr(self, name) for name in NAMES}
 
     def replace(self, **changes: Any) -> Parameters:

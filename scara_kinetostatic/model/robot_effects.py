@@ -1,8 +1,8 @@
-"""What the effects of the robot itself do to H̄ and Ḡ: an angle at the joints, a displacement of the tip.
+"""Effects of the robot itself in H̄ and Ḡ: an angle at the joints, a displacement of the tip.
 
-With effects (`extension`) the law of the joints (6) becomes q - q* = p c + g sign(c) + δ and the tip is at
-S = H(Q*) + (S - S*) + d. What an effect does to the object, or to the reading of the sensor, is no matter of the
-robot. As δ and d depend on all that is to be found, both are found by repetition.
+With effects (`extended_model`) the law of the joints (6) becomes q - q* = p c + g sign(c) + δ and the tip is at
+S = H(Q*) + (S - S*) + d. What an effect does to the object or to the
+force sensor is no part of H̄ and Ḡ. As δ and d depend on the pose itself, it is found by fixed-point iteration.
 """
 
 from __future__ import annotations
@@ -11,20 +11,18 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.contact_state import State
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_equations import ContactProblem
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.gripper import Gripper
 
-Floats = NDArray[np.float64]
-
-RADIUS = 0.1
-"""Of a disc that stands for the touched one where an effect asks for it: the tip touches it along the force, m."""
-PASSES = 60
-ROUNDING = 1e-15
+_DISC_RADIUS = 0.1
+"""Radius of the disc that effects are given as the touched one, m; the tip touches it along the force."""
+_PASSES = 60
+_ROUNDING = 1e-15
 """Change of δ and d at which they are found, rad and m."""
 
 
@@ -50,7 +48,7 @@ def _shift_at(model: ExtendedModel, pose: Pose, gripper: Gripper, metadata: Touc
     """δ, (n, 2), rad, and d, (n, 2), m, of the robot's own effects in n poses; the joints on the flanks of C."""
     magnitude, direction = np.hypot(*pose.force.T), np.arctan2(pose.force[:, 1], pose.force[:, 0])
     normal = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
-    centers, radii = pose.tip + RADIUS * normal, np.full(len(magnitude), RADIUS)
+    centers, radii = pose.tip + _DISC_RADIUS * normal, np.full(len(magnitude), _DISC_RADIUS)
     link1, link2 = pose.links.T
     mode1, mode2 = np.sign(pose.torques).T
     state = State(link1, link2, magnitude, direction, mode1, mode2)
@@ -77,11 +75,11 @@ def solve_pose(
     """
     metadata = TouchMetadata.plain(n) if metadata is None else metadata
     turn, place = np.zeros((n, 2)), np.zeros((n, 2))
-    for _ in range(PASSES):
+    for _ in range(_PASSES):
         pose = pose_with(turn, place)
         before = turn, place
         turn, place = _shift_at(model, pose, gripper, metadata)
         change = np.abs([turn - before[0], place - before[1]])
-        if not np.any(change > ROUNDING):  # where the place is out of reach it is not a number
+        if not np.any(change > _ROUNDING):  # where the place is out of reach it is not a number
             break
     return pose_with(turn, place)

@@ -1,13 +1,12 @@
-"""Touches: what one settled contact gives, and many of them as arrays."""
+"""Touches: what is measured while the tip is held at an object, many of them as arrays."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 
 
 @dataclass(frozen=True)
@@ -44,15 +43,15 @@ class TouchSet:
 
     joints: Floats
     force: Floats
-    disc: NDArray[np.intp]
-    posture: NDArray[np.intp]
+    disc: Indices
+    posture: Indices
     time: Floats = None  # type: ignore[assignment]
-    index: NDArray[np.intp] = None  # type: ignore[assignment]
+    index: Indices = None  # type: ignore[assignment]
     approach: Floats = None  # type: ignore[assignment]
     press: Floats = None  # type: ignore[assignment]
     joint_scatter: Floats = None  # type: ignore[assignment]
     force_scatter: Floats = None  # type: ignore[assignment]
-    samples: NDArray[np.intp] = None  # type: ignore[assignment]
+    samples: Indices = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         n = len(self.joints)
@@ -82,7 +81,7 @@ class TouchSet:
     def __len__(self) -> int:
         return len(self.joints)
 
-    def select(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> TouchSet:
+    def select(self, which: Mask | Indices) -> TouchSet:
         """The touches that a mask or an array of positions picks."""
         return TouchSet(**{item.name: getattr(self, item.name)[which] for item in fields(self)})
 
