@@ -1,11 +1,11 @@
-"""Are the predictions of the design study right? Simulated calibrations with the smallest set of touches.
+"""The predictions of the design study against simulated calibrations with the smallest set of touches.
 
     python -m benchmark.design [--number 200] [--json FILE]
 
-The paper's cell (three discs, 1e-5 rad, 0.3 N), 1e-5 m asked of the tip. Three cases: designed for L̄a of table 2
-and played by it; designed for the nominal robot and played by L̄a, as in life; and the set with one touch to spare.
+The paper's cell (three discs, 1e-5 rad, 0.3 N), 1e-5 m required of the tip. Three cases: designed for L̄a of table 2
+and simulated with it; designed for the nominal robot and simulated with L̄a, as in practice; with one touch to spare.
 
-Each case is played twice. With independent noise, the tip's standard deviation, at the worst place and in the
+Each case is simulated twice. With independent noise, the tip's standard deviation, at the worst place and in the
 mean, must agree with the prediction within 10 %; those of the twelve parameters have a sampling error of 5 % each
 at 200 runs, and must agree within three of it. With balanced noise the sample covariance of the noise of all runs is
 exactly the stated one: that takes the sampling error away and leaves what the prediction itself gets wrong
@@ -14,18 +14,15 @@ exactly the stated one: that takes the sampling error away and leaves what the p
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmark.common import CELL, EXACT, NOISE, parser, print_and_save
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
-from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -34,8 +31,6 @@ from scara_kinetostatic.studies.design.prediction import Robot, predict
 from scara_kinetostatic.studies.design.result import Design, Requirements
 from scara_kinetostatic.studies.design.workspace import Tip, free_tip, make_workspace, tip_std
 
-NOISE = Noise(joint=1e-5, force=0.3)
-CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=NOISE)
 WITHIN = 0.10
 
 
@@ -44,7 +39,7 @@ def simulated_touches(truth: Parameters, plan: Plan, number: int, balanced: bool
     if not balanced:
         yield from (simulate_touches(CELL, truth, plan, seed=seed) for seed in range(number))
         return
-    exact = simulate_touches(CELL, truth, plan, Noise(0.0, 0.0))
+    exact = simulate_touches(CELL, truth, plan, EXACT)
     drawn = np.random.default_rng(0).standard_normal((number, 4 * len(plan)))
     drawn -= drawn.mean(axis=0)
     left, _, right = np.linalg.svd(drawn, full_matrices=False)
@@ -54,7 +49,7 @@ def simulated_touches(truth: Parameters, plan: Plan, number: int, balanced: bool
 
 
 def estimates(truth: Parameters, plan: Plan, number: int, balanced: bool) -> tuple[NDArray[np.float64], int, int]:
-    """Errors of the estimates, (number, 12), touches rejected, and calibrations that did not see all twelve."""
+    """Errors of the estimates, (number, 12), touches rejected, and calibrations of lower rank."""
     errors, rejected, lower_rank = [], 0, 0
     for touches in simulated_touches(truth, plan, number, balanced):
         found = calibrate(touches, CELL)
@@ -98,10 +93,9 @@ def compare(truth: Parameters, plan: Plan, number: int, balanced: bool) -> dict[
 
 def main() -> int:
     """Run, print, save."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--number', type=int, default=200)
-    parser.add_argument('--json', type=Path)
-    options = parser.parse_args()
+    options_of = parser(__doc__)
+    options_of.add_argument('--number', type=int, default=200)
+    options = options_of.parse_args()
     requirements = Requirements(accuracy=1e-5, most_discs=0)
     expected: Design = optimal_design(Robot.of(CELL, PAPER_ACTUAL), requirements)
     nominal: Design = optimal_design(Robot.of(CELL), requirements)
@@ -115,10 +109,7 @@ def main() -> int:
         for noise in ('independent', 'balanced'):
             found = compare(PAPER_ACTUAL, designed.plan, options.number, noise == 'balanced')
             result[f'{name}, {noise} noise'] = {'promised_by_the_design': designed.row.free.largest, **found}
-    text = json.dumps(result, indent=2)
-    print(text)
-    if options.json:
-        options.json.write_text(text + '\n', encoding='utf-8')
+    print_and_save(options.json, result)
     return 0 if all(case['confirmed'] for case in result.values() if isinstance(case, dict)) else 1
 
 

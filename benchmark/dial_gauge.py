@@ -1,4 +1,4 @@
-"""Are the standard deviations of the gauge experiments right, and how often is there a false alarm.
+"""The standard deviations of the dial gauge experiments against simulated errors; false alarms.
 
     python -m benchmark.dial_gauge [--number 1000] [--json FILE]
 
@@ -8,13 +8,11 @@ figure 4(d). The error of each compliance and gap is divided by its own standard
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
-from pathlib import Path
 
 import numpy as np
 
+from benchmark.common import parser, print_and_save
 from scara_kinetostatic.studies.dial_gauge.point_analysis import analyse_points
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOINT2
 from scara_kinetostatic.studies.dial_gauge.simulation import DialGaugeTruth, simulate_experiments
@@ -56,15 +54,11 @@ def evaluate(number: int) -> dict[str, object]:
 
 def main() -> int:
     """Runs the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--number', type=int, default=1000)
-    parser.add_argument('--json', type=Path, help='write the figures there')
-    args = parser.parse_args()
+    options_of = parser(__doc__)
+    options_of.add_argument('--number', type=int, default=1000)
+    args = options_of.parse_args()
     figures = evaluate(args.number)
-    text = json.dumps(figures, indent=2)
-    print(text)
-    if args.json:
-        args.json.write_text(text + '\n', encoding='utf-8')
+    print_and_save(args.json, figures)
     return 0
 
 

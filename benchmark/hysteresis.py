@@ -1,10 +1,10 @@
-"""What is made of loops whose law is known: false alarms on law (6), and which effect is named.
+"""Hysteresis loops of known laws: false alarms on law (6), and the effects named.
 
     python -m benchmark.hysteresis [--seeds N] [--alarms N] [--json FILE]
 
-Every candidate is played at three sizes, with white noise and with noise that hangs together over some 20 samples, and
-judged as measured loops are. Sizes: of slip, the load at which it slips; of softening likewise; of the others, their
-force as a part of the elastic one.
+Every candidate is simulated at three sizes, with white noise and with noise that is correlated over some 20 samples,
+and examined as measured loops are. Sizes: of slip and of softening, the load at which it begins; of the others, their
+force over the elastic one.
 """
 
 from __future__ import annotations

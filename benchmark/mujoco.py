@@ -1,9 +1,9 @@
-"""The loop closed on an engine that knows nothing of this package's formulas: what is missing, named from recordings.
+"""The diagnosis on recordings of an independent physics engine.
 
     python -m benchmark.mujoco [--scene NAME …] [--per-disc 18] [--seed 1] [--noise given|estimated] [--rates 80 98]
 
-Each scene is played once in MuJoCo and recorded; the recording is calibrated as a user would, who knows nothing but
-the cell. Printed is a table: before -> after what was found is in the model.
+Each scene is simulated once in MuJoCo and recorded; the recording is calibrated with the cell description alone.
+Printed is a table: before -> after the effects found are in the model.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from benchmark.common import CELL
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.outcome import Outcome
@@ -24,8 +25,7 @@ from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model import kinematics
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
-from scara_kinetostatic.model.parameters import PAPER_NOMINAL
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.simulation.mujoco.controller import TouchController
 from scara_kinetostatic.simulation.mujoco.motion import SimulatedMotion
@@ -35,12 +35,11 @@ from scara_kinetostatic.simulation.mujoco.truth import built_effects, expected_p
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 
-CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 HEAD = ('scene', 'verdict', 'named, values ± std (built)', 'χ²', 'e_f held out, N', 'largest z of twelve', 'touches')
 
 
 def row(scene: Scene, plan: Plan, sensors: SensorModel, seed: int, cell: Cell) -> tuple[str, ...]:
-    """Plays a scene, records it, calibrates the recording; one row of the table."""
+    """Simulates a scene, records it, calibrates the recording; one row of the table."""
     motion = TouchController(scene, CELL, plan).run()
     with TemporaryDirectory() as folder:
         path = Path(folder) / 'recording.mcap'
@@ -63,7 +62,7 @@ def row(scene: Scene, plan: Plan, sensors: SensorModel, seed: int, cell: Cell) -
 
 
 def true_values(scene: Scene, motion: SimulatedMotion, plan: Plan) -> dict[str, float]:
-    """Values of what was built, by label and name; of friction, how far the forces really lean."""
+    """True values of the effects, by label and name; of friction, the off-normal angle of the forces."""
     values = {}
     for effect in built_effects(scene, CELL):
         label = effect['name'] + (f'[{effect["target"]}]' if effect['target'] else '')
@@ -76,8 +75,8 @@ def off_normal(scene: Scene, motion: SimulatedMotion, plan: Plan) -> float:
     """Root mean square of the angle between the engine's force and the disc's normal, rad."""
     force = motion.force[motion.holds]
     yields = scene.parameters.p_ee + np.array(scene.base_compliance)
-    play = scene.parameters.g_ee * force / np.linalg.norm(force, axis=1)[:, None]
-    inward = CELL.centers[plan.disc] - (kinematics.forward(scene.parameters, motion.links) - yields * force - play)
+    backlash = scene.parameters.g_ee * force / np.linalg.norm(force, axis=1)[:, None]
+    inward = CELL.centers[plan.disc] - (kinematics.forward(scene.parameters, motion.links) - yields * force - backlash)
     cross = inward[:, 0] * force[:, 1] - inward[:, 1] * force[:, 0]
     return float(np.sqrt(np.mean(np.arctan2(cross, (inward * force).sum(axis=1)) ** 2)))
 
@@ -96,7 +95,7 @@ def effect_text(item: Found, truth: dict[str, float]) -> str:
 
 
 def deviation(fit: Calibration, scene: Scene) -> float:
-    """Largest deviation of the twelve from those that touches show, in standard deviations; NaN if one has none."""
+    """Largest deviation of the twelve parameters from the identifiable ones, in standard deviations; NaN if one has none."""
     expected = expected_parameters(scene).as_array()
     return float(np.abs((fit.parameters.as_array() - expected) / fit.std).max())
 
@@ -107,10 +106,10 @@ def arrow(before: float, after: float) -> str:
     return ' → '.join(dict.fromkeys(texts)) if before == after else ' → '.join(texts)
 
 
-def used(outcome: Outcome, motion: int) -> str:
-    """Touches used by the first and the last fit, of those played; how many were found if not all."""
-    text = arrow(outcome.calibration.used.sum(), outcome.final.used.sum()) + f' of {motion}'
-    return text + (f' ({outcome.found} found)' if outcome.found != motion else '')
+def used(outcome: Outcome, simulated: int) -> str:
+    """Touches used by the first and the last fit, of those simulated; the number found if not all."""
+    text = arrow(outcome.calibration.used.sum(), outcome.final.used.sum()) + f' of {simulated}'
+    return text + (f' ({outcome.found} found)' if outcome.found != simulated else '')
 
 
 def rows(args: argparse.Namespace) -> Iterator[tuple[str, ...]]:

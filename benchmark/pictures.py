@@ -1,4 +1,4 @@
-"""The pictures of the README and the documentation, drawn anew from the code.
+"""The pictures of the README and the documentation, drawn from the code.
 
     python -m benchmark.pictures [--out docs/pictures]
 
@@ -8,17 +8,16 @@ this project; the first is that of the recording with which the README opens.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 from markupsafe import Markup
 
+from benchmark.common import CELL, parser
 from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.render.figure import style, svg_file
 from scara_kinetostatic.report import cell_picture, effect_pictures
@@ -36,9 +35,9 @@ UNDECLARED = Path(__file__).parents[1] / 'bags' / 'undeclared_a.mcap'
 
 def main() -> int:
     """Draw and write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--out', type=Path, default=Path('docs/pictures'))
-    out = parser.parse_args().out
+    options_of = parser(__doc__, json_file=False)
+    options_of.add_argument('--out', type=Path, default=Path('docs/pictures'))
+    out = options_of.parse_args().out
     out.mkdir(parents=True, exist_ok=True)
     with style():
         for name, picture in pictures():
@@ -50,8 +49,7 @@ def main() -> int:
 def pictures() -> Iterator[tuple[str, Markup]]:
     """Name and SVG of each."""
     yield 'missing_effect', missing_effect()
-    cell = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
-    found = calibrate(simulate_touches(cell, PAPER_ACTUAL, default_plan(cell)), cell)
+    found = calibrate(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL)), CELL)
     yield 'cell', cell_picture.cell_picture(found)
     paper = reproduce()
     yield 'figure_3', paper_pictures.trend_picture(paper)
@@ -69,7 +67,7 @@ def pictures() -> Iterator[tuple[str, Markup]]:
 
 
 def missing_effect() -> Markup:
-    """What each touch says of the effect that a recording does not declare, before and after it is found."""
+    """The deviation that each touch implies for an effect that is not declared, before and after the correction."""
     cell = embedded_cell(UNDECLARED)
     assert cell is not None
     outcome = calibrate_recordings([UNDECLARED], cell)

@@ -1,34 +1,28 @@
-"""Are the stated standard deviations right? Many simulated recordings, from streams to L̄.
+"""The stated standard deviations against the errors of many simulated recordings, from streams to L̄.
 
     python -m benchmark.recordings [--number 200] [--noise given|estimated] [--json FILE]
 
-Half of the recordings play the paper's L̄a, half the compliances and backlashes of figure 4(d);
+Half of the recordings have the paper's L̄a, half the compliances and backlashes of figure 4(d);
 three force levels, both postures, 72 touches. Each is simulated as two streams, its
 touches are found, and the calibration's error is divided by its own standard deviation.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from scipy import stats
 
+from benchmark.common import CELL, NOISES, ROBOTS, counted, parser, print_and_save
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
-from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
+from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
 from scara_kinetostatic.touches.detection import find_touches
-
-CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
-ROBOTS = {'table 2': PAPER_ACTUAL, 'figure 4(d)': PAPER_MEASURED}
 
 
 def evaluate(number: int, given: bool) -> Iterator[dict[str, object]]:
@@ -67,21 +61,13 @@ def summarise(records: list[dict[str, object]], planned: int) -> dict[str, objec
 
 def main() -> int:
     """Run, print, save."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--number', type=int, default=200)
-    parser.add_argument('--noise', choices=['given', 'estimated'], default='given')
-    parser.add_argument('--json', type=Path)
-    options = parser.parse_args()
-    records = []
-    for record in evaluate(options.number, options.noise == 'given'):
-        records.append(record)
-        if sys.stderr.isatty():
-            print(f'\r{len(records)}/{options.number}', end='', file=sys.stderr)
+    options_of = parser(__doc__)
+    options_of.add_argument('--number', type=int, default=200)
+    options_of.add_argument('--noise', choices=NOISES, default='given')
+    options = options_of.parse_args()
+    records = list(counted(evaluate(options.number, options.noise == 'given'), options.number))
     summary = summarise(records, len(default_plan(CELL)))
-    text = json.dumps(summary, indent=2)
-    print(text)
-    if options.json:
-        options.json.write_text(text + '\n', encoding='utf-8')
+    print_and_save(options.json, summary)
     return 0
 
 

@@ -21,7 +21,7 @@ SCALARS = (
     '[' * 50, '{a: ' * 50, '[' * 2000, '- ' * 300, 'x' * 70_000,
     '"', "'", '#', ':', '-', ',', ']', '}', '---', '...', '\t',
 )  # fmt: skip
-"""What people, other programs and enemies write where a value is expected."""
+"""Values that people, other programs and attackers write where another is expected."""
 
 TEXTS = (
     '%YAML 1.2\n---\n', '%TAG ! tag:yaml.org,2002:python/\n---\n', '---\n', '...\n',

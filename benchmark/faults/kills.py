@@ -1,4 +1,4 @@
-"""The collector killed at random moments, and on a disk that gets full: what has it reported, and what is there."""
+"""The collector killed at random moments, and on a disk that gets full: reported touches against those in the bag."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ LOAD = {'loop': True, 'time_factor': 10.0, 'joint_rate': 200.0, 'wrench_rate': 2
 
 
 def kill_collectors(number: int, folder: Path) -> Iterator[dict[str, object]]:
-    """Kills so many collectors by SIGKILL, one after the other, while a simulator plays.
+    """Kills so many collectors by SIGKILL, one after the other, while a simulator publishes.
 
     Each in a ROS domain of its own: the middleware takes long to forget a process that is killed, and meanwhile others
     are late to hear of each other.

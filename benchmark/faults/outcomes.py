@@ -1,4 +1,4 @@
-"""Recordings in every form and cell files, damaged in many ways: what the readers make of each."""
+"""Recordings in every form and cell files, damaged in many ways: the outcome of reading each."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ CANARY = 'canary'
 
 
 class Verdict(Enum):
-    """What became of a damaged file."""
+    """Outcome of reading a damaged file."""
 
     REFUSED = 'refused in one line'
     WARNED = 'read with a warning'
@@ -51,7 +51,7 @@ FAILURES = (Verdict.CRASHED, Verdict.SLOW, Verdict.EXECUTED)
 
 
 class Outcome(NamedTuple):
-    """What became of a damaged file.
+    """Outcome of reading a damaged file, with its message and time.
 
     Attributes:
         verdict: in a word.
@@ -191,7 +191,7 @@ def calibration_outcome(form: Form, number: int, intact: Calibration, folder: Pa
 
 
 def cell_outcome(text: str, number: int, folder: Path) -> Outcome:
-    """Damages a cell file and reads it; a cell that is read must make sense and survive a round trip."""
+    """Damages a cell file and reads it; a cell that is read must be valid and survive a round trip."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     path = folder / 'cell.yaml'

@@ -2,15 +2,13 @@
 
     python -m benchmark.live [--seconds 600] [--rate 1000] [--json FILE]
 
-A player publishes a simulated cell over and over, the collector records it. Meanwhile every second `~/start` of
+A publisher repeats a simulated cell, the collector records it. Meanwhile every second `~/start` of
 the collector is called (which answers that it records already), and every 30 s the calibrator calibrates from what
 is there. In the end the bag is read and compared with what was published. Needs ROS 2.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import subprocess
 import sys
@@ -21,6 +19,7 @@ from time import monotonic
 import numpy as np
 from std_srvs.srv import Trigger
 
+from benchmark.common import parser, print_and_save
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.nodes.demo_client import DemoClient
@@ -34,10 +33,10 @@ ASK_EVERY = 1.0
 
 
 def run(seconds: float, rate: float, folder: Path) -> dict[str, object]:
-    """Plays, records, compares.
+    """Publishes, records, compares.
 
     Args:
-        seconds: length of the play.
+        seconds: duration.
         rate: messages per second on each topic.
         folder: for the recording.
 
@@ -66,12 +65,15 @@ def run(seconds: float, rate: float, folder: Path) -> dict[str, object]:
             published, largest_delay = publisher.stdout.readline().split()
             stopped = client.call('/collector/stop', Trigger, Trigger.Request(), LONGEST_WAIT)
             publisher.stdin.write('end\n')
-        figures |= {'published of each topic': int(published), 'player late by at most [s]': float(largest_delay)}
+        figures |= {
+            'published of each topic': int(published),
+            'largest delay of the publisher [s]': float(largest_delay),
+        }
         return figures | _compare(Path(client.recording), int(published)) | {'collector says': stopped.message}
 
 
 def _ask(client: DemoClient, seconds: float, collector: int) -> dict[str, object]:
-    """Calls the services as long as the play lasts, and measures."""
+    """Calls the services meanwhile, and measures."""
     for service in ('/collector/start', '/calibrator/calibrate'):
         client.call(service, Trigger, Trigger.Request(), LONGEST_WAIT)
     begun, used = monotonic(), _cpu(collector)
@@ -126,17 +128,13 @@ def _memory(process: int) -> int:
 
 def main() -> int:
     """Run, print, save."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--seconds', type=float, default=600.0)
-    parser.add_argument('--rate', type=float, default=1000.0)
-    parser.add_argument('--json', type=Path)
-    options = parser.parse_args()
+    options_of = parser(__doc__)
+    options_of.add_argument('--seconds', type=float, default=600.0)
+    options_of.add_argument('--rate', type=float, default=1000.0)
+    options = options_of.parse_args()
     with tempfile.TemporaryDirectory(prefix='live_') as folder:
         figures = run(options.seconds, options.rate, Path(folder))
-    text = json.dumps(figures, indent=2)
-    print(text)
-    if options.json:
-        options.json.write_text(text + '\n', encoding='utf-8')
+    print_and_save(options.json, figures)
     return 1 if figures['lost joint states'] or figures['lost wrenches'] else 0
 
 

@@ -1,9 +1,9 @@
-"""Plays a simulated cell at a fixed rate, serialized beforehand, so that what is measured is the collector.
+"""Publishes a simulated cell at a fixed rate, serialised beforehand, so that the collector alone is measured.
 
     python -m benchmark.live.publisher --seconds 60 --rate 1000
 
 Publishes `/joint_states` and `/wrench` in the ROS domain of the environment, reliably. Prints `ready`, waits for
-a line on stdin, plays, prints how many messages of each topic it published and how late the latest was, s.
+a line on stdin, publishes, prints the number of messages of each topic and the largest delay, s.
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ class CellPublisher(Node):
     """Publishes messages when they are due."""
 
     def __init__(self) -> None:
-        super().__init__('player')
+        super().__init__('publisher')
         self.joints = self.create_publisher(JointState, '/joint_states', RELIABLE_STREAM)
         self.wrench = self.create_publisher(WrenchStamped, '/wrench', RELIABLE_STREAM)
 
     def wait_for_subscriber(self) -> None:
-        """Until somebody listens to both topics."""
+        """Until both topics have a subscriber."""
         while not (self.joints.get_subscription_count() and self.wrench.get_subscription_count()):
             sleep(0.05)
         sleep(0.5)
 
     def publish(self, streams: Streams, start: float, until: float) -> tuple[int, float]:
-        """Plays one pass.
+        """Publishes one pass.
 
         Args:
             streams: stamped from 0, ns.
@@ -56,7 +56,7 @@ class CellPublisher(Node):
             until: when it ends at the latest.
 
         Returns:
-            How many pairs of messages were published, and by how much the latest was late, s.
+            How many pairs of messages were published, and the largest delay, s.
         """
         count, largest_delay = 0, 0.0
         for due, joint_state, wrench in _serialized(streams):
@@ -104,7 +104,7 @@ def main() -> int:
         published, late = publisher.publish(streams, monotonic(), until)
         count, largest_delay = count + published, max(largest_delay, late)
     print(count, f'{largest_delay:.4f}', flush=True)
-    sys.stdin.readline()  # reliable: what is under way must not die with the publisher
+    sys.stdin.readline()  # reliable: messages in transit need their publisher
     rclpy.try_shutdown()
     return 0
 

@@ -26,7 +26,7 @@ SPREAD = 0.6
 
 
 def draw(summary: Part, path: Path) -> None:
-    """Draw what was played into a file, .svg or .png by its name."""
+    """Draws the figures into a file, .svg or .png by its name."""
     panels: list[tuple[str, Panel]] = [('efficiency', _efficiency), ('coverage', _coverage)]
     panels += [('outliers', _growth), ('outliers', _naming)]
     shown = [(key, panel) for key, panel in panels if summary.get(key)]
@@ -95,7 +95,9 @@ def _growth(ax: Axes, parts: Part, palette: dict[str, str]) -> None:
     ax.axvline(100 * GROWTH, color=palette[WARN], lw=0.8)
     ax.set_yticks(range(len(labels)), labels)
     ax.invert_yaxis()
-    ax.set_title('one touch in ten bad: growth of the standard deviation, %, largest of the twelve', fontsize='small')
+    ax.set_title(
+        'one touch in ten bad: growth of the standard deviation, %, largest of the parameters', fontsize='small'
+    )
 
 
 def _naming(ax: Axes, parts: Part, palette: dict[str, str]) -> None:
