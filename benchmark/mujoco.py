@@ -95,7 +95,7 @@ def effect_text(item: Found, truth: dict[str, float]) -> str:
 
 
 def deviation(fit: Calibration, scene: Scene) -> float:
-    """Largest deviation of the twelve parameters from the identifiable ones, in standard deviations; NaN if one has none."""
+    """Largest deviation of the parameters from the identifiable ones, in standard deviations; NaN if one has none."""
     expected = expected_parameters(scene).as_array()
     return float(np.abs((fit.parameters.as_array() - expected) / fit.std).max())
 
