@@ -67,7 +67,7 @@ def true_values(scene: Scene, motion: SimulatedMotion, plan: Plan) -> dict[str, 
     for effect in built_effects(scene, CELL):
         label = effect['name'] + (f'[{effect["target"]}]' if effect['target'] else '')
         values.update({f'{label} {name}': value for name, value in effect['parameters'].items()})
-    values['contact_friction lean'] = off_normal(scene, motion, plan)
+    values['contact_friction off_normal_angle'] = off_normal(scene, motion, plan)
     return values
 
 
