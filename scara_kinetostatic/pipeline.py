@@ -24,7 +24,7 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.touches.detection import Detection, find_touches
 from scara_kinetostatic.touches.table import cell_of_files, touches_of_table
 
-LARGEST_FORCE_ERROR = 0.5
+_LARGEST_FORCE_ERROR = 0.5
 """Force error of the final model, as a part of the mean force, beyond which there is no result."""
 Progress = Callable[[str, float], None]
 """Called with the step that begins and the part of the work that is done, 0 to 1."""
@@ -192,7 +192,7 @@ def _check_converged(final: Calibration, names: str) -> None:
         UnsupportedDataError: its fit did not converge, or the force error is as large as the forces.
     """
     force = float(np.hypot(final.force[:, 0], final.force[:, 1]).mean())
-    if final.termination is not Termination.CONVERGED or final.force_error > LARGEST_FORCE_ERROR * force:
+    if final.termination is not Termination.CONVERGED or final.force_error > _LARGEST_FORCE_ERROR * force:
         raise UnsupportedDataError(
             f'{names}: the fit does not converge; its force error is {final.force_error:.3g} N',
             'check the places of the discs, the names and units of the joints, frame, sign and axes of the sensor',

@@ -16,16 +16,16 @@ from scara_kinetostatic.diagnosis.thresholds import STRICT_SIGNIFICANCE
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 
-LARGE_BIAS = 5.0
+_LARGE_BIAS = 5.0
 """Standard deviations by which an undetected effect may bias a parameter without a message."""
-WIDENED = 5.0
+_WIDENED = 5.0
 """Factor by which alternative laws increase a standard deviation from which on there is a message."""
-MOST_NAMES = 4
-LARGEST_JOINT_NOISE = 2e-4
+_MOST_NAMES = 4
+_LARGEST_JOINT_NOISE = 2e-4
 """Estimated repeatability of a joint beyond which it is a model error, rad."""
-LARGEST_ERROR_SHARE = 0.2
+_LARGEST_ERROR_SHARE = 0.2
 """Force error, as a part of the force, beyond which it is a model error."""
-LARGE_JOINT_NOISE = 5e-5
+_LARGE_JOINT_NOISE = 5e-5
 """Estimated repeatability of a joint from which on there is a message, rad: most robots repeat better."""
 
 
@@ -75,12 +75,12 @@ def detection_limit(c: Calibration, ranking: Sequence[Ranked]) -> str:
         c: the base model, in which no effect was found.
         ranking: of all effects.
     """
-    large = [item for item in ranking if item.undetected_bias > LARGE_BIAS and item.effect.is_physical]
+    large = [item for item in ranking if item.undetected_bias > _LARGE_BIAS and item.effect.is_physical]
     if not large:
         return ''
     worst = max(large, key=lambda item: item.undetected_bias)
     name, sigmas = worst.biased_parameter, worst.undetected_bias
-    others = f'; {len(large) - 1} other effects a parameter by more than {LARGE_BIAS:g} σ' if len(large) > 1 else ''
+    others = f'; {len(large) - 1} other effects a parameter by more than {_LARGE_BIAS:g} σ' if len(large) > 1 else ''
     return (
         f'detection limit: an undetected {worst.effect.label} could bias {name} by up to '
         f'{_with_prefix(sigmas * c.std_of(name), UNITS[name])} ({sigmas:.0f} σ){others}'
@@ -125,7 +125,7 @@ def alternative_laws(extended: Calibration, widened: Calibration) -> str:
         extended: the extended model.
         widened: the same with standard deviations that cover the alternatives.
     """
-    names = [name for name, a, b in zip(NAMES, extended.std, widened.std, strict=True) if b > WIDENED * a]
+    names = [name for name, a, b in zip(NAMES, extended.std, widened.std, strict=True) if b > _WIDENED * a]
     if not names:
         return ''
     return (
@@ -167,7 +167,7 @@ def _distinguish(
     sentences = []
     for group in rivals:
         text = f'these touches cannot distinguish {_enumerated(group)}'
-        touches = dict.fromkeys(by_label[label].identified_by for label in group[:MOST_NAMES] if label in by_label)
+        touches = dict.fromkeys(by_label[label].identified_by for label in group[:_MOST_NAMES] if label in by_label)
         sentences.append(f'{text}; to decide, record {"; or ".join(touches)}' if discriminating != () else text)
     if discriminating:
         touches_text = '; '.join(map(str, discriminating))
@@ -205,7 +205,7 @@ def implausible_noise(c: Calibration) -> str:
     if c.noise_source == 'given':
         return ''
     share = c.force_error / float(np.hypot(c.force[:, 0], c.force[:, 1]).mean())
-    if c.noise.joint <= LARGEST_JOINT_NOISE and share <= LARGEST_ERROR_SHARE:
+    if c.noise.joint <= _LARGEST_JOINT_NOISE and share <= _LARGEST_ERROR_SHARE:
         return ''
     return (
         f'the force error is {c.force_error:.2g} N, {100 * share:.0f} % of the force, which as noise would be a joint '
@@ -216,7 +216,7 @@ def implausible_noise(c: Calibration) -> str:
 
 def large_noise(c: Calibration) -> str:
     """Message where estimated noise is large but plausible."""
-    if c.noise_source == 'given' or c.noise.joint <= LARGE_JOINT_NOISE:
+    if c.noise_source == 'given' or c.noise.joint <= _LARGE_JOINT_NOISE:
         return ''
     return (
         f'the estimated joint repeatability is {c.noise.joint:.1e} rad; if the robot repeats better, a model error is '
@@ -256,8 +256,8 @@ def _first_names(dependences: Sequence[Dependence]) -> str:
 
 def _enumerated(labels: Sequence[str]) -> str:
     """The first few of many, in words."""
-    left = len(labels) - MOST_NAMES
-    parts = [*labels[:MOST_NAMES], *([f'{left} other{"s" if left > 1 else ""}'] if left > 0 else [])]
+    left = len(labels) - _MOST_NAMES
+    parts = [*labels[:_MOST_NAMES], *([f'{left} other{"s" if left > 1 else ""}'] if left > 0 else [])]
     return f'{", ".join(parts[:-1])} and {parts[-1]}' if len(parts) > 1 else parts[0]
 
 

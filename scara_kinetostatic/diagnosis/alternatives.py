@@ -29,15 +29,15 @@ from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, P1, P2, P_E
 
 Floats = NDArray[np.float64]
 
-COMPLIANCES = np.array([P_EE, P1, P2, G_EE, G1, G2])
+_COMPLIANCES = np.array([P_EE, P1, P2, G_EE, G1, G2])
 """Compliances and backlashes: not negative in any robot."""
-SIGNIFICANTLY_NEGATIVE = 3.0
+_SIGNIFICANTLY_NEGATIVE = 3.0
 """Standard deviations below zero from which on a fit with such a compliance or backlash is discarded."""
-GRID_LOSS = 0.2
+_GRID_LOSS = 0.2
 """Part of what a wave explains that may be lost at the nearest frequency of the grid, with a margin."""
-MOST_PEAKS = 4
+_MOST_PEAKS = 4
 """Peaks that are fitted at most, the highest first."""
-DISTINCT = 3.0
+_DISTINCT = 3.0
 """Standard deviations by which two frequencies must differ to be two."""
 
 
@@ -70,7 +70,7 @@ def fit_alternative_frequencies(extended: Calibration, in_every_model: Container
         k = fitted[place].effect.grid_parameter_index
         frequency, std = fitted[place].values[k], fitted[place].std[k]
         for peak in _peaks(problem, found, place, max(1.0, extended.reduced_chi_square)):
-            if abs(peak.trial.place - frequency) > DISTINCT * std:
+            if abs(peak.trial.place - frequency) > _DISTINCT * std:
                 variants.append(start_from(problem, [*found[:place], peak, *found[place + 1 :]])[0])
     return _fit_variants(extended, variants)
 
@@ -85,9 +85,9 @@ def _peaks(problem: Problem, found: list[Candidate], place: int, scale: float) -
     gained = gains(problem, scan, beside)
     padded = np.concatenate([[-np.inf], gained, [-np.inf]])
     tops = np.flatnonzero((gained >= padded[:-2]) & (gained >= padded[2:]))
-    least = (1 - GRID_LOSS) * float(gained.max()) - CREDIBLE * scale
+    least = (1 - _GRID_LOSS) * float(gained.max()) - CREDIBLE * scale
     peaks = [refined(problem, scan, int(k), beside) for k in tops if gained[k] > least]
-    return sorted(peaks, key=lambda peak: -explained(problem, peak))[:MOST_PEAKS]
+    return sorted(peaks, key=lambda peak: -explained(problem, peak))[:_MOST_PEAKS]
 
 
 def _fit_variants(extended: Calibration, variants: Sequence[ExtendedModel]) -> list[Calibration]:
@@ -115,8 +115,8 @@ def _fit_variant(extended: Calibration, start: ExtendedModel) -> Calibration | N
 
 def _has_physical_compliances(fit: Calibration) -> bool:
     """Whether no compliance and no backlash is significantly negative."""
-    values, std = fit.parameters.as_array()[COMPLIANCES], fit.std[COMPLIANCES]
-    return not np.any(values < -SIGNIFICANTLY_NEGATIVE * std)
+    values, std = fit.parameters.as_array()[_COMPLIANCES], fit.std[_COMPLIANCES]
+    return not np.any(values < -_SIGNIFICANTLY_NEGATIVE * std)
 
 
 def widened_to_each(extended: Calibration, others: Sequence[Calibration]) -> Calibration:

@@ -16,13 +16,13 @@ from scara_kinetostatic.effects.base import Effect, Trial
 
 Floats = NDArray[np.float64]
 
-PARTNERS = 12
+_PARTNERS = 12
 """Beside how many of the other candidates the trials of an effect are compared again."""
-RIDGE = 1e-6
+_RIDGE = 1e-6
 """Of the largest trace of a Gram matrix: keeps the trials solvable whose columns are parallel."""
-FINEST = 4
+_FINEST = 4
 """Grids, each finer than the one before, on which the best trial is looked for."""
-NEGLIGIBLE_GAIN = 0.3
+_NEGLIGIBLE_GAIN = 0.3
 """Part of the residual variance that a finer grid must explain to be followed by another one."""
 
 
@@ -123,16 +123,16 @@ def gather(
             found.append(Candidate(effect, trials[0], unit, 1))
         else:
             unidentifiable.append(Unidentifiable(effect, part))
-    alone = [best_trial(problem, scan) for scan in scans]
-    partners = sorted(found + alone, key=lambda c: -explained(problem, c))[: PARTNERS if together else 0]
+    alone = [_best_trial(problem, scan) for scan in scans]
+    partners = sorted(found + alone, key=lambda c: -explained(problem, c))[: _PARTNERS if together else 0]
     for scan, first in zip(scans, alone, strict=True):
-        beside = [best_trial(problem, scan, partner.unit) for partner in partners if partner.effect != scan.effect]
+        beside = [_best_trial(problem, scan, partner.unit) for partner in partners if partner.effect != scan.effect]
         if scan.effect.label in fitted:
             beside.append(as_fitted(problem, scan.effect, fitted[scan.effect.label], scan.tried))
         found += list({id(c.trial): c for c in (first, *beside)}.values())
-    seen = {candidate.effect.label for candidate in found}
-    hidden = {item.effect.label: item for item in unidentifiable if item.effect.label not in seen}
-    return CandidateSet(tuple(found), tuple(hidden.values()))
+    labels = {candidate.effect.label for candidate in found}
+    others = {item.effect.label: item for item in unidentifiable if item.effect.label not in labels}
+    return CandidateSet(tuple(found), tuple(others.values()))
 
 
 def as_fitted(problem: Problem, effect: Effect, values: Floats, tried: int) -> Candidate:
@@ -173,7 +173,7 @@ def independent_part(problem: Problem, columns: Floats, noise: Floats | None = N
     return u[:, independent], min(1.0, float(values[0]))
 
 
-def best_trial(problem: Problem, scan: Scan, beside: Floats | None = None) -> Candidate:
+def _best_trial(problem: Problem, scan: Scan, beside: Floats | None = None) -> Candidate:
     """The trial that explains most, by itself or beside an orthonormal basis (2n, r), refined on finer grids."""
     return refined(problem, scan, int(np.argmax(gains(problem, scan, beside))), beside)
 
@@ -181,13 +181,13 @@ def best_trial(problem: Problem, scan: Scan, beside: Floats | None = None) -> Ca
 def refined(problem: Problem, scan: Scan, k: int, beside: Floats | None = None) -> Candidate:
     """The best trial near that with index k.
 
-    It is looked for on ever finer grids, until a step changes what is explained by less than `NEGLIGIBLE_GAIN` of the
+    It is looked for on ever finer grids, until a step changes what is explained by less than `_NEGLIGIBLE_GAIN` of the
     residual variance.
     """
     taken = 0.0 if beside is None else float(np.sum((beside.T @ problem.left) ** 2))
     most = float(gains(problem, scan, beside)[k])
     width = 1.0
-    for _ in range(FINEST):
+    for _ in range(_FINEST):
         finer = scan.effect.finer(problem.touch_state, scan.trials[k], width)
         if not finer:
             break
@@ -198,7 +198,7 @@ def refined(problem: Problem, scan: Scan, k: int, beside: Floats | None = None) 
         most = float(gained[k])
         if (
             most - before
-            < NEGLIGIBLE_GAIN * max(float(problem.left @ problem.left) - taken - most, 0.0) / problem.freedoms
+            < _NEGLIGIBLE_GAIN * max(float(problem.left @ problem.left) - taken - most, 0.0) / problem.freedoms
         ):
             break
         width *= 2 / (len(finer) - 1)
@@ -214,7 +214,7 @@ def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
     gram = np.einsum('rtm,rtk->tmk', columns, columns)
     projected = np.einsum('r,rtm->tm', left, columns)
     size = np.trace(gram, axis1=1, axis2=2)
-    ridge = (RIDGE * size.max())[..., None, None] * np.eye(columns.shape[2])
+    ridge = (_RIDGE * size.max())[..., None, None] * np.eye(columns.shape[2])
     coefficients = np.linalg.solve(gram + ridge, projected[..., None])[..., 0]
     return np.einsum('tm,tm->t', projected, coefficients)
 

@@ -29,7 +29,7 @@ from scara_kinetostatic.model.parameters import NAMES
 
 Floats = NDArray[np.float64]
 
-LEAST_EIGENVALUE = 1e-6
+_LEAST_EIGENVALUE = 1e-6
 """Of I - H_k; less is that of a touch which alone determines a parameter."""
 
 
@@ -170,7 +170,7 @@ def _left_out(base: Floats, residual: Floats) -> Floats:
     rows = base.reshape(-1, 2, base.shape[1])
     kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
     values, vectors = np.linalg.eigh(kept)
-    turned = np.einsum('nij,ni->nj', vectors, residual) / np.maximum(values, LEAST_EIGENVALUE)
+    turned = np.einsum('nij,ni->nj', vectors, residual) / np.maximum(values, _LEAST_EIGENVALUE)
     return np.asarray(np.einsum('nij,nj->ni', vectors, turned))
 
 

@@ -30,18 +30,18 @@ from scara_kinetostatic.model.cell import Noise
 
 Floats = NDArray[np.float64]
 
-UNCONSTRAINED_STD = 10.0
+_UNCONSTRAINED_STD = 10.0
 """A standard deviation of α that leaves it free, rad."""
-FIRST_STD = 0.03
+_FIRST_STD = 0.03
 """Where the estimation of σ_α begins, rad."""
-TYPICAL_STD = 0.01
+_TYPICAL_STD = 0.01
 """Scale of the variance component in the score test, rad; the p-value does not depend on it."""
-LEAST_STD = 1e-4
+_LEAST_STD = 1e-4
 """Lower limit of σ_α, rad: no sensor resolves less."""
-LEAST_VARIANCE = 1e-12
+_LEAST_VARIANCE = 1e-12
 """Lower limit of the residual variance by which the scores are scaled; keeps exact data solvable."""
-ROUNDS = 8
-CONVERGED = 0.02
+_ROUNDS = 8
+_CONVERGED = 0.02
 """Relative change of σ_α at which the estimation ends."""
 
 
@@ -71,7 +71,7 @@ def _excess(calibration: Calibration, kind: str, beside: tuple[str, ...]) -> flo
     base = orthonormal(jacobian)
     residual = point.whitened.residual.ravel()
     left = residual - base @ (base.T @ residual)
-    size = max(float(left @ left) / max(len(left) - base.shape[1], 1), LEAST_VARIANCE)
+    size = max(float(left @ left) / max(len(left) - base.shape[1], 1), _LEAST_VARIANCE)
     kinds = [_kind(name, observations, point, c.noise) for name in (*beside, kind)]
     rows = base.reshape(-1, 2, base.shape[1])
     kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
@@ -88,7 +88,7 @@ def _kind(name: str, observations: Observations, point: Point, noise: Noise) -> 
     """One kind of variance of each touch, whitened, (n, 2, 2)."""
     if name == 'off_normal':
         by_off_normal = np.zeros((len(observations.radii), 2, 1))
-        by_off_normal[:, 1, 0] = TYPICAL_STD * observations.radii
+        by_off_normal[:, 1, 0] = _TYPICAL_STD * observations.radii
         return whiten_matrix(outer(by_off_normal), point.whitened.root)
     by = noise.joint * point.linear.by_joints if name == 'joint' else noise.force * point.linear.by_force
     if name == 'growing':
@@ -104,14 +104,14 @@ def fit_with_off_normal(calibration: Calibration) -> Calibration:
     """
     c = calibration
     others = tuple(effect for effect in c.model.effects if not effect.off_normal_std)
-    off_normal, used, latest = FIRST_STD, np.ones(len(c.touches), dtype=bool), c
-    for _ in range(ROUNDS):
+    off_normal, used, latest = _FIRST_STD, np.ones(len(c.touches), dtype=bool), c
+    for _ in range(_ROUNDS):
         effects = (OffNormalForce(off_normal=off_normal), *others)
         warm_start = WarmStart(latest.model.with_effects(effects), latest.noise, used)
         latest = calibrate(c.touches, c.cell, effects, fixed=c.fixed, warm_start=warm_start)
         used, before = latest.used, off_normal
-        off_normal = max(_updated(latest, off_normal), LEAST_STD)
-        if abs(off_normal / before - 1) < CONVERGED:
+        off_normal = max(_updated(latest, off_normal), _LEAST_STD)
+        if abs(off_normal / before - 1) < _CONVERGED:
             break
     return with_rejections_of(latest, c)
 
@@ -122,7 +122,7 @@ def with_free_off_normal_angles(calibration: Calibration) -> Calibration:
     Off-normal angles may depend on anything; a test for a lack of fit is to use the other half of the residual.
     """
     effects = tuple(
-        effect.with_off_normal_std(UNCONSTRAINED_STD) if effect.off_normal_std else effect
+        effect.with_off_normal_std(_UNCONSTRAINED_STD) if effect.off_normal_std else effect
         for effect, _, _ in fitted_effects(calibration)
     )
     return replace(calibration, model=replace(calibration.model, effects=effects))

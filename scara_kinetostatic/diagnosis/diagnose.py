@@ -119,7 +119,7 @@ class _BaseTests(NamedTuple):
 def _test_base_model(c: Calibration, known: tuple[Effect, ...]) -> _BaseTests:
     problem = pose_problem(c)
     candidate_set = all_candidates(c, problem, known, together=False)
-    fit = adequacy(c, problem, candidate_set)
+    fit = _adequacy(c, problem, candidate_set)
     off_normal = off_normal_p_value(c)
     p_value = min(1.0, 2 * min(fit.p_value, off_normal))
     return _BaseTests(problem, candidate_set, p_value, fit.dependences, off_normal, advice.implausible_noise(c))
@@ -158,7 +158,7 @@ def _extended(
         fitted: its fit.
         known: the catalogue.
     """
-    after = adequacy(fitted)
+    after = _adequacy(fitted)
     rivals = _fit_rivals(c, found, fitted)
     frequencies = fit_alternative_frequencies(fitted, found.in_every_model)
     extended = widened_by(fitted, rivals)
@@ -194,7 +194,7 @@ def _fit_rivals(c: Calibration, found: Search, fitted: Calibration) -> list[Cali
     return found.fit_rivals(replace(c, model=c.model.with_effects(kept)))
 
 
-class Adequacy(NamedTuple):
+class _Adequacy(NamedTuple):
     """The test of a model.
 
     Attributes:
@@ -206,9 +206,9 @@ class Adequacy(NamedTuple):
     dependences: tuple[Dependence, ...]
 
 
-def adequacy(
+def _adequacy(
     calibration: Calibration, problem: Problem | None = None, candidate_set: CandidateSet | None = None
-) -> Adequacy:
+) -> _Adequacy:
     """Test a model against all that its residual could depend on.
 
     Args:
@@ -228,10 +228,10 @@ def adequacy(
     tests = max(len(dependences) + given, 1)
     smallest = min([size, *(dependence.p_value for dependence in dependences)])
     significant = [dependence for dependence in dependences if dependence.p_value * tests < SIGNIFICANCE]
-    return Adequacy(min(1.0, smallest * tests), tuple(sorted(significant, key=lambda item: item.p_value)))
+    return _Adequacy(min(1.0, smallest * tests), tuple(sorted(significant, key=lambda item: item.p_value)))
 
 
-def _verdict(found: Search, effects: Sequence[Found], after: Adequacy) -> str:
+def _verdict(found: Search, effects: Sequence[Found], after: _Adequacy) -> str:
     if after.p_value < SIGNIFICANCE or any(not item.effect.is_physical and item.in_every_model for item in effects):
         return 'unexplained'
     return 'ambiguous' if found.rivals else 'explained'

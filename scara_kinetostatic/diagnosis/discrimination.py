@@ -24,17 +24,17 @@ from scara_kinetostatic.model.touch import TouchSet
 
 Floats = NDArray[np.float64]
 
-DIRECTIONS = 24
+_DIRECTIONS = 24
 """Touches of the pool around each disc."""
-PRELOAD = 0.3
+_PRELOAD = 0.3
 """Part of the force by which a touch is preloaded beyond it."""
-FIRST_FORCE = 1e-3
+_FIRST_FORCE = 1e-3
 """At the beginning of a touch that is pressed to its force, N."""
-LARGEST_REACH = 0.95
+_LARGEST_REACH = 0.95
 """Part of the length of the arm beyond which no touch is advised."""
-LEAST_DIFFERENCE = 2.0
+_LEAST_DIFFERENCE = 2.0
 """Standard deviations by which the predictions must differ for a touch to be advised."""
-NEIGHBOURS = 0.5
+_NEIGHBOURS = 0.5
 """Cosine of the angle between two touches on a disc above which one of them is enough."""
 
 
@@ -90,8 +90,8 @@ def discriminating_touches(
         difference, in_std = np.where(larger, distance, difference), np.where(larger, distance / std, in_std)
     chosen: list[int] = []
     for k in np.argsort(-in_std):
-        is_near = any(pool.disc[k] == pool.disc[j] and np.cos(angle[k] - angle[j]) > NEIGHBOURS for j in chosen)
-        if in_std[k] >= LEAST_DIFFERENCE and not is_near and len(chosen) < most:
+        is_near = any(pool.disc[k] == pool.disc[j] and np.cos(angle[k] - angle[j]) > _NEIGHBOURS for j in chosen)
+        if in_std[k] >= _LEAST_DIFFERENCE and not is_near and len(chosen) < most:
             chosen.append(int(k))
     magnitude = np.hypot(*pool.force.T)
     names = [disc.name for disc in calibration.cell.discs]
@@ -148,15 +148,15 @@ def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]
     disc, direction, posture, level, is_unloaded = (
         axis.ravel()
         for axis in np.meshgrid(
-            np.arange(len(cell.discs)), np.arange(DIRECTIONS), (1, -1), levels, (False, True), indexing='ij'
+            np.arange(len(cell.discs)), np.arange(_DIRECTIONS), (1, -1), levels, (False, True), indexing='ij'
         )
     )
-    angle = 2 * np.pi * direction / DIRECTIONS
+    angle = 2 * np.pi * direction / _DIRECTIONS
     outward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     tip = cell.centers[disc] + cell.radii[disc, None] * outward
     reach = np.hypot(tip[:, 0] - p.x0, tip[:, 1] - p.y0)
     length = p.l1 + p.l2
-    reachable = (reach < LARGEST_REACH * length) & (reach > (1 - LARGEST_REACH) * length + abs(p.l1 - p.l2))
+    reachable = (reach < _LARGEST_REACH * length) & (reach > (1 - _LARGEST_REACH) * length + abs(p.l1 - p.l2))
     parts = [array[reachable] for array in (disc, angle, posture, level, is_unloaded, tip, outward)]
     disc, angle, posture, level, is_unloaded, tip, outward = parts
 
@@ -164,7 +164,7 @@ def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]
         return inverse_kinetostatics(p, tip, -force[:, None] * outward, posture, cell.gripper)[0]
 
     joints = pressed(level)
-    before = np.where(is_unloaded, (1 + PRELOAD) * level, FIRST_FORCE)
+    before = np.where(is_unloaded, (1 + _PRELOAD) * level, _FIRST_FORCE)
     motion = joints - pressed(before)
     motion = (motion + np.pi) % (2 * np.pi) - np.pi
     time = np.full(len(disc), float(calibration.touches.time.max()))

@@ -27,11 +27,11 @@ from scara_kinetostatic.model.parameters import NAMES
 
 Floats = NDArray[np.float64]
 
-UNCLEAR = 4.0
+_UNCLEAR = 4.0
 """A touch whose sensitivity |u| to the deviation is so many times smaller than the median one is left out."""
 
 
-class Channel(NamedTuple):
+class _Channel(NamedTuple):
     """One way in which an effect acts on a touch.
 
     Attributes:
@@ -115,7 +115,7 @@ def _residual(models: _Models, item: Found) -> EffectResidual:
     channel = channels[which]
     unit = problem.column(channel.shift, channel.sensor_error).reshape(-1, 2)
     weight = np.linalg.norm(unit, axis=1)
-    kept = item.effect.acts_on(problem.touch_state) & (weight > np.median(weight) / UNCLEAR)
+    kept = item.effect.acts_on(problem.touch_state) & (weight > np.median(weight) / _UNCLEAR)
     x_label, x = _variable(problem, item)
     metadata, left = problem.touch_state.metadata, problem.point.whitened.residual
     taken_out, is_only_effect = _taken_out(models, item)
@@ -178,12 +178,12 @@ def _off_normal_residual(models: _Models, item: Found) -> EffectResidual:
     )
 
 
-def _moved(problem: Problem, channel: Channel) -> Floats:
+def _moved(problem: Problem, channel: _Channel) -> Floats:
     column = problem.column(channel.shift, channel.sensor_error).reshape(-1, 2)
     return np.asarray(channel.size[:, None] * column)
 
 
-def _channels(problem: Problem, item: Found) -> list[Channel]:
+def _channels(problem: Problem, item: Found) -> list[_Channel]:
     at, values = problem.touch_state, np.array([v.value for v in item.values])
     n, found = len(at.magnitude), item.effect.shift(at, values)
     sensor_error = item.effect.sensor_error(problem.force, values)
@@ -191,16 +191,18 @@ def _channels(problem: Problem, item: Found) -> list[Channel]:
     if found.joints is not None:
         for joint in (0, 1):
             unit = Shift(joints=at_joint(np.ones(n), joint))
-            channels.append(Channel(f'deviation of joint {joint + 1}  [µrad]', 1e6, unit, None, found.joints[:, joint]))
+            channels.append(
+                _Channel(f'deviation of joint {joint + 1}  [µrad]', 1e6, unit, None, found.joints[:, joint])
+            )
     if found.place is not None:
         for side, direction in (('along', at.normal), ('across', at.tangent)):
             size = (found.place * direction).sum(axis=1)
-            channels.append(Channel(f'displacement {side} the force  [µm]', 1e6, Shift(place=direction), None, size))
+            channels.append(_Channel(f'displacement {side} the force  [µm]', 1e6, Shift(place=direction), None, size))
     if sensor_error is not None:
         along = problem.force / np.hypot(problem.force[:, 0], problem.force[:, 1])[:, None]
         for side, direction in (('along', along), ('across', np.stack([-along[:, 1], along[:, 0]], axis=-1))):
             size = (sensor_error * direction).sum(axis=1)
-            channels.append(Channel(f'sensor error {side} the force  [N]', 1.0, Shift(), direction, size))
+            channels.append(_Channel(f'sensor error {side} the force  [N]', 1.0, Shift(), direction, size))
     return channels
 
 

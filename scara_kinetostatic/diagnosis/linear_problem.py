@@ -34,9 +34,9 @@ from scara_kinetostatic.model.touch_equations import Equations
 
 Floats = NDArray[np.float64]
 
-MOST = 2000
+_MOST = 2000
 """Touches that a diagnosis uses at most; the fit uses all."""
-NEGLIGIBLE = 1e-9
+_NEGLIGIBLE = 1e-9
 """Singular value of unit columns below which a direction adds no rank."""
 
 
@@ -163,12 +163,12 @@ def _with_larger_force(touch_state: TouchState, more: Floats) -> TouchState:
 
 
 def _some(which: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """`MOST` of the used touches, drawn at random, if there are more."""
+    """`_MOST` of the used touches, drawn at random, if there are more."""
     places = np.flatnonzero(which)
-    if len(places) <= MOST:
+    if len(places) <= _MOST:
         return which
     drawn = np.zeros_like(which)
-    drawn[np.random.default_rng(0).choice(places, MOST, replace=False)] = True
+    drawn[np.random.default_rng(0).choice(places, _MOST, replace=False)] = True
     return drawn
 
 
@@ -179,4 +179,4 @@ def orthonormal(columns: Floats, beside: Floats | None = None) -> Floats:
     if beside is not None:
         columns = columns - beside @ (beside.T @ columns)
     u, values, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(u[:, values > NEGLIGIBLE])
+    return np.asarray(u[:, values > _NEGLIGIBLE])

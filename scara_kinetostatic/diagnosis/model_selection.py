@@ -30,11 +30,11 @@ from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, STRICT_SIGNIFICANC
 
 Floats = NDArray[np.float64]
 
-LARGEST = 4
+_LARGEST = 4
 """Effects in a set at most."""
-KEPT = 12
+_KEPT = 12
 """Sets of each size from which larger ones are made."""
-PARALLEL = 1e-4
+_PARALLEL = 1e-4
 """Least eigenvalue of the Gram matrix of the unit columns of a set; a direction with less adds no rank."""
 
 
@@ -91,10 +91,10 @@ def score_subsets(problem: Problem, candidate_set: CandidateSet) -> ScoredSubset
     while layer:
         subsets += layer
         size = len(layer[0].members) + 1
-        if size > LARGEST:
+        if size > _LARGEST:
             break
         pairs = combinations(range(len(candidate_set.candidates)), 2)
-        sets = pairs if size == 2 else _grown(sorted(layer, key=lambda e: e.rest + e.penalty)[:KEPT], scorer)
+        sets = pairs if size == 2 else _grown(sorted(layer, key=lambda e: e.rest + e.penalty)[:_KEPT], scorer)
         layer = scorer.score([members for members in sets if scorer.allows(members)])
     scale = _scale(problem, subsets)
     ranked = sorted((_scored(problem, subset, scale) for subset in subsets), key=lambda subset: subset.score)
@@ -146,7 +146,7 @@ class _SubsetScorer:
             at = np.stack([columns[k] for k in alike])
             values, vectors = np.linalg.eigh(self.gram[at[:, :, None], at[:, None, :]])
             part = np.einsum('ski,sk->si', vectors, self.projected[at])
-            kept = values > PARALLEL
+            kept = values > _PARALLEL
             explained[alike] = np.sum(np.where(kept, part**2 / np.where(kept, values, 1.0), 0.0), axis=1)
             rank[alike] = kept.sum(axis=1)
         return [

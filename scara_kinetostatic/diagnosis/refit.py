@@ -34,7 +34,7 @@ from scara_kinetostatic.model.parameters import Parameters
 
 Floats = NDArray[np.float64]
 
-LEAST_SHARE = 0.03
+_LEAST_SHARE = 0.03
 """Part of the estimated noise with which a fit with effects begins at least."""
 
 
@@ -67,7 +67,7 @@ def start_from(problem: Problem, members: Sequence[Candidate]) -> tuple[Extended
     moved = problem.without_effects + problem.response @ np.concatenate(columns, axis=1) @ found
     base = Parameters.from_array(problem.point.parameters.as_array() + moved)
     effects = tuple(member.effect for member in members)
-    return ExtendedModel(base, effects, tuple(tuple(part) for part in values)), max(share, LEAST_SHARE)
+    return ExtendedModel(base, effects, tuple(tuple(part) for part in values)), max(share, _LEAST_SHARE)
 
 
 def fit_with(

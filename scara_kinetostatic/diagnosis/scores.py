@@ -20,7 +20,7 @@ from scara_kinetostatic.diagnosis.thresholds import INDEPENDENT_PART, NONCENTRAL
 
 Floats = NDArray[np.float64]
 
-LEAST_DETERMINANT = 1e-6
+_LEAST_DETERMINANT = 1e-6
 """Of I - H_i; less is that of a touch which alone determines a parameter."""
 
 
@@ -119,6 +119,6 @@ def held_out_deviance(problem: Problem, unit: Floats | None, scale: float) -> fl
     kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
     e = left.reshape(-1, 2)
     a, b, d = kept[:, 0, 0], kept[:, 0, 1], kept[:, 1, 1]
-    det = np.maximum(a * d - b * b, LEAST_DETERMINANT)
+    det = np.maximum(a * d - b * b, _LEAST_DETERMINANT)
     distance = (d * e[:, 0] ** 2 - 2 * b * e[:, 0] * e[:, 1] + a * e[:, 1] ** 2) / det
     return float(np.sum(distance / scale - np.log(det)))

@@ -22,15 +22,15 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.unnamed import empirical_effects
 from scara_kinetostatic.errors import UnsupportedDataError
 
-ROUNDS = 6
+_ROUNDS = 6
 """Rounds at most; most searches end after two."""
-ATTEMPTS = 4
+_ATTEMPTS = 4
 """Credible sets that are fitted one by one, where their union does not converge."""
-MOST_RIVAL_FITS = 8
+_MOST_RIVAL_FITS = 8
 """Credible sets that are fitted by themselves at most."""
-DISTINGUISHABLE = 0.1
+_DISTINGUISHABLE = 0.1
 """Least singular value of the unit columns of effects that may be fitted together though one diverges with an alias."""
-MOST_IN_UNION = 5
+_MOST_IN_UNION = 5
 """Effects of several credible sets that are fitted together at most; of more, those of the best sets."""
 
 
@@ -68,7 +68,7 @@ class Search(NamedTuple):
             calibration: that with which the search began.
         """
         selection = _Selection(calibration, self.start or calibration, self.problem, self.scored_subsets)
-        subsets = self.scored_subsets.credible[:MOST_RIVAL_FITS]
+        subsets = self.scored_subsets.credible[:_MOST_RIVAL_FITS]
         fits = [selection.fit(selection.members(subset)) for subset in subsets]
         return [fit for fit in fits if fit is not None]
 
@@ -83,7 +83,7 @@ def search(calibration: Calibration, effects: Sequence[Effect], begin: Calibrati
             fit with effects decides anew which touches are rejected, and estimates the noise anew if it is not given.
     """
     state = _State(begin or calibration)
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         state = _next_state(calibration, effects, state)
         if state.is_final:
             break
@@ -134,11 +134,11 @@ class _Selection(NamedTuple):
         return [self.scored_subsets.candidate_set.candidates[k] for k in subset.members]
 
     def union(self, subsets: Sequence[Subset]) -> list[Candidate]:
-        """The effects of the first set, and those of the others up to `MOST_IN_UNION`, each once."""
+        """The effects of the first set, and those of the others up to `_MOST_IN_UNION`, each once."""
         union: dict[str, Candidate] = {}
         for subset in subsets:
             for candidate in self.members(subset):
-                if len(union) < MOST_IN_UNION or subset is subsets[0]:
+                if len(union) < _MOST_IN_UNION or subset is subsets[0]:
                     union.setdefault(candidate.effect.label, candidate)
         return list(union.values())
 
@@ -192,7 +192,7 @@ def _fit_first(
         The fit, None if none converges; `failed` with those that did not.
     """
     union = selection.union(subsets)
-    attempts = [selection.members(subset) for subset in subsets[:ATTEMPTS]]
+    attempts = [selection.members(subset) for subset in subsets[:_ATTEMPTS]]
     for members in [union, *attempts] if _are_distinguishable(union) else attempts:
         labels = _labels(members)
         if labels in failed:
@@ -207,7 +207,7 @@ def _fit_first(
 def _are_distinguishable(members: Sequence[Candidate]) -> bool:
     columns = np.concatenate([member.unit for member in members], axis=1)
     least = float(np.linalg.svd(columns, compute_uv=False)[-1])
-    return least > DISTINGUISHABLE or not any(member.effect.diverges_with_alias for member in members)
+    return least > _DISTINGUISHABLE or not any(member.effect.diverges_with_alias for member in members)
 
 
 def _after_failure(selection: _Selection, state: _State) -> _State:
@@ -220,7 +220,7 @@ def _after_failure(selection: _Selection, state: _State) -> _State:
     labels = _labels(selected)
     parts = [subset for subset in scored_subsets.subsets if subset.members and set(best.members) > set(subset.members)]
     if labels != state.labels and parts:
-        part, failed = _fit_first(selection, parts[:ATTEMPTS], state.failed)
+        part, failed = _fit_first(selection, parts[:_ATTEMPTS], state.failed)
         if part is not None:
             return state._replace(latest=part, labels=labels, failed=frozenset())
         state = state._replace(failed=failed)

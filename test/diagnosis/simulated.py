@@ -1,4 +1,4 @@
-"""Touches of a simulated robot that has effects its calibration does not know of."""
+"""Touches of a simulated robot with effects that are unknown to its calibration."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ NOISE = Noise(1e-5, 0.3)
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=NOISE)
 UNKNOWN_NOISE = replace(CELL, noise=None)
 PLAN = default_plan(CELL, per_disc=18, preload=0.3)
-"""108 touches, every other one pressed beyond its force and let down to it."""
+"""108 touches, every other one preloaded beyond its force."""
 
 
 def effect(label: str) -> Effect:
     return find(CELL, label)
 
 
-def play(*effects: tuple[Effect, tuple[float, ...]], truth: Parameters = PAPER_ACTUAL, seed: int = 1) -> TouchSet:
+def simulate(*effects: tuple[Effect, tuple[float, ...]], truth: Parameters = PAPER_ACTUAL, seed: int = 1) -> TouchSet:
     """108 touches of a robot with effects, each with its values."""
     laws, values = tuple(law for law, _ in effects), tuple(part for _, part in effects)
     return simulate_touches(CELL, ExtendedModel(truth, laws, values), PLAN, NOISE, seed)
@@ -39,11 +39,11 @@ def play(*effects: tuple[Effect, tuple[float, ...]], truth: Parameters = PAPER_A
 
 @cache
 def examined(label: str, values: tuple[float, ...], given: bool = True, seed: int = 1) -> tuple[Calibration, Diagnosis]:
-    """The twelve parameters fitted to a robot with one effect, and the diagnosis."""
-    found = calibrate(play((effect(label), values), seed=seed), CELL if given else UNKNOWN_NOISE)
+    """The base model fitted to a robot with one effect, and the diagnosis."""
+    found = calibrate(simulate((effect(label), values), seed=seed), CELL if given else UNKNOWN_NOISE)
     return found, diagnose(found)
 
 
 def deviations(calibration: Calibration, truth: Parameters = PAPER_ACTUAL) -> np.ndarray:
-    """The twelve less the truth, in standard deviations."""
+    """The base parameters less the truth, in standard deviations."""
     return (calibration.parameters.as_array() - truth.as_array()) / calibration.std

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis.simulated import CELL, NOISE, deviations, effect, play
+from diagnosis.simulated import CELL, NOISE, deviations, effect, simulate
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis import advice
@@ -34,11 +34,11 @@ def test_rivals_are_counted(found, said):
 
 
 @pytest.mark.parametrize('cell', [LOUD, replace(CELL, noise=Noise(3 * NOISE.joint, 3 * NOISE.force))])
-def test_noise_stated_too_large_hides_nothing_and_makes_up_nothing(cell: Cell):
-    clean = diagnose(calibrate(play(seed=0), cell))
+def test_noise_stated_too_large_neither_masks_nor_creates_an_effect(cell: Cell):
+    clean = diagnose(calibrate(simulate(seed=0), cell))
     assert clean.verdict == 'none'
     assert 'it is stated too large' in clean.advice
-    found = diagnose(calibrate(play((effect('encoder_gain[joint1]'), (6e-5,)), seed=3), cell))
+    found = diagnose(calibrate(simulate((effect('encoder_gain[joint1]'), (6e-5,)), seed=3), cell))
     assert found.verdict == 'explained'
     assert [item.effect.label for item in found.found] == ['encoder_gain[joint1]']
     assert found.extended is not None
@@ -46,8 +46,8 @@ def test_noise_stated_too_large_hides_nothing_and_makes_up_nothing(cell: Cell):
     assert np.abs(deviations(found.extended)).max() < 4
 
 
-def test_noise_stated_rightly_is_kept():
-    found = diagnose(calibrate(play((effect('encoder_gain[joint1]'), (6e-5,)), seed=3), CELL))
+def test_correctly_stated_noise_is_kept():
+    found = diagnose(calibrate(simulate((effect('encoder_gain[joint1]'), (6e-5,)), seed=3), CELL))
     assert found.extended is not None
     assert found.extended.noise_source == 'given'
     assert 'too large' not in found.advice

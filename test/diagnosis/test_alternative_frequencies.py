@@ -1,4 +1,4 @@
-"""The frequency of a wave: where others fit as well, the standard deviations hold for them too."""
+"""The frequency of a wave: where others fit equally well, the standard deviations cover them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from diagnosis.simulated import CELL, calibrate, deviations, effect, examined, play
+from diagnosis.simulated import CELL, calibrate, deviations, effect, examined, simulate
 
 from scara_kinetostatic.diagnosis.alternatives import fit_alternative_frequencies
 from scara_kinetostatic.diagnosis.diagnose import diagnose
@@ -60,8 +60,8 @@ class Cable(JointEffect):
 
 
 @pytest.mark.parametrize('stiffness', [-1.8, 3.5])
-def test_a_cable_is_never_proved_to_be_a_wave(stiffness):
-    fit = calibrate(play((Cable(target='joint2', joint=1), (stiffness,))), CELL)
+def test_a_cable_is_never_identified_as_a_wave(stiffness):
+    fit = calibrate(simulate((Cable(target='joint2', joint=1), (stiffness,))), CELL)
     found = diagnose(fit)
     assert found.verdict in ('ambiguous', 'unexplained')
     assert not [item for item in found.found if item.effect.label == WAVE and item.in_every_model]
@@ -71,5 +71,5 @@ def test_a_cable_is_never_proved_to_be_a_wave(stiffness):
     assert np.abs(deviations(found.extended)).max() < 4
 
 
-def test_the_effect_of_a_wave_says_what_is_searched():
+def test_the_grid_parameter_of_a_wave_is_one_of_its_parameters():
     assert effect(WAVE).grid_parameter in [parameter.name for parameter in effect(WAVE).parameters]

@@ -1,4 +1,4 @@
-"""The form of a law is not known: the standard deviations hold for others as well."""
+"""The law of an effect is not known: the standard deviations cover alternative laws."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.streams import simulate_touches
 
 
-def played(law: object, *values: float, seed: int = 3) -> TouchSet:
+def simulate_law(law: object, *values: float, seed: int = 3) -> TouchSet:
     return simulate_touches(CELL, ExtendedModel(PAPER_ACTUAL, (law,), (values,)), PLAN, CELL.noise, seed)
 
 
 @pytest.mark.parametrize(('exponent', 'value'), [(0.4, 2e-4), (0.5, 1.2e-4), (0.8, 5e-5)])
-def test_a_contact_of_another_law_bends_nothing_beyond_its_sigmas(exponent, value):
-    fit = calibrate(played(ContactCompliance(exponent=exponent), value), CELL)
+def test_a_contact_of_another_law_biases_no_parameter_beyond_its_std(exponent, value):
+    fit = calibrate(simulate_law(ContactCompliance(exponent=exponent), value), CELL)
     found = diagnose(fit)
     assert 'contact_compliance' in [item.effect.label for item in found.found]
     assert {label for group in found.rivals for label in group} <= {'contact_compliance', 'sensor_nonlinearity'}
@@ -38,16 +38,16 @@ def test_a_contact_of_another_law_bends_nothing_beyond_its_sigmas(exponent, valu
 
 
 def test_a_joint_that_softens_with_the_square_of_the_torque():
-    fit = calibrate(played(JointHardening(target='joint1', joint=0, power=2), -1.5e-6), CELL)
+    fit = calibrate(simulate_law(JointHardening(target='joint1', joint=0, power=2), -1.5e-6), CELL)
     found = diagnose(fit)
     assert [item.effect.label for item in found.found if item.in_every_model] == ['joint_hardening[joint1]']
     assert found.extended is not None
     assert abs(deviations(found.extended)[P1]) < 4
 
 
-def test_every_form_that_fits_lies_within_a_standard_deviation():
+def test_every_law_that_fits_lies_within_a_standard_deviation():
     laws = (effect('contact_compliance'),)
-    extended = calibrate(played(laws[0], 6e-5), CELL, laws)
+    extended = calibrate(simulate_law(laws[0], 6e-5), CELL, laws)
     forms = fit_alternative_laws(extended)
     assert len(forms) == len(laws[0].alternative_laws())
     wide = extended
@@ -60,16 +60,16 @@ def test_every_form_that_fits_lies_within_a_standard_deviation():
     assert wide.std[P1] < 1.5 * extended.std[P1]
 
 
-def test_a_form_that_fits_worse_is_none():
+def test_a_law_that_fits_worse_is_no_alternative():
     laws = (effect('contact_compliance[disc_2]'),)
-    extended = calibrate(played(laws[0], 4e-5), CELL, laws)
+    extended = calibrate(simulate_law(laws[0], 4e-5), CELL, laws)
     assert fit_alternative_laws(extended) == []
     assert widened_by(extended, []) is extended
 
 
 @pytest.mark.parametrize('hinge', [0.25, 0.5, 0.75])
 def test_a_link_that_bends_at_one_place(hinge):
-    fit = calibrate(played(LinkBending(target='link1', hinge=hinge), 2e-4), CELL)
+    fit = calibrate(simulate_law(LinkBending(target='link1', hinge=hinge), 2e-4), CELL)
     found = diagnose(fit)
     assert [item.effect.label for item in found.found if item.in_every_model] == ['link_bending[link1]']
     assert found.extended is not None
@@ -78,9 +78,9 @@ def test_a_link_that_bends_at_one_place(hinge):
     assert np.abs(deviations(found.extended)).max() < 4
 
 
-def test_a_curve_may_be_raised_by_a_constant():
+def test_the_undetermined_constant_of_a_curve_widens_one_parameter():
     kink = Unnamed(None, 'joint2', 'q2', 0.0, 2.0, powers=3)
-    extended = calibrate(played(effect('encoder_gain[joint2]'), 0.0), CELL, [kink])
+    extended = calibrate(simulate_law(effect('encoder_gain[joint2]'), 0.0), CELL, [kink])
     rival = replace(extended, model=ExtendedModel(extended.parameters, (kink,), ((3e-4, 0.0, 0.0),)))
     wide = widened_by_constants(extended, [rival])
     slope = kink.functions(pose_problem(rival).touch_state)[0]

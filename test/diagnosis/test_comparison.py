@@ -1,4 +1,4 @@
-"""Before and after: errors on the same touches, and where an effect shows."""
+"""Base model and extended model: errors on the same touches, bias, and residuals of effects."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_the_residual_of_a_curve_is_over_its_variable(unnamed: Outcome) -> None:
     assert np.corrcoef(found.before, found.expected)[0, 1] > 0.8
 
 
-def test_the_off_normal_angle_of_every_force_is_shown_as_it_is(rough: Outcome) -> None:
+def test_the_off_normal_angle_of_every_force_is_not_corrected(rough: Outcome) -> None:
     (found,) = rough.effect_residuals
     assert found.y_label == 'off-normal angle of the force  [mrad]'
     np.testing.assert_array_equal(found.before, found.after)

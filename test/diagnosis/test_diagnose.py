@@ -1,4 +1,4 @@
-"""The verdict: quiet on clean data, loud where the model is not enough."""
+"""The verdict on data of a complete model, and of one that lacks something."""
 
 from __future__ import annotations
 
@@ -55,14 +55,14 @@ def test_a_joint_that_is_not_round_is_named():
     assert any('joint' in trace.name for trace in found.dependences)
 
 
-def test_understated_noise_is_told_from_structure():
+def test_understated_noise_is_distinguished_from_an_effect():
     found = diagnose(calibrate(touches(PAPER_ACTUAL, 1, noise=Noise(3e-5, 0.9)), CELL))
     assert found.verdict == 'unexplained'
     assert not found.dependences
     assert 'too small' in found.advice
 
 
-def test_overstated_noise_is_told():
+def test_overstated_noise_is_reported():
     found = diagnose(calibrate(touches(PAPER_ACTUAL, 1, noise=Noise(3e-6, 0.1)), CELL))
     assert found.verdict == 'none'
     assert 'too large' in found.advice

@@ -1,4 +1,4 @@
-"""Effects that nobody declared are found, named, measured and taken out of the twelve; see also benchmark.diagnosis."""
+"""Undeclared effects are found, named, estimated, and no longer bias the parameters; see also benchmark.diagnosis."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from diagnosis.simulated import CELL, UNKNOWN_NOISE, deviations, effect, examined, play
+from diagnosis.simulated import CELL, UNKNOWN_NOISE, deviations, effect, examined, simulate
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.held_out import held_out_force_error
@@ -43,7 +43,7 @@ def named(found: tuple[Found, ...]) -> list[str]:
 
 
 @pytest.mark.parametrize('label', SIZES)
-def test_an_effect_is_named_measured_and_taken_out(label):
+def test_an_effect_is_named_and_estimated_and_its_bias_removed(label):
     before, found = examined(label, SIZES[label])
     assert found.verdict == 'explained'
     assert found.p_value < 1e-6
@@ -104,7 +104,7 @@ def test_an_effect_is_named_with_unknown_noise(label):
 
 
 def test_two_effects_are_both_named():
-    both = play((effect('encoder_gain[joint1]'), (6e-5,)), (effect('object_radius[disc_2]'), (3e-5,)))
+    both = simulate((effect('encoder_gain[joint1]'), (6e-5,)), (effect('object_radius[disc_2]'), (3e-5,)))
     found = diagnose(calibrate(both, CELL))
     assert set(named(found.found)) == {'encoder_gain[joint1]', 'object_radius[disc_2]'}
     assert found.extended is not None
@@ -126,7 +126,7 @@ def test_discs_that_only_change_their_distance_are_rivals():
 def test_exact_aliases_are_no_alarm(excess):
     """A gripper stiffer along link 2 than across it, or the reverse, is another p_ee and p2."""
     matrix = ((excess[0], 0.0), (0.0, excess[1]))
-    data = play(truth=PAPER_ACTUAL)
+    data = simulate(truth=PAPER_ACTUAL)
     stiff = replace(CELL, gripper_excess=matrix)
     assert diagnose(calibrate(data, CELL)).verdict == 'none'
     found = diagnose(calibrate(data, stiff))  # the data are those of an isotropic one: as good with p_ee and p2 changed
@@ -177,7 +177,7 @@ class JointCoupling(JointEffect):
 )
 @pytest.mark.parametrize('given', [True, False])
 def test_an_effect_outside_the_list_is_caught_described_and_corrected(law, size, where, given):
-    data = play((law, (size,)))
+    data = simulate((law, (size,)))
     cell = CELL if given else UNKNOWN_NOISE
     before = calibrate(data, cell)
     found = diagnose(before)
@@ -193,6 +193,6 @@ def test_an_effect_outside_the_list_is_caught_described_and_corrected(law, size,
 
 def test_a_user_s_own_effect_takes_part():
     law = JointCoupling.of(0)
-    found = diagnose(calibrate(play((law, (6e-5,))), CELL), effects=(law, effect('encoder_gain[joint1]')))
+    found = diagnose(calibrate(simulate((law, (6e-5,))), CELL), effects=(law, effect('encoder_gain[joint1]')))
     assert found.verdict == 'explained'
     assert named(found.found) == ['joint_coupling[joint1]']

@@ -1,4 +1,4 @@
-"""Bad touches, leaning forces and effects are told from one another."""
+"""Bad touches, off-normal forces and effects are distinguished."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis.simulated import CELL, NOISE, UNKNOWN_NOISE, deviations, effect, play
+from diagnosis.simulated import CELL, NOISE, UNKNOWN_NOISE, deviations, effect, simulate
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.contact_angle import growing_p_value, off_normal_p_value
@@ -15,18 +15,18 @@ from scara_kinetostatic.model.kinematics import rotate
 
 
 def off_normal_fit(off_normal_std: float, seed: int = 3):
-    """Touches whose forces lean by angles of either sense and any size, as friction at rest has it.
+    """Touches with off-normal angles of either sense and any size, as by static friction.
 
     The force is turned and the joints stay: to first order the tip of a touch does not feel it.
     """
-    data = play(seed=seed)
+    data = simulate(seed=seed)
     turned = rotate(data.force, off_normal_std * np.random.default_rng(seed).standard_normal(len(data)))
     return data.replace(force=turned)
 
 
 @pytest.mark.parametrize('cell', [CELL, UNKNOWN_NOISE], ids=['noise known', 'noise unknown'])
 def test_bad_touches_are_no_effect(cell):
-    data = play(seed=2)
+    data = simulate(seed=2)
     random = np.random.default_rng(5)
     bad = random.permutation(len(data))[:10]
     force = data.force.copy()
@@ -38,8 +38,8 @@ def test_bad_touches_are_no_effect(cell):
 
 
 def test_an_effect_that_made_few_touches_look_bad_is_found():
-    """A disc that was touched eight times only, and stands elsewhere: the fit takes its touches for bad ones."""
-    data = play((effect('object_position[disc_2]'), (3e-4, -2e-4)), seed=4)
+    """A disc that was touched eight times only, and stands elsewhere: the base model rejects its touches."""
+    data = simulate((effect('object_position[disc_2]'), (3e-4, -2e-4)), seed=4)
     few = np.flatnonzero(data.disc == 1)[::5]
     kept = np.sort(np.concatenate([np.flatnonzero(data.disc != 1), few]))
     fit = calibrate(data.select(kept), CELL)
@@ -51,7 +51,7 @@ def test_an_effect_that_made_few_touches_look_bad_is_found():
 
 
 @pytest.mark.parametrize('cell', [CELL, UNKNOWN_NOISE], ids=['noise known', 'noise unknown'])
-def test_forces_that_lean_either_way_are_friction(cell):
+def test_off_normal_angles_of_either_sense_are_friction(cell):
     fit = calibrate(off_normal_fit(0.08), cell)
     assert off_normal_p_value(fit) < 1e-6
     found = diagnose(fit)
@@ -65,17 +65,17 @@ def test_forces_that_lean_either_way_are_friction(cell):
     assert found.extended.noise.force == pytest.approx(NOISE.force, rel=0.6)
 
 
-def test_the_score_test_of_leaning_is_calibrated():
+def test_the_score_test_of_off_normal_angles_is_calibrated():
     values = []
     for seed in range(40):
-        fit = calibrate(play(seed=100 + seed), CELL if seed % 2 else UNKNOWN_NOISE)
+        fit = calibrate(simulate(seed=100 + seed), CELL if seed % 2 else UNKNOWN_NOISE)
         values.append(off_normal_p_value(fit))
     assert min(values) > 1e-4
     assert 0.3 < np.mean(np.array(values) < 0.5) < 0.7
 
 
 def test_noise_stated_too_small_is_no_effect():
-    data = play(seed=6)
+    data = simulate(seed=6)
     fit = calibrate(data, replace(CELL, noise=NOISE._replace(joint=4e-6, force=0.1)))
     found = diagnose(fit)
     assert found.verdict == 'unexplained'
@@ -84,7 +84,7 @@ def test_noise_stated_too_small_is_no_effect():
 
 
 def test_noise_that_grows_with_the_force_is_no_friction():
-    data = play(seed=7)
+    data = simulate(seed=7)
     size = np.hypot(*data.force.T)[:, None]
     noisy = data.replace(force=data.force + 0.04 * size * np.random.default_rng(7).standard_normal((len(data), 2)))
     for cell in (CELL, UNKNOWN_NOISE):

@@ -1,11 +1,11 @@
-"""The closed forms of the diagnosis against what they stand for."""
+"""The closed forms of the diagnosis against explicit fits."""
 
 from __future__ import annotations
 
 from itertools import pairwise
 
 import numpy as np
-from diagnosis.simulated import CELL, effect, examined, play
+from diagnosis.simulated import CELL, effect, examined, simulate
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.candidates import gather
@@ -25,7 +25,7 @@ def several():
 
 
 def test_touches_are_left_out_in_closed_form():
-    problem = pose_problem(calibrate(play(), CELL))
+    problem = pose_problem(calibrate(simulate(), CELL))
     (candidate,) = gather(problem, [effect('base_compliance')]).candidates
     columns = np.concatenate([problem.base, candidate.unit], axis=1)
     total = 0.0
@@ -41,7 +41,7 @@ def test_touches_are_left_out_in_closed_form():
 
 
 def test_sums_of_squares_of_sets_are_those_of_least_squares():
-    problem = pose_problem(calibrate(play(seed=2), CELL))
+    problem = pose_problem(calibrate(simulate(seed=2), CELL))
     candidate_set = gather(problem, several())
     scored_subsets = score_subsets(problem, candidate_set)
     assert len({subset.members for subset in scored_subsets.subsets}) == len(scored_subsets.subsets)
@@ -54,8 +54,8 @@ def test_sums_of_squares_of_sets_are_those_of_least_squares():
         assert np.isclose(subset.rest, rest, rtol=1e-3)
 
 
-def test_scores_pay_for_parameters_and_for_the_search():
-    problem = pose_problem(calibrate(play(seed=3), CELL))
+def test_scores_penalise_parameters_and_the_search():
+    problem = pose_problem(calibrate(simulate(seed=3), CELL))
     candidate_set = gather(problem, several())
     scored_subsets = score_subsets(problem, candidate_set)
     penalty = {
@@ -68,22 +68,22 @@ def test_scores_pay_for_parameters_and_for_the_search():
     assert scored_subsets.subsets[0].members == ()  # clean data: nothing pays
 
 
-def test_the_bend_is_that_of_a_fit():
-    """An effect just large enough to be found bends the twelve by as much as `undetected_bias` says."""
-    fit = calibrate(play(), CELL)
+def test_the_undetected_bias_is_that_of_a_fit():
+    """An effect at the detection limit biases the parameters by `undetected_bias`."""
+    fit = calibrate(simulate(), CELL)
     problem = pose_problem(fit)
     (candidate,) = gather(problem, [effect('encoder_gain[joint1]')]).candidates
     bias, place = undetected_bias(problem, candidate, fit.std)
     column = problem.columns(candidate.trial)[:, 0]
     independent_part = column - problem.base @ (problem.base.T @ column)
     size = np.sqrt(NONCENTRALITY) / np.linalg.norm(independent_part)
-    with_it = calibrate(play((effect('encoder_gain[joint1]'), (size,))), CELL)
+    with_it = calibrate(simulate((effect('encoder_gain[joint1]'), (size,))), CELL)
     moved = (with_it.parameters.as_array() - fit.parameters.as_array()) / fit.std
     assert int(np.argmax(np.abs(moved))) == place
     assert np.isclose(np.abs(moved[place]), bias, rtol=0.15)
 
 
-def test_touches_that_decide_are_those_where_rivals_differ():
+def test_discriminating_touches_are_those_where_rivals_differ():
     fit, _ = examined('encoder_gain[joint1]', (6e-5,))
     problem = pose_problem(fit)
     candidate_set = gather(problem, [effect('encoder_gain[joint1]'), effect('object_position[disc_1]')])

@@ -1,4 +1,4 @@
-"""The sealed recordings opened: the twelve parameters, alone and with what was found, beside the truth.
+"""The recordings with undeclared effects against their truth: parameters of the base model and of the extended model.
 
 ``python -m pipeline.opened [NAME …]`` (with ``test`` and the package on the path) prints a table for each recording.
 """
@@ -41,13 +41,13 @@ class Row(NamedTuple):
 
 
 def outcome_of(name: str) -> Outcome:
-    """What the calibration makes of a recording; the truth has no part in it."""
+    """The calibration of a recording, made without the truth."""
     path = BAGS / f'{name}.mcap'
     return calibrate_recordings([path], embedded_cell(path) or load_cell(BAGS / 'measured.yaml'))
 
 
 def rows(name: str, outcome: Outcome) -> Iterator[Row]:
-    """The twelve beside their truth."""
+    """The base parameters and their truth."""
     alone, final = outcome.calibration, outcome.final
     truth = true_robot(name, alone.cell).parameters.as_array()
     for number, parameter in enumerate(NAMES):
@@ -56,7 +56,7 @@ def rows(name: str, outcome: Outcome) -> Iterator[Row]:
 
 
 def table(name: str) -> str:
-    """The twelve of a recording as text."""
+    """The base parameters of a recording as text."""
     outcome = outcome_of(name)
     lines = [name, f'{"":8}{"truth":>10} {"the base alone":>29}{"with what was found":>29}']
     for row in rows(name, outcome):
@@ -74,7 +74,7 @@ def table(name: str) -> str:
 
 
 def effects(name: str, outcome: Outcome) -> Iterator[str]:
-    """What was found beyond the twelve beside what is there."""
+    """The effects found and the true ones."""
     truth = true_robot(name, outcome.calibration.cell)
     for there, values in zip(truth.effects, truth.effect_values, strict=True):
         named = zip(there.parameters, values, strict=True)

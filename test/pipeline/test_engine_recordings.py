@@ -1,4 +1,4 @@
-"""Recordings of a robot in MuJoCo with an effect that nothing declares: it is named, and the twelve with it are right.
+"""Recordings of a robot in MuJoCo with an undeclared effect: it is named, and the base parameters are right.
 
 They are simulated by others' code. Reading them needs no MuJoCo; the truth is in `truth/`, which nothing but tests
 reads. Made by `mujoco_cell.engine_recordings`, in the tests' folder `physics`.
@@ -77,9 +77,9 @@ def largest_deviation(outcome: Outcome, name: str) -> float:
 
 @ALL
 def test_nothing_declares_the_effect(name: str) -> None:
-    told = path_of(name).read_bytes().lower()
+    content = path_of(name).read_bytes().lower()
     for word in ('effect', 'truth', 'scene', 'friction', 'spring', truth_of(name)['scene']):
-        assert word.encode() not in told
+        assert word.encode() not in content
     assert (cell_of(name).noise is None) == (name == WITHOUT_CELL)
     assert 0 < path_of(name).stat().st_size < LARGEST
 
@@ -111,7 +111,7 @@ def test_the_effect_is_named(name: str, estimated: bool) -> None:
 
 
 def test_the_displaced_disc_is_named_alone_or_beside_rivals() -> None:
-    """Another disc displaced the other way and smaller explains these touches, too, within the odds that count."""
+    """Another disc displaced the other way and smaller explains these touches, too, at odds that do not rule it out."""
     diagnosis, label = outcome_of(RIVALS).diagnosis, built_effect(RIVALS)[0]
     assert diagnosis.p_value < 1e-6
     assert diagnosis.verdict in ('explained', 'ambiguous')
@@ -128,7 +128,7 @@ def test_its_values_are_those_built(name: str) -> None:
 
 
 @pytest.mark.parametrize('estimated', [False, True], ids=['given', 'estimated'])
-def test_forces_lean_less_than_the_coefficient_of_friction(estimated: bool) -> None:
+def test_off_normal_angles_are_below_the_coefficient_of_friction(estimated: bool) -> None:
     """Coulomb's friction is at most μ N; most touches stick with less, so the root mean square is below μ."""
     (off_normal,) = found_effect(outcome_of(FRICTION, estimated), FRICTION).values
     assert off_normal.name == 'off_normal_angle'
@@ -138,7 +138,7 @@ def test_forces_lean_less_than_the_coefficient_of_friction(estimated: bool) -> N
 
 @ALL
 @pytest.mark.parametrize('estimated', [False, True], ids=['given', 'estimated'])
-def test_the_twelve_are_right_with_the_effect_in(name: str, estimated: bool) -> None:
+def test_the_base_parameters_are_right_with_the_effect(name: str, estimated: bool) -> None:
     assert largest_deviation(outcome_of(name, estimated), name) < 4
 
 

@@ -1,4 +1,4 @@
-"""Recordings with an effect that neither they nor their cell declare: it is found, and the twelve with it.
+"""Recordings with an undeclared effect: it is found, and the base parameters are right with it.
 
 The truth is in `truth/`, which nothing but tests reads.
 """
@@ -39,7 +39,7 @@ def outcome_of(name: str) -> Outcome:
 
 
 def deviations(outcome: Outcome, name: str) -> np.ndarray:
-    """Of the twelve of the extended model from the truth, in standard deviations."""
+    """Of the base parameters of the extended model from the truth, in standard deviations."""
     truth = true_robot(name, cell_of(name)).parameters.as_array()
     assert np.isfinite(outcome.final.std).all()
     return (outcome.final.parameters.as_array() - truth) / outcome.final.std
@@ -49,15 +49,15 @@ def deviations(outcome: Outcome, name: str) -> np.ndarray:
 def test_nothing_declares_the_effect(name: str) -> None:
     effects = true_robot(name, cell_of(name)).effects
     assert len(effects) == 1
-    told = path_of(name).read_bytes().lower()
+    content = path_of(name).read_bytes().lower()
     for word in ('effect', 'truth', effects[0].name):
-        assert word.encode() not in told
+        assert word.encode() not in content
     assert (cell_of(name).noise is None) == (name == 'undeclared_b')
     assert 0 < path_of(name).stat().st_size < LARGEST
 
 
 @RECORDINGS
-def test_every_touch_is_used_and_the_twelve_alone_are_not_enough(name: str) -> None:
+def test_every_touch_is_used_and_the_base_model_is_not_complete(name: str) -> None:
     outcome = outcome_of(name)
     assert outcome.found == 108
     assert outcome.calibration.noise_source == ('estimated' if name == 'undeclared_b' else 'given')
@@ -76,7 +76,7 @@ def test_the_effect_is_named_with_its_values(name: str) -> None:
         assert abs(value.value - expected) < 4 * value.std
 
 
-def test_what_is_not_listed_is_told_to_be_unexplained() -> None:
+def test_an_effect_outside_the_catalogue_is_unexplained() -> None:
     outcome = outcome_of('undeclared_c')
     assert outcome.diagnosis.verdict == 'unexplained'
     (found,) = outcome.diagnosis.found
@@ -85,7 +85,7 @@ def test_what_is_not_listed_is_told_to_be_unexplained() -> None:
 
 
 @RECORDINGS
-def test_the_twelve_are_right_with_the_effect_in(name: str) -> None:
+def test_the_base_parameters_are_right_with_the_effect(name: str) -> None:
     outcome = outcome_of(name)
     assert np.abs(deviations(outcome, name)).max() < 4
 

@@ -41,7 +41,7 @@ ALL = (
 
 @contextmanager
 def oval_discs_listed() -> Iterator[None]:
-    """Meanwhile the catalogue has oval discs, too."""
+    """A context in which the catalogue contains oval discs, too."""
 
     def oval_discs(cell: Cell) -> list[OvalDisc]:
         return [OvalDisc.of(number, disc.name) for number, disc in enumerate(cell.discs)]
@@ -54,7 +54,7 @@ def oval_discs_listed() -> Iterator[None]:
 
 
 def true_robot(name: str, cell: Cell) -> ExtendedModel:
-    """What the truth file of a recording says."""
+    """The true robot of a recording, from its truth file."""
     with oval_discs_listed():
         return load_truth(TRUTH / f'{name}.yaml', cell)
 
