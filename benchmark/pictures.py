@@ -20,7 +20,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.render.figure import style, svg_file
-from scara_kinetostatic.report import cell_picture, effect_pictures
+from scara_kinetostatic.report import effect_figures, figures
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.studies.design import figures as design_pictures
@@ -50,7 +50,7 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     """Name and SVG of each."""
     yield 'missing_effect', missing_effect()
     found = calibrate(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL)), CELL)
-    yield 'cell', cell_picture.cell_picture(found)
+    yield 'cell', figures.cell_picture(found)
     paper = reproduce()
     yield 'figure_3', paper_pictures.trend_picture(paper)
     yield 'one_force_level', paper_pictures.unidentifiable_picture(paper)
@@ -73,7 +73,7 @@ def missing_effect() -> Markup:
     outcome = calibrate_recordings([UNDECLARED], cell)
     (found,), (residual,) = outcome.diagnosis.found, outcome.effect_residuals
     titles = 'base model', f'with {found.effect.label}'
-    return effect_pictures.residual_picture(residual, 'missing', titles)
+    return effect_figures.residual_picture(residual, 'missing', titles)
 
 
 if __name__ == '__main__':

@@ -14,7 +14,7 @@ from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.render.quantities import SCALES, chance, decimals, p_equals, shown
 from scara_kinetostatic.render.table import Table
 from scara_kinetostatic.report import messages
-from scara_kinetostatic.report.effect_pictures import NOTABLE, bias_picture, residual_picture
+from scara_kinetostatic.report.effect_figures import NOTABLE, bias_picture, residual_picture
 
 _MOST_PICTURES = 3
 """So many effects are drawn."""

@@ -14,9 +14,9 @@ from scara_kinetostatic.render.figure import COLOURS, mark, style
 from scara_kinetostatic.render.page import page_template
 from scara_kinetostatic.render.quantities import count
 from scara_kinetostatic.report import messages
-from scara_kinetostatic.report.cell_picture import cell_picture
 from scara_kinetostatic.report.diagnosis_section import diagnosis_context
-from scara_kinetostatic.report.fit_pictures import (
+from scara_kinetostatic.report.figures import (
+    cell_picture,
     correlation_picture,
     error_picture,
     quantile_picture,
