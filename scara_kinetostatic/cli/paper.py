@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.studies.design.page import design_files
     from scara_kinetostatic.studies.design.text import headline
     from scara_kinetostatic.studies.paper import document, page
-    from scara_kinetostatic.studies.paper.reproduction import reproduce
+    from scara_kinetostatic.studies.paper.study import reproduce
 
     with progress() as show_progress:
         found = reproduce(args.runs, show_progress, with_design=not args.without_design)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import special
 
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.discrimination import DiscriminatingTouch
+from scara_kinetostatic.diagnosis.discriminating_touches import DiscriminatingTouch
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.refit import fitted_effects
 from scara_kinetostatic.diagnosis.result import Found, Ranked

@@ -26,14 +26,14 @@ from scara_kinetostatic.diagnosis.contact_angle import (
     off_normal_p_value,
     with_free_off_normal_angles,
 )
-from scara_kinetostatic.diagnosis.discrimination import discriminating_touches
+from scara_kinetostatic.diagnosis.discriminating_touches import discriminating_touches
 from scara_kinetostatic.diagnosis.hypotheses import select_hypothesis
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence, find_dependences
 from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.model_selection import rank_singles
+from scara_kinetostatic.diagnosis.ranking import score_singles, significance, undetected_bias
 from scara_kinetostatic.diagnosis.refit import FittedEffect, fitted_effects
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
-from scara_kinetostatic.diagnosis.scores import score_singles, significance, undetected_bias
 from scara_kinetostatic.diagnosis.search import Search, all_candidates
 from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, SIGNIFICANCE, STRICT_SIGNIFICANCE
 from scara_kinetostatic.effects.base import Effect

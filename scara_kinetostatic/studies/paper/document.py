@@ -9,8 +9,8 @@ import numpy as np
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 from scara_kinetostatic.studies.dial_gauge.document import dial_gauge_document
 from scara_kinetostatic.studies.paper.monte_carlo import Scatter
-from scara_kinetostatic.studies.paper.reproduction import Reproduction
-from scara_kinetostatic.studies.paper.section_5_1 import ESTIMATED, ESTIMATED_FROM_NOISE, Run
+from scara_kinetostatic.studies.paper.study import Reproduction
+from scara_kinetostatic.studies.paper.table_2 import ESTIMATED, ESTIMATED_FROM_NOISE, Run
 
 NAME = 'paper.json'
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.studies.paper.section_5_1 import LinearProblem, linearise_at_truth, run
+from scara_kinetostatic.studies.paper.table_2 import LinearProblem, linearise_at_truth, run
 
 Floats = NDArray[np.float64]
 

@@ -19,8 +19,8 @@ from scara_kinetostatic.studies.design.result import Design
 from scara_kinetostatic.studies.dial_gauge.page import part_section
 from scara_kinetostatic.studies.dial_gauge.text import summary_table
 from scara_kinetostatic.studies.paper import figures
-from scara_kinetostatic.studies.paper.reproduction import Reproduction
-from scara_kinetostatic.studies.paper.section_5_1 import (
+from scara_kinetostatic.studies.paper.study import Reproduction
+from scara_kinetostatic.studies.paper.table_2 import (
     ESTIMATED,
     ESTIMATED_FROM_NOISE,
     FORCE_ERROR,

@@ -1,4 +1,4 @@
-"""Scores of single candidates: significance, predictive gain, detection limit.
+"""Each effect of the catalogue ranked by itself: significance, predictive gain, detection limit.
 
 The predictive deviance leaves out one touch after the other, in closed form: with H the projection on all columns of a
 model and H_i its 2×2 block, the residual of a left-out touch is (I - H_i)⁻¹ e_i with covariance s² (I - H_i)⁻¹, so

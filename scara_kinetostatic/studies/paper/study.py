@@ -16,7 +16,7 @@ from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, an
 from scara_kinetostatic.studies.dial_gauge.simulation import simulate_experiments
 from scara_kinetostatic.studies.paper.general_gripper import Part, observable_parts
 from scara_kinetostatic.studies.paper.monte_carlo import Comparison, compare
-from scara_kinetostatic.studies.paper.section_5_1 import (
+from scara_kinetostatic.studies.paper.table_2 import (
     ONE_LEVEL,
     THREE_LEVELS,
     LinearProblem,

@@ -9,11 +9,11 @@ from diagnosis.simulated import CELL, effect, examined, simulate
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.candidates import gather
-from scara_kinetostatic.diagnosis.discrimination import discriminating_touches
+from scara_kinetostatic.diagnosis.discriminating_touches import discriminating_touches
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
 from scara_kinetostatic.diagnosis.model_selection import score_subsets
+from scara_kinetostatic.diagnosis.ranking import held_out_deviance, undetected_bias
 from scara_kinetostatic.diagnosis.refit import fit_with
-from scara_kinetostatic.diagnosis.scores import held_out_deviance, undetected_bias
 from scara_kinetostatic.diagnosis.thresholds import NONCENTRALITY
 from scara_kinetostatic.effects.registry import catalogue
 
