@@ -50,7 +50,7 @@ def by_touch(*shape: int) -> Floats:
 def _covariance_of(linear: Linearisation, noise: Noise) -> tuple[Floats, Floats, Floats]:
     """V of each touch's misclosure: the entries 11, 21, 22, (n,) each, m²."""
     q, f = noise.joint**2, noise.force**2
-    joints, force = products(linear.by_joints), products(linear.by_force)
+    joints, force = _products(linear.by_joints), _products(linear.by_force)
     v11, v21, v22 = (q * a + f * b for a, b in zip(joints, force, strict=True))
     if linear.by_off_normal is None:
         return v11, v21, v22
@@ -58,7 +58,7 @@ def _covariance_of(linear: Linearisation, noise: Noise) -> tuple[Floats, Floats,
     return v11 + off_normal1 * off_normal1, v21 + off_normal1 * off_normal2, v22 + off_normal2 * off_normal2
 
 
-def products(matrices: Floats) -> tuple[Floats, Floats, Floats]:
+def _products(matrices: Floats) -> tuple[Floats, Floats, Floats]:
     """B Bᵀ of (n, 2, 2) matrices: the entries 11, 21, 22, (n,) each."""
     b11, b12, b21, b22 = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
     return b11 * b11 + b12 * b12, b11 * b21 + b12 * b22, b21 * b21 + b22 * b22

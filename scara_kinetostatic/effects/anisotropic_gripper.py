@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from scara_kinetostatic.effects.base import Floats, LinearEffect, Parameter
+from scara_kinetostatic.effects.base import LinearEffect, Parameter
 from scara_kinetostatic.model.effect_law import Shift, TouchState
+from scara_kinetostatic.model.kinematics import quarter_turn
 
 
 @dataclass(frozen=True)
@@ -35,11 +36,6 @@ class AnisotropicGripper(LinearEffect):
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         along = at.link2
-        across = turned(along)
+        across = quarter_turn(along)
         f_along, f_across = ((at.force * axis).sum(axis=1)[:, None] for axis in (along, across))
         return (Shift(place=-(f_along * across + f_across * along)),)
-
-
-def turned(vectors: Floats) -> Floats:
-    """Vectors (n, 2) turned by 90°."""
-    return vectors[:, ::-1] * (-1.0, 1.0)

@@ -141,7 +141,7 @@ class Unnamed(LinearEffect):
 
     def functions(self, at: TouchState) -> list[Floats]:
         """The functions of the variable, (n,) each."""
-        value = variable(at, self.variable)
+        value = _variable(at, self.variable)
         z = np.clip((value - self.middle) / self.half, -BEYOND, BEYOND)
         if self.waves:
             slope = [z] if self.variable in JOINTS else []
@@ -162,7 +162,7 @@ class Unnamed(LinearEffect):
     def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
         """The variable that it depends on; angles in degrees."""
         title, unit = CURVE_VARIABLES[self.variable]
-        value = variable(at, self.variable)
+        value = _variable(at, self.variable)
         if self.variable in ANGLES:
             return PlotAxis(title, '°', np.degrees((value + np.pi) % (2 * np.pi) - np.pi))
         return PlotAxis(title, unit, value)
@@ -177,7 +177,7 @@ class Unnamed(LinearEffect):
         return tuple(Shift(place=part[:, None] * side) for part in parts)
 
 
-def variable(at: TouchState, name: str) -> Floats:
+def _variable(at: TouchState, name: str) -> Floats:
     """A key of `CURVE_VARIABLES` at n touches, (n,); SI units."""
     direction = np.arctan2(at.normal[:, 1], at.normal[:, 0])
     values: dict[str, Floats] = {
@@ -204,7 +204,7 @@ def empirical_effects(at: TouchState, discs: Sequence[str], one_level: bool = Fa
     names = [name for name in CURVE_VARIABLES if not (one_level and name == 'force')]
     for channel in ('joint1', 'joint2', 'along', 'across'):
         for name in names:
-            value = variable(at, name)
+            value = _variable(at, name)
             middle, half = float(value.max() + value.min()) / 2, float(np.ptp(value)) / 2 or 1.0
             if name in ANGLES and name not in JOINTS:
                 middle, half = 0.0, 1.0

@@ -57,15 +57,15 @@ def verdict(outcome: Outcome) -> Verdict:
     if c is not outcome.calibration and outcome.calibration.termination is not Termination.CONVERGED:
         sentences.append('The fit of the base model did not converge; its values are those of the last iteration.')
     if d.advice:
-        sentences.append(sentence(d.advice))
+        sentences.append(_sentence(d.advice))
     groups = c.identifiability.confounded
     if groups and level == 'good':
         level, headline = 'caution', 'The fit is good, but these data do not determine every parameter'
     if groups:
-        sentences.append(sentence(c.identifiability.advice))
+        sentences.append(_sentence(c.identifiability.advice))
     if c.termination is not Termination.CONVERGED:
         level, headline = 'bad', 'The fit did not converge'
-        sentences.append(sentence(c.termination.advice))
+        sentences.append(_sentence(c.termination.advice))
     return Verdict(level, headline, tuple(sentences))
 
 
@@ -197,7 +197,7 @@ def _combination(item: Combination) -> str:
     return f'Determined is the combination {item.text} = {value:.{digits}f} ± {std:.{digits}f} {unit} (factors in SI).'
 
 
-def sentence(text: str) -> str:
+def _sentence(text: str) -> str:
     """The text with a capital, unless it starts with a name, and a full stop."""
     text = text.strip()
     first = text.split(' ', 1)[0]

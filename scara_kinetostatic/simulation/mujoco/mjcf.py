@@ -50,7 +50,7 @@ TIP_DAMPING = 50.0
 """Of the ball on its pin, N s/m."""
 
 
-def tip_radius(cell: Cell) -> float:
+def _tip_radius(cell: Cell) -> float:
     """Radius of the ball at the tip, m: the discs are smaller by it than the radii in the cell."""
     return min(LARGEST_TIP, 0.5 * float(cell.radii.min()))
 
@@ -111,7 +111,7 @@ def _disc(world: Xml.Element, scene: Scene, cell: Cell, number: int) -> None:
             'solimp': (PAD_ONSET, PAD_FULL, scene.pad[1], 0.5, 2.0),
         }  # scaled in `engine`
     friction = (scene.contact_friction, 0.0, 0.0)
-    size = (disc.radius - tip_radius(cell), DISC_HEIGHT)
+    size = (disc.radius - _tip_radius(cell), DISC_HEIGHT)
     condim = 3 if scene.contact_friction else 1
     _put(body, 'geom', name=f'disc{number}', type='cylinder', size=size, friction=friction, condim=condim, priority=1,
          **surface)  # fmt: skip
@@ -191,7 +191,7 @@ def _tip(beam: Xml.Element, scene: Scene, cell: Cell) -> None:
         for name, axis in (('loose_x', x), ('loose_y', y)):
             _put(body, 'joint', name=name, type='slide', axis=axis, damping=TIP_DAMPING)
     _put(body, 'site', name='ball')
-    _put(body, 'geom', name='ball', type='sphere', size=tip_radius(cell), condim=1)
+    _put(body, 'geom', name='ball', type='sphere', size=_tip_radius(cell), condim=1)
 
 
 def _connections(root: Xml.Element, scene: Scene) -> None:

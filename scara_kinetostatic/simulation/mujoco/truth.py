@@ -30,8 +30,8 @@ def truth_of_scene(scene: Scene, cell: Cell, seed: int = 0) -> dict[str, Any]:
         'engine': f'MuJoCo {load_engine().__version__}',
         'scene': scene.name,
         'seed': seed,
-        'built': base(scene.parameters),
-        'expected': base(expected_parameters(scene)),
+        'built': _by_name(scene.parameters),
+        'expected': _by_name(expected_parameters(scene)),
         'effects': built_effects(scene, cell),
     }
 
@@ -41,7 +41,7 @@ def truth_text(truth: dict[str, Any]) -> str:
     return yaml.safe_dump(truth, sort_keys=False, default_flow_style=None, width=120)
 
 
-def base(parameters: Parameters) -> dict[str, float]:
+def _by_name(parameters: Parameters) -> dict[str, float]:
     """The twelve by name."""
     values = parameters.as_dict()
     return {name: values[name] for name in UNITS}

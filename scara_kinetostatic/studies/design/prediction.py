@@ -217,7 +217,7 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
     observations, point, _ = exact_plan(robot, plan)
     everything = np.arange(len(NAMES))
     unidentifiable = unidentifiable_directions(observations, point, everything, robot.noise)
-    basis = SCALES[:, None] * complement(unidentifiable)
+    basis = SCALES[:, None] * _complement(unidentifiable)
     weight = 1.0 if number is None else number / len(plan)
     identifiable = np.sqrt(weight) * (point.whitened.derivative @ basis)
     system = least_squares.compress(identifiable, point.whitened.residual)
@@ -238,7 +238,7 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
     )
 
 
-def complement(unidentifiable: Floats) -> Floats:
+def _complement(unidentifiable: Floats) -> Floats:
     """Orthonormal columns that span all but the given orthonormal columns, (k, k - d)."""
     k, d = unidentifiable.shape
     return np.asarray(np.linalg.qr(np.concatenate([unidentifiable, np.eye(k)], axis=1))[0][:, d:k])

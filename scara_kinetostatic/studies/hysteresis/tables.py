@@ -34,7 +34,7 @@ _PARAMETERS = {
 """Name of each parameter, displayed units per SI unit, and the displayed unit."""
 
 
-def title(law: Law) -> str:
+def _title(law: Law) -> str:
     """Title of a law, its refinements after a plus."""
     first, *more = law.title.split(', ') if '+' in law.name else [law.title]
     return ' + '.join([first, *more])
@@ -56,7 +56,7 @@ def summary_table(analysis: HysteresisAnalysis) -> Table:
     for number, record in enumerate(analysis.records):
         selection = record.selection
         shown = [('before: law (6)', selection.before)]
-        shown += [('after: ' + title(selection.selected.law), selection.selected)] if selection.selected else []
+        shown += [('after: ' + _title(selection.selected.law), selection.selected)] if selection.selected else []
         shown += (
             [('refined', selection.refined)]
             if selection.selected and selection.refined.law != selection.selected.law
@@ -94,7 +94,7 @@ def candidate_table(record: Record) -> Table:
 
 
 def _law_cells(score: CrossValidation, record: Record) -> tuple[str, ...]:
-    return (title(score.law), str(len(score.law.parameters)), *_errors(score, record)[:4])
+    return (_title(score.law), str(len(score.law.parameters)), *_errors(score, record)[:4])
 
 
 def _candidate_row(each: Comparison, record: Record) -> tuple[str, ...]:
