@@ -1,4 +1,4 @@
-"""Builds the package for both worlds: `pip install .` and, as an ament_python package, `colcon build`."""
+"""Builds the package with `pip install .` or, as an ament_python package of ROS 2, with `colcon build`."""
 
 from pathlib import Path
 
@@ -6,15 +6,15 @@ from setuptools import find_packages, setup
 
 NAME = 'scara_kinetostatic'
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
-PHYSICS = ['mujoco>=3.13']  # the first with the integrator `discrete`; only the verb mujoco needs it
+PHYSICS = ['mujoco>=3.13']  # first version with the integrator `discrete`; for the verb `mujoco` only
 TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML', *PHYSICS]
-BENCH = ['casadi', 'mcap-ros2-support', *PHYSICS]  # the peers that `benchmark` measures against
-DOCS = ['sphinx>=7.2', 'myst-parser>=3', 'furo', 'latex2mathml']  # builds the site in docs/
+BENCH = ['casadi', 'mcap-ros2-support', *PHYSICS]  # the solvers and readers that `benchmark` compares with
+DOCS = ['sphinx>=7.2', 'myst-parser>=3', 'furo', 'latex2mathml']  # the documentation site in docs/
 README = Path('README.md')
 
 
 def files(folder: str, pattern: str) -> list[str]:
-    """The files of a folder that match, as setuptools wants them."""
+    """Sorted paths of the files in `folder` that match `pattern`."""
     return sorted(str(path) for path in Path(folder).glob(pattern))
 
 

@@ -3,7 +3,8 @@
     pip install '.[docs]' && sphinx-build -W -n --keep-going docs docs/_build/html
 
 The site needs no network: no web fonts, no script of another host; equations are MathML, made when the site is built.
-rosdoc2 takes this file as it is. What describes the code (commands, nodes, effects, Python interface) is made from it.
+rosdoc2 uses this file; it needs `pip install '.[docs]'`, too. The reference of commands, nodes, effects and the Python
+interface is generated from the code.
 """
 
 from __future__ import annotations
