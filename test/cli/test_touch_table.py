@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis.simulated import CELL, NOISE, PLAN, effect, play
+from diagnosis.simulated import CELL, NOISE, PLAN, effect, simulate
 
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.files.cell_file import dump_cell
@@ -17,7 +17,7 @@ from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.touch import TouchSet
 
-TOUCHES = play((effect('object_radius[disc_2]'), (6e-5,)))
+TOUCHES = simulate((effect('object_radius[disc_2]'), (6e-5,)))
 assert len(PLAN) == len(TOUCHES)
 assert CELL.noise == NOISE
 

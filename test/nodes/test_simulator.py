@@ -90,7 +90,7 @@ def test_by_default_there_are_no_effects(spin: Callable[..., Node]) -> None:
 def test_a_plan_says_all_about_the_touches(spin: Callable[..., Node], tmp_path: Path) -> None:
     plan = tmp_path / 'plan.yaml'
     plan.write_text('- {disc: disc_1, angle_deg: 30, posture: left, force: 25}')
-    with pytest.raises(ParameterError, match='parameter preload: a plan says all'):
+    with pytest.raises(ParameterError, match='parameter preload: a plan defines all touches'):
         spin(ContactSimulator, '--ros-args', '-p', 'preload:=0.3', '-p', f'plan:={plan}')
 
 

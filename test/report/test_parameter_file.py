@@ -32,8 +32,8 @@ def test_values(which: str, request: pytest.FixtureRequest) -> None:
 
 @pytest.mark.parametrize('value', [0.0, 1e-5, -2e-17, 1e22, 123456.0, 5e-324])
 def test_every_number_is_read_as_a_real_one(plain: Outcome, value: float) -> None:
-    parameters = plain.calibration.parameters.replace(x0=value)
-    outcome = replace(plain, calibration=replace(plain.calibration, parameters=parameters))
+    model = plain.calibration.model.replace(x0=value)
+    outcome = replace(plain, calibration=replace(plain.calibration, model=model))
     found = yaml.safe_load(parameter_text(outcome))['/**']['ros__parameters']['calibrated']['x0']
     assert isinstance(found, float)
     assert found == value
