@@ -11,6 +11,7 @@ from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
 from sphinx.ext.napoleon import Config, GoogleDocstring
+from sphinx.util.inspect import TypeAliasForwardRef
 from sphinx.util.nodes import make_refnode
 
 import scara_kinetostatic
@@ -93,11 +94,17 @@ def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, content: nod
     return content
 
 
+def _name_of_alias(alias: TypeAliasForwardRef) -> str:
+    """A type alias as part of a larger type is printed by its name."""
+    return alias.name
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Registers the directives and what autodoc asks for."""
     app.setup_extension('sphinx.ext.autodoc')
     app.add_directive('python-table', PythonTable)
     app.add_directive('python-reference', PythonReference)
     app.connect('autodoc-process-docstring', docstring)
+    TypeAliasForwardRef.__repr__ = _name_of_alias  # type: ignore[method-assign]
     app.connect('missing-reference', resolve)
     return {'parallel_read_safe': True, 'parallel_write_safe': True}

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from functools import cache
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -66,6 +68,16 @@ def test_every_node_and_public_name_has_its_place() -> None:
     nodes = (DOCS / 'reference' / 'nodes.md').read_text(encoding='utf-8')
     assert all(f'{{node-parameters}} {node}' in nodes for node in NODES)
     assert '{python-reference}' in (DOCS / 'reference' / 'python.md').read_text(encoding='utf-8')
+
+
+def test_signatures_name_type_aliases(tmp_path: Path) -> None:
+    pytest.importorskip('sphinx')
+    (tmp_path / 'index.md').write_text('# Interface\n\n```{python-reference}\n```\n', encoding='utf-8')
+    command = [sys.executable, '-m', 'sphinx', '-q', '-b', 'html', '-c', DOCS, tmp_path, tmp_path / 'out']
+    subprocess.run(command, check=True, capture_output=True)
+    page = re.sub(r'<[^>]*>', '', (tmp_path / 'out' / 'index.html').read_text(encoding='utf-8'))
+    assert 'paths: Paths' in page
+    assert 'ForwardRef' not in page
 
 
 def test_every_page_is_in_a_table_of_contents() -> None:
