@@ -80,11 +80,19 @@ def detection_limit(c: Calibration, ranking: Sequence[Ranked]) -> str:
         return ''
     worst = max(large, key=lambda item: item.undetected_bias)
     name, sigmas = worst.biased_parameter, worst.undetected_bias
-    others = f'; {len(large) - 1} other effects a parameter by more than {_LARGE_BIAS:g} σ' if len(large) > 1 else ''
+    others = _other_limits(len(large) - 1)
     return (
         f'detection limit: an undetected {worst.effect.label} could bias {name} by up to '
         f'{_with_prefix(sigmas * c.std_of(name), UNITS[name])} ({sigmas:.0f} σ){others}'
     )
+
+
+def _other_limits(number: int) -> str:
+    """How many further effects have a large bias at their detection limit."""
+    if not number:
+        return ''
+    who = f'{number} other undetected effects could each' if number > 1 else '1 other undetected effect could'
+    return f'; {who} bias a parameter by more than {_LARGE_BIAS:g} σ'
 
 
 def fixed_parameters(c: Calibration) -> str:
@@ -113,7 +121,7 @@ def alternative_frequencies(extended: Calibration, alternatives: Sequence[Calibr
         if others:
             sentences.append(
                 f'{effect.label} fits equally well with {effect.grid_parameter} = {" or ".join(others)} instead of '
-                f'{found}; the standard deviations cover all of them; to decide, record {effect.identified_by}'
+                f'{found}; the standard deviations cover all of them; to discriminate, record {effect.identified_by}'
             )
     return joined(*sentences)
 
@@ -168,7 +176,7 @@ def _distinguish(
     for group in rivals:
         text = f'these touches cannot distinguish {_enumerated(group)}'
         touches = dict.fromkeys(by_label[label].identified_by for label in group[:_MOST_NAMES] if label in by_label)
-        sentences.append(f'{text}; to decide, record {"; or ".join(touches)}' if discriminating != () else text)
+        sentences.append(f'{text}; to discriminate, record {"; or ".join(touches)}' if discriminating != () else text)
     if discriminating:
         touches_text = '; '.join(map(str, discriminating))
         sentences.append(

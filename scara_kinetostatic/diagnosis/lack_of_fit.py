@@ -81,7 +81,7 @@ def _families(calibration: Calibration, point: Point) -> tuple[_Family, ...]:
         'the direction of the force relative to link 2': _waves(phi - link2, 2),
         'the touched disc': _indicators(touches.disc),
         'the elbow posture': touches.posture[:, None].astype(float),
-        'the sense of approach': np.sign(touches.approach),
+        'the direction of approach': np.sign(touches.approach),
         'time': _powers(touches.time)[:, :2],
     }
     if np.std(f) < FORCE_LEVELS * calibration.noise.force:
@@ -118,7 +118,7 @@ def _displaced_discs(touches: TouchSet, direction: Floats, point: Point) -> list
 
 
 def _changed_joints(touches: TouchSet, point: Point) -> list[_Family]:
-    """The zero of a joint drifts with time, jumps at some time, or depends on the sense of approach."""
+    """The zero of a joint drifts with time, jumps at some time, or depends on the direction of approach."""
     order = np.argsort(np.argsort(touches.time, kind='stable'))
     parts = [np.where(order >= len(order) * part, 0.5, -0.5) for part in (0.25, 0.5, 0.75)]
     turns = whiten_by(point.linear.by_joints, point.whitened.root)
@@ -129,7 +129,7 @@ def _changed_joints(touches: TouchSet, point: Point) -> list[_Family]:
         for family in (
             _Family(f'time, through the zero of joint {joint + 1}', turns[:, :, joint, None] * drift[:, None, :]),
             _Family(
-                f'the sense of approach, through joint {joint + 1}',
+                f'the direction of approach, through joint {joint + 1}',
                 turns[:, :, joint, None] * np.sign(touches.approach[:, joint])[:, None, None],
             ),
         )

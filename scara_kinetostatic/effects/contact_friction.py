@@ -17,7 +17,7 @@ from scara_kinetostatic.model.parameters import Parameters
 
 @dataclass(frozen=True)
 class ContactFriction(Effect):
-    """Coulomb friction: the tip drags the disc along, so the force is turned in the sense of the slide.
+    """Coulomb friction: the tip drags the disc along, so the force is turned in the direction of the slide.
 
     The force on the object is turned by α = coefficient · slide from the disc's inward normal: the tip touches at
     S_c - r R(-α) n, so d = r (R(-α) - I) n. The coefficient is the angle of friction, which is μ up to μ³/3. A tip
@@ -25,7 +25,7 @@ class ContactFriction(Effect):
 
     Attributes:
         reference: L̄ by which the slide is judged, such as the nominal one: held, so that no touch
-            changes its sense while L̄ is estimated; None for L̄ itself.
+            changes its direction while L̄ is estimated; None for L̄ itself.
     """
 
     reference: Parameters | None = None
@@ -34,11 +34,9 @@ class ContactFriction(Effect):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter('coefficient', '1', 0.1, 'angle of friction: that of the force from the normal', typical=0.1, sign=1),
     )
-    statement: ClassVar[str] = 'friction between tip and disc turns the contact force, in the sense of the slide'
+    statement: ClassVar[str] = 'friction between tip and disc turns the contact force, in the direction of the slide'
     confounded_with: ClassVar[str] = 'a turned force sensor, if the tip slides the same way in all touches'
-    identified_by: ClassVar[str] = (
-        'touches that slide in both senses: every other time press beyond the force and release to it'
-    )
+    identified_by: ClassVar[str] = 'touches that slide in both directions: preload every other touch'
     plot_variable: ClassVar[str] = 'slide'
     order: ClassVar[int] = 1
     on_object: ClassVar[bool] = True
@@ -54,7 +52,7 @@ class ContactFriction(Effect):
         return Shift(place=along[:, None] * at.normal + across[:, None] * at.tangent)
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
-        sense = slide(at, self.reference)
-        off_normal = values[0] * sense
-        along, across = -at.radii * np.sin(off_normal) * sense, -at.radii * np.cos(off_normal) * sense
+        direction = slide(at, self.reference)
+        off_normal = values[0] * direction
+        along, across = -at.radii * np.sin(off_normal) * direction, -at.radii * np.cos(off_normal) * direction
         return (Shift(place=along[:, None] * at.normal + across[:, None] * at.tangent),)

@@ -13,7 +13,7 @@ from scara_kinetostatic.model.effect_law import TouchState
 
 @dataclass(frozen=True)
 class JointHysteresis(JointEffect):
-    """Coulomb friction in the transmission: the link lags the actuator by δ = width · sense of approach.
+    """Coulomb friction in the transmission: the link lags the actuator by δ = width · direction of approach.
 
     The friction torque τ acts on the spring beside the load, so that width = p τ.
     """
@@ -23,10 +23,8 @@ class JointHysteresis(JointEffect):
         Parameter('width', 'rad', 1e-3, 'lag of the link, half the width of the loop', typical=1e-4, sign=1),
     )
     statement: ClassVar[str] = '{target} has hysteresis beyond its backlash'
-    confounded_with: ClassVar[str] = 'the backlash of the joint, if it always moves on in the sense of its torque'
-    identified_by: ClassVar[str] = (
-        'touches reached from both sides: every other time press beyond the force and release to it'
-    )
+    confounded_with: ClassVar[str] = 'the backlash of the joint, if it always moves on in the direction of its torque'
+    identified_by: ClassVar[str] = 'touches reached from both sides: preload every other touch'
     plot_variable: ClassVar[str] = 'approach'
     order: ClassVar[int] = 8
 

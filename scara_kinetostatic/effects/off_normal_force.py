@@ -1,4 +1,4 @@
-"""Friction between tip and disc that takes either sense and any size."""
+"""Friction between tip and disc that takes either direction and any size."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from scara_kinetostatic.model.effect_law import Shift, TouchState
 class OffNormalForce(Effect):
     """Friction of a creeping tip: in every touch the force is off the normal by an angle of its own.
 
-    A tip that creeps while the joints deflect comes to rest with a tangential force of either sense and any size
+    A tip that creeps while the joints deflect comes to rest with a tangential force of either direction and any size
     up to μN. The sensor measures it with the rest, so "the tip lies on the circle" holds and only "the force is
     radial" breaks. So each touch has an off-normal angle α of its own, Gaussian about zero with the standard deviation
     `off_normal`; it is adjusted with the observations, d = r (R(-α) - I) n. It cannot be predicted: where a force is
@@ -33,7 +33,9 @@ class OffNormalForce(Effect):
 
     name: ClassVar[str] = 'contact_friction'
     parameters: ClassVar[tuple[Parameter, ...]] = ()
-    statement: ClassVar[str] = 'friction between tip and disc turns the contact force, by another angle in each touch'
+    statement: ClassVar[str] = (
+        'friction between tip and disc turns the contact force, by a different angle in each touch'
+    )
     confounded_with: ClassVar[str] = 'noise of the force sensor, if all forces are alike'
     identified_by: ClassVar[str] = 'touches at several force levels: friction grows with the force, noise does not'
     plot_variable: ClassVar[str] = 'magnitude'

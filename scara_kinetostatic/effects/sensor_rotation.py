@@ -1,4 +1,4 @@
-"""A force sensor that is mounted at another angle than stated."""
+"""A force sensor that is mounted at a different angle than stated."""
 
 from __future__ import annotations
 
@@ -20,9 +20,7 @@ class SensorRotation(SensorEffect):
     )
     statement: ClassVar[str] = 'the force sensor is rotated about its axis'
     confounded_with: ClassVar[str] = 'contact friction, if the tip slides the same way in all touches'
-    identified_by: ClassVar[str] = (
-        'touches that slide in both senses: every other time press beyond the force and release to it'
-    )
+    identified_by: ClassVar[str] = 'touches that slide in both directions: preload every other touch'
     plot_variable: ClassVar[str] = 'direction'
     order: ClassVar[int] = 2
 

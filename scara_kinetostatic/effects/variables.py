@@ -106,9 +106,9 @@ VARIABLES = MappingProxyType(
         'disc': Variable('number of the disc', '', lambda at, _: at.metadata.disc.astype(float) + 1),
         'time': Variable('time', 's', lambda at, _: at.metadata.time),
         'approach': Variable(
-            'sense in which joint {joint} came to rest', '', _of_joint(lambda at: np.sign(at.metadata.approach))
+            'direction of approach of joint {joint}', '', _of_joint(lambda at: np.sign(at.metadata.approach))
         ),
-        'slide': Variable('sense in which the tip slid along the disc', '', lambda at, _: slide(at)),
+        'slide': Variable('direction of the slide along the disc', '', lambda at, _: slide(at)),
     }
 )
 """By name; the keys are what `Effect.plot_variable` may be."""

@@ -7,7 +7,7 @@ columns and as cells:
 
 - `object`: name of the touched object; where it is absent, it is found as in a recording (`touches.association`);
 - `time_s`: time of the touch; absent: unknown, so that drift cannot be identified;
-- `approach1`, `approach2`: each joint's last movement before the hold, rad, or only its sense, as 1 or -1; absent: 0,
+- `approach1`, `approach2`: each joint's last movement before the hold, rad, or only its sign, as 1 or -1; absent: 0,
   unknown, so that hysteresis and friction cannot be identified.
 
 Unknown columns are named in a note and not used. See `csv_text` for separators, decimal commas and encodings.
@@ -68,7 +68,7 @@ class TouchTable(NamedTuple):
         force: on the object, base frame, (n, 2), N.
         objects: name of the touched object, n of them; empty where the table does not say.
         time: since the first touch, (n,), s; 0 where unknown.
-        approach: each joint's last movement, (n, 2), rad or sense; 0 where unknown.
+        approach: each joint's last movement, (n, 2), rad or sign; 0 where unknown.
         lines: line number of each row, (n,).
         source: the file.
         notes: what is odd about it, one sentence each.

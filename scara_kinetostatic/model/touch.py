@@ -24,7 +24,7 @@ class TouchSet:
             turn), 0-based, rejected ones counted, (n,).
         approach: motion of each joint in its last movement before the hold, (n, 2), rad: from where
             it last turned round, or from the free pose if it never did, to the hold; its sign is the
-            sense in which the joint came to rest; 0 where it did not move beyond noise.
+            direction of approach; 0 where it did not move beyond noise.
         press: the part of `approach` in contact: from where the contact began, or from
             where the joint turned round after that, (n, 2), rad.
         joint_scatter: standard deviation of the samples in the hold, (n, 2), rad.

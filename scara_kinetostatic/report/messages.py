@@ -11,6 +11,7 @@ from scara_kinetostatic.calibration.identifiability import Combination
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
+from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.render.quantities import SCALES, count, decimals, p_equals
 from scara_kinetostatic.report.parameter_rows import base_rank
 
@@ -52,8 +53,10 @@ resolve, rad.
 
 def verdict(outcome: Outcome) -> Verdict:
     """The verdict in words."""
-    level, headline, sentences = _model(outcome.diagnosis)
     c, d = outcome.final, outcome.diagnosis
+    level, headline, sentences = _model(d)
+    caveat = ' Do not rely on the standard deviations.' if d.verdict == 'unexplained' else ''
+    sentences.append(f'Verdict: {d.verdict}.{caveat}')
     if c is not outcome.calibration and outcome.calibration.termination is not Termination.CONVERGED:
         sentences.append('The fit of the base model did not converge; its values are those of the last iteration.')
     if d.advice:
@@ -77,7 +80,7 @@ def _model(d: Diagnosis) -> tuple[str, str, list[str]]:
     lack = f'The base model does not explain the touches ({p})'
     if d.verdict == 'explained':
         headline = f'Model error found and corrected: {"; ".join(item.effect.finding for item in d.found)}'
-        return 'caution', headline, [f'{lack}; extended by {_names(d.found)} it does.']
+        return 'caution', headline, [f'{lack}; the model extended by {_names(d.found)} does.']
     if d.verdict == 'ambiguous':
         which = '; '.join(group_names(d, group) for group in d.rivals)
         headline = 'Model error found, but these data cannot distinguish its possible causes'
@@ -191,10 +194,23 @@ def identifiability(outcome: Outcome) -> list[str]:
 
 
 def _combination(item: Combination) -> str:
-    unit, per_si = SCALES[item.text.split()[0]]
+    first, sign, factor, second = item.text.split()
+    unit, per_si = SCALES[first]
     value, std = item.value * per_si, item.std * per_si
     digits = decimals(std) or 0
-    return f'Determined is the combination {item.text} = {value:.{digits}f} ± {std:.{digits}f} {unit} (factors in SI).'
+    combination = f'{first} {sign} {factor} {_unit_of_ratio(UNITS[first], UNITS[second])}{second}'
+    return f'Only the combination {combination} = {value:.{digits}f} ± {std:.{digits}f} {unit} is determined.'
+
+
+def _unit_of_ratio(unit: str, other: str) -> str:
+    """The unit of one parameter per that of another, with the sign of a product; empty where they are the same."""
+    if unit == other:
+        return ''
+    length_or_angle, per, load = other.partition('/')
+    if per and length_or_angle == unit:
+        return f'{load} · '
+    parts = (f'({text})' if '/' in text else text for text in (unit, other))
+    return f'{"/".join(parts)} · '
 
 
 def _sentence(text: str) -> str:

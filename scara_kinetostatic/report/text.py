@@ -43,7 +43,7 @@ def _parameters(rows: Sequence[Row]) -> list[str]:
         )
         for row in rows
     )
-    return Table(('', 'nominal', 'calibrated ± 1 σ', '', ''), ('',) * 5, cells).lines()
+    return Table(('', 'nominal', 'estimate ± 1 σ', '', ''), ('',) * 5, cells).lines()
 
 
 def _effects(found: Sequence[Found]) -> list[str]:

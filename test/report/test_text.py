@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from scara_kinetostatic.calibration.identifiability import Combination
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
@@ -22,6 +23,7 @@ def test_every_parameter_with_its_uncertainty(plain: Outcome) -> None:
     lines = {line.split()[0]: line for line in text_report(plain).splitlines() if '±' in line and 'σ' not in line}
     rows = parameter_rows(plain.calibration)
     assert set(lines) == {row.name for row in rows}
+    assert 'estimate ± 1 σ' in text_report(plain)
     for row in rows:
         assert f'{row.value} ± {row.std}' in lines[row.name]
         assert row.unit in lines[row.name]
@@ -104,7 +106,10 @@ def test_every_verdict_has_its_words(plain: Outcome, diagnosis: Diagnosis, level
     outcome = replace(plain, diagnosis=diagnosis)
     verdict = messages.verdict(outcome)
     assert verdict.level == level
-    assert expected in ' '.join(verdict.sentences)
+    text = ' '.join(verdict.sentences)
+    assert expected in text
+    assert f'Verdict: {diagnosis.verdict}.' in text
+    assert ('Do not rely on the standard deviations' in text) == (diagnosis.verdict == 'unexplained')
     assert ('The base model explains' in verdict.headline) == (level == 'good')
     assert ' '.join(text_report(outcome).split()).startswith(verdict.headline)
 
@@ -127,3 +132,19 @@ def test_the_headline_says_what_an_effect_means(plain: Outcome) -> None:
 def test_noise_in_words(plain: Outcome, joint: float, source: str, expected: str) -> None:
     calibration = replace(plain.calibration, noise=Noise(joint, 0.3), noise_source=source)
     assert expected in messages.noise(replace(plain, calibration=calibration))
+
+
+@pytest.mark.parametrize(
+    ('text', 'shown'),
+    [
+        ('g1 - 12.5 p1', 'g1 - 12.5 Nm · p1 ='),
+        ('x0 + 0.33 theta1', 'x0 + 0.33 m/rad · theta1 ='),
+        ('l1 + 1 l2', 'l1 + 1 l2 ='),
+        ('p_ee + 0.1 p1', 'p_ee + 0.1 (m/N)/(rad/Nm) · p1 ='),
+    ],
+)
+def test_the_factor_of_a_combination_has_its_unit(confounded: Outcome, text: str, shown: str) -> None:
+    c = confounded.calibration
+    known = replace(c.identifiability, combinations=(Combination(text, 1.0, 0.1, ''),))
+    (line,) = messages.identifiability(replace(confounded, calibration=replace(c, identifiability=known)))[-1:]
+    assert shown in line
