@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -76,13 +77,14 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: the data cannot support a calibration.
     """
     check_different(args.bags)
-    _check_residuals(args.residuals, args.bags)
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.pipeline import calibrate_recordings
     from scara_kinetostatic.report.residuals import residual_table
     from scara_kinetostatic.report.text import text_report
-    from scara_kinetostatic.report.write import write_results
+    from scara_kinetostatic.report.write import RESULTS, write_results
 
+    if args.residuals:
+        _check_residuals(args.residuals, [*args.bags, *([args.cell] if args.cell else [])], args.out, RESULTS)
     cell = cell_or_recorded(args.cell, args.bags)
     nominal = cell.nominal.as_dict()
     fixed = {name: nominal[name] if value is None else value for name, value in args.fix}
@@ -119,9 +121,25 @@ def _other_descriptions(cell: Cell, bags: list[Path]) -> list[str]:
     return sentences
 
 
-def _check_residuals(path: Path | None, bags: list[Path]) -> None:
-    if path is not None and path.resolve() in [bag.resolve() for bag in bags]:
-        raise InputError(path, 'is an input and would be replaced', 'choose another file for --residuals')
+def _check_residuals(path: Path, inputs: Sequence[Path], out: Path, results: Sequence[str]) -> None:
+    """Check, before anything is computed, that the table of residuals replaces neither an input nor a result.
+
+    Raises:
+        InputError: it would, or its path names no ``.csv`` file.
+    """
+    remedy = 'choose another file for --residuals'
+    if path.is_dir():
+        raise InputError(path, 'is a folder where a file is to be written', remedy)
+    if path.suffix.lower() != '.csv':
+        raise InputError(path, f'expected a file name that ends in .csv, got {path.name!r}', remedy)
+    place, out = path.resolve(), out.resolve()
+    for given in inputs:
+        if place == given.resolve():
+            raise InputError(path, 'is an input and would be replaced', remedy)
+        if given.resolve() in place.parents:
+            raise InputError(path, f'is inside the input {given}', remedy)
+    if place in (out, *out.parents, *(out / name for name in results)):
+        raise InputError(path, 'is a result and would be replaced', remedy)
 
 
 def _fixed(text: str) -> tuple[str, float | None]:

@@ -11,6 +11,9 @@ from scara_kinetostatic.render.json_file import json_text
 from scara_kinetostatic.report import document as json_file
 from scara_kinetostatic.report import page, parameter_file
 
+RESULTS = (parameter_file.NAME, json_file.NAME, page.NAME)
+"""The files of a result."""
+
 
 class WrittenFiles(NamedTuple):
     """Where the results are.
@@ -49,10 +52,11 @@ def write_results(outcome: Outcome, folder: str | Path) -> WrittenFiles:
         ('calibration.json', 'report.html')
     """
     folder = Path(folder)
-    texts = {
-        parameter_file.NAME: parameter_file.parameter_text(outcome),
-        json_file.NAME: json_text(json_file.as_document(outcome)),
-        page.NAME: page.html_text(outcome),
-    }
+    contents = (
+        parameter_file.parameter_text(outcome),
+        json_text(json_file.as_document(outcome)),
+        page.html_text(outcome),
+    )
+    texts = dict(zip(RESULTS, contents, strict=True))
     write_texts(folder, texts)
     return WrittenFiles(folder, *(folder / name for name in texts))

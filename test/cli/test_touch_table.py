@@ -175,6 +175,33 @@ def test_wrong_places_for_the_residuals(folder, tmp_path, capsys):
     assert not (tmp_path / 'out').exists()
 
 
+@pytest.mark.parametrize(
+    ('place', 'message'),
+    [
+        ('cell.csv', 'is an input and would be replaced'),
+        ('link.csv', 'is an input and would be replaced'),
+        ('bag/residuals.csv', 'is inside the input'),
+        ('residuals.yaml', 'expected a file name that ends in .csv'),
+        ('result.csv', 'is a result and would be replaced'),
+        ('out.csv', 'is a result and would be replaced'),
+    ],
+)
+def test_the_residuals_replace_neither_an_input_nor_a_result(folder, tmp_path, capsys, place, message):
+    cell, out, bag = tmp_path / 'cell.csv', tmp_path / 'out.csv', tmp_path / 'bag'
+    text = (folder / 'cell.yaml').read_text(encoding='utf-8')
+    cell.write_text(text, encoding='utf-8')
+    bag.mkdir()
+    (tmp_path / 'link.csv').symlink_to(cell)
+    (tmp_path / 'result.csv').symlink_to(out / 'calibration.json')
+    residuals = tmp_path / place
+    inputs = (folder / 'touches.csv', bag)
+    assert run('calibrate', *inputs, '--cell', cell, '--out', out, '--residuals', residuals) == 2
+    assert message in capsys.readouterr().err
+    assert cell.read_text(encoding='utf-8') == text
+    assert not out.exists()
+    assert list(bag.iterdir()) == []
+
+
 def test_recordings_in_the_tool_frame_are_not_mixed_with_tables(folder, tmp_path, capsys):
     bag = tmp_path / 'bag'
     options = ('--per-disc', 3, '--joint-rate', 20, '--wrench-rate', 25)
