@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from common import MarkdownDirective, code, table
 from docutils import nodes
 from sphinx.application import Sphinx
 
-from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.base import Effect, Parameter
+from scara_kinetostatic.effects.off_normal_force import OffNormalForce
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.variables import VARIABLES
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
@@ -36,11 +37,23 @@ SHOWN = {
 }
 """What is simulated for the picture, where that is not the first of the kind at its typical size."""
 
+OFF_NORMAL_ANGLE = Parameter(
+    'off_normal_angle',
+    'rad',
+    OffNormalForce.off_normal,
+    'in place of the coefficient where the direction of friction differs from touch to touch: '
+    'angle of the force from the normal, root mean square',
+)
+"""As the diagnosis reports it."""
+
 
 def kinds() -> Iterator[list[Effect]]:
-    """The effects of the example cell, one list for each name, in the order of the catalogue."""
+    """The effects of the example cell, one list for each name, in the order of the catalogue.
+
+    Friction of random direction is no effect of the catalogue, but a result of the diagnosis under the same name.
+    """
     by_name: dict[str, list[Effect]] = {}
-    for effect in catalogue(CELL):
+    for effect in (*catalogue(CELL), OffNormalForce()):
         by_name.setdefault(effect.name, []).append(effect)
     yield from by_name.values()
 
@@ -54,10 +67,14 @@ class EffectTable(MarkdownDirective):
         rows = []
         for kind in kinds():
             first = kind[0]
-            about = ', '.join(dict.fromkeys(code(effect.target or '') or 'the cell' for effect in kind))
-            names = ', '.join(dict.fromkeys(f'{code(p.name)} {p.unit}' for e in kind for p in e.parameters))
+            units = {(p.name, p.unit) for p in parameters(kind)}
+            is_ambiguous = len({name for name, _ in units}) < len(units)
+            names = ', '.join(
+                f'{code(p.name)} {p.unit}' + (f' ({targets(having)})' if is_ambiguous else '')
+                for p, having in parameters(kind).items()
+            )
             link = f'[{code(first.name)}](catalogue.md#{first.name.replace("_", "-")})'
-            rows.append((link, summary(first), about, names))
+            rows.append((link, summary(first), targets(kind), names))
         return table(('effect', 'what it is', 'target', 'parameters'), rows)
 
 
@@ -75,28 +92,27 @@ class EffectCatalogue(MarkdownDirective):
         parts = [f'({first.name.replace("_", "-")})=\n## {first.name}']
         for described in dict.fromkeys(type(effect) for effect in kind):
             parts.append(description(described))
-        target = ', '.join(effect.target or '' for effect in kind if effect.target)
         facts = [
-            (
-                'Targets in this cell',
-                ', '.join(code(one) for one in target.split(', ')) if target else 'none: it is of the whole cell',
-            ),
+            ('Targets in this cell', targets(kind)),
             ('Confounded with', first.confounded_with),
             ('Identified by', first.identified_by),
             ('Plot variable', variable_of(first)),
         ]
         if first.grid_parameter:
             facts.append(('Searched on a grid', code(first.grid_parameter)))
-        others = [parameter.unit for law in first.alternative_laws() for parameter in law.parameters]
-        if others:
-            facts.append(
-                ('Alternative laws', f'{len(first.alternative_laws())} others, with parameters in {", ".join(others)}')
-            )
+        laws = first.alternative_laws()
+        if laws:
+            units = ' or '.join(dict.fromkeys(parameter.unit for law in laws for parameter in law.parameters))
+            facts.append(('Alternative laws', f'{len(laws)}, with parameters in {units}'))
         parts.append('\n'.join(f':{name}: {value}' for name, value in facts))
-        rows = dict.fromkeys(
-            (code(p.name), p.unit, f'{p.scale:.2g}', p.meaning) for effect in kind for p in effect.parameters
-        )
-        parts.append(table(('parameter', 'unit', 'plausible size', 'meaning'), rows))
+        head = ['parameter', 'unit', 'plausible size', 'meaning']
+        rows = [[code(p.name), p.unit, f'{p.scale:.2g}', p.meaning] for p in parameters(kind)]
+        about = [targets(having) for having in parameters(kind).values()]
+        if len(set(about)) > 1:
+            head.insert(1, 'target')
+            for row, target in zip(rows, about, strict=True):
+                row.insert(1, target)
+        parts.append(table(head, rows))
         parts.append(f'```{{effect-picture}} {SHOWN.get(first.name) or at_typical_size(first)}\n```')
         return '\n\n'.join(parts)
 
@@ -125,6 +141,20 @@ class EffectPicture(MarkdownDirective):
         paragraph = nodes.container()
         self.state.nested_parse([caption], self.content_offset, paragraph)
         return [result, *paragraph.children]
+
+
+def targets(kind: Sequence[Effect]) -> str:
+    """What effects of one name are about: joints, links, discs, or the cell."""
+    return ', '.join(dict.fromkeys(code(effect.target or '') or 'the cell' for effect in kind))
+
+
+def parameters(kind: Sequence[Effect]) -> dict[Parameter, list[Effect]]:
+    """The parameters of effects of one name, each with the effects that have it."""
+    having: dict[Parameter, list[Effect]] = {}
+    for effect in kind:
+        for parameter in (OFF_NORMAL_ANGLE,) if effect.off_normal_std else effect.parameters:
+            having.setdefault(parameter, []).append(effect)
+    return having
 
 
 def at_typical_size(effect: Effect) -> str:

@@ -1,4 +1,4 @@
-"""A base that is tilted against gravity (section 2.2)."""
+"""A base that is tilted against gravity (paper, section 2.2)."""
 
 from __future__ import annotations
 
