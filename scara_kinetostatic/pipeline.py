@@ -125,7 +125,8 @@ def calibrate_touches(
     detection = Detection(touches, found=len(touches)) if isinstance(touches, TouchSet) else touches
     names = ', '.join(map(str, sources)) or 'these touches'
     if detection.contradiction:
-        raise CellError('sensor.frame, sensor.sign', detection.contradiction, 'correct the cell description')
+        keys, problem = detection.contradiction.split(': ', 1)
+        raise CellError(keys, problem, 'correct it')
     if not len(detection.touches):
         raise UnsupportedDataError(f'{names}: {_no_touches(detection)}', 'see what `inspect` says about the recording')
     calibration, diagnosis = _fit_and_diagnose(detection, cell, fixed, names, progress)

@@ -19,7 +19,7 @@ from scara_kinetostatic.errors import RecordingError
 
 _SQLITE_MAGIC = b'SQLite format 3\0'
 _ROS1_MAGIC = b'#ROSBAG V'
-_FORMS = 'a rosbag2 folder, an .mcap or .db3 file, or a ROS 1 .bag'
+_FORMS = 'a rosbag2 folder, an .mcap or .db3 file, a ROS 1 .bag, or a touch table (.csv)'
 
 
 def open_recording(path: str | Path) -> Source:

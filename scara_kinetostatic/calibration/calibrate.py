@@ -16,7 +16,7 @@ from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.parameters import NAMES, UNITS, Parameters, implausible_size
 from scara_kinetostatic.model.touch import Rejection, TouchSet
 
 _FAINTEST = 3.0
@@ -95,6 +95,9 @@ def _start(
     for name in fixed:
         if name not in NAMES:
             raise ParameterError(f'fixed parameter {name!r}', 'no such parameter', f'the names are {" ".join(NAMES)}')
+        implausible = implausible_size(fixed[name], UNITS[name])
+        if implausible:
+            raise ParameterError(f'fixed parameter {name}={fixed[name]:g}', *implausible)
     if len(fixed) == len(NAMES):
         raise ParameterError('fixed parameters', 'all twelve are fixed', 'leave one free at least')
     if start is None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from scara_kinetostatic.errors import InputError, RecordingError
 
@@ -26,6 +27,16 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Ends with exit status 2, the message on stderr."""
         self.exit(2, f'{self.prog}: {" ".join(message.split())}; see {self.prog} --help\n')
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Names the verbs without their former names, and the one that resembles an unknown one."""
+        if not isinstance(action, argparse._SubParsersAction) or value in action.choices:
+            super()._check_value(action, value)
+            return
+        verbs = [choice.dest for choice in action._choices_actions]
+        close = difflib.get_close_matches(value, verbs, 1)
+        remedy = f'did you mean {close[0]!r}?' if close else f'the verbs are {", ".join(verbs)}'
+        raise argparse.ArgumentError(None, f'there is no verb {value!r}; {remedy}')
 
 
 Subparsers = argparse._SubParsersAction  # what `add_subparsers` returns; argparse has no public name for it
@@ -49,17 +60,17 @@ def add_verb(
         description: for the verb's own help.
         example: one or more command lines.
         run: from the parsed arguments to the exit status.
-        aliases: other names of the verb.
+        aliases: former names of the verb, which the help does not list.
     """
     parser = subparsers.add_parser(
         name,
-        aliases=aliases,
         help=summary,
         description=description,
         epilog=f'example:\n{example}\n{EXIT_STATUSES}',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(run=run)
+    subparsers.choices.update(dict.fromkeys(aliases, parser))
     return parser
 
 

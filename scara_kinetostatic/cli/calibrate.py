@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from scara_kinetostatic.cli.arguments import Subparsers, add_cell, add_verb, cell_or_recorded, check_different
 from scara_kinetostatic.cli.output import progress
-from scara_kinetostatic.errors import CellError, InputError
+from scara_kinetostatic.errors import CellError, InputError, ParameterError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.model.cell import Cell
@@ -29,7 +29,7 @@ that it does not bias them. Writes into DIR
   report.html        the complete result as a page with figures
 
 A recording is a rosbag2 folder (MCAP or SQLite, compressed or not), a bare
-.mcap file, a ROS 1 .bag, or a recording of the collector. A touch table is
+.mcap or .db3 file, a ROS 1 .bag, or a recording of the collector. A touch table is
 accepted as well: a .csv file with the columns q1_rad,q2_rad,fx_N,fy_N (force on
 the object, base frame) and, optional, object,time_s,approach1,approach2.
 Several inputs are calibrated together, as one longer recording of the same
@@ -143,7 +143,7 @@ def _check_residuals(path: Path, inputs: Sequence[Path], out: Path, results: Seq
 
 
 def _fixed(text: str) -> tuple[str, float | None]:
-    from scara_kinetostatic.model.parameters import NAMES
+    from scara_kinetostatic.model.parameters import NAMES, UNITS, implausible_size
 
     name, sign, value = text.partition('=')
     if name not in NAMES:
@@ -156,4 +156,7 @@ def _fixed(text: str) -> tuple[str, float | None]:
         raise argparse.ArgumentTypeError(f'{name}: expected a number, got {value!r}') from None
     if not math.isfinite(number):
         raise argparse.ArgumentTypeError(f'{name}: expected a finite number, got {value}')
+    implausible = implausible_size(number, UNITS[name])
+    if implausible:
+        raise ParameterError(f'--fix {name}={value}', *implausible)
     return name, number

@@ -54,8 +54,9 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     group.add_argument('--lever', type=real(0, above=True), metavar='M', help='lever arm of the force, m')
     group.add_argument('--direction', type=real(), metavar='DEG', help='direction of the positive force')
     group.add_argument(
-        '--gauge-at', '--seat', choices=('tip', 'link'), help='place of the dial gauge (default: link for a joint)'
+        '--gauge-at', choices=('tip', 'link'), help='place of the dial gauge (default: link for a joint)'
     )
+    group.add_argument('--seat', dest='gauge_at', choices=('tip', 'link'), help=argparse.SUPPRESS)  # former name
     group.add_argument(
         '--kind', choices=('auto', 'points', 'loops'), default='auto', help='of the tables (default: by their columns)'
     )

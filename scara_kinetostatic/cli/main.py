@@ -79,7 +79,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     debug = bool(os.environ.get(DEBUG))
     try:
         with _Termination(), _rare_collections():
-            args = build_parser().parse_args(argv)
+            parser = build_parser()
+            args = parser.parse_args(argv)
+            if args.verb is None:  # after unknown options, which are named first
+                parser.error('expected a VERB')
             debug = debug or args.debug
             status = int(args.run(args))
             sys.stdout.flush()
@@ -114,7 +117,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument('--version', action='version', version=f'{_PROGRAM} {__version__}')
     parser.add_argument('--debug', action='store_true', help='show the traceback of an error')
-    subparsers = parser.add_subparsers(dest='verb', metavar='VERB', required=True)
+    subparsers = parser.add_subparsers(dest='verb', metavar='VERB')
     for verb in VERBS:
         import_module(f'scara_kinetostatic.cli.{verb}').add_parser(subparsers)
     return parser

@@ -81,11 +81,11 @@ def _add_plan(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         '--preload',
-        '--overpress',
         type=real(0),
         metavar='PART',
         help='press every other touch beyond its force by this part of it, then unload to the hold (default: 0)',
     )
+    group.add_argument('--overpress', dest='preload', type=real(0), help=argparse.SUPPRESS)  # former name
 
 
 def _add_sensors(parser: argparse.ArgumentParser) -> None:

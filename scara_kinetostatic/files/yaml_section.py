@@ -9,10 +9,8 @@ from enum import Enum
 from typing import Any, TypeVar
 
 from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.model.parameters import implausible_size
 
-_LARGEST = {'m': 100.0, 'rad': 2 * math.pi, 'm/N': 1.0, 'rad/Nm': 1.0}
-"""Largest plausible size of a number by its unit."""
-_HINT = {'m': 'lengths are in m, not mm', 'rad': 'angles are in rad, not degrees'}
 _LONGEST_WORD = 200
 _LONGEST_SHOWN = 60
 _E = TypeVar('_E', bound=Enum)
@@ -80,15 +78,15 @@ class Section:
         return [self._inside(f'{path}[{number}]', item, required, optional) for number, item in enumerate(items)]
 
     def number(self, name: str, unit: str = '') -> float:
-        """A finite number of a plausible size (`_LARGEST`)."""
+        """A finite number of a plausible size (`implausible_size`)."""
         value = self.data[name]
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise self.error(name, f'expected a number, got {shown(value)}')
         if not math.isfinite(value):
             raise self.error(name, f'expected a finite number, got {value}')
-        if abs(value) > _LARGEST.get(unit, math.inf):
-            problem = f'expected at most {_LARGEST[unit]:.4g} {unit} in size, got {shown(value)}'
-            raise self.error(name, problem, _HINT.get(unit, 'give it in SI units'))
+        implausible = implausible_size(value, unit)
+        if implausible:
+            raise self.error(name, *implausible)
         return float(value)
 
     def positive(self, name: str, unit: str = '') -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import inf, isfinite, pi
 from typing import Any
 
 import numpy as np
@@ -41,7 +41,18 @@ DESCRIPTIONS = {
     'g1': 'backlash of joint 1, half the gap',
     'g2': 'backlash of joint 2, half the gap',
 }
+_LARGEST = {'m': 100.0, 'rad': 2 * pi, 'm/N': 1.0, 'rad/Nm': 1.0}
+"""Largest plausible size of a number by its unit."""
+_HINT = {'m': 'lengths are in m, not mm', 'rad': 'angles are in rad, not degrees'}
 X0, Y0, THETA1, L1, THETA2, L2, P_EE, P1, P2, G_EE, G1, G2 = range(12)
+
+
+def implausible_size(value: float, unit: str) -> tuple[str, str] | None:
+    """Problem and remedy where a number is too large for its unit, as one in mm or degrees; None where it is not."""
+    if abs(value) <= _LARGEST.get(unit, inf):
+        return None
+    problem = f'expected at most {_LARGEST[unit]:.4g} {unit} in size, got {value!r}'
+    return problem, _HINT.get(unit, 'give it in SI units')
 
 
 @dataclass(frozen=True)

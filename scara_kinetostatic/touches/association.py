@@ -55,6 +55,7 @@ class Association(NamedTuple):
         known: whether the touch belongs to the disc, (n,).
         advice: frame and sign of the sensor by which nearly all touches would meet a disc, in words; empty if those
             of the cell description do, or no others.
+        contradiction: the same with the wrong keys of the cell description before a colon; empty as `advice`.
     """
 
     disc: NDArray[np.intp]
@@ -62,6 +63,7 @@ class Association(NamedTuple):
     miss: Floats
     known: NDArray[np.bool_]
     advice: str
+    contradiction: str
 
 
 def associate(joints: Floats, force: Floats, cell: Cell) -> Association:
@@ -81,8 +83,10 @@ def associate(joints: Floats, force: Floats, cell: Cell) -> Association:
         if np.sum(close) >= max(_FEWEST_FOR_FIT, len(joints) / 2):
             disc, miss = fitted_disc, fitted_miss
             known = miss <= max(_LARGEST_MISS_FITTED, _MISS_MEDIANS * float(np.median(miss)))
-    advice = '' if known.mean() > _MOSTLY_KNOWN else _other_convention(joints, force, cell)
-    return Association(disc, posture(cell.nominal, joints), miss, known, advice)
+    advice = contradiction = ''
+    if known.mean() <= _MOSTLY_KNOWN:
+        advice, contradiction = _other_convention(joints, force, cell, int(np.sum(~known)))
+    return Association(disc, posture(cell.nominal, joints), miss, known, advice, contradiction)
 
 
 def _misses(parameters: Parameters, joints: Floats, force: Floats, cell: Cell) -> tuple[Floats, Floats]:
@@ -134,15 +138,23 @@ def _miss_jacobian(parameters: Parameters, joints: Floats, lever: Floats, sensor
     return np.stack(columns, axis=-1)
 
 
-def _other_convention(joints: Floats, force: Floats, cell: Cell) -> str:
-    """Another frame and sign of the sensor by which nearly all touches meet a disc, in words; empty if none."""
+def _other_convention(joints: Floats, force: Floats, cell: Cell, lost: int) -> tuple[str, str]:
+    """`Association.advice` and `Association.contradiction`; `lost` touches meet no disc."""
+    n = len(joints)
     for frame in SensorFrame:
         for sign in SensorSign:
-            if (frame, sign) == (cell.sensor.frame, cell.sensor.sign):
+            pairs = (('frame', cell.sensor.frame, frame), ('sign', cell.sensor.sign, sign))
+            changed = [(key, is_now.value, other.value) for key, is_now, other in pairs if is_now is not other]
+            if not changed:
                 continue
             turned = force if sign is cell.sensor.sign else -force
-            other = Cell(cell.nominal, cell.discs, sensor=cell.sensor._replace(frame=frame, sign=sign))
-            meet = int(np.sum(_nearest_disc(cell.nominal, joints, turned, other)[1] <= _LARGEST_MISS_NOMINAL))
-            if meet >= max(3, _MOSTLY_BY_OTHER * len(joints)):
-                return f'with sensor frame {frame.value!r} and sign {sign.value!r} {meet} of {len(joints)} would'
-    return ''
+            other_cell = Cell(cell.nominal, cell.discs, sensor=cell.sensor._replace(frame=frame, sign=sign))
+            meet = int(np.sum(_nearest_disc(cell.nominal, joints, turned, other_cell)[1] <= _LARGEST_MISS_NOMINAL))
+            if meet >= max(3, _MOSTLY_BY_OTHER * n):
+                keys = ', '.join(f'sensor.{key}' for key, _, _ in changed)
+                stated = ' and '.join(repr(value) for _, value, _ in changed)
+                right = ' and '.join(repr(value) for _, _, value in changed)
+                met = f'all {n}' if meet == n else f'{meet} of {n}'
+                advice = f'with {" and ".join(f"sensor.{key} {value!r}" for key, _, value in changed)} {met} meet one'
+                return advice, f'{keys}: with {stated} {lost} of {n} touches meet no disc, with {right} {met} meet one'
+    return '', ''

@@ -137,8 +137,7 @@ def _with_discs(candidates: list[TouchCandidate], cell: Cell) -> tuple[list[Touc
         reason = '' if association.known[place] else reason
         side = int(association.posture[place])
         candidates[number] = candidates[number]._replace(disc=disc, posture=side, reason=reason)
-    lost = int(np.sum(~association.known))
-    return candidates, (f'{lost} of {len(good)} touches meet no disc{hint}',) if hint else ()
+    return candidates, (association.contradiction,) if hint else ()
 
 
 def _means(candidates: list[TouchCandidate], cell: Cell) -> tuple[Floats, Floats]:

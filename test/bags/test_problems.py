@@ -78,6 +78,7 @@ def test_folder_of_recordings(tmp_path: Path, cell: Cell, streams: Streams) -> N
 def test_no_recording_at_all(tmp_path: Path) -> None:
     (tmp_path / 'cell.yaml').write_text('robot: {}')
     assert 'not a recording; give a rosbag2 folder' in refused(tmp_path / 'cell.yaml')
+    assert 'or a touch table (.csv)' in refused(tmp_path / 'cell.yaml')
     (tmp_path / 'metadata.yaml').write_text('a: 1')
     assert f'give the folder {tmp_path}' in refused(tmp_path / 'metadata.yaml')
 

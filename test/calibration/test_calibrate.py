@@ -240,6 +240,8 @@ def test_everything_fixed_or_senselessly_fixed():
         calibrate(touches(PAPER_ACTUAL), CELL, fixed=PAPER_ACTUAL.as_dict())
     with pytest.raises(ParameterError, match='l1'):
         calibrate(touches(PAPER_ACTUAL), CELL, fixed={'l1': -0.3})
+    with pytest.raises(ParameterError, match=r'l1=330: expected at most 100 m .* lengths are in m, not mm'):
+        calibrate(touches(PAPER_ACTUAL), CELL, fixed={'l1': 330.0})
 
 
 def test_forces_lost_in_the_noise_support_nothing():

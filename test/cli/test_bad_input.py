@@ -151,7 +151,10 @@ def test_too_few_touches(run: Run, recordings: Path, tmp_path: Path) -> None:
 def test_wrong_sensor(run: Run, recordings: Path, tmp_path: Path, key: str, right: str, wrong: str) -> None:
     text = (recordings / 'cell.yaml').read_text()
     (tmp_path / 'cell.yaml').write_text(text.replace(f'{key}: {right}', f'{key}: {wrong}'))
-    check(run('calibrate', recordings / 'good', '--cell', 'cell.yaml'), 2, f'sensor.{key}', right)
+    other = {'sign': 'frame', 'frame': 'sign'}[key]
+    result = run('calibrate', recordings / 'good', '--cell', 'cell.yaml')
+    check(result, 2, f"sensor.{key}: with '{wrong}' ", f"touches meet no disc, with '{right}' all 36 meet one")
+    assert f'sensor.{other}' not in result.err
 
 
 def test_cell_missing_or_contradictory(run: Run, recordings: Path, tmp_path: Path) -> None:
@@ -222,6 +225,12 @@ def test_senseless_truth(run: Run, tmp_path: Path, text: str, word: str) -> None
         (('calibrate', 'a', '--fix', 'l3'), 'l3'),
         (('calibrate', 'a', '--fix', 'l1=long'), 'l1'),
         (('calibrate', 'a', '--fix', 'l1=nan'), 'l1'),
+        (('calibrate', 'a', '--fix', 'l1=330'), '--fix l1=330: expected at most 100 m'),
+        (('calibrate', 'a', '--fix', 'l1=330'), 'lengths are in m, not mm'),
+        (('calibrate', 'a', '--fix', 'g1=16'), 'angles are in rad, not degrees'),
+        (('calibrate', 'a', '--fix', 'p1=10'), '--fix p1=10: expected at most 1 rad/Nm'),
+        (('--bogus',), '--bogus'),
+        (('calibrat', 'a'), "did you mean 'calibrate'?"),
         (('simulate',), '--out'),
         (('simulate', '--out', 'x', '--seed', '-1'), '--seed'),
         (('simulate', '--out', 'x', '--levels', '0'), '--levels'),

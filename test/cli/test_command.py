@@ -14,7 +14,7 @@ from cli.command import Run
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.cli import simulate
-from scara_kinetostatic.cli.main import DEBUG, VERBS
+from scara_kinetostatic.cli.main import DEBUG, VERBS, build_parser
 
 ROOT = Path(__file__).parents[2]
 COMMAND = [sys.executable, '-m', 'scara_kinetostatic.cli.main']
@@ -112,3 +112,15 @@ def test_a_closed_stream_stops_no_calibration(recordings: Path, tmp_path: Path, 
     process = subprocess.run(['sh', '-c', f'exec "$@" {closed}', 'sh', *command], env=ENVIRONMENT, check=False)
     assert process.returncode == 0
     assert (tmp_path / 'result/report.html').exists()
+
+
+def test_former_names_work_but_are_not_shown(run: Run) -> None:
+    for former, verb in (('physics', 'mujoco'), ('gauge', 'dial-gauge'), ('loops', 'hysteresis')):
+        assert verb in run(former, '--help').out
+        assert f'({former})' not in run('--help').out
+        assert f"{former}'" not in run('fly').err
+    assert '--overpress' not in run('simulate', '--help').out
+    assert '--seat' not in run('dial-gauge', '--help').out
+    assert '--seat: invalid choice' in run('dial-gauge', 'a.csv', '--seat', 'x').err.replace('argument ', '')
+    args = build_parser().parse_args(['simulate', '--out', 'x', '--overpress', '0.3'])
+    assert args.preload == 0.3

@@ -204,7 +204,9 @@ def test_wrong_sign_or_frame_in_the_cell_is_named(frame):
     wrong = replace(CELL, sensor=CELL.sensor._replace(frame=frame, sign=SensorSign.ON_OBJECT))
     detection = find_touches(streams, wrong)
     assert len(detection.rejected) > len(PLAN) / 3
-    assert any("frame 'tool' and sign 'on_robot'" in warning for warning in detection.warnings)
+    named = 'sensor.sign: with' if frame is SensorFrame.TOOL else 'sensor.frame, sensor.sign: with'
+    right = "'on_robot'" if frame is SensorFrame.TOOL else "'tool' and 'on_robot'"
+    assert any(text.startswith(named) and f'meet no disc, with {right}' in text for text in detection.warnings)
 
 
 def test_episodes_tell_where_the_touches_lie():
