@@ -46,7 +46,7 @@ class Problem(NamedTuple):
     Attributes:
         point: of the linearisation.
         equations: of the touches there.
-        situation: the touches as effects see them.
+        touch_state: what effects depend on, for each touch.
         force: true forces in the sensor's frame, (n, 2), N.
         larger_by_noise: the same touches, each force larger by one standard deviation of the noise left in it.
         base: orthonormal basis of J, (2n, r).

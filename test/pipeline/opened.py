@@ -58,7 +58,7 @@ def rows(name: str, outcome: Outcome) -> Iterator[Row]:
 def table(name: str) -> str:
     """The base parameters of a recording as text."""
     outcome = outcome_of(name)
-    lines = [name, f'{"":8}{"truth":>10} {"the base alone":>29}{"with what was found":>29}']
+    lines = [name, f'{"":8}{"truth":>10} {"base model":>29}{"extended model":>29}']
     for row in rows(name, outcome):
         unit, per_si = SCALES[row.name]
         places = decimals(row.extended_std * per_si) or 0
@@ -78,10 +78,10 @@ def effects(name: str, outcome: Outcome) -> Iterator[str]:
     truth = true_robot(name, outcome.calibration.cell)
     for there, values in zip(truth.effects, truth.effect_values, strict=True):
         named = zip(there.parameters, values, strict=True)
-        yield f'there: {there.label}: ' + ', '.join(f'{one.name} {value:g} {one.unit}' for one, value in named)
+        yield f'true effect: {there.label}: ' + ', '.join(f'{one.name} {value:g} {one.unit}' for one, value in named)
     for found in outcome.diagnosis.found:
         values = ', '.join(f'{one.name} {one.value:.3g} ± {one.std:.2g} {one.unit}' for one in found.values)
-        yield f'found: {found.effect.label}: {values}'
+        yield f'estimated effect: {found.effect.label}: {values}'
 
 
 if __name__ == '__main__':
