@@ -150,7 +150,7 @@ def _topic_table(found: dict[str, Any]) -> Table:
     for topic in found['topics']:
         stream = found['streams'].get(topic['name'])
         keys = (('messages', 'd'), ('duration', '.1f'), ('rate', '.1f'), ('longest_gap', '.3f'))
-        numbers = [format(stream[key], digits) for key, digits in keys] if stream else [''] * len(keys)
+        numbers = [format(stream[key], digits) for key, digits in keys] if stream else ['–'] * len(keys)
         rows.append((topic['name'], topic['type'], *numbers))
     heading = ('topic', 'type', 'messages', 'duration', 'rate', 'longest gap')
     return Table(heading, ('', '', '', 's', 'Hz', 's'), tuple(rows))

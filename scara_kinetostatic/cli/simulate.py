@@ -36,7 +36,6 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     parser.add_argument(
         '--out',
         type=Path,
-        required=True,
         metavar='BAG',
         help='recording to make: a rosbag2 folder, or a file if it ends in .mcap or .bag; must not exist',
     )
@@ -62,7 +61,10 @@ def _add_truth(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='NAME[TARGET]:PARAMETER=VALUE,...',
-        help='an effect beyond the twelve parameters, SI; may be repeated (see docs/effects/catalogue.md)',
+        help='an effect beyond the twelve parameters, SI; may be repeated',
+    )
+    parser.add_argument(
+        '--list-effects', action='store_true', help='list the effects of the cell with their parameters, and stop'
     )
     parser.add_argument(
         '--truth-file',
@@ -121,6 +123,11 @@ def run(args: argparse.Namespace) -> int:
             or cannot be written.
         UnsupportedDataError: the simulated robot cannot reach a touch, or hold its force.
     """
+    if args.list_effects:
+        print(_list_of_effects(cell_or_paper(args.cell)))
+        return 0
+    if args.out is None:
+        raise InputError('--out', 'is missing', 'name the recording to make')
     if args.plan and (args.per_disc or args.levels or args.preload is not None):
         advice = 'leave out --per-disc, --levels and --preload'
         raise InputError('--plan', 'a plan defines all touches', advice)
@@ -142,6 +149,19 @@ def run(args: argparse.Namespace) -> int:
         shown = (f'{p.name} {value:.6g} {p.unit}' for p, value in zip(effect.parameters, values, strict=True))
         print(f'effect: {effect.label}: ' + ', '.join(shown))
     return 0
+
+
+def _list_of_effects(cell: Cell) -> str:
+    """Label, parameters, unit and meaning of every effect that the cell may have."""
+    from scara_kinetostatic.effects.registry import catalogue
+    from scara_kinetostatic.render.table import Table
+
+    rows = [
+        (effect.label if number == 0 else '', p.name, p.unit, p.meaning)
+        for effect in catalogue(cell)
+        for number, p in enumerate(effect.parameters)
+    ]
+    return Table(('effect', 'parameter', 'unit', 'meaning'), ('',) * 4, tuple(rows)).text()
 
 
 @contextmanager

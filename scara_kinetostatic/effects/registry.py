@@ -18,6 +18,7 @@ Three sources, in this order:
 
 from __future__ import annotations
 
+import difflib
 import logging
 import pkgutil
 from collections.abc import Callable, Iterable, Iterator
@@ -104,12 +105,24 @@ def find(cell: Cell, label: str) -> Effect:
     """The effect with a label, ``name`` or ``name[target]``.
 
     Raises:
-        ParameterError: there is none; the message lists the labels.
+        ParameterError: there is none; the message names the possible targets, or a similar label.
     """
     effects = {effect.label: effect for effect in catalogue(cell)}
-    if label not in effects:
-        raise ParameterError(f'effect {label!r}', 'no such effect', f'the effects of this cell are {" ".join(effects)}')
-    return effects[label]
+    if label in effects:
+        return effects[label]
+    name, bracket, target = label.partition('[')
+    same = [effect.label for effect in effects.values() if effect.name == name]
+    if same and not bracket:
+        raise ParameterError(f'effect {label!r}', f'{name} needs a target', f'give {" or ".join(same)}')
+    if same == [name]:
+        raise ParameterError(f'effect {label!r}', f'{name} has no target', f'give {name}')
+    if same:
+        problem = f'{name} has no target {target.removesuffix("]")!r} in this cell'
+        raise ParameterError(f'effect {label!r}', problem, f'give {" or ".join(same)}')
+    close = difflib.get_close_matches(name, dict.fromkeys(effect.name for effect in effects.values()), 1)
+    known = [effect.label for effect in effects.values() if effect.name in close]
+    remedy = f'did you mean {" or ".join(known)}? ' if known else ''
+    raise ParameterError(f'effect {label!r}', 'no such effect', f'{remedy}(simulate --list-effects lists all)')
 
 
 @cache

@@ -9,6 +9,8 @@ import pytest
 from cli.command import Run
 
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
+from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.touches.detection import find_touches
 
 RADIUS = 'object_radius[disc_2]:radius=6e-5'
@@ -72,3 +74,11 @@ def test_what_cannot_be_played_leaves_nothing(
     assert all(word in result.err for word in words)
     assert [path.name for path in tmp_path.iterdir()] == ['taken']
     assert (tmp_path / 'taken').read_text() == 'mine'
+
+
+def test_effects_are_listed_with_their_parameters(run: Run) -> None:
+    result = run('simulate', '--list-effects')
+    assert result.status == 0
+    for effect in catalogue(PAPER_CELL):
+        assert effect.label in result.out
+        assert all(p.name in result.out and p.meaning in result.out for p in effect.parameters)

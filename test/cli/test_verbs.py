@@ -52,6 +52,8 @@ def test_inspect_lists_every_touch(run: Run, recordings: Path) -> None:
     assert result.status == 0
     assert '36 touches found: 36 accepted, 0 rejected' in result.out
     assert 'sensor_msgs/msg/JointState' in result.out
+    (description,) = (line for line in result.out.splitlines() if line.startswith('/cell_description'))
+    assert description.split()[-4:] == ['–'] * 4
     assert sum(' disc_' in line for line in result.out.splitlines()) == 36
 
 

@@ -62,8 +62,14 @@ def test_variables_have_one_value_per_touch():
 
 
 def test_no_such_effect():
-    with pytest.raises(ParameterError, match=r'encoder_gain\[joint3\].*encoder_gain\[joint1\].*object_radius'):
+    with pytest.raises(ParameterError, match=r"no target 'joint3' .*; give encoder_gain\[joint1\] or encoder_gain"):
         find(CELL, 'encoder_gain[joint3]')
+    with pytest.raises(ParameterError, match=r'object_radius needs a target; give object_radius\[disc_1\] or'):
+        find(CELL, 'object_radius')
+    with pytest.raises(ParameterError, match='sensor_bias has no target; give sensor_bias'):
+        find(CELL, 'sensor_bias[joint1]')
+    with pytest.raises(ParameterError, match=r'no such effect; did you mean object_radius\[disc_1\] or'):
+        find(CELL, 'object_radios[disc_1]')
 
 
 def test_one_of_my_own_is_listed_until_taken_back():

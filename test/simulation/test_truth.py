@@ -56,8 +56,8 @@ def test_disc_of_any_name():
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
-        ('gravity:g=1', "effect 'gravity': no such effect.*contact_friction sensor_rotation.*object_radius"),
-        ('object_radius:radius=1', "'object_radius': no such effect"),
+        ('gravity:g=1', r"effect 'gravity': no such effect.*simulate --list-effects"),
+        ('object_radius:radius=1', r'object_radius needs a target; give object_radius\[disc_1\]'),
         ('', 'no such effect'),
         ('sensor_bias', r"parameter 'x' is missing; the parameters of sensor_bias are x \(N; .*\), y \(N; "),
         ('sensor_bias:x=1', "'y' is missing"),
