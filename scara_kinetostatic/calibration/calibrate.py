@@ -10,7 +10,7 @@ from scara_kinetostatic.calibration.estimate import WarmStart, check_number, est
 from scara_kinetostatic.calibration.gauss_helmert import Observations
 from scara_kinetostatic.calibration.prediction import base_force, observe
 from scara_kinetostatic.calibration.result import Calibration, build_result
-from scara_kinetostatic.errors import CellError, ParameterError, UnsupportedDataError
+from scara_kinetostatic.errors import CellError, InputError, ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
 from scara_kinetostatic.model.effect_law import EffectLaw
@@ -61,6 +61,7 @@ def calibrate(
         UnsupportedDataError: too few touches for the free parameters, touches so much
             alike that they determine less than half of them, or a fit that diverges.
         CellError: the forces contradict the cell's sensor sign or frame.
+        InputError: the forces of arrays point away from the discs.
 
     Example:
         >>> import scara_kinetostatic as sk
@@ -80,7 +81,7 @@ def calibrate(
     touches, left_out = _leave_out(touches, cell)
     check_number(len(touches), len(free), [item.reason for item in left_out])
     observations = observe(touches, cell)
-    _check_plausible(observations, cell)
+    _check_plausible(observations, cell, from_recording=bool(np.any(touches.samples > 1)))
     try:
         found = estimate(observations, cell, start, free, warm_start)
     except np.linalg.LinAlgError as error:
@@ -135,11 +136,18 @@ def _earlier_twins(rows: Floats) -> Indices:
     return np.asarray(first[which.ravel()])
 
 
-def _check_plausible(observations: Observations, cell: Cell) -> None:
+def _check_plausible(observations: Observations, cell: Cell, *, from_recording: bool) -> None:
     """Whether the measured forces point from the nominal tip to the disc.
+
+    Args:
+        observations: of the touches.
+        cell: the cell.
+        from_recording: whether the forces were given their sign by the cell, as those of a recording are; arrays hold
+            the force on the object, whatever the cell says.
 
     Raises:
         CellError: they point away, or every way; the message says which key to look at.
+        InputError: they point away, and are not of a recording.
     """
     cosine = _alignment(observations, cell.nominal)
     better = _other_frame(observations)
@@ -154,6 +162,10 @@ def _check_plausible(observations: Observations, cell: Cell) -> None:
     if cosine > 0.0:
         return
     other = SensorSign.ON_ROBOT if cell.sensor.sign is SensorSign.ON_OBJECT else SensorSign.ON_OBJECT
+    if cosine < _OPPOSED and not from_recording:
+        raise InputError(
+            'force', 'the forces point away from the discs', 'give the force on the object: change the signs of x and y'
+        )
     if cosine < _OPPOSED:
         raise CellError(
             'sensor.sign',

@@ -10,11 +10,17 @@ import numpy as np
 
 from scara_kinetostatic.errors import InputError, RecordingError
 from scara_kinetostatic.files.touch_table import TouchTable
+from scara_kinetostatic.model.arrays import Indices, Mask
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
-from scara_kinetostatic.model.kinematics import posture
+from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.touch import Rejection, TouchSet
-from scara_kinetostatic.touches.association import associate
+from scara_kinetostatic.touches.association import Association, associate
 from scara_kinetostatic.touches.detection import Detection, Episode
+
+_OPPOSED = -0.5
+"""Median cosine between force and the direction to the named disc below which the sign is wrong."""
+_MOSTLY = 0.9
+"""The sign is wrong, too, if with the other one at least this part of the touches belongs to discs."""
 
 
 def in_base_frame(cell: Cell) -> Cell:
@@ -42,6 +48,7 @@ def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
     named = np.array([bool(name) for name in table.objects])
     given = np.array([names.index(name) if name else 0 for name in table.objects], dtype=np.intp)
     disc, known = np.where(named, given, association.disc), named | association.known
+    _check_sign(table, cell, disc, named, association)
     lost = int(np.sum(~known))
     if lost and association.advice:
         problem = f'{lost} of {len(disc)} touches have no object: {association.advice}'
@@ -71,13 +78,29 @@ def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
     )
 
 
+def _check_sign(table: TouchTable, cell: Cell, disc: Indices, named: Mask, association: Association) -> None:
+    """Check that the forces do not point away from the discs, be they named or found.
+
+    Raises:
+        RecordingError: they do.
+    """
+    to_disc = cell.centers[disc] - forward(cell.nominal, table.joints)
+    cosine = np.sum(to_disc * table.force, axis=1) / np.maximum(np.hypot(*to_disc.T) * np.hypot(*table.force.T), 1e-12)
+    opposed = named.any() and np.median(cosine[named]) < _OPPOSED
+    if association.advice and not named.all():
+        opposed |= np.mean(associate(table.joints, -table.force, cell).known) >= _MOSTLY
+    if opposed:
+        problem = 'the forces point away from the discs'
+        raise RecordingError(table.source, problem, 'give the force on the object: change the signs of fx_N and fy_N')
+
+
 def cell_of_files(cell: Cell, tables: Sequence[str | Path], recordings: Sequence[str | Path]) -> Cell:
     """The cell as the sensor of these files sees it: the forces of tables are those on the object in the base frame.
 
     Raises:
         InputError: there are tables, and recordings of a sensor that turns with link 2.
     """
-    if not tables or cell.sensor.frame is SensorFrame.BASE:
+    if not tables or (recordings and cell.sensor.frame is SensorFrame.BASE):
         return cell
     if recordings:
         problem = f'a table has its forces in the base frame, {recordings[0]} in the tool frame'

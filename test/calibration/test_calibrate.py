@@ -11,7 +11,7 @@ from calibration.studies import CELL, EXACT, NOISE, touches, z_scores
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.errors import CellError, ParameterError, UnsupportedDataError
+from scara_kinetostatic.errors import CellError, InputError, ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import GripperSign, Noise, Sensor, SensorFrame, SensorSign
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, Parameters
 
@@ -173,10 +173,19 @@ def test_touches_all_alike_support_nothing():
 
 def test_wrong_sign_is_told():
     data = touches(PAPER_ACTUAL)
+    wrong = data.replace(force=-data.force, samples=np.full(len(data), 50))
     with pytest.raises(CellError, match='on_robot'):
-        calibrate(data.replace(force=-data.force), CELL)
+        calibrate(wrong, CELL)
     with pytest.raises(CellError, match='on_object'):
-        calibrate(data.replace(force=-data.force), replace(CELL, sensor=Sensor(sign=SensorSign.ON_ROBOT)))
+        calibrate(wrong, replace(CELL, sensor=Sensor(sign=SensorSign.ON_ROBOT)))
+
+
+@pytest.mark.parametrize('sign', list(SensorSign))
+def test_the_sign_of_the_sensor_is_not_blamed_for_arrays(sign):
+    data = touches(PAPER_ACTUAL)
+    with pytest.raises(InputError, match='change the signs') as caught:
+        calibrate(data.replace(force=-data.force), replace(CELL, sensor=Sensor(sign=sign)))
+    assert 'sensor' not in str(caught.value)
 
 
 @pytest.mark.parametrize('frame', list(SensorFrame))
