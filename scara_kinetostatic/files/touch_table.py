@@ -10,7 +10,8 @@ columns and as cells:
 - `approach1`, `approach2`: each joint's last movement before the hold, rad, or only its sign, as 1 or -1; absent: 0,
   unknown, so that hysteresis and friction cannot be identified.
 
-Unknown columns are named in a note and not used. See `csv_text` for separators, decimal commas and encodings.
+Unknown columns, and rows without joint angles and force, are named in a note and not used, so that a table of residuals
+can be read as a table of touches. See `csv_text` for separators, decimal commas and encodings.
 """
 
 from __future__ import annotations
@@ -57,6 +58,47 @@ _QUANTITIES = {
     'fy': ('fy_N', 'forces in N'),
     'time': ('time_s', 'times in s'),
 }
+_OTHER_UNITS = frozenset(
+    [
+        'deg',
+        'degs',
+        'degree',
+        'degrees',
+        '°',
+        'grad',
+        'gon',
+        'rev',
+        'turn',
+        'mrad',
+        'urad',
+        'µrad',
+        'μrad',
+        'kn',
+        'mn',
+        'un',
+        'µn',
+        'μn',
+        'dan',
+        'lb',
+        'lbf',
+        'lbs',
+        'kg',
+        'kgf',
+        'kp',
+        'g',
+        'ozf',
+        'ms',
+        'us',
+        'µs',
+        'μs',
+        'ns',
+        'min',
+        'h',
+        'd',
+    ]
+)
+"""Units that are not those of a table; a heading that ends in anything else is another quantity."""
+_UNITS = frozenset(name.partition('_')[2].lower() for name, _ in _QUANTITIES.values())
 _HEADING = re.compile(r'(?P<word>[a-z]+[12]?)[\s_]*[\[(]?\s*(?P<unit>[^\])]*?)\s*[\])]?\Z', re.IGNORECASE)
 
 
@@ -110,6 +152,7 @@ def parse_touch_table(text: str, where: str) -> TouchTable:
     """
     rows = split_rows(text, where, EXAMPLE)
     columns, unknown = _columns(rows.heading, where)
+    rows, empty = _without_empty_rows(rows, columns, where)
     values, objects = _values(rows, columns, where)
     n = len(rows.body)
     time = values.get('time_s', np.zeros(n))
@@ -121,7 +164,7 @@ def parse_touch_table(text: str, where: str) -> TouchTable:
         approach=np.stack([values.get(name, np.zeros(n)) for name in ('approach1', 'approach2')], axis=-1),
         lines=tuple(line for line, _ in rows.body),
         source=where,
-        notes=tuple(f'the column {name!r} is unknown and not used' for name in unknown),
+        notes=(*_unknown_columns(unknown), *_empty_rows(empty)),
     )
 
 
@@ -155,7 +198,7 @@ def _name(heading: str, where: str) -> str | None:
     """The name of a column; None for one that is not known.
 
     Raises:
-        RecordingError: it is a known quantity in another unit, or in none.
+        RecordingError: it is a known quantity in another known unit, or in none.
     """
     lower = heading.lower()
     if lower in (OBJECT, 'approach1', 'approach2'):
@@ -165,10 +208,42 @@ def _name(heading: str, where: str) -> str | None:
     if match is None or known is None:
         return None
     name, what = known
-    if match['unit'].lower() != name.partition('_')[2].lower():
+    unit = match['unit'].lower()
+    if unit != name.partition('_')[2].lower():
+        if unit and unit not in _OTHER_UNITS and unit not in _UNITS:
+            return None
         got = f'the unit {match["unit"]!r}' if match['unit'] else 'no unit'
         raise RecordingError(where, f'the column {heading!r} has {got}', f'give {what}, and name it {name}')
     return name
+
+
+def _unknown_columns(names: Sequence[str]) -> list[str]:
+    """A note on columns that are not used; none where there are none."""
+    if len(names) < 2:
+        return [f'the column {name!r} is unknown and not used' for name in names]
+    return [f'the columns {", ".join(map(repr, names))} are unknown and not used']
+
+
+def _without_empty_rows(rows: CsvRows, columns: Mapping[str, int], where: str) -> tuple[CsvRows, list[int]]:
+    """The rows with a joint angle or force, and the line numbers of the others, such as those of rejected touches.
+
+    Raises:
+        RecordingError: no row has one.
+    """
+    needed = [columns[name] for name in NEEDED]
+    filled = [any(cells[place].strip() for place in needed if place < len(cells)) for _, cells in rows.body]
+    if not any(filled):
+        raise RecordingError(where, f'no row has a number in {EXAMPLE}', 'give one row per touch')
+    body = [row for row, keep in zip(rows.body, filled, strict=True) if keep]
+    return rows._replace(body=body), [line for (line, _), keep in zip(rows.body, filled, strict=True) if not keep]
+
+
+def _empty_rows(lines: Sequence[int]) -> list[str]:
+    """A note on rows that are not used; none where there are none."""
+    if not lines:
+        return []
+    more = f' and {len(lines) - 1} more' if len(lines) > 1 else ''
+    return [f'line {lines[0]}{more}: no joint angles and no force; not used']
 
 
 def _values(rows: CsvRows, columns: Mapping[str, int], where: str) -> tuple[dict[str, Floats], tuple[str, ...]]:

@@ -12,7 +12,7 @@ from diagnosis.simulated import CELL, NOISE, PLAN, effect, simulate
 
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.files.cell_file import dump_cell
-from scara_kinetostatic.files.touch_table import TouchTable, dump_touch_table
+from scara_kinetostatic.files.touch_table import TouchTable, dump_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.touch import TouchSet
@@ -131,6 +131,12 @@ def test_a_touch_of_nothing_is_rejected_and_stands_among_the_residuals(folder, t
     assert last['used'] == '0'
     assert last['q1_rad'] == ''
     assert last['reason'].startswith('no object there; the nearest, ')
+    back = load_touch_table(residuals)
+    np.testing.assert_array_equal(back.joints, TOUCHES.joints)
+    np.testing.assert_array_equal(back.force, TOUCHES.force)
+    assert back.objects == as_table(TOUCHES).objects
+    assert any("'fx_calibrated_N'" in note for note in back.notes)
+    assert 'line 110: no joint angles and no force; not used' in back.notes
     capsys.readouterr()
     assert run('inspect', table, '--cell', folder / 'cell.yaml') == 0
     shown = capsys.readouterr().out

@@ -51,6 +51,19 @@ def test_all_columns_in_any_order_with_comments_empty_lines_and_empty_cells():
     assert table.notes == ("the column 'operator' is unknown and not used",)
 
 
+def test_a_word_that_is_no_unit_makes_another_column():
+    table = parse(HEADING + ',fx_calibrated_N,time_stamp', ROW + ',1,2')
+    np.testing.assert_array_equal(table.force, [[-10, 0.25]])
+    assert table.notes == ("the columns 'fx_calibrated_N', 'time_stamp' are unknown and not used",)
+
+
+def test_rows_without_angles_and_force_are_noted_and_not_used():
+    table = parse(HEADING + ',object', ROW + ',disc_1', ',,,,disc_2', ROW + ',disc_3', ' , ,,,disc_4')
+    assert table.lines == (2, 4)
+    assert table.objects == ('disc_1', 'disc_3')
+    assert table.notes == ('line 3 and 1 more: no joint angles and no force; not used',)
+
+
 @pytest.mark.parametrize(
     'text',
     [
@@ -89,6 +102,8 @@ def test_ways_of_writing_the_same(text, tmp_path):
         ([HEADING + ',approach1', ROW + ',1'], 'there is one of approach1 and approach2; give both, or none'),
         ([HEADING, ROW, '1,2,x,4'], "line 3: fx_N: expected a number, got 'x'"),
         ([HEADING, '1,2,,4'], 'line 2: fx_N: expected a number, got nothing'),
+        ([HEADING + ',object', ',,,,a'], 'no row has a number in q1_rad,q2_rad,fx_N,fy_N'),
+        (['q1_N,q2_rad,fx_N,fy_N', ROW], "the column 'q1_N' has the unit 'N'; give joint angles in rad"),
         ([HEADING, '1,2,3'], 'line 2: fy_N: expected a number, got nothing'),
         ([HEADING, 'nan,2,3,4'], "line 2: q1_rad: expected a number, got 'nan'"),
         ([HEADING, '1,inf,3,4'], "line 2: q2_rad: expected a number, got 'inf'"),
