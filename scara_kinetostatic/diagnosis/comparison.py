@@ -151,16 +151,11 @@ def _errors(c: Calibration, final: Calibration, held_out: float) -> ModelErrors:
 
 
 def _whitened_normal(observations: Observations, point: Point) -> Floats:
-    """Rᵀm, with m from the tip to the centre of the circle and R the root that whitens h: r·Rᵀm is h·m, (n, 2), m."""
-    normal = np.zeros((len(point.distance), 2))
-    normal[:, 0] = observations.radii
-    if point.model.effects:
-        at = observations.contact_problem(point.adjusted.joints, point.adjusted.off_normal).touch_state(
-            point.parameters, point.adjusted.state
-        )
-        place = point.model.shift(at)[1] - point.model.shift(at, robot_only=True)[1]
-        normal += np.stack([(place * at.normal).sum(axis=1), (place * at.tangent).sum(axis=1)], axis=-1)
-    first, second = (normal / np.linalg.norm(normal, axis=1)[:, None]).T
+    """Rᵀm, with m the contact normal and R the root that whitens h: r·Rᵀm is h·m, (n, 2), m."""
+    contact_problem = observations.contact_problem(point.adjusted.joints, point.adjusted.off_normal)
+    at = contact_problem.touch_state(point.parameters, point.adjusted.state)
+    normal = point.model.contact_normal(at)
+    first, second = (normal * at.normal).sum(axis=1), (normal * at.tangent).sum(axis=1)
     l11, l21, l22 = point.whitened.root
     return np.stack([l11 * first + l21 * second, l22 * second], axis=-1)
 

@@ -2,8 +2,9 @@
 
 An effect moves joints, moves the place of the contact, or is an error of the force sensor. With the whitened column u
 of a unit of that deviation (`diagnosis.linear_problem`) and the whitened residual r of a touch, the deviation estimated
-from that touch alone is -u·r / u·u, with standard deviation 1/|u|. After: r of the extended model. Before: r of
-the model without the effect and its rivals. Where nothing else was found, that is the base model; else it
+from that touch alone is -u·r / u·u, with standard deviation 1/|u|. A displacement is taken along and across the contact
+normal, which friction turns away from the direction of the force. After: r of the extended model. Before: r of the
+model without the effect and its rivals. Where nothing else was found, that is the base model; else it
 is r - (I - B Bᵀ) X θ, with X the columns of what is taken out and B an orthonormal basis of those that stay. The second
 term is the part of the deviation that is expected before.
 """
@@ -22,7 +23,7 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.base import at_joint
-from scara_kinetostatic.model.effect_law import Shift
+from scara_kinetostatic.model.effect_law import Shift, TouchState
 from scara_kinetostatic.model.parameters import NAMES
 
 Floats = NDArray[np.float64]
@@ -39,7 +40,7 @@ class _Channel(NamedTuple):
         per_si: that unit.
         shift: of one SI unit, as the equations take it.
         sensor_error: the same as an error of the sensor, (n, 2).
-        size: deviation of each touch by the effect, (n,), SI.
+        size: deviation of each touch by the effect to first order, (n,), SI.
     """
 
     label: str
@@ -185,25 +186,41 @@ def _moved(problem: Problem, channel: _Channel) -> Floats:
 
 def _channels(problem: Problem, item: Found) -> list[_Channel]:
     at, values = problem.touch_state, np.array([v.value for v in item.values])
-    n, found = len(at.magnitude), item.effect.shift(at, values)
-    sensor_error = item.effect.sensor_error(problem.force, values)
+    joints, place, sensor_error = _first_order(item, at, problem.force, values)
     channels = []
-    if found.joints is not None:
+    if joints is not None:
         for joint in (0, 1):
-            unit = Shift(joints=at_joint(np.ones(n), joint))
-            channels.append(
-                _Channel(f'deviation of joint {joint + 1}  [µrad]', 1e6, unit, None, found.joints[:, joint])
-            )
-    if found.place is not None:
-        for side, direction in (('along', at.normal), ('across', at.tangent)):
-            size = (found.place * direction).sum(axis=1)
-            channels.append(_Channel(f'displacement {side} the force  [µm]', 1e6, Shift(place=direction), None, size))
+            unit = Shift(joints=at_joint(np.ones(len(joints)), joint))
+            channels.append(_Channel(f'deviation of joint {joint + 1}  [µrad]', 1e6, unit, None, joints[:, joint]))
+    if place is not None:
+        normal = problem.point.model.contact_normal(at)
+        for side, direction in (('along', normal), ('across', np.stack([-normal[:, 1], normal[:, 0]], axis=-1))):
+            size = (place * direction).sum(axis=1)
+            label = f'displacement {side} the contact normal  [µm]'
+            channels.append(_Channel(label, 1e6, Shift(place=direction), None, size))
     if sensor_error is not None:
         along = problem.force / np.hypot(problem.force[:, 0], problem.force[:, 1])[:, None]
         for side, direction in (('along', along), ('across', np.stack([-along[:, 1], along[:, 0]], axis=-1))):
             size = (sensor_error * direction).sum(axis=1)
             channels.append(_Channel(f'sensor error {side} the force  [N]', 1.0, Shift(), direction, size))
     return channels
+
+
+def _first_order(item: Found, at: TouchState, force: Floats, values: Floats) -> list[Floats | None]:
+    """δ, d and e of an effect, (n, 2) each, to first order: amplitudes times derivatives, as `_taken_out` has them."""
+    amplitudes = item.effect.amplitudes(values)
+    shifts = item.effect.derivative(at, values)
+    parts: list[Sequence[Floats | None]] = [
+        [shift.joints for shift in shifts],
+        [shift.place for shift in shifts],
+        item.effect.sensor_error_derivative(force, values),
+    ]
+    return [_sum(amplitudes, part) for part in parts]
+
+
+def _sum(amplitudes: Floats, parts: Sequence[Floats | None]) -> Floats | None:
+    terms = [a * part for a, part in zip(amplitudes, parts, strict=False) if part is not None]
+    return np.asarray(np.sum(terms, axis=0)) if terms else None
 
 
 def _variable(problem: Problem, item: Found) -> tuple[str, Floats]:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from scara_kinetostatic.effects.base import Effect, Floats, Parameter
-from scara_kinetostatic.effects.variables import slide
+from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis, slide
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import Shift, TouchState
 from scara_kinetostatic.model.parameters import Parameters
@@ -45,6 +45,10 @@ class ContactFriction(Effect):
     def instances(cls, cell: Cell) -> Iterable[Effect]:
         """One, its slide judged by the nominal parameters."""
         return [cls(reference=cell.nominal)]
+
+    def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
+        """The slide as the effect judges it."""
+        return VARIABLES[self.plot_variable].axis(at)._replace(values=slide(at, self.reference))
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
         off_normal = values[0] * slide(at, self.reference)

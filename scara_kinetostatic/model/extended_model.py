@@ -137,6 +137,15 @@ class ExtendedModel:
                 place = place + part.place
         return joints, place
 
+    def contact_normal(self, at: TouchState) -> Floats:
+        """Unit vector m from the tip to the centre of the circle of contact, (n, 2), base frame.
+
+        m is along r n + d_object, with d_object the displacement d by effects on the object. It is the direction n of
+        the force unless friction turns the force.
+        """
+        inward = at.radii[:, None] * at.normal + self.shift(at)[1] - self.shift(at, robot_only=True)[1]
+        return np.asarray(inward / np.linalg.norm(inward, axis=1)[:, None])
+
     def shift_by_effects(self, at: TouchState) -> list[Shift]:
         """The derivatives of δ and d by each parameter of the effects, in the order of `names`."""
         pairs = zip(self.effects, self.effect_arrays, strict=True)

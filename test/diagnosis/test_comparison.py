@@ -6,7 +6,8 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
-from conftest import GROWN, OFF_NORMAL
+from conftest import GROWN, OFF_NORMAL, conclude_outcome
+from diagnosis.simulated import CELL, effect, simulate
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.prediction import observe
@@ -15,6 +16,9 @@ from scara_kinetostatic.diagnosis import comparison, effect_residual
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.model.cell import Noise
+
+FRICTION = 0.05
+"""Coefficient."""
 
 
 def test_chi_square_of_both_is_in_the_same_noise(unnamed: Outcome) -> None:
@@ -65,12 +69,25 @@ def test_biases_are_in_units_of_what_was_claimed(grown: Outcome, confounded: Out
 def test_an_effect_residual_shows_the_effect_before_and_noise_after(grown: Outcome) -> None:
     (found,) = grown.effect_residuals
     assert found.x_label == 'number of the disc'
-    assert found.y_label == 'displacement along the force  [µm]'
+    assert found.y_label == 'displacement along the contact normal  [µm]'
     assert set(found.x) == {1, 2, 3}
     assert 1e6 * GROWN / 4 < found.before[found.x == 2].mean() < 1e6 * GROWN
     assert np.sqrt(np.mean((found.after / found.std_after) ** 2)) < 1.3
     assert np.sqrt(np.mean(((found.before - found.expected) / found.std_before) ** 2)) < 1.5
     assert np.std(found.before) > 5 * np.std(found.after)
+
+
+def test_friction_is_shown_across_the_contact_normal_over_the_slide_by_which_it_is_judged() -> None:
+    """To first order friction displaces the contact by -r α s across the normal, with s the slide at L̄n."""
+    touches = simulate((effect('contact_friction'), (FRICTION,)))
+    (found,) = conclude_outcome(touches, CELL).effect_residuals
+    assert found.y_label == 'displacement across the contact normal  [µm]'
+    size = -1e6 * FRICTION * CELL.radii[found.disc] * found.x
+    weight = found.std_after**-2
+    off = size - np.average(size, weights=weight)
+    for shown, limit in ((found.expected, 0.05), (found.before, 0.1)):
+        assert (weight * off * shown).sum() / (weight * off**2).sum() == pytest.approx(1, abs=limit)
+    assert np.sqrt(np.mean((found.after / found.std_after) ** 2)) == pytest.approx(1, abs=0.15)
 
 
 def test_the_residual_of_a_curve_is_over_its_variable(unnamed: Outcome) -> None:
