@@ -6,24 +6,26 @@ are those of the robot on the object. All SI units.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from scara_kinetostatic.calibration.prediction import base_force, force_residual, observe
-from scara_kinetostatic.calibration.propagation import propagated, tip_under_force
+from scara_kinetostatic.calibration.propagation import Prediction, compensate_joints, locate_tip, tip_under_force
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError
 from scara_kinetostatic.files.touch_table import is_touch_table
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame
 from scara_kinetostatic.model.contact import contact
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import posture
-from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_recordings, calibrate_touches, gather_touches
@@ -44,16 +46,23 @@ class TipPosition(NamedTuple):
     Attributes:
         position: S in the base frame, (n, 2), m.
         covariance: by the uncertainty of the calibration, (n, 2, 2), m²; NaN where the data do not determine it.
+            Where not `loaded`, it contains g²/3 for each backlash that may be anywhere in its dead band.
+        loaded: whether the force and both joint torques exceed three times their standard uncertainty, (n,);
+            where not, the backlash concerned is taken to be in the middle of its dead band.
+        status: of each, (n,): ``ok``, ``unloaded``, or ``undetermined`` (no covariance).
 
     Example:
         >>> import scara_kinetostatic as sk
-        >>> place = sk.TipPosition(np.array([[0.3, 0.1]]), np.array([[[4e-12, 0.0], [0.0, 1e-12]]]))
-        >>> place.std
-        array([[2.e-06, 1.e-06]])
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> tip = sk.locate(sk.diagnose('touches.csv', cell), [[0.8, 2.1]] * 2, [[-20.0, 0.0], [0.0, 0.0]])
+        >>> tip.std.shape, tip.loaded.tolist(), tip.status.tolist()
+        ((2, 2), [True, False], ['ok', 'unloaded'])
     """
 
     position: Floats
     covariance: Floats
+    loaded: Mask
+    status: NDArray[np.str_]
 
     @property
     def std(self) -> Floats:
@@ -68,18 +77,25 @@ class JointAngles(NamedTuple):
         joints: Q, (n, 2), rad; NaN where the place is out of reach.
         torques: of the actuators, C, (n, 2), Nm.
         covariance: of Q by the uncertainty of the calibration, (n, 2, 2), rad²; NaN where the data do not determine
-            it.
+            it. Where not `loaded`, it contains g²/3 for each backlash that may be anywhere in its dead band.
+        loaded: whether the force and both joint torques exceed three times their standard uncertainty, (n,);
+            where not, the backlash concerned is taken to be in the middle of its dead band.
+        status: of each, (n,): ``ok``, ``unloaded``, ``undetermined`` (no covariance) or ``out_of_reach`` (no angles).
 
     Example:
         >>> import scara_kinetostatic as sk
-        >>> pose = sk.JointAngles(np.zeros((1, 2)), np.zeros((1, 2)), np.array([[[4e-12, 0.0], [0.0, 1e-12]]]))
-        >>> pose.std
-        array([[2.e-06, 1.e-06]])
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> outcome = sk.diagnose('touches.csv', cell)
+        >>> angles = sk.compensate(outcome, [[0.3, 0.2], [0.9, 0.0]], [0.0, 30.0], elbow='right')
+        >>> angles.std.shape, angles.status.tolist()
+        ((2, 2), ['ok', 'out_of_reach'])
     """
 
     joints: Floats
     torques: Floats
     covariance: Floats
+    loaded: Mask
+    status: NDArray[np.str_]
 
     @property
     def std(self) -> Floats:
@@ -276,17 +292,34 @@ def predict_force(
     return contact(c.model, joints, o.centers, o.radii, c.cell.gripper, metadata=o.metadata).force
 
 
-def locate(result: Outcome | Calibration, joints: ArrayLike, force: ArrayLike = (0.0, 0.0)) -> TipPosition:
+def locate(
+    result: Outcome | Calibration,
+    joints: ArrayLike,
+    force: ArrayLike = (0.0, 0.0),
+    *,
+    time: ArrayLike | None = None,
+    approach: ArrayLike | None = None,
+) -> TipPosition:
     """H̄: where the tip is, from measured joint angles and the force.
+
+    Where the force or a torque is below three times its standard uncertainty, the backlash concerned may be anywhere
+    in its dead band: the result is that of the middle, with g²/3 added to the variance (`loaded` is False).
+    `force` is the true one: errors of the sensor that the model has are not removed from it.
 
     Args:
         result: of `diagnose` or `calibrate`.
         joints: Q, (n, 2), rad.
-        force: on the object, base frame, (n, 2), or one for all, N; without force the joints are taken to be in the
-            middle of their backlash.
+        force: on the object, base frame, (n, 2), or one for all, N.
+        time: of each pose, s since the first touch of the calibration, (n,), or one for all; None: 0. Needed where the
+            model has an effect that depends on it, such as drift.
+        approach: each joint's last movement before the pose, rad or only its sense, (n, 2), or one for all; None:
+            unknown, the middle of the hysteresis.
 
     Raises:
         InputError: arrays of other shapes, or values that are not finite.
+
+    Warns:
+        UserWarning: the model has an effect of time or approach, which is not given.
 
     Example:
         >>> import scara_kinetostatic as sk
@@ -301,9 +334,9 @@ def locate(result: Outcome | Calibration, joints: ArrayLike, force: ArrayLike = 
     c = _final(result)
     q = _pairs(joints, 'joints')
     f = _rows(force, 'force', len(q))
-    position, _ = tip_under_force(c.model, q, f, c.cell.gripper)
-    covariance = propagated(c, lambda model: tip_under_force(model, q, f, c.cell.gripper)[0])
-    return TipPosition(position, covariance)
+    metadata = _metadata(c, posture(c.parameters, q), time, approach)
+    found = locate_tip(c, q, f, metadata)
+    return TipPosition(found.value, found.covariance, found.loaded, _status(found))
 
 
 def compensate(
@@ -311,17 +344,31 @@ def compensate(
     position: ArrayLike,
     force: ArrayLike = (0.0, 0.0),
     elbow: str | Sequence[str] = 'left',
+    *,
+    time: ArrayLike | None = None,
+    approach: ArrayLike | None = None,
 ) -> JointAngles:
     """Ḡ: the joint angles that bring the tip to a place under a force.
+
+    Where the force or a torque is below three times its standard uncertainty, the backlash concerned may be anywhere
+    in its dead band: the result is that of the middle, with g²/3 added to the variance (`loaded` is False).
+    `force` is the true one: errors of the sensor that the model has are not removed from it.
 
     Args:
         result: of `diagnose` or `calibrate`.
         position: of the tip, base frame, (n, 2), m.
         force: on the object, base frame, (n, 2), or one for all, N.
         elbow: ``left``, sin(q2 + theta2) > 0, or ``right``; one for all or n.
+        time: of each pose, s since the first touch of the calibration, (n,), or one for all; None: 0. Needed where the
+            model has an effect that depends on it, such as drift.
+        approach: each joint's last movement before the pose, rad or only its sense, (n, 2), or one for all; None:
+            unknown, the middle of the hysteresis.
 
     Raises:
         InputError: arrays of other shapes, values that are not finite, or another elbow.
+
+    Warns:
+        UserWarning: the model has an effect of time or approach, which is not given.
 
     Example:
         >>> import scara_kinetostatic as sk
@@ -339,9 +386,42 @@ def compensate(
     sides = np.array([_side(name) for name in ([elbow] * len(tip) if isinstance(elbow, str) else elbow)])
     if len(sides) != len(tip):
         raise InputError('elbow', f'expected one, or {len(tip)}, got {len(sides)}')
-    joints, torques = inverse_kinetostatics(c.model, tip, f, sides, c.cell.gripper)
-    covariance = propagated(c, lambda model: inverse_kinetostatics(model, tip, f, sides, c.cell.gripper)[0])
-    return JointAngles(joints, torques, covariance)
+    metadata = _metadata(c, sides, time, approach)
+    found = compensate_joints(c, tip, f, sides, metadata)
+    return JointAngles(found.value, found.torques, found.covariance, found.loaded, _status(found))
+
+
+def _metadata(c: Calibration, sides: Indices, time: ArrayLike | None, approach: ArrayLike | None) -> TouchMetadata:
+    """What effects need to know of n poses; warns where it is not given, and an effect needs it."""
+    n = len(sides)
+    for name, given in (('time', time), ('approach', approach)):
+        needing = [] if given is not None else _effects_of(c, name)
+        if needing:
+            text = f'{needing[0]} depends on {name}, which is not given; its value at {name} 0 is taken'
+            warnings.warn(text, UserWarning, stacklevel=3)
+    when = np.zeros(n) if time is None else _finite(np.broadcast_to(np.asarray(time), (n,)), 'time', (n,))
+    moved = np.zeros((n, 2)) if approach is None else _rows(approach, 'approach', n)
+    return TouchMetadata(np.zeros(n, dtype=np.intp), when, moved, sides, np.zeros((n, 2)))
+
+
+def _effects_of(c: Calibration, name: str) -> list[str]:
+    """The labels of the effects of the robot in the model that depend on ``time`` or ``approach``."""
+    pose = np.array([[0.4, 1.1]])
+    still = TouchMetadata.plain(1)
+    moved = still._replace(time=np.ones(1)) if name == 'time' else still._replace(approach=np.ones((1, 2)))
+    force, gripper = np.array([[20.0, 30.0]]), c.cell.gripper
+    found = []
+    for effect, values in zip(c.model.effects, c.model.effect_values, strict=True):
+        model = ExtendedModel(c.parameters, (effect,), (values,))
+        with_it, without = (tip_under_force(model, pose, force, gripper, each)[0] for each in (moved, still))
+        found += [effect.label] if not np.array_equal(with_it, without) else []
+    return found
+
+
+def _status(found: Prediction) -> NDArray[np.str_]:
+    undetermined = np.isnan(found.covariance).any(axis=(1, 2))
+    reached = np.isfinite(found.value).all(axis=1)
+    return np.select([~reached, undetermined, ~found.loaded], ['out_of_reach', 'undetermined', 'unloaded'], 'ok')
 
 
 def _final(result: Outcome | Calibration) -> Calibration:

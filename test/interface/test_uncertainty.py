@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import scara_kinetostatic as sk
 from scara_kinetostatic.calibration.propagation import tip_under_force
+from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 
-FORCE = np.array([[-20.0, 5.0], [0.0, 30.0], [12.0, -9.0], [3.0, 1.0]])
+FORCE = np.array([[-20.0, 5.0], [0.0, 30.0], [12.0, -9.0], [3.0, 4.0]])
 POSITION = np.array([[0.3, 0.2], [-0.25, 0.3], [0.1, 0.4], [-0.1, -0.35]])
 ELBOW = ['left', 'right', 'left', 'right']
 SAMPLES = 3000
+CELL = sk.load_cell(Path(__file__).parents[2] / 'config' / 'cell.yaml')
 
 
 @pytest.fixture(scope='module', params=['base', 'extended'])
@@ -43,6 +48,7 @@ def test_uncertainty_is_that_of_monte_carlo(outcome):
     gripper, sides = c.cell.gripper, np.array([1, -1, 1, -1])
     tips = np.array([tip_under_force(model, angles.joints, FORCE, gripper)[0] for model in models])
     joints = np.array([inverse_kinetostatics(model, POSITION, FORCE, sides, gripper)[0] for model in models])
+    assert place.loaded.all()
     for found, sample in ((place, tips), (angles, joints)):
         std = sample.std(axis=0)
         np.testing.assert_allclose(found.std, std, rtol=5 / np.sqrt(2 * SAMPLES))
@@ -52,12 +58,57 @@ def test_uncertainty_is_that_of_monte_carlo(outcome):
             assert abs(correlation - expected) < 5 / np.sqrt(SAMPLES)
 
 
-def test_free_of_force_the_joints_are_in_the_middle_of_their_backlash(outcome):
-    joints = [0.4, 1.1]
-    free = sk.locate(outcome, joints).position
-    both = sk.locate(outcome, [joints, joints], [[0.0, 1e-6], [0.0, -1e-6]]).position
-    np.testing.assert_allclose(both.mean(axis=0), free[0], rtol=0, atol=2e-6)
-    assert np.abs(both - free).max() > 1e-5
+def test_within_the_dead_bands_the_half_width_is_part_of_the_uncertainty(outcome):
+    c, p = outcome.final, outcome.final.parameters
+    joints = np.tile([0.4, 1.1], (3, 1))
+    free = sk.locate(outcome, joints, [[0.0, 0.0], [1e-9, 0.0], [2.9 * c.noise.force, 0.0]])
+    assert not free.loaded.any()
+    assert free.status.tolist() == ['unloaded'] * 3
+    np.testing.assert_allclose(free.position[1], free.position[0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(free.position[2], free.position[0], rtol=0, atol=2e-5)  # elastic
+    jacobian = kinematics.jacobian(p, joints)
+    band = jacobian * [p.g1, p.g2] @ (jacobian * [p.g1, p.g2]).swapaxes(1, 2) / 3 + p.g_ee**2 / 3 * np.eye(2)
+    np.testing.assert_allclose(free.std, np.sqrt(np.diagonal(band, axis1=1, axis2=2)), rtol=0.05)
+    both = sk.locate(outcome, joints[:2], [[5.0, 0.0], [-5.0, 0.0]])
+    assert both.loaded.all()
+    np.testing.assert_allclose(both.position.mean(axis=0), free.position[0], rtol=0, atol=2e-6)
+    np.testing.assert_allclose(sk.compensate(outcome, free.position[0]).joints, joints[:1], rtol=0, atol=1e-9)
+
+
+def test_a_force_through_a_joint_axis_leaves_the_sign_of_one_backlash_open(outcome):
+    c, p = outcome.final, outcome.final.parameters
+    place = sk.locate(outcome, [0.8, 2.1]).position
+    angle = 2.9 + p.theta1 + p.theta2 + np.array([0.0, 1e-8, 3e-6, 1e-3])  # along link 2
+    angles = sk.compensate(outcome, np.tile(place, (4, 1)), 20 * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+    assert not angles.loaded.any()
+    np.testing.assert_allclose(angles.std[:, 1], p.g2 / np.sqrt(3), rtol=0.05)
+    assert (angles.std[:, 0] < 0.2 * p.g1).all()
+    assert c.noise.force < 1
+
+
+def test_the_edge_of_reach_has_an_uncertainty(outcome):
+    p = outcome.final.parameters
+    reach = np.array([p.x0 + p.l1 + p.l2, p.y0])
+    angles = sk.compensate(outcome, reach - [[1e-7, 0.0], [-1e-3, 0.0], [0.1, 0.1]], [20.0, 5.0])
+    inside = sk.compensate(outcome, reach - [p.p_ee * 20 + p.g_ee + 1e-7, 0.0], [20.0, 0.0])
+    assert np.isfinite(inside.std).all()
+    assert np.isnan(angles.std[1]).all()
+    assert angles.status[1:].tolist() == ['out_of_reach', 'ok']
+
+
+def test_an_effect_of_time_needs_the_time():
+    cell = replace(CELL, noise=sk.Noise(1e-5, 0.3))
+    label = 'thermal_drift[joint1]'
+    touches = sk.simulate(cell, sk.PAPER_ACTUAL, effects=[f'{label}:rate=1e-6'], seed=1)
+    (drift,) = (effect for effect in sk.catalogue(cell) if effect.label == label)
+    fit = sk.calibrate(touches, cell, effects=[drift])
+    with pytest.warns(UserWarning, match=r'thermal_drift\[joint1\] depends on time, which is not given'):
+        begin = sk.compensate(fit, [0.3, 0.2], [0.0, 30.0])
+    later = sk.compensate(fit, [0.3, 0.2], [0.0, 30.0], time=1000.0)
+    rate = fit.effects[label]['rate'].value
+    np.testing.assert_allclose(later.joints - begin.joints, [[-1000 * rate, 0.0]], rtol=0, atol=1e-9)
+    back = sk.locate(fit, later.joints, [0.0, 30.0], time=[1000.0])
+    np.testing.assert_allclose(back.position, [[0.3, 0.2]], rtol=0, atol=1e-12)
 
 
 def test_what_the_data_do_not_determine_has_no_uncertainty(example_files):
