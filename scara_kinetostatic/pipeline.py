@@ -20,7 +20,7 @@ from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.files.touch_table import is_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.model.touch import TouchSet, common_reason
 from scara_kinetostatic.touches.detection import Detection, find_touches
 from scara_kinetostatic.touches.table import cell_of_files, touches_of_table
 
@@ -160,7 +160,7 @@ def _fit_and_diagnose(
     try:
         calibration = calibrate(detection.touches, cell, fixed=fixed)
     except UnsupportedDataError as error:
-        unsupported = UnsupportedDataError(f'{names}: {error.problem}{_rejections(detection)}', error.remedy)
+        unsupported = _with_rejections(error, detection, names)
         if cell.noise is not None:
             raise unsupported from error
     else:
@@ -178,12 +178,17 @@ def _fit_and_diagnose(
     return calibration, diagnosis
 
 
-def _rejections(detection: Detection) -> str:
-    """Why most touches were rejected, where most of those found cannot be used."""
-    if len(detection.rejected) <= len(detection.touches):
-        return ''
-    first, rejected = detection.rejected[0], len(detection.rejected)
-    return f'; {rejected} of {detection.found} found were rejected, the first, touch {first.index}: {first.reason}'
+def _with_rejections(error: UnsupportedDataError, detection: Detection, names: str) -> UnsupportedDataError:
+    """The error with the touches that were rejected before, first of all where most of them were."""
+    rejected = f'{len(detection.rejected)} of {detection.found} found were rejected, the first'
+    if common := common_reason([item.reason for item in detection.rejected], detection.found):
+        units = 'check the units and the order of joint angles and forces, and the places of the discs'
+        remedy = units if common.startswith('no object there') else error.remedy
+        return UnsupportedDataError(f'{names}: {rejected}: {common}; {error.problem}', remedy)
+    problem = f'{names}: {error.problem}'
+    if len(detection.rejected) > len(detection.touches):
+        problem += f'; {rejected}, touch {detection.rejected[0].index}: {detection.rejected[0].reason}'
+    return UnsupportedDataError(problem, error.remedy)
 
 
 def _check_converged(final: Calibration, names: str) -> None:

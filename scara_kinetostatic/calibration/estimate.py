@@ -22,6 +22,7 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.touch import common_reason
 
 USUAL_NOISE = Noise(joint=1e-5, force=0.3)
 """Where the noise is to be estimated, the first guess."""
@@ -236,8 +237,14 @@ def check_number(touches: int, parameters: int, left_out: Sequence[str] = ()) ->
     if touches < needed:
         problem = f'{touches} touches give {2 * touches} equations, too few for {parameters} parameters'
         remedy = f'record {needed} touches at the very least, 36 or more for a good result'
-        if left_out:
+        found = touches + len(left_out)
+        if common := common_reason(left_out, found):
+            problem = f'{len(left_out)} of {found} touches were left out, the first: {common}; {problem}'
+        elif left_out:
             problem += f'; {len(left_out)} were left out, the first: {left_out[0]}'
+        if common.startswith('presses with'):
+            remedy = 'check the units and the order of joint angles and forces'
+        elif left_out:
             remedy = f'see what was left out, or {remedy}'
         raise UnsupportedDataError(problem, remedy)
 

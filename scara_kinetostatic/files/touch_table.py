@@ -58,45 +58,11 @@ _QUANTITIES = {
     'fy': ('fy_N', 'forces in N'),
     'time': ('time_s', 'times in s'),
 }
-_OTHER_UNITS = frozenset(
-    [
-        'deg',
-        'degs',
-        'degree',
-        'degrees',
-        '°',
-        'grad',
-        'gon',
-        'rev',
-        'turn',
-        'mrad',
-        'urad',
-        'µrad',
-        'μrad',
-        'kn',
-        'mn',
-        'un',
-        'µn',
-        'μn',
-        'dan',
-        'lb',
-        'lbf',
-        'lbs',
-        'kg',
-        'kgf',
-        'kp',
-        'g',
-        'ozf',
-        'ms',
-        'us',
-        'µs',
-        'μs',
-        'ns',
-        'min',
-        'h',
-        'd',
-    ]
-)
+_OTHER_UNITS = {
+    'deg', 'degs', 'degree', 'degrees', '°', 'grad', 'gon', 'rev', 'turn', 'mrad', 'urad', 'µrad', 'μrad',
+    'kn', 'mn', 'un', 'µn', 'μn', 'dan', 'lb', 'lbf', 'lbs', 'kg', 'kgf', 'kp', 'g', 'ozf',
+    'ms', 'us', 'µs', 'μs', 'ns', 'min', 'h', 'd',
+}  # fmt: skip
 """Units that are not those of a table; a heading that ends in anything else is another quantity."""
 _UNITS = frozenset(name.partition('_')[2].lower() for name, _ in _QUANTITIES.values())
 _HEADING = re.compile(r'(?P<word>[a-z]+[12]?)[\s_]*[\[(]?\s*(?P<unit>[^\])]*?)\s*[\])]?\Z', re.IGNORECASE)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -101,3 +104,17 @@ class Rejection:
 
     index: int
     reason: str
+
+
+def common_reason(reasons: Sequence[str], touches: int) -> str:
+    """The first reason of the kind for which more than half of the touches are rejected; empty if there is none.
+
+    Args:
+        reasons: of the touches rejected; those that differ in numbers and names alone are of one kind.
+        touches: how many there are, with those rejected.
+    """
+    kinds = [re.split(r"[\d']", reason)[0] for reason in reasons]
+    if not kinds:
+        return ''
+    kind, number = Counter(kinds).most_common(1)[0]
+    return reasons[kinds.index(kind)] if 2 * number > touches else ''
