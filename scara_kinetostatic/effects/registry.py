@@ -11,8 +11,8 @@ Three sources, in this order:
       stiffness_ripple = "stiffness_ripple:StiffnessRipple"
 
   The value is a class derived from `Effect`, whose `Effect.instances` say for which joints or discs of a cell it is
-  there, or a function from a cell to effects. An entry that cannot be loaded, offers something else, or uses a label
-  that is taken, is left out with one warning that names its package.
+  there, or a function from a cell to effects. An entry that cannot be loaded, offers something else, uses a label
+  that is taken, or cannot be evaluated at a few touches, is left out with one warning that names its package.
 - `register`: the same for one process, as in a notebook or a test.
 """
 
@@ -26,19 +26,23 @@ from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from inspect import isclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.evaluation import evaluate_once
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import Cell
 
 Factory = Callable[[Cell], Iterable[Effect]]
 """From a cell to the effects of a kind that it may have."""
+Offer = TypeVar('Offer', bound=Factory | type[Effect])
+Result = TypeVar('Result')
 
 GROUP = 'scara_kinetostatic.effects'
 """Entry points of this group offer effects."""
+_EXPECTED = 'expected a class derived from Effect or a function from a cell to effects'
 _LOG = logging.getLogger('scara_kinetostatic')
-_registered: list[Factory] = []
+_registered: list[Factory | type[Effect]] = []
 
 
 class _Plugin(NamedTuple):
@@ -48,14 +52,17 @@ class _Plugin(NamedTuple):
     factory: Factory
 
 
-def register(factory: Factory) -> Factory:
-    """Add effects to every catalogue of this process from now on; the same factory counts once.
+def register(offered: Offer) -> Offer:
+    """Add effects to every catalogue of this process from now on; the same offer counts once.
 
     Args:
-        factory: from a cell to effects, such as ``MyEffect.instances``.
+        offered: a class derived from `Effect`, or a function from a cell to effects, such as ``MyEffect.instances``.
 
     Returns:
-        The factory, so that this can stand above it as a decorator.
+        The argument, so that this can stand above it as a decorator.
+
+    Raises:
+        ParameterError: it is neither.
 
     Example:
         >>> import scara_kinetostatic as sk
@@ -66,15 +73,17 @@ def register(factory: Factory) -> Factory:
         >>> from scara_kinetostatic.effects import unregister
         >>> unregister(offered)
     """
-    if factory not in _registered:
-        _registered.append(factory)
-    return factory
+    if _as_factory(offered) is None:
+        raise ParameterError('register', f'{_EXPECTED}, got {offered!r:.80}')
+    if offered not in _registered:
+        _registered.append(offered)
+    return offered
 
 
-def unregister(factory: Factory) -> None:
+def unregister(offered: Factory | type[Effect]) -> None:
     """Take back what `register` added; nothing happens if it did not."""
-    if factory in _registered:
-        _registered.remove(factory)
+    if offered in _registered:
+        _registered.remove(offered)
 
 
 def catalogue(cell: Cell) -> tuple[Effect, ...]:
@@ -92,7 +101,8 @@ def catalogue(cell: Cell) -> tuple[Effect, ...]:
     effects = {effect.label: effect for kind in built_in() for effect in kind.instances(cell)}
     for plugin in _plugins():
         effects |= _offered(plugin, cell, effects)
-    for effect in (effect for factory in _registered for effect in factory(cell)):
+    factories = (_as_factory(offered) for offered in _registered)
+    for effect in (effect for factory in factories if factory for effect in factory(cell)):
         if effect.label in effects:
             raise ParameterError(
                 f'effect {effect.label!r}', 'there are two of this name', 'give one another name or target'
@@ -149,32 +159,30 @@ def _plugins() -> tuple[_Plugin, ...]:
 
 def _loaded(point: EntryPoint) -> Iterator[_Plugin]:
     where = f'{_package(point)}: the effect {point.name!r} ({point.value})'
-    try:
-        offered = point.load()
-    except BaseException as error:  # whatever the code of others does, SystemExit included
-        if isinstance(error, (KeyboardInterrupt, MemoryError)):
-            raise
-        _warn(where, f'cannot be loaded: {_text(error)}')
-        return
-    if isclass(offered) and issubclass(offered, Effect):
-        yield _Plugin(where, offered.instances)
-    elif callable(offered) and not isclass(offered):
-        yield _Plugin(where, offered)
+    offered, failure = _guarded(point.load)
+    factory = _as_factory(offered)
+    if failure:
+        _warn(where, f'cannot be loaded: {failure}')
+    elif factory is None:
+        _warn(where, f'{_EXPECTED}, got {offered!r:.80}')
     else:
-        _warn(where, f'expected a class derived from Effect or a function from a cell to effects, got {offered!r:.80}')
+        yield _Plugin(where, factory)
+
+
+def _as_factory(offered: object) -> Factory | None:
+    """A class of effect as the function that lists its instances, a function as it is, anything else as None."""
+    if isclass(offered):
+        return offered.instances if issubclass(offered, Effect) else None
+    return offered if callable(offered) else None
 
 
 def _offered(plugin: _Plugin, cell: Cell, taken: dict[str, Effect]) -> dict[str, Effect]:
     """The effects of an entry point by label; none, with a warning, where something is wrong with them."""
-    try:
-        effects = list(plugin.factory(cell))
-        for effect in effects:
-            if not isinstance(effect, Effect):
-                raise TypeError(f'expected effects, got {effect!r:.80}')
-        found = {effect.label: effect for effect in effects}
-    except Exception as error:
-        _warn(plugin.where, f'cannot be used: {_text(error)}')
+    effects, failure = _guarded(lambda: _evaluated(plugin.factory, cell))
+    if effects is None:
+        _warn(plugin.where, f'cannot be used: {failure}')
         return {}
+    found = {effect.label: effect for effect in effects}
     twice = [label for label in found if label in taken]
     if twice or len(found) < len(effects):
         _warn(plugin.where, f'uses the label {(twice or list(found))[0]!r}, which is taken')
@@ -182,14 +190,35 @@ def _offered(plugin: _Plugin, cell: Cell, taken: dict[str, Effect]) -> dict[str,
     return found
 
 
+def _evaluated(factory: Factory, cell: Cell) -> list[Effect]:
+    """The effects of a factory, each of which can be evaluated.
+
+    Raises:
+        TypeError: something else is among them.
+        Exception: whatever evaluating them raises.
+    """
+    effects = list(factory(cell))
+    for effect in effects:
+        if not isinstance(effect, Effect):
+            raise TypeError(f'expected effects, got {effect!r:.80}')
+        evaluate_once(effect, cell)
+    return effects
+
+
+def _guarded(call: Callable[[], Result]) -> tuple[Result | None, str]:
+    """What the code of others returns, or None and what it raised, SystemExit included."""
+    try:
+        return call(), ''
+    except (KeyboardInterrupt, MemoryError):
+        raise
+    except BaseException as error:
+        return None, f'{type(error).__name__}: {error}'
+
+
 @cache
 def _warn(where: str, problem: str) -> None:
     """One line, once per process."""
     _LOG.warning('%s', ' '.join(f'{where} {problem}; it is left out'.split()))
-
-
-def _text(error: BaseException) -> str:
-    return f'{type(error).__name__}: {error}'
 
 
 def _package(point: EntryPoint) -> str:

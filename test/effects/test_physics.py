@@ -167,6 +167,13 @@ def test_a_tip_pressed_along_the_normal_sticks():
     assert not slide(still.touch_state).any()
 
 
+def test_friction_is_plotted_over_the_slide_by_which_it_is_judged():
+    at, reference = SCENE.touch_state, CELL.nominal.replace(theta2=0.3)
+    plotted = ContactFriction(reference=reference).plot_axis(at, np.array([0.1])).values
+    np.testing.assert_array_equal(plotted, slide(at, reference))
+    assert np.abs(plotted - slide(at)).max() > 0.1
+
+
 def test_the_sensor_turns_or_shifts_what_it_reports():
     force = np.array([[10.0, 0.0], [0.0, -20.0]])
     shifted = force + SensorBias().sensor_error(force, np.array([1.0, -2.0]))

@@ -46,7 +46,18 @@ def numbers(cell):
 
 def fails(cell):
     raise RuntimeError('no such cell')
+
+
+def exits(cell):
+    raise SystemExit(3)
 """
+RESULT = '(np.cos(2 * at.joints[:, self.joint]) * at.torques[:, self.joint],)'
+
+
+def wrong(result: str) -> str:
+    """The same effect, its angles another expression."""
+    assert RESULT in EFFECT
+    return EFFECT.format(name='stiffness_ripple').replace(RESULT, result)
 
 
 @pytest.fixture(autouse=True)
@@ -103,6 +114,12 @@ def test_a_function_may_offer_them(site):
         (EFFECT.format(name='stiffness_ripple').replace('    plot_variable', '    plot_over'), 'some', 'plot_variable'),
         (EFFECT.format(name='stiffness_ripple'), 'numbers', 'expected effects, got 1'),
         (EFFECT.format(name='stiffness_ripple'), 'fails', 'RuntimeError: no such cell'),
+        (EFFECT.format(name='stiffness_ripple'), 'exits', 'SystemExit: 3'),
+        (wrong('(np.full(len(at.joints), np.nan),)'), 'some', 'ValueError: shift: expected finite values'),
+        (wrong('(np.zeros(3),)'), 'some', 'cannot be used: ValueError: '),
+        (wrong('(np.zeros((len(at.joints), 2)),)'), 'some', 'cannot be used: ValueError: '),
+        (wrong('(at.joints[:, 0], at.joints[:, 1])'), 'some', 'cannot be used: ValueError: '),
+        (wrong('1 / 0'), 'some', 'ZeroDivisionError'),
         (EFFECT.format(name='encoder_gain'), 'some', "uses the label 'encoder_gain[joint1]', which is taken"),
     ],
 )

@@ -10,6 +10,7 @@ from calibration.studies import CELL
 from effects.scenes import EFFECTS, LABELS, random_scene
 
 from scara_kinetostatic.effects.encoder_gain import EncoderGain
+from scara_kinetostatic.effects.evaluation import evaluate_once
 from scara_kinetostatic.effects.registry import catalogue, find, register, unregister
 from scara_kinetostatic.effects.variables import VARIABLES
 from scara_kinetostatic.errors import ParameterError
@@ -84,6 +85,25 @@ def test_one_of_my_own_is_listed_until_taken_back():
         unregister(mine)
     unregister(mine)
     assert catalogue(CELL) == EFFECTS
+
+
+def test_a_class_may_be_registered_as_its_entry_point_may_be():
+    class MyGain(EncoderGain):
+        name = 'my_gain'
+
+    assert register(MyGain) is MyGain
+    try:
+        assert [effect.label for effect in catalogue(CELL)[-2:]] == ['my_gain[joint1]', 'my_gain[joint2]']
+    finally:
+        unregister(MyGain)
+    assert catalogue(CELL) == EFFECTS
+    with pytest.raises(ParameterError, match='expected a class derived from Effect or a function'):
+        register(EncoderGain.of(0))
+
+
+@pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
+def test_every_effect_of_the_catalogue_can_be_evaluated_at_a_few_touches(effect):
+    evaluate_once(effect, CELL)
 
 
 def test_two_of_one_label_are_refused():
