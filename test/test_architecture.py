@@ -104,6 +104,12 @@ def test_imports_go_downwards(path: Path) -> None:
                 assert module_name(path) == f'{NAME}.cli.demo'
 
 
+def test_types_of_arrays_are_defined_once() -> None:
+    defined = re.compile(r'^(Floats|Indices|Mask)\b[^=\n]*= *(np\.typing\.)?NDArray', re.MULTILINE)
+    found = [module_name(path) for path in MODULES if defined.search(path.read_text(encoding='utf-8'))]
+    assert found == [f'{NAME}.model.arrays']
+
+
 def test_no_circles() -> None:
     graph = {module_name(path): {m for m in imports(path) if m.startswith(f'{NAME}.')} for path in MODULES}
     del graph[NAME]  # its names are loaded on first use

@@ -7,7 +7,6 @@ from typing import NamedTuple
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.fit_point import FINAL
 from scara_kinetostatic.calibration.gauss_helmert import Observations
@@ -17,14 +16,13 @@ from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.solver import Subspace, minimise
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Disc, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
-
-Floats = NDArray[np.float64]
 
 NOISE = Noise(joint=1e-5, force=0.3)
 TOUCHES = 108

@@ -11,13 +11,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmark.diagnosis.cells import Setup, SimulatedEffects, seed_of
 from scara_kinetostatic.effects.base import DiscEffect, Effect, JointEffect, Parameter
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import TouchState
-
-Floats = NDArray[np.float64]
 
 LARGEST_REST = 0.5
 """Of the angle at which a cable is slack, rad."""

@@ -20,7 +20,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import fsolve, least_squares
 
 from benchmark.common import CELL, NOISE, peak_memory, repeat, reset_peak_memory
@@ -32,9 +31,9 @@ from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import turn_radial
 from scara_kinetostatic.calibration.solver import Subspace, minimise
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
-Floats = NDArray[np.float64]
 START = CELL.nominal.as_array()
 ANGLE, METRE = 1e-3, 1e-3
 """Units in which IPOPT sees changes of angles, rad, and misclosures, m."""

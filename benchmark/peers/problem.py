@@ -10,16 +10,14 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmark.common import CELL, NOISE
 from scara_kinetostatic.model import kinematics
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import Plan, default_plan
-
-Floats = NDArray[np.float64]
 
 LEAST_LEVER = 0.02
 """Shortest lever arm of the force about either joint at L̄n, m."""

@@ -19,13 +19,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
-
-Floats = NDArray[np.float64]
 
 PASSES = 12
 """Of the fixed point for Q*; each gains two digits or more, and there are 16."""

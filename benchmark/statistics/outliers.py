@@ -25,12 +25,10 @@ from benchmark.statistics.runs import Setup, Task, described_cell, error_of, run
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.streams import simulate_touches
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 SHARE = 0.1
 WRONG, SLIPPED, SPIKE = 'wrong touch', 'slipped touch', 'force spike'

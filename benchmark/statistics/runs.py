@@ -7,20 +7,18 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmark.common import CELL, EXACT, NOISE, ROBOTS
 from benchmark.statistics.bound import Bound, bound
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
-
-Floats = NDArray[np.float64]
 
 LENGTH_OFF, ANGLE_OFF, FACTOR_OFF = 0.020, np.deg2rad(3.0), 5.0
 """How far nominal values are off: lengths and base ± m, offsets ± rad, compliances and backlashes × or ÷."""

@@ -20,9 +20,8 @@ from benchmark.statistics.runs import (
     Setup,
     StartRun,
 )
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import NAMES
-
-Floats = NDArray[np.float64]
 
 WIDTH = 36
 EFFICIENT = 1.08

@@ -13,7 +13,6 @@ from collections.abc import Container, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
@@ -26,8 +25,6 @@ from scara_kinetostatic.diagnosis.thresholds import CREDIBLE
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, P1, P2, P_EE
-
-Floats = NDArray[np.float64]
 
 _COMPLIANCES = np.array([P_EE, P1, P2, G_EE, G1, G2])
 """Compliances and backlashes: not negative in any robot."""

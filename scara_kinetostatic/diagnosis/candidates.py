@@ -7,14 +7,12 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
 from scara_kinetostatic.diagnosis.linear_problem import Problem
 from scara_kinetostatic.diagnosis.thresholds import INDEPENDENT_PART, INDEPENDENT_PART_CAUTIOUS
 from scara_kinetostatic.effects.base import Effect, Trial
-
-Floats = NDArray[np.float64]
+from scara_kinetostatic.model.arrays import Floats
 
 _PARTNERS = 12
 """Beside how many of the other candidates the trials of an effect are compared again."""

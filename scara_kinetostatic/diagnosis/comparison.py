@@ -16,7 +16,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.fit_point import Point
 from scara_kinetostatic.calibration.gauss_helmert import Observations
@@ -24,10 +23,9 @@ from scara_kinetostatic.calibration.prediction import force_error, observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import NAMES
-
-Floats = NDArray[np.float64]
 
 _LEAST_EIGENVALUE = 1e-6
 """Of I - H_k; less is that of a touch which alone determines a parameter."""

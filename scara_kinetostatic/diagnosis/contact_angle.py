@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from scara_kinetostatic.calibration.calibrate import calibrate
@@ -26,9 +25,8 @@ from scara_kinetostatic.calibration.whitening import outer, whiten_by
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
 from scara_kinetostatic.diagnosis.refit import fitted_effects, with_rejections_of
 from scara_kinetostatic.effects.off_normal_force import OffNormalForce
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Noise
-
-Floats = NDArray[np.float64]
 
 _UNCONSTRAINED_STD = 10.0
 """A standard deviation of α that leaves it free, rad."""

@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.touch import TouchSet
-
-Floats = NDArray[np.float64]
 
 _DIRECTIONS = 24
 """Touches of the pool around each disc."""

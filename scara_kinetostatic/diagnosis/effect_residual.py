@@ -23,10 +23,9 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.base import at_joint
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import Shift, TouchState
 from scara_kinetostatic.model.parameters import NAMES
-
-Floats = NDArray[np.float64]
 
 _UNCLEAR = 4.0
 """A touch whose sensitivity |u| to the deviation is so many times smaller than the median one is left out."""

@@ -21,10 +21,9 @@ from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
 from scara_kinetostatic.diagnosis.thresholds import FORCE_LEVELS, INDEPENDENT_PART_CAUTIOUS, ROUNDING
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.lever_arms import view_arm
 from scara_kinetostatic.model.touch import TouchSet
-
-Floats = NDArray[np.float64]
 
 
 class _Family(NamedTuple):

@@ -21,14 +21,11 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet
 from scara_kinetostatic.diagnosis.linear_problem import Problem
 from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, STRICT_SIGNIFICANCE
-
-Floats = NDArray[np.float64]
 
 _LARGEST = 4
 """Effects in a set at most."""

@@ -10,15 +10,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from scara_kinetostatic.diagnosis.candidates import Candidate, independent_part
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal
 from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets
 from scara_kinetostatic.diagnosis.thresholds import INDEPENDENT_PART, NONCENTRALITY, ROUNDING
-
-Floats = NDArray[np.float64]
+from scara_kinetostatic.model.arrays import Floats
 
 _LEAST_DETERMINANT = 1e-6
 """Of I - H_i; less is that of a touch which alone determines a parameter."""

@@ -16,7 +16,6 @@ from dataclasses import replace
 from typing import NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
@@ -28,11 +27,10 @@ from scara_kinetostatic.diagnosis.candidates import Candidate
 from scara_kinetostatic.diagnosis.linear_problem import Problem
 from scara_kinetostatic.diagnosis.thresholds import INDEPENDENT_PART
 from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import Parameters
-
-Floats = NDArray[np.float64]
 
 _LEAST_SHARE = 0.03
 """Part of the estimated noise with which a fit with effects begins at least."""

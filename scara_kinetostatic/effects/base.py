@@ -24,10 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import Shift, TouchState
-
-Floats = NDArray[np.float64]
 
 LAST = 1000
 """`Effect.order` of a class that does not say."""

@@ -8,8 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import Effect, Floats, Parameter
+from scara_kinetostatic.effects.base import Effect, Parameter
 from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis, slide
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import Shift, TouchState
 from scara_kinetostatic.model.parameters import Parameters

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from scara_kinetostatic.effects.base import Floats, JointEffect, Parameter
+from scara_kinetostatic.effects.base import JointEffect, Parameter
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import TouchState
 
 

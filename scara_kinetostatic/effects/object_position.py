@@ -7,7 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import DiscEffect, Floats, Parameter
+from scara_kinetostatic.effects.base import DiscEffect, Parameter
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import TouchState
 
 

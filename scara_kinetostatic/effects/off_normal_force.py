@@ -8,7 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import Effect, Floats, Parameter
+from scara_kinetostatic.effects.base import Effect, Parameter
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import Shift, TouchState
 

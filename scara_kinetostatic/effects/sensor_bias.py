@@ -7,7 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import Floats, Parameter, SensorEffect
+from scara_kinetostatic.effects.base import Parameter, SensorEffect
+from scara_kinetostatic.model.arrays import Floats
 
 
 @dataclass(frozen=True)

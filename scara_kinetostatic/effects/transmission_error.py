@@ -9,8 +9,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import Effect, Floats, Parameter, Trial, at_joint
+from scara_kinetostatic.effects.base import Effect, Parameter, Trial, at_joint
 from scara_kinetostatic.effects.variables import PlotAxis
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import Shift, TouchState
 

@@ -13,8 +13,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.effects.base import Effect, Floats, LinearEffect, Parameter, at_joint
+from scara_kinetostatic.effects.base import Effect, LinearEffect, Parameter, at_joint
 from scara_kinetostatic.effects.variables import PlotAxis
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import Shift, TouchState
 

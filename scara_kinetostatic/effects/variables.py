@@ -7,12 +7,10 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import TouchState
 from scara_kinetostatic.model.parameters import Parameters
-
-Floats = NDArray[np.float64]
 
 STICKING = 0.1
 """A tip that comes within this angle of the normal sticks, as a usual coefficient of friction has it, rad."""

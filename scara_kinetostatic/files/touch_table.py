@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files.csv_text import (
@@ -33,8 +32,7 @@ from scara_kinetostatic.files.csv_text import (
     split_rows,
     too_many_cells,
 )
-
-Floats = NDArray[np.float64]
+from scara_kinetostatic.model.arrays import Floats
 
 SUFFIX = '.csv'
 NEEDED = ('q1_rad', 'q2_rad', 'fx_N', 'fy_N')

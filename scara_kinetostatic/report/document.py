@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.calibration.result import Calibration
@@ -14,12 +13,11 @@ from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.render.json_file import Document
 from scara_kinetostatic.report.parameter_rows import base_rank
-
-Floats = NDArray[np.float64]
 
 NAME = 'calibration.json'
 SCHEMA = 'scara_kinetostatic/calibration/1'

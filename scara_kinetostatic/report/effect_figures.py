@@ -8,13 +8,11 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from scara_kinetostatic.diagnosis.comparison import Bias
 from scara_kinetostatic.diagnosis.effect_residual import EffectResidual
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.render.figure import FAINT, INK, LINE, PAPER, SERIES, WARN, as_svg, mark, new_figure
-
-Floats = NDArray[np.float64]
 
 _WIDTH = 920.0
 _FEW = 6

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.contact import Contact, contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.simulation.plan import Plan
 
-Floats = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 LIGHT_FORCE = 0.05

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.simulation.plan import CLEARANCE
-
-Floats = NDArray[np.float64]
 
 PHASES = ('travel', 'pause', 'approach', 'press', 'ease', 'hold', 'release', 'retract')
 TRAVEL, PAUSE, APPROACH, PRESS, EASE, HOLD, RELEASE, RETRACT = range(8)

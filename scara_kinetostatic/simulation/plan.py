@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import CellError, ParameterError
+from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell
 
-Floats = NDArray[np.float64]
 Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 REACH_MARGIN = 0.03
 """Distance of the tip from the stretched and from the folded arm, m: the true arm may be shorter."""

@@ -17,14 +17,13 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model import sensor_error
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.phases import TRAVEL
 from scara_kinetostatic.simulation.trajectory import CellState
-
-Floats = NDArray[np.float64]
 
 TYPICAL_NOISE = Noise(joint=1e-5, force=0.3)
 """Repeatability of a touch where neither the sensors nor the cell give one."""

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
@@ -61,7 +62,6 @@ __all__ = [
     'Trajectory',
     'minimum_jerk',
 ]
-Floats = NDArray[np.float64]
 
 FIRST_FORCE = 1e-6
 """The 0+ of `Ḡ(S, 0+)`, N: defines the direction of the force, its deflection is negligible."""

@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.touches.holds import Hold
-from scara_kinetostatic.touches.signals import SMOOTHING, Floats, Topic, median_of_three, moving_mean
+from scara_kinetostatic.touches.signals import SMOOTHING, Topic, median_of_three, moving_mean
 
 SMALLEST_REVERSAL = 5e-6
 """A movement back by less than this is not a reversal, rad,"""

@@ -18,11 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Sensor, SensorFrame, SensorSign
 from scara_kinetostatic.model.kinematics import forward, link_vectors, posture, quarter_turn, rotate
 from scara_kinetostatic.model.parameters import Parameters
-
-Floats = NDArray[np.float64]
 
 _LENGTH_PRIOR = 0.015
 """Standard deviation of the errors of the nominal lengths and offsets, m."""

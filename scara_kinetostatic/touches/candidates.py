@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.touches.holds import SHORTEST_HOLD, Hold, HoldSearch, find_holds
 from scara_kinetostatic.touches.segmentation import Contacts
-from scara_kinetostatic.touches.signals import Floats, Signals, median, white_noise
+from scara_kinetostatic.touches.signals import Signals, median, white_noise
 from scara_kinetostatic.touches.tare import AFTER_CONTACT, SHORTEST_FREE, Tare, tare_before
 
 _LARGEST_DRIFT = 0.03

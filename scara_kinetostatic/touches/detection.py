@@ -13,13 +13,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorSign
 from scara_kinetostatic.model.touch import Rejection, TouchSet
 from scara_kinetostatic.touches.approach import Approach, approach_of_hold, resolution
 from scara_kinetostatic.touches.association import associate
 from scara_kinetostatic.touches.candidates import TouchCandidate, find_candidates
 from scara_kinetostatic.touches.segmentation import find_contacts
-from scara_kinetostatic.touches.signals import Floats, Signals, as_signals
+from scara_kinetostatic.touches.signals import Signals, as_signals
 from scara_kinetostatic.touches.streams import Streams
 
 _ZERO_CHANGE = 1.0

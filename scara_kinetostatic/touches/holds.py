@@ -16,16 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.touches.signals import (
-    Floats,
-    Signals,
-    Topic,
-    median,
-    robust_mean,
-    runs,
-    steps_of_mean,
-    white_noise,
-)
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.touches.signals import Signals, Topic, median, robust_mean, runs, steps_of_mean, white_noise
 from scara_kinetostatic.touches.tare import Tare
 
 SHORTEST_HOLD = 0.2

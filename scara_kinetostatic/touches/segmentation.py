@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.touches.signals import SMOOTHING, Floats, Signals, moving_mean, runs, white_noise
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.touches.signals import SMOOTHING, Signals, moving_mean, runs, white_noise
 from scara_kinetostatic.touches.tare import coarse_tare
 
 CONTACT_FORCE = 1.0

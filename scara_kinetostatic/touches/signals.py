@@ -11,10 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.touches.streams import Streams
-
-Floats = NDArray[np.float64]
 
 _SHORTEST_GAP = 0.1
 """A pause of a topic is a gap if it is longer than this, s,"""

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.touches.signals import (
     SMOOTHING,
-    Floats,
     Signals,
     Topic,
     median,

@@ -13,7 +13,8 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.result import Found
-from scara_kinetostatic.effects.base import DiscEffect, Floats, JointEffect, Parameter
+from scara_kinetostatic.effects.base import DiscEffect, JointEffect, Parameter
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import TouchState
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 

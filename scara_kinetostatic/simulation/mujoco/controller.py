@@ -8,9 +8,9 @@ harder first and then eased down, so that the joints reach the force from the ot
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.kinematics import inverse, wrap
 from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine
@@ -30,8 +30,6 @@ from scara_kinetostatic.simulation.trajectory import (
     Timing,
     minimum_jerk,
 )
-
-Floats = NDArray[np.float64]
 
 LARGEST_DEPTH = 0.02
 """Largest commanded depth in a disc; if the force is not reached there the touch is given up, m."""

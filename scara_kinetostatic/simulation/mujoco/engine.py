@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.simulation.mujoco.mjcf import LIFT, PAD_FULL, TIMESTEP, build
 from scara_kinetostatic.simulation.mujoco.scene import Scene
@@ -15,7 +15,6 @@ from scara_kinetostatic.simulation.mujoco.scene import Scene
 if TYPE_CHECKING:
     import mujoco
 
-Floats = NDArray[np.float64]
 
 STEPS = 4
 """Steps of the integration between two commands."""

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.touches.approach import last_movement
-
-Floats = NDArray[np.float64]
 
 
 class Tick(NamedTuple):

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.touch import TouchSet
@@ -18,8 +19,6 @@ from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import START
 from scara_kinetostatic.simulation.trajectory import CellState, Timing
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
-
-Floats = NDArray[np.float64]
 
 PRELOAD = 1.0
 """Preload of every other touch of `preload_plan`: it is pressed to twice its force first."""

@@ -20,12 +20,11 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 from scara_kinetostatic.studies.design.prediction import Robot, exact_plan
 from scara_kinetostatic.studies.design.workspace import Tip
-
-Floats = NDArray[np.float64]
 
 LEAST_ARM = 0.02
 """Smallest distance of the line of force from each joint's axis, m; well above usual errors of the nominal geometry."""

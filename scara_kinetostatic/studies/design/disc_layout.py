@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.identifiability import SCALES
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.simulation.plan import BASE_MARGIN, CLEARANCE
 from scara_kinetostatic.studies.design.candidates import LEAST_ARM, PRIOR, pack
 from scara_kinetostatic.studies.design.prediction import Robot, exact_touches
 from scara_kinetostatic.studies.design.workspace import Tip, reach
-
-Floats = NDArray[np.float64]
 
 _POINTS = 24
 """Touches around a disc from which its information is averaged."""

@@ -12,9 +12,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.studies.design.disc_layout import (
     LEAST_SHARE,
@@ -26,8 +26,6 @@ from scara_kinetostatic.studies.design.disc_layout import (
 )
 from scara_kinetostatic.studies.design.prediction import Robot
 from scara_kinetostatic.studies.design.workspace import Region, Tip, reach
-
-Floats = NDArray[np.float64]
 
 INFEASIBLE = 1.0
 """Value of the criterion for a layout that violates a constraint, m, to which the violation is added."""

@@ -14,11 +14,9 @@ Source: Fedorov, Theory of Optimal Experiments (1972), chapter 3.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.studies.design.candidates import CandidateTouches, pack
-
-Floats = NDArray[np.float64]
 
 _LEAST_GAIN = 1e-4
 """Smallest relative decrease of the criterion for which touches are exchanged."""

@@ -11,15 +11,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import FixedLocator, NullLocator
-from numpy.typing import NDArray
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.render.figure import FAINT, INK, LINE, PAPER, SERIES, WARN, as_svg, mark, new_figure
 from scara_kinetostatic.studies.design.document import best_place
 from scara_kinetostatic.studies.design.result import Design, DesignedSet
 from scara_kinetostatic.studies.design.workspace import free_tip, loaded_tip, make_workspace, reach, tip_std
-
-Floats = NDArray[np.float64]
 
 WIDTH, HALF = 920.0, 450.0
 MICRO = 1e6

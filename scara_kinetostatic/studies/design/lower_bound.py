@@ -20,11 +20,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.studies.design.candidates import PRIOR, CandidateTouches
-
-Floats = NDArray[np.float64]
 
 _ITERATIONS = 400
 """More iterations tighten the bound; it is valid after any number."""

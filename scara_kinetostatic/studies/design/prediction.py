@@ -38,6 +38,7 @@ from scara_kinetostatic.calibration.identifiability import (
     unidentifiable_directions,
 )
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.contact_state import State
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -74,9 +75,6 @@ def observability(values: NDArray[np.float64], touches: int) -> Indices:
         o4=smallest**2 / largest,
         o5=float(1 / (1 / values).sum()),
     )
-
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

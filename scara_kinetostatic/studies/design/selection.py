@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.studies.design.candidates import PRIOR, CandidateTouches
 from scara_kinetostatic.studies.design.exchange import improve, largest_variance
@@ -25,7 +26,6 @@ from scara_kinetostatic.studies.design.lower_bound import LowerBound
 from scara_kinetostatic.studies.design.prediction import Robot, predict
 from scara_kinetostatic.studies.design.workspace import Tip, tip_std
 
-Floats = NDArray[np.float64]
 NumberProgress = Callable[[int], None]
 """Receives the number of touches for which sets are being sought."""
 

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model import kinematics
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.derivatives import forward_by_parameters, inverse_kinetostatics_derivatives
 from scara_kinetostatic.simulation.plan import BASE_MARGIN, REACH_MARGIN
 from scara_kinetostatic.studies.design.prediction import Prediction, Robot
-
-Floats = NDArray[np.float64]
 
 _RADII, _ANGLES = 8, 36
 """Radii and angles of the grid on which the reported numbers are evaluated."""

@@ -13,12 +13,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.studies.dial_gauge.statistics import CombinedEstimate, Estimate, combine_estimates
-
-Floats = NDArray[np.float64]
 
 _FEWEST_AXES = 3
 """Axes needed for the three coefficients of an ellipse."""

@@ -16,10 +16,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.studies.dial_gauge.reversals import (
     Line,
     Reversal,
@@ -33,7 +33,6 @@ from scara_kinetostatic.studies.dial_gauge.reversals import (
 )
 from scara_kinetostatic.studies.dial_gauge.statistics import CombinedEstimate, Estimate, combine_estimates
 
-Floats = NDArray[np.float64]
 _Window = tuple[float, float]
 
 _WINDOW = (0.15, 0.55)

@@ -17,7 +17,6 @@ reported here.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.studies.dial_gauge.directions import direction_map
@@ -32,8 +31,6 @@ from scara_kinetostatic.studies.dial_gauge.result import (
 )
 from scara_kinetostatic.studies.dial_gauge.run_fit import ZERO_BAND, fit_run
 from scara_kinetostatic.studies.dial_gauge.statistics import Estimate, combine_estimates
-
-Floats = NDArray[np.float64]
 
 _FALSE_ALARM_LEVEL = 0.01
 """Probability of any false alarm in a whole experiment; shared out among its tests (Bonferroni)."""

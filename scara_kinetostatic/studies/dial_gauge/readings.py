@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scara_kinetostatic.errors import ParameterError
-
-Floats = NDArray[np.float64]
+from scara_kinetostatic.model.arrays import Floats
 
 GRIPPER, JOINT1, JOINT2 = 'gripper', 'joint1', 'joint2'
 PARTS = (GRIPPER, JOINT1, JOINT2)

@@ -16,12 +16,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
-
-Floats = NDArray[np.float64]
 
 _FLAT = 1 / 6
 """Share of the way up over which the smallest change of the force is sought."""

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.dial_gauge.statistics import Estimate, LeastSquares, between_variance
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _SCATTER_LEVEL = 0.01

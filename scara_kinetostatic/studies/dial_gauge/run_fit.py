@@ -26,12 +26,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.studies.dial_gauge import run_checks
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.dial_gauge.run_checks import Check
 from scara_kinetostatic.studies.dial_gauge.statistics import Estimate, LeastSquares, find_resolution, least_squares
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 ZERO_BAND = 0.02

@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from scara_kinetostatic.errors import UnsupportedDataError
-
-Floats = NDArray[np.float64]
+from scara_kinetostatic.model.arrays import Floats
 
 _ROUNDING = 1e-9
 """Share of the largest displacement below which residuals are rounding errors of the arithmetic."""

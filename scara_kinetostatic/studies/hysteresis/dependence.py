@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from scara_kinetostatic.studies.hysteresis.motion import Floats, Motion, Rows
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.studies.hysteresis.motion import Motion, Rows
 
 _BINS = 16
 VARIABLES = {

@@ -7,11 +7,12 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.render.figure import FAINT, INK, SERIES, as_svg
 from scara_kinetostatic.studies.hysteresis.analysis import HysteresisAnalysis, Record
 from scara_kinetostatic.studies.hysteresis.leave_one_out import IDENTIFICATION_SWEEPS
 from scara_kinetostatic.studies.hysteresis.model_selection import CrossValidation
-from scara_kinetostatic.studies.hysteresis.motion import Floats, Motion, Rows
+from scara_kinetostatic.studies.hysteresis.motion import Motion, Rows
 
 WIDTH = 920.0
 _MILLI, _KILO = 1e3, 1e-3

@@ -13,9 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
 from scara_kinetostatic.studies.hysteresis.laws import Law, Parameter, Refinement, Values, refined
-from scara_kinetostatic.studies.hysteresis.motion import Floats, Motion, Rows
+from scara_kinetostatic.studies.hysteresis.motion import Motion, Rows
 
 _FOLLOWED = 3
 """Number of starting points that are optimised."""

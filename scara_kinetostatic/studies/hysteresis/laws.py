@@ -35,7 +35,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import lfilter
 
-from scara_kinetostatic.studies.hysteresis.motion import Floats, Motion, cut_at_reversals
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.studies.hysteresis.motion import Motion, cut_at_reversals
 
 Values = Mapping[str, float]
 

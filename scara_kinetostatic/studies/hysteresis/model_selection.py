@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.studies.hysteresis.dependence import Dependence, dependences, p_independent
 from scara_kinetostatic.studies.hysteresis.fit import Fit, fit, fit_refined
 from scara_kinetostatic.studies.hysteresis.laws import (
@@ -32,7 +33,7 @@ from scara_kinetostatic.studies.hysteresis.laws import (
     Law,
     Refinement,
 )
-from scara_kinetostatic.studies.hysteresis.motion import Floats, Motion
+from scara_kinetostatic.studies.hysteresis.motion import Motion
 
 LEVEL = 0.01
 """Significance level of the tests."""

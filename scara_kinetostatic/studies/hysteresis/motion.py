@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 from scara_kinetostatic.studies.dial_gauge.reversals import PROMINENCE
 
-Floats = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 
 _FEWEST_SWEEPS = 6

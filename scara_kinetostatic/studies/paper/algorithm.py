@@ -16,18 +16,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.prediction import base_force, force_error, force_residual, observe
 from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
-
-Floats = NDArray[np.float64]
 
 _MAX_ITERATIONS = 30
 _LONGEST_STEP = 1.0

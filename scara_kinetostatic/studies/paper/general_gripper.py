@@ -11,20 +11,18 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.gauss_helmert import place_force
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.whitening import whiten_by
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.model.touch_equations import excess_derivative, touch_equations
-
-Floats = NDArray[np.float64]
 
 _PARTS = {
     'p22 - p11': np.array([-0.5, 0.0, 0.0, 0.5]),

@@ -8,13 +8,11 @@ from multiprocessing import get_context
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.studies.paper.table_2 import LinearProblem, linearise_at_truth, run
-
-Floats = NDArray[np.float64]
 
 _CHUNK = 25
 """Data sets that a process works on at a time."""

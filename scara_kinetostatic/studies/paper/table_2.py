@@ -11,12 +11,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, GripperSign, Noise
 from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.parameters import G_EE, NAMES, P_EE, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
@@ -48,8 +48,6 @@ FORCE = 40.0
 _POINTS_PER_DISC = 12
 """npc of figure 3."""
 
-
-Floats = NDArray[np.float64]
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3), gripper_sign=GripperSign.PAPER)
 ONE_LEVEL = (FORCE,)
