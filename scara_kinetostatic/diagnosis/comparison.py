@@ -23,7 +23,7 @@ from scara_kinetostatic.calibration.prediction import force_error, observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import NAMES
 
@@ -141,9 +141,9 @@ def _errors(c: Calibration, final: Calibration, held_out: float) -> ModelErrors:
     chi_square = c.chi_square if c is final else float(point.distance.sum())
     across_circle = _whitened_normal(observations, point)
     tip = TipError(
-        _rms((point.whitened.residual * across_circle).sum(axis=1)),
-        _rms((_left_out(base, point.whitened.residual) * across_circle).sum(axis=1)),
-        _rms(across_circle.ravel()) * 2**0.5,
+        rms((point.whitened.residual * across_circle).sum(axis=1)),
+        rms((_left_out(base, point.whitened.residual) * across_circle).sum(axis=1)),
+        rms(across_circle.ravel()) * 2**0.5,
     )
     return ModelErrors(force_error(c.residual[c.used]), held_out, chi_square / (2 * n - c.subspace.basis.shape[1]), tip)
 
@@ -165,10 +165,6 @@ def _left_out(base: Floats, residual: Floats) -> Floats:
     values, vectors = np.linalg.eigh(kept)
     turned = np.einsum('nij,ni->nj', vectors, residual) / np.maximum(values, _LEAST_EIGENVALUE)
     return np.asarray(np.einsum('nij,nj->ni', vectors, turned))
-
-
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _bias(name: str, base: Calibration, final: Calibration) -> Bias:

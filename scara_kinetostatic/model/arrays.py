@@ -1,4 +1,4 @@
-"""Types of the arrays of the package; their shapes and units are in the docstrings."""
+"""Types of the arrays of the package, whose shapes and units are in the docstrings; and their rms."""
 
 from __future__ import annotations
 
@@ -8,3 +8,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
+
+
+def rms(values: Floats) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(values**2)))

@@ -35,6 +35,8 @@ COLOURS = {
 }
 STYLESHEET = Path(__file__).parent / 'page.css'
 """Of every page; its variables are the colours of the figures."""
+MICRO = 1e6
+"""Micrometres per metre."""
 _FONT_SIZE = 12.5
 _FONT = 'system-ui, -apple-system, Segoe UI, Noto Sans, DejaVu Sans, sans-serif'
 _PER_INCH = 72.0

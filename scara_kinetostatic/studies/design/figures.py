@@ -14,13 +14,12 @@ from matplotlib.ticker import FixedLocator, NullLocator
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
-from scara_kinetostatic.render.figure import FAINT, INK, LINE, PAPER, SERIES, WARN, as_svg, mark, new_figure
+from scara_kinetostatic.render.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, as_svg, mark, new_figure
 from scara_kinetostatic.studies.design.document import best_place
 from scara_kinetostatic.studies.design.result import Design, DesignedSet
 from scara_kinetostatic.studies.design.workspace import free_tip, loaded_tip, make_workspace, reach, tip_std
 
 WIDTH, HALF = 920.0, 450.0
-MICRO = 1e6
 _TICKS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 200, 300, 500, 1000)
 
 
@@ -110,8 +109,6 @@ def random_picture(design: Design) -> Markup:
     return as_svg(figure, 'random', 'distribution of the largest standard deviation of the tip over random sets')
 
 
-WIDTH, HALF = 920.0, 450.0
-MICRO = 1e6
 _FINE_GRID = (24, 120)
 """Radii and angles of a map."""
 COLOURS = 'viridis_r'

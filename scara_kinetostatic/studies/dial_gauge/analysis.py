@@ -13,10 +13,9 @@ from scara_kinetostatic.studies.dial_gauge.point_analysis import analyse_points
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings, join
 from scara_kinetostatic.studies.dial_gauge.result import PointAnalysis
 from scara_kinetostatic.studies.dial_gauge.run_fit import ZERO_BAND
+from scara_kinetostatic.studies.dial_gauge.statistics import FALSE_ALARM_LEVEL
 
 AUTO, POINTS, LOOPS = 'auto', 'points', 'loops'
-_LEVEL = 0.01
-"""Probability of a false alarm per record; shared out among its tests (Bonferroni)."""
 
 
 class LoopRecord(NamedTuple):
@@ -82,7 +81,7 @@ def _record(table: DialGaugeReadings) -> LoopRecord:
 def _loop_warnings(record: LoopRecord) -> list[str]:
     """Warnings about inconsistent reversals and trends."""
     found = []
-    level = _LEVEL / sum(2 + len(sense.trends) for sense in record.analysis.senses)
+    level = FALSE_ALARM_LEVEL / sum(2 + len(sense.trends) for sense in record.analysis.senses)
     for sense in record.analysis.senses:
         where = f'{record.source}: {sense_name(sense)}'
         for name, test, factor, unit in (

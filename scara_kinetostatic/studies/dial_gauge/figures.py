@@ -11,14 +11,13 @@ from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 
-from scara_kinetostatic.render.figure import FAINT, INK, LINE, PAPER, SERIES, WARN, as_svg, new_figure
+from scara_kinetostatic.render.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, as_svg, new_figure
 from scara_kinetostatic.studies.dial_gauge.analysis import LoopRecord, sense_name
 from scara_kinetostatic.studies.dial_gauge.directions import DirectionMap
 from scara_kinetostatic.studies.dial_gauge.loop_analysis import Sense
 from scara_kinetostatic.studies.dial_gauge.result import Part, Run
 
 WIDTH, HALF = 920.0, 450.0
-MICRO = 1e6
 
 
 def force_picture(run: Run, name: str) -> Markup:

@@ -30,10 +30,8 @@ from scara_kinetostatic.studies.dial_gauge.result import (
     run_warnings,
 )
 from scara_kinetostatic.studies.dial_gauge.run_fit import ZERO_BAND, fit_run
-from scara_kinetostatic.studies.dial_gauge.statistics import Estimate, combine_estimates
+from scara_kinetostatic.studies.dial_gauge.statistics import FALSE_ALARM_LEVEL, Estimate, combine_estimates
 
-_FALSE_ALARM_LEVEL = 0.01
-"""Probability of any false alarm in a whole experiment; shared out among its tests (Bonferroni)."""
 _SAME_AXIS = np.radians(0.5)
 """Directions closer than this are the same, rad."""
 
@@ -51,7 +49,7 @@ def analyse_points(readings: DialGaugeReadings, zero_band: float = ZERO_BAND) ->
     """
     runs = [_run(rows, zero_band) for rows in _split_runs(readings)]
     gripper = _part(GRIPPER, [run for run in runs if run.part == GRIPPER])
-    level = _FALSE_ALARM_LEVEL / sum(len(run.fit.checks) + 2 for run in runs)
+    level = FALSE_ALARM_LEVEL / sum(len(run.fit.checks) + 2 for run in runs)
     runs = [_with_failed_checks(_without_gripper(run, gripper), level) for run in runs]
     parts = tuple(part for name in PARTS if (part := _part(name, [run for run in runs if run.part == name])))
     warnings = (*readings.notes, *(text for run in runs for text in run_warnings(run)), *part_warnings(parts, level))
@@ -129,7 +127,7 @@ def _gripper_along(direction: float, gripper: Part | None) -> tuple[Estimate, Es
         return _mean([run.compliance for run in there]), _mean([run.gap for run in there])
     maps = gripper.compliance_map, gripper.gap_map
     ellipses = [each.ellipse for each in maps if each is not None and each.ellipse is not None]
-    if len(ellipses) < 2 or any(ellipse.p_value < _FALSE_ALARM_LEVEL for ellipse in ellipses):
+    if len(ellipses) < 2 or any(ellipse.p_value < FALSE_ALARM_LEVEL for ellipse in ellipses):
         return None
     return ellipses[0].at(direction), ellipses[1].at(direction)
 
@@ -153,7 +151,7 @@ def _part(name: str, runs: list[Run]) -> Part | None:
             direction_map(direction, gap[:, 0], gap[:, 1], dof, power=2),
         )
         return Part(name, tuple(runs), maps[0].mean, maps[1].mean, *maps)
-    first, second = (combine_estimates(each[:, 0], each[:, 1], dof, _FALSE_ALARM_LEVEL) for each in (compliance, gap))
+    first, second = (combine_estimates(each[:, 0], each[:, 1], dof, FALSE_ALARM_LEVEL) for each in (compliance, gap))
     return Part(name, tuple(runs), Estimate(first.mean, first.std), Estimate(second.mean, second.std), None, None)
 
 

@@ -12,6 +12,8 @@ from scara_kinetostatic.model.arrays import Floats
 
 _ROUNDING = 1e-9
 """Share of the largest displacement below which residuals are rounding errors of the arithmetic."""
+FALSE_ALARM_LEVEL = 0.01
+"""p-value below which a difference is significant. Several tests of the same data share it (Bonferroni)."""
 
 
 class Estimate(NamedTuple):

@@ -11,11 +11,9 @@ from scara_kinetostatic.studies.dial_gauge.directions import DirectionMap
 from scara_kinetostatic.studies.dial_gauge.loop_analysis import Sense
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER
 from scara_kinetostatic.studies.dial_gauge.result import Part, PointAnalysis, Run
-from scara_kinetostatic.studies.dial_gauge.statistics import CombinedEstimate, Estimate
+from scara_kinetostatic.studies.dial_gauge.statistics import FALSE_ALARM_LEVEL, CombinedEstimate, Estimate
 
 TITLES = {'gripper': 'Gripper', 'joint1': 'Joint 1', 'joint2': 'Joint 2'}
-_LEVEL = 0.01
-"""p-value below which a difference is reported as significant."""
 
 
 def with_std(estimate: Estimate, factor: float = 1e6) -> str:
@@ -79,7 +77,7 @@ def map_sentences(part: Part) -> list[str]:
 def _map_sentence(what: str, unit: str, each: DirectionMap) -> str:
     test = each.isotropy
     numbers = _test(test)
-    if test.p_value >= _LEVEL:
+    if test.p_value >= FALSE_ALARM_LEVEL:
         return f'The {what} is equal in all directions within its uncertainty ({numbers}).'
     text = f'The {what} depends on the direction ({numbers}): '
     text += f'{1e6 * each.value.min():.4g} … {1e6 * each.value.max():.4g} {unit}'
@@ -133,7 +131,7 @@ def sense_sentences(sense: Sense) -> list[str]:
 def _agreement_sentence(what: str, unit: str, factor: float, test: CombinedEstimate) -> str:
     mean = f'{what.capitalize()} {with_std(Estimate(test.mean, test.std), factor)} {unit}'
     numbers = _test(test)
-    if test.p_value >= _LEVEL:
+    if test.p_value >= FALSE_ALARM_LEVEL:
         return f'{mean}: the reversals are consistent ({numbers}).'
     between = f'{_short(factor * test.between)} {unit}'
     return f'{mean}: the reversals are inconsistent ({numbers}); standard deviation between them {between}.'

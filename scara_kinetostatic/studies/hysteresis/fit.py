@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
 from scara_kinetostatic.studies.hysteresis.laws import Law, Parameter, Refinement, Values, refined
 from scara_kinetostatic.studies.hysteresis.motion import Motion, Rows
@@ -35,7 +35,7 @@ class Fit(NamedTuple):
 
     def rms(self, rows: Rows) -> float:
         """Rms residual over rows, N."""
-        return float(np.sqrt(np.mean(self.residual[rows] ** 2)))
+        return rms(self.residual[rows])
 
 
 def fit(law: Law, motion: Motion, rows: Rows) -> Fit:

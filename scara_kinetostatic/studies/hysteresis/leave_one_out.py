@@ -13,10 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.studies.hysteresis.fit import Fit, predict, refit
 from scara_kinetostatic.studies.hysteresis.laws import Values
-from scara_kinetostatic.studies.hysteresis.model_selection import rms
 from scara_kinetostatic.studies.hysteresis.motion import Motion
 
 IDENTIFICATION_SWEEPS = 3

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.studies.hysteresis.dependence import Dependence, dependences, p_independent
 from scara_kinetostatic.studies.hysteresis.fit import Fit, fit, fit_refined
 from scara_kinetostatic.studies.hysteresis.laws import (
@@ -199,11 +199,6 @@ def _cross_validate(
         earlier_rms=last.rms(earlier),
         held_out_rms=rms(held_out[motion.scored]),
     )
-
-
-def rms(values: Floats) -> float:
-    """Root of the mean square."""
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _compare(before: CrossValidation, scores: list[CrossValidation], motion: Motion) -> tuple[Comparison, ...]:
