@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scara_kinetostatic.effects.base import Effect, Floats
+from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.contact_state import State
 from scara_kinetostatic.model.effect_law import Shift, TouchMetadata, TouchState
