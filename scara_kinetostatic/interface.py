@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scara_kinetostatic.calibration.estimate import USUAL_NOISE
 from scara_kinetostatic.calibration.prediction import base_force, force_residual, observe
 from scara_kinetostatic.calibration.propagation import Prediction, compensate_joints, locate_tip, tip_under_force
 from scara_kinetostatic.calibration.result import Calibration
@@ -21,21 +22,20 @@ from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError
 from scara_kinetostatic.files.touch_table import is_touch_table
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame
+from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.pipeline import calibrate_recordings, calibrate_touches, gather_touches
+from scara_kinetostatic.pipeline import calibrate_recordings, calibrate_touches, gather_touches, left_out
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 from scara_kinetostatic.touches.association import associate
+from scara_kinetostatic.touches.detection import Detection
 
-USUAL_NOISE = Noise(joint=1e-5, force=0.3)
-"""Noise of simulated touches where the cell does not say."""
 ELBOWS = {'left': 1, 'right': -1}
 Paths = str | Path | Sequence[str | Path]
 
@@ -226,15 +226,15 @@ def diagnose(
 
     Args:
         source: touches, or the recordings and touch tables that hold them, or a calibration of the base model.
-        cell: the cell; that of the calibration where `source` is one.
-        fixed: parameters to hold, by name, at these values.
+        cell: the cell; not with a calibration, which has its own.
+        fixed: parameters to hold, by name, at these values; not with a calibration.
 
     Returns:
         ``outcome.verdict``; ``outcome['l1'].value``, ``.std``, ``.unit`` of the twelve parameters, and
         ``outcome.effects['object_radius[disc_2]']['radius']`` alike; more in `Outcome`.
 
     Raises:
-        InputError: a file or the cell is wrong; no cell is given.
+        InputError: a file or the cell is wrong; no cell is given, or one besides a calibration.
         UnsupportedDataError: the touches cannot support a calibration.
 
     Example:
@@ -248,7 +248,15 @@ def diagnose(
         60 ± 1 µm
     """
     if isinstance(source, Calibration):
-        return calibrate_touches(source.touches, source.cell, fixed=source.fixed)
+        for name, given in (('cell', cell), ('fixed', fixed)):
+            if given is not None:
+                raise InputError(name, 'a calibration has its own', 'leave it out, or give the touches')
+        if source.model.effects:
+            problem = 'expected a calibration of the base model, got one with effects'
+            raise InputError('source', problem, 'give its touches and its cell')
+        early = left_out(source)
+        detection = Detection(source.touches, rejected=early, found=len(source.touches) + len(early))
+        return calibrate_touches(detection, source.cell, calibration=source)
     if cell is None:
         raise InputError('cell', 'is missing', "give one, such as load_cell('cell.yaml')")
     if isinstance(source, TouchSet):

@@ -20,7 +20,7 @@ from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.files.touch_table import is_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.touch import TouchSet, common_reason
+from scara_kinetostatic.model.touch import Rejection, TouchSet, common_reason
 from scara_kinetostatic.touches.detection import Detection, find_touches
 from scara_kinetostatic.touches.table import cell_of_files, touches_of_table
 
@@ -104,6 +104,7 @@ def calibrate_touches(
     touches: Detection | TouchSet,
     cell: Cell,
     *,
+    calibration: Calibration | None = None,
     fixed: Mapping[str, float] | None = None,
     sources: Sequence[str | Path] = (),
     progress: Progress | None = None,
@@ -113,7 +114,8 @@ def calibrate_touches(
     Args:
         touches: as detected in recordings, or as they come from elsewhere.
         cell: the cell.
-        fixed: parameters to hold, by name.
+        calibration: the base model's fit of these touches, where there is one.
+        fixed: parameters to hold, by name; those of `calibration` where it is given.
         sources: the files that the touches come from; messages name them.
         progress: called at each step.
 
@@ -129,23 +131,33 @@ def calibrate_touches(
         raise CellError(keys, problem, 'correct it')
     if not len(detection.touches):
         raise UnsupportedDataError(f'{names}: {_no_touches(detection)}', 'see what `inspect` says about the recording')
-    calibration, diagnosis = _fit_and_diagnose(detection, cell, fixed, names, progress)
+    if calibration is None:
+        calibration, diagnosis = _fit_and_diagnose(detection, cell, fixed, names, progress)
+    else:
+        _report(progress, 'diagnosing the model', 0.3)
+        diagnosis = diagnose(calibration)
     _report(progress, 'predicting held-out touches', 0.8)
     final = diagnosis.extended or calibration
     _check_converged(final, names)
     held_out = held_out_force_error(replace(calibration, used=final.used))
     extended_held_out = held_out if final is calibration else held_out_force_error(final)
     _report(progress, 'done', 1.0)
+    rejected = {item.index: item for item in (*detection.rejected, *left_out(calibration), *final.rejected)}
     return Outcome(
         calibration=calibration,
         held_out=held_out,
         diagnosis=diagnosis,
         extended_held_out=extended_held_out,
         found=detection.found,
-        rejected=tuple(sorted((*detection.rejected, *final.rejected), key=lambda item: item.index)),
+        rejected=tuple(rejected[index] for index in sorted(rejected)),
         sources=tuple(map(str, sources)),
         warnings=detection.warnings,
     )
+
+
+def left_out(calibration: Calibration) -> tuple[Rejection, ...]:
+    """The touches that were rejected before the fit: they are not in `Calibration.touches`."""
+    return tuple(item for item in calibration.rejected if item.index not in calibration.touches.index)
 
 
 def _fit_and_diagnose(

@@ -25,7 +25,7 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.touch import common_reason
 
 USUAL_NOISE = Noise(joint=1e-5, force=0.3)
-"""Where the noise is to be estimated, the first guess."""
+"""Where the cell does not give it: the first guess of an estimation, and the noise of simulated touches."""
 _ROUNDS = 20
 """Rounds after the first at most."""
 _FREE_ROUNDS = 4

@@ -111,6 +111,27 @@ def test_an_effect_of_time_needs_the_time():
     np.testing.assert_allclose(back.position, [[0.3, 0.2]], rtol=0, atol=1e-12)
 
 
+def test_a_calibration_is_diagnosed_as_it_is(example_files):
+    touches = sk.read_touches(example_files / 'touches.csv', CELL)
+    names = [CELL.discs[k].name for k in touches.disc]
+    joints, force = (np.vstack([part, part[:1]]) for part in (touches.joints, touches.force))
+    repeated = sk.make_touches(joints, force, CELL, objects=[*names, names[0]])
+    fit = sk.calibrate(repeated, CELL, fixed={'l1': 0.3302})
+    outcome = sk.diagnose(fit)
+    assert outcome.calibration is fit
+    assert outcome['l1'].status == 'fixed'
+    assert outcome.found == len(repeated) == len(outcome.rejected) + outcome.final.used.sum()
+    assert {item.index for item in fit.rejected} - set(fit.touches.index.tolist()) <= {
+        r.index for r in outcome.rejected
+    }
+    assert len(fit.touches) < len(repeated)
+    for arguments in ({'cell': CELL}, {'fixed': {'l1': 0.33}}):
+        with pytest.raises(sk.InputError, match='a calibration has its own'):
+            sk.diagnose(fit, **arguments)
+    with pytest.raises(sk.InputError, match='expected a calibration of the base model'):
+        sk.diagnose(outcome.final)
+
+
 def test_what_the_data_do_not_determine_has_no_uncertainty(example_files):
     cell = sk.load_cell(example_files / 'cell.yaml')
     touches = sk.simulate(cell, sk.PAPER_ACTUAL, per_disc=18, preload=0.0, seed=3)
