@@ -23,7 +23,7 @@ from scara_kinetostatic.calibration.identifiability import (
 )
 from scara_kinetostatic.calibration.prediction import base_force, force_error, force_residual, observe
 from scara_kinetostatic.calibration.solver import Subspace, Termination
-from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.arrays import Floats, Mask, read_only
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, UNITS, Parameters
@@ -50,10 +50,15 @@ class Estimate(NamedTuple):
     status: str
     nominal: float
 
+    @classmethod
+    def of_effect(cls, value: float, std: float, unit: str, nominal: float) -> Estimate:
+        """The estimate of a parameter of an effect: confounded where it has no standard uncertainty."""
+        return cls(value, std, unit, 'confounded' if np.isnan(std) else 'estimated', nominal)
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
-    """The calibrated model with its uncertainty, and the residual of every touch.
+    """The calibrated model with its uncertainty, and the residual of every touch. Its arrays are read-only.
 
     Parameters are reached by name: ``calibration['l1'].value``, those of effects alike:
     ``calibration.effects['object_position[disc_2]']['x'].std``.
@@ -116,6 +121,17 @@ class Calibration:
     termination: Termination
     history: tuple[float, ...]
 
+    def __post_init__(self) -> None:
+        for name in ('covariance', 'std', 'effect_std', 'used', 'force', 'standardized'):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    def __repr__(self) -> str:
+        effects = ' '.join(effect.label for effect in self.model.effects) or 'none'
+        return (
+            f'<Calibration: {self.used.sum()} of {len(self.touches)} touches used, '
+            f'reduced chi-square {self.reduced_chi_square:.3g}, effects: {effects}>'
+        )
+
     def __getitem__(self, name: str) -> Estimate:
         """A parameter of the base model by name.
 
@@ -138,7 +154,7 @@ class Calibration:
         stds = [part.tolist() for part in self.effect_stds]
         return {
             effect.label: {
-                p.name: Estimate(value, std, p.unit, 'confounded' if np.isnan(std) else 'estimated', start)
+                p.name: Estimate.of_effect(value, std, p.unit, start)
                 for p, value, std, start in zip(effect.parameters, *columns, strict=True)
             }
             for effect, *columns in zip(
@@ -154,12 +170,12 @@ class Calibration:
     @cached_property
     def residual(self) -> Floats:
         """F - A(Q, L̄), (n, 2), N."""
-        return force_residual(observe(self.touches, self.cell), self.model)
+        return read_only(force_residual(observe(self.touches, self.cell), self.model))
 
     @cached_property
     def nominal_residual(self) -> Floats:
         """F - A(Q, L̄n), (n, 2), N."""
-        return force_residual(observe(self.touches, self.cell), self.start)
+        return read_only(force_residual(observe(self.touches, self.cell), self.start))
 
     @property
     def force_error(self) -> float:

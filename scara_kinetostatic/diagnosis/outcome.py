@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
 from scara_kinetostatic.calibration.held_out import HeldOut
 from scara_kinetostatic.calibration.result import Calibration, Estimate
 from scara_kinetostatic.diagnosis.comparison import Comparison, compare
@@ -15,7 +13,7 @@ from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.model.touch import Rejection
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Outcome:
     """All that a calibration of recordings gives.
 
@@ -51,6 +49,10 @@ class Outcome:
     sources: tuple[str, ...]
     warnings: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        found = ' '.join(item.effect.label for item in self.diagnosis.found) or 'none'
+        return f'<Outcome: {self.verdict}, effects: {found}, final {self.final!r}>'
+
     def __getitem__(self, name: str) -> Estimate:
         """One of the twelve parameters of the final model by name: ``outcome['l1'].value``, ``.std``, ``.unit``.
 
@@ -65,9 +67,14 @@ class Outcome:
 
         Of an effect that has rivals the values are those it has if it is this one.
         """
+        starts = {
+            (label, name): estimate.nominal
+            for label, fitted in self.final.effects.items()
+            for name, estimate in fitted.items()
+        }
         return {
             item.effect.label: {
-                v.name: Estimate(v.value, v.std, v.unit, 'confounded' if np.isnan(v.std) else 'estimated', 0.0)
+                v.name: Estimate.of_effect(v.value, v.std, v.unit, starts.get((item.effect.label, v.name), 0.0))
                 for v in item.values
             }
             for item in self.diagnosis.found

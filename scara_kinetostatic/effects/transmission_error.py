@@ -16,7 +16,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import Shift, TouchState
 
 LOWEST, HIGHEST = 1.0, 120.0
-"""Frequencies searched, cycles per turn of the joint."""
+"""Frequencies of the trials, cycles per turn of the joint."""
 RANDOM_CYCLES = (1.0, 110.0)
 """Frequencies of `random_values`, cycles per turn of the joint."""
 BARELY = 0.9

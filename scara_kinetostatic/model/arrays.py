@@ -1,6 +1,8 @@
-"""Types of the arrays of the package, whose shapes and units are in the docstrings; and their rms."""
+"""Types of the arrays of the package, whose shapes and units are in the docstrings; their rms; read-only arrays."""
 
 from __future__ import annotations
+
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +11,16 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
+_Array = TypeVar('_Array', bound=NDArray[Any])
+
 
 def rms(values: Floats) -> float:
     """Root of the mean square."""
     return float(np.sqrt(np.mean(values**2)))
+
+
+def read_only(array: _Array) -> _Array:
+    """The same values as an array that cannot be written; the array given stays as it is."""
+    view = array.view()
+    view.flags.writeable = False
+    return view

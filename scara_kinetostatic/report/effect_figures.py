@@ -32,10 +32,10 @@ def residual_picture(found: EffectResidual, name: str, titles: tuple[str, str] =
     kinds = len(x) > 0 and len(np.unique(found.x)) <= _FEW
     largest = _largest(found)
     sides = ((found.before, found.std_before), (found.after, found.std_after))
-    for one, (deviation, spread), title in zip(axes, sides, titles, strict=True):
+    for one, (deviation, std), title in zip(axes, sides, titles, strict=True):
         values = np.clip(deviation, -0.97 * largest, 0.97 * largest)
         one.axhline(0, color=FAINT, lw=0.9)
-        one.vlines(x, values - spread, values + spread, color=LINE, lw=1.0, zorder=1)
+        one.vlines(x, values - std, values + std, color=LINE, lw=1.0, zorder=1)
         _scatter(one, found, x, values)
         one.set(title=title, xlabel=found.x_label, ylim=(-largest, largest))
         one.grid(visible=False, axis='x')
@@ -86,10 +86,10 @@ def bias_picture(rows: Sequence[Bias]) -> Markup:
     figure, (axes,) = new_figure(_WIDTH, 300)
     places = np.arange(len(rows))
     shifts = np.array([row.in_std for row in rows])
-    spread = np.array([row.std / row.base_std if row.base_std > 0 else np.nan for row in rows])
+    stds = np.array([row.std / row.base_std if row.base_std > 0 else np.nan for row in rows])
     axes.axhspan(-1, 1, color=SERIES[0], alpha=0.12, lw=0)
     axes.axhline(0, color=FAINT, lw=0.9)
-    for place, shift, std in zip(places, shifts, spread, strict=True):
+    for place, shift, std in zip(places, shifts, stds, strict=True):
         if np.isfinite(shift):
             colour = WARN if abs(shift) > NOTABLE else SERIES[0]
             axes.plot([place, place], [0, shift], color=colour, lw=2.4, solid_capstyle='butt')
@@ -97,7 +97,7 @@ def bias_picture(rows: Sequence[Bias]) -> Markup:
             axes.plot([place + 0.16] * 2, [shift - std, shift + std], color=FAINT, lw=1.0)
     axes.set_xticks(places, [row.name for row in rows])
     axes.set(ylabel='bias  [σ]')
-    largest = float(np.nanmax(np.abs(shifts) + np.minimum(spread, 3.0), initial=1.5)) * 1.1
+    largest = float(np.nanmax(np.abs(shifts) + np.minimum(stds, 3.0), initial=1.5)) * 1.1
     axes.set_ylim(-largest, largest)
     axes.grid(visible=False, axis='x')
     axes.tick_params(axis='x', labelcolor=INK, length=0)

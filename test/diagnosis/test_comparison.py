@@ -118,3 +118,30 @@ def test_comparison_and_residuals_are_estimated_once(ambiguous: Outcome, monkeyp
     assert fresh.comparison is fresh.comparison
     with pytest.raises(FrozenInstanceError):
         fresh.comparison = ambiguous.comparison
+
+
+def test_a_result_is_read_only_short_in_print_and_compared_by_identity(grown: Outcome) -> None:
+    final = grown.final
+    for array in (final.std, final.covariance, final.effect_std, final.used, final.force, final.standardized):
+        with pytest.raises(ValueError, match='read-only'):
+            array[0] = 0
+    for array in (final.residual, final.nominal_residual):
+        with pytest.raises(ValueError, match='read-only'):
+            array[0] = 0
+    assert final == final
+    assert final != replace(final)
+    assert grown != replace(grown)
+    assert len({final, grown.calibration}) == 2
+    for shown in (repr(final), repr(grown)):
+        assert len(shown) < 250
+        assert 'object_radius' in shown
+    assert f'{final.used.sum()} of {len(final.touches)} touches' in repr(final)
+
+
+def test_an_effect_found_alone_is_the_same_estimate_in_the_outcome_and_its_final_model(grown: Outcome) -> None:
+    for label, values in grown.effects.items():
+        assert values == grown.final.effects[label]
+    (start,) = grown.final.start.effect_values
+    moved = replace(grown.final, start=replace(grown.final.start, effect_values=(tuple(v + 1e-6 for v in start),)))
+    other = replace(grown, diagnosis=replace(grown.diagnosis, extended=moved))
+    assert other.effects == moved.effects

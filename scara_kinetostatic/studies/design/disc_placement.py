@@ -73,10 +73,10 @@ def evaluate_layouts(
     """Largest standard deviation of the tip for layouts (b, d, 3), (b,), m; above `INFEASIBLE` where infeasible."""
     b, d, _ = layouts.shape
     others = np.stack([np.delete(layouts, i, axis=1) for i in range(d)], axis=1).reshape(b * d, d - 1, 3)
-    spread = even_touches(robot, layouts.reshape(b * d, 3), others, pattern)
-    share = spread.share.reshape(b, d)
+    even = even_touches(robot, layouts.reshape(b * d, 3), others, pattern)
+    share = even.share.reshape(b, d)
     weight = share / np.maximum(share.sum(axis=1, keepdims=True), 1e-9)
-    information = number * np.einsum('bd,bdij->bij', weight, spread.information.reshape(b, d, 12, 12))
+    information = number * np.einsum('bd,bdij->bij', weight, even.information.reshape(b, d, 12, 12))
     violation = overlap(robot, layouts) + np.maximum(LEAST_SHARE - share, 0).sum(axis=1)
     violation += (~region.holds(layouts[..., :2])).sum(axis=1)
     return np.where(violation > 0, INFEASIBLE + violation, np.minimum(largest_std(information, tip), INFEASIBLE))
@@ -163,7 +163,7 @@ def map_additional_disc(
     x, y = (at + np.linspace(-most, most, grid) for at in (cell.nominal.x0, cell.nominal.y0))
     places = np.stack(np.meshgrid(x, y), axis=-1)
     fixed = np.column_stack([cell.centers, cell.radii])
-    before = _spread_of(robot, fixed, pattern)
+    before = _mean_information(robot, fixed, pattern)
     layouts = np.concatenate(
         [np.broadcast_to(fixed, (grid * grid, *fixed.shape)), np.full((grid * grid, 1, 3), radius)], axis=1
     )
@@ -181,8 +181,8 @@ def map_additional_disc(
     return DiscMap(x, y, largest.reshape(grid, grid), without, radius, numbers)
 
 
-def _spread_of(robot: Robot, discs: Floats, pattern: TouchPattern) -> Floats:
+def _mean_information(robot: Robot, discs: Floats, pattern: TouchPattern) -> Floats:
     """Mean information of evenly distributed touches on the discs of a cell, (12, 12)."""
     others = np.stack([np.delete(discs, i, axis=0) for i in range(len(discs))])
-    spread = even_touches(robot, discs, others, pattern)
-    return np.asarray(np.tensordot(spread.share / spread.share.sum(), spread.information, axes=1))
+    even = even_touches(robot, discs, others, pattern)
+    return np.asarray(np.tensordot(even.share / even.share.sum(), even.information, axes=1))

@@ -145,10 +145,10 @@ def _pass_slopes(force: Floats, displacement: Floats, passes: Ints, count: int) 
     slopes, factors = np.full(count, np.nan), np.full(count, np.nan)
     for number in range(count):
         x, y = force[passes == number], displacement[passes == number]
-        spread = float(((x - x.mean()) ** 2).sum())
-        if spread > 1e-12 * float(x @ x):
-            slopes[number] = float((x - x.mean()) @ y) / spread
-            factors[number] = 1 / np.sqrt(spread)
+        squares = float(((x - x.mean()) ** 2).sum())
+        if squares > 1e-12 * float(x @ x):
+            slopes[number] = float((x - x.mean()) @ y) / squares
+            factors[number] = 1 / np.sqrt(squares)
     return slopes, factors
 
 
