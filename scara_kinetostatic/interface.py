@@ -35,6 +35,7 @@ from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 from scara_kinetostatic.touches.association import associate
 from scara_kinetostatic.touches.detection import Detection
+from scara_kinetostatic.touches.table import press_of
 
 ELBOWS = {'left': 1, 'right': -1}
 Paths = str | Path | Sequence[str | Path]
@@ -108,7 +109,7 @@ def make_touches(
     force: ArrayLike,
     cell: Cell,
     *,
-    objects: Sequence[str] | None = None,
+    objects: str | Sequence[str] | None = None,
     time: ArrayLike | None = None,
     approach: ArrayLike | None = None,
 ) -> TouchSet:
@@ -118,10 +119,10 @@ def make_touches(
         joints: Q, (n, 2), rad.
         force: on the object, in the frame of the cell's sensor (usually the base frame), (n, 2), N.
         cell: the cell.
-        objects: name of the touched object, n of them; None: each is found by place and force.
-        time: of each touch, (n,), s; None: unknown.
-        approach: each joint's last movement before the hold, (n, 2), rad; None: unknown, so that hysteresis and
-            friction cannot be identified.
+        objects: name of the touched object, one for all or n; None: each is found by place and force.
+        time: of each touch, (n,), s; the first is taken as 0. None: unknown.
+        approach: each joint's last movement before the hold, (n, 2), rad, or only its sense, as 1 or -1; None:
+            unknown, so that hysteresis and friction cannot be identified.
 
     Raises:
         InputError: arrays of other shapes, values that are not finite, an unknown object, a touch where no object is.
@@ -134,7 +135,9 @@ def make_touches(
         ['disc_1', 'disc_1']
     """
     q = _pairs(joints, 'joints')
-    f = _rows(force, 'force', len(q))
+    f = _pairs(force, 'force')
+    if len(f) != len(q):
+        raise InputError('force', f'expected shape ({len(q)}, 2), got {np.shape(force)}', 'give one row per touch')
     moved = np.zeros_like(q) if approach is None else _rows(approach, 'approach', len(q))
     when = np.zeros(len(q)) if time is None else _finite(time, 'time', (len(q),))
     if objects is None:
@@ -144,8 +147,8 @@ def make_touches(
             raise InputError(f'touch {k}', f'no object there; {nearest}', association.advice or 'leave it out')
         disc = association.disc
     else:
-        disc = _discs(objects, cell, len(q))
-    return TouchSet(q, f, disc, posture(cell.nominal, q), time=when, approach=moved, press=moved)
+        disc = _discs([objects] * len(q) if isinstance(objects, str) else objects, cell, len(q))
+    return TouchSet(q, f, disc, posture(cell.nominal, q), time=when - when.min(), approach=moved, press=press_of(moved))
 
 
 def read_touches(paths: Paths, cell: Cell) -> TouchSet:
@@ -183,7 +186,7 @@ def simulate(
     cell: Cell,
     truth: Parameters | Mapping[str, float],
     *,
-    effects: Iterable[str] = (),
+    effects: str | Iterable[str] = (),
     per_disc: int = 12,
     preload: float = 0.3,
     seed: int = 0,
@@ -215,6 +218,7 @@ def simulate(
         if unknown:
             raise ParameterError('truth', f'unknown parameter {unknown[0]!r}', f'the names are {" ".join(NAMES)}')
         truth = cell.nominal.replace(**truth)
+    effects = [effects] if isinstance(effects, str) else effects
     robot = with_effects(truth, [parse_effect(text, cell) for text in effects])
     return simulate_touches(cell, robot, default_plan(cell, per_disc, preload=preload), cell.noise or USUAL_NOISE, seed)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from scara_kinetostatic.errors import InputError, RecordingError
 from scara_kinetostatic.files.touch_table import TouchTable
-from scara_kinetostatic.model.arrays import Indices, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
 from scara_kinetostatic.model.kinematics import forward, posture
 from scara_kinetostatic.model.touch import Rejection, TouchSet
@@ -57,7 +57,6 @@ def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
         '' if known[k] else f'no object there; the nearest, {names[disc[k]]!r}, is {1e3 * miss:.0f} mm away'
         for k, miss in enumerate(association.miss)
     ]
-    only_sense = bool(np.isin(np.abs(table.approach), (0.0, 1.0)).all())
     touches = TouchSet(
         joints=table.joints,
         force=table.force,
@@ -65,7 +64,7 @@ def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
         posture=posture(cell.nominal, table.joints),
         time=table.time,
         approach=table.approach,
-        press=np.zeros_like(table.approach) if only_sense else table.approach,
+        press=press_of(table.approach),
     )
     times = [(time, time) for time in table.time.tolist()]
     unknown = np.full(2, np.nan)
@@ -76,6 +75,11 @@ def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
         warnings=table.notes,
         episodes=tuple(Episode(k, time, time, unknown, reasons[k]) for k, time in enumerate(times)),
     )
+
+
+def press_of(approach: Floats) -> Floats:
+    """The part of the last movements that is in contact: all of it, or 0, unknown, if they are only senses, ±1."""
+    return np.zeros_like(approach) if np.isin(np.abs(approach), (0.0, 1.0)).all() else approach
 
 
 def _check_sign(table: TouchTable, cell: Cell, disc: Indices, named: Mask, association: Association) -> None:

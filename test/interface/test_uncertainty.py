@@ -111,6 +111,20 @@ def test_an_effect_of_time_needs_the_time():
     np.testing.assert_allclose(back.position, [[0.3, 0.2]], rtol=0, atol=1e-12)
 
 
+def test_arrays_become_touches_as_tables_do():
+    joints, force = [[0.8355, 2.1317], [2.9658, -2.1322]], [[-9.8, -0.1], [-25.1, 0.1]]
+    made = sk.make_touches(joints, force, CELL, objects='disc_1', time=[1.7e9, 1.7e9 + 5], approach=[[1, -1], [1, 1]])
+    assert made.time.tolist() == [0.0, 5.0]
+    assert not made.press.any()
+    assert made.disc.tolist() == [0, 0]
+    with pytest.raises(sk.InputError, match='give one row per touch'):
+        sk.make_touches(joints, force[0], CELL)
+    alone = sk.simulate(CELL, {}, effects='encoder_gain[joint1]:gain=1e-3')
+    np.testing.assert_array_equal(
+        alone.joints, sk.simulate(CELL, {}, effects=['encoder_gain[joint1]:gain=1e-3']).joints
+    )
+
+
 def test_a_calibration_is_diagnosed_as_it_is(example_files):
     touches = sk.read_touches(example_files / 'touches.csv', CELL)
     names = [CELL.discs[k].name for k in touches.disc]
