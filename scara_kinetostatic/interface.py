@@ -37,6 +37,7 @@ from scara_kinetostatic.touches.association import associate
 from scara_kinetostatic.touches.detection import Detection
 from scara_kinetostatic.touches.table import press_of
 
+_LOAD = "give one, such as load_cell('cell.yaml')"
 ELBOWS = {'left': 1, 'right': -1}
 Paths = str | Path | Sequence[str | Path]
 
@@ -134,6 +135,7 @@ def make_touches(
         >>> [cell.discs[number].name for number in touches.disc]
         ['disc_1', 'disc_1']
     """
+    _expect(cell, Cell, 'cell', _LOAD)
     q = _pairs(joints, 'joints')
     f = _pairs(force, 'force')
     if len(f) != len(q):
@@ -168,6 +170,7 @@ def read_touches(paths: Paths, cell: Cell) -> TouchSet:
         >>> len(sk.read_touches(['touches.csv', 'recording.mcap'], cell))
         144
     """
+    _expect(cell, Cell, 'cell', _LOAD)
     listed = _listed(paths)
     tables = [path for path in listed if is_touch_table(path)]
     if tables and cell.sensor.frame is SensorFrame.TOOL:
@@ -213,7 +216,9 @@ def simulate(
         >>> touches.joints.shape
         (72, 2)
     """
+    _expect(cell, Cell, 'cell', _LOAD)
     if not isinstance(truth, Parameters):
+        _expect(truth, Mapping, 'truth', "give the parameters by name, such as {'l1': 0.3302}")
         unknown = [name for name in truth if name not in NAMES]
         if unknown:
             raise ParameterError('truth', f'unknown parameter {unknown[0]!r}', f'the names are {" ".join(NAMES)}')
@@ -262,7 +267,8 @@ def diagnose(
         detection = Detection(source.touches, rejected=early, found=len(source.touches) + len(early))
         return calibrate_touches(detection, source.cell, calibration=source)
     if cell is None:
-        raise InputError('cell', 'is missing', "give one, such as load_cell('cell.yaml')")
+        raise InputError('cell', 'is missing', _LOAD)
+    _expect(cell, Cell, 'cell', _LOAD)
     if isinstance(source, TouchSet):
         return calibrate_touches(source, cell, fixed=fixed)
     return calibrate_recordings(_listed(source), cell, fixed=fixed)
@@ -434,6 +440,16 @@ def _status(found: Prediction) -> NDArray[np.str_]:
     undetermined = np.isnan(found.covariance).any(axis=(1, 2))
     reached = np.isfinite(found.value).all(axis=1)
     return np.select([~reached, undetermined, ~found.loaded], ['out_of_reach', 'undetermined', 'unloaded'], 'ok')
+
+
+def _expect(value: object, kind: type, name: str, remedy: str) -> None:
+    """Check the type of an argument.
+
+    Raises:
+        InputError: it has another one.
+    """
+    if not isinstance(value, kind):
+        raise InputError(name, f'expected {kind.__name__}, got {type(value).__name__}', remedy)
 
 
 def _final(result: Outcome | Calibration) -> Calibration:

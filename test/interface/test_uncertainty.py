@@ -192,6 +192,9 @@ def test_predicted_forces_are_measured_less_residual(outcome):
         (lambda o: sk.simulate(o.final.cell, {}, effects=['rust']), "effect 'rust': no such effect"),
         (lambda o: sk.make_touches([1, 2], [3, 4], o.final.cell), 'touch 0: no object there; the nearest'),
         (lambda o: sk.make_touches([1, 2], [3, 4], o.final.cell, time=[1, 2]), 'time: expected finite numbers'),
+        (lambda o: sk.make_touches([1, 2], [3, 4], 'cell.yaml'), 'cell: expected Cell, got str'),
+        (lambda o: sk.diagnose('touches.csv', 'cell.yaml'), 'cell: expected Cell, got str'),
+        (lambda o: sk.simulate(o.final.cell, [1.0]), 'truth: expected Mapping, got list'),
         (lambda o: o['l3'], "no parameter 'l3'"),
     ],
 )  # fmt: skip
