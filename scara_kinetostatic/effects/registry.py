@@ -132,7 +132,7 @@ def find(cell: Cell, label: str) -> Effect:
     close = difflib.get_close_matches(name, dict.fromkeys(effect.name for effect in effects.values()), 1)
     known = [effect.label for effect in effects.values() if effect.name in close]
     remedy = f'did you mean {" or ".join(known)}? ' if known else ''
-    raise ParameterError(f'effect {label!r}', 'no such effect', f'{remedy}(simulate --list-effects lists all)')
+    raise ParameterError(f'effect {label!r}', 'no such effect', f'{remedy}simulate --list-effects lists all')
 
 
 @cache
