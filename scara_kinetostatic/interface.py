@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,7 +64,7 @@ class TipPosition(NamedTuple):
     position: Floats
     covariance: Floats
     loaded: Mask
-    status: NDArray[np.str_]
+    status: NDArray[Any]
 
     @property
     def std(self) -> Floats:
@@ -97,7 +97,7 @@ class JointAngles(NamedTuple):
     torques: Floats
     covariance: Floats
     loaded: Mask
-    status: NDArray[np.str_]
+    status: NDArray[Any]
 
     @property
     def std(self) -> Floats:
