@@ -1,0 +1,171 @@
+"""A measured record that is driven by its load: at rest first, then loaded, then unloaded, once or several times.
+
+With τ₀ the load at rest, the load is on from the first sample on with |τ − τ₀| > 10 % of its maximum, stepped back to
+the last sample before it that is within the scatter at rest. It is off for good after the last sample with
+|τ − τ₀| ≥ 60 % of the maximum: from there on a prediction of the response is judged.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats
+
+UNITS = {'N': 'm', 'Nm': 'rad'}
+"""Unit of the response by that of the load."""
+UNLOADED_BELOW = 0.6
+"""Share of its largest below which the load counts as gone."""
+
+_LOADED_ABOVE = 0.1
+"""Share of its largest above which the load counts as on; the rest is searched before it."""
+_FEWEST_SAMPLES = 50
+_FEWEST_AT_REST = 10
+"""For the zero of load and response and for their noise, known to about a quarter of itself then."""
+_FEWEST_UNLOADED = 10
+_LONGEST_STEP = 5.0
+"""Steps in time longer than so many medians are gaps: what the load did meanwhile is unknown."""
+_SMALLEST_LOAD = 10.0
+"""In standard deviations of its noise; white noise alone reaches 5 in a million samples."""
+_LARGEST_TREND = 0.05
+"""Change of the load over the rest, as a share of its largest; a load that rises steadily from the start has 0.07."""
+_AT_REST = 3.0
+"""In standard deviations of the load at rest."""
+_MAD = 1.4826
+"""Standard deviation over median absolute deviation, normal distribution."""
+_REMEDY = 'record from before the load comes on until after it has gone'
+
+
+@dataclass(frozen=True)
+class LoadRecord:
+    """One record; arrays (n,), read-only.
+
+    Attributes:
+        source: its file, for messages.
+        time: s, increasing, without gaps.
+        load: N or Nm.
+        response: m or rad.
+        load_unit: 'N' or 'Nm'.
+        response_unit: 'm' with N, 'rad' with Nm.
+        notes: remarks on the file.
+
+    Raises:
+        ParameterError: lengths differ, a value is not finite, or the units do not go together.
+        UnsupportedDataError: the record is too short, its time does not increase or has a gap, load or response is
+            constant, the load is not at rest at first, or does not go off again; `source` is named.
+    """
+
+    source: str
+    time: Floats
+    load: Floats
+    response: Floats
+    load_unit: str = 'Nm'
+    response_unit: str = 'rad'
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if UNITS.get(self.load_unit) != self.response_unit:
+            got = f'{self.response_unit} and {self.load_unit}'
+            raise ParameterError(self.source, f'expected a response in m and a load in N, or rad and Nm, got {got}')
+        for field in fields(self):
+            if field.name in ('time', 'load', 'response'):
+                array = np.array(getattr(self, field.name), dtype=float)
+                if array.shape != np.shape(self.time) or array.ndim != 1 or not np.all(np.isfinite(array)):
+                    raise ParameterError(f'{self.source}: {field.name}', 'expected finite numbers, one for each time')
+                array.flags.writeable = False
+                object.__setattr__(self, field.name, array)
+        self._check()
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def name(self) -> str:
+        """Name of the file without its folder."""
+        return Path(self.source).name
+
+    @cached_property
+    def rest(self) -> NDArray[np.bool_]:
+        """The samples before the load comes on, (n,)."""
+        return np.arange(len(self)) < self._loaded
+
+    @cached_property
+    def unloaded(self) -> int:
+        """The first sample from which on the load stays below 60 % of its largest."""
+        return _off_for_good(self.load_change)
+
+    @cached_property
+    def load_change(self) -> Floats:
+        """Load less its mean at rest, (n,), N or Nm."""
+        return np.asarray(self.load - self.load[: self._loaded].mean())
+
+    @cached_property
+    def load_noise(self) -> float:
+        """Standard deviation of the load at rest, N or Nm."""
+        return float(self.load[self.rest].std(ddof=1))
+
+    @cached_property
+    def response_noise(self) -> float:
+        """Standard deviation of the response at rest, m or rad; 0 where the sensor repeats to the last digit."""
+        return float(self.response[self.rest].std(ddof=1))
+
+    @cached_property
+    def _loaded(self) -> int:
+        return _load_comes_on(self.load)
+
+    def _check(self) -> None:
+        if len(self) < _FEWEST_SAMPLES:
+            self._refuse(f'{len(self)} samples; {_FEWEST_SAMPLES} or more are needed', 'record longer or faster')
+        self._check_time()
+        if not np.ptp(self.response) > 0:
+            self._refuse('the response never changes', 'check the column, or record with a finer sensor')
+        noise = _MAD * float(np.median(np.abs(np.diff(self.load)))) / np.sqrt(2.0)
+        change = float(np.abs(self.load - np.median(self.load[:_FEWEST_AT_REST])).max())
+        if not change > _SMALLEST_LOAD * noise:
+            self._refuse('the load is constant within its noise', 'check the column, or record with a load')
+        self._check_rest()
+        if len(self) - self.unloaded < _FEWEST_UNLOADED:
+            self._refuse(f'the load never falls below {UNLOADED_BELOW:.0%} of its largest for good', _REMEDY)
+
+    def _check_time(self) -> None:
+        steps = np.diff(self.time)
+        if not np.all(steps > 0):
+            first = int(np.argmin(steps > 0))
+            jump = f'from {self.time[first]:g} to {self.time[first + 1]:g} s'
+            self._refuse(f'the time does not rise from row to row: {jump}', 'give the rows in the order of time')
+        longest = int(np.argmax(steps))
+        if steps[longest] > _LONGEST_STEP * np.median(steps):
+            gap = f'from {self.time[longest]:g} to {self.time[longest + 1]:g} s'
+            self._refuse(f'there is a gap in time {gap}', 'give the parts before and after it as files of their own')
+
+    def _check_rest(self) -> None:
+        at_rest = self.load[self.rest]
+        quarter = len(at_rest) // 4
+        trend = at_rest[-quarter:].mean() - at_rest[:quarter].mean() if quarter else 0.0
+        if len(at_rest) < _FEWEST_AT_REST or abs(trend) > _LARGEST_TREND * np.abs(self.load_change).max():
+            need = f'{_FEWEST_AT_REST} samples or more at rest are needed'
+            self._refuse(f'the load is not at rest at first; {need}', _REMEDY)
+
+    def _refuse(self, problem: str, remedy: str) -> None:
+        raise UnsupportedDataError(f'{self.source}: {problem}', remedy)
+
+
+def _load_comes_on(load: Floats) -> int:
+    """Number of samples at rest at the beginning."""
+    change = np.abs(load - np.median(load[:_FEWEST_AT_REST]))
+    loaded = int(np.argmax(change > _LOADED_ABOVE * change.max()))
+    if loaded < 2:
+        return max(loaded, 1)
+    from_rest = np.abs(load[:loaded] - np.median(load[:loaded]))
+    within = np.flatnonzero(from_rest <= _AT_REST * _MAD * np.median(from_rest))
+    return int(within[-1]) + 1
+
+
+def _off_for_good(change: Floats) -> int:
+    size = np.abs(change)
+    return int(np.flatnonzero(size >= UNLOADED_BELOW * size.max())[-1]) + 1
