@@ -32,7 +32,7 @@ def observe(touches: TouchSet, cell: Cell) -> Observations:
         cell.radii[touches.disc],
         cell.sensor.frame,
         cell.gripper,
-        TouchMetadata.of(touches),
+        TouchMetadata.of(touches, cell.sensor.frame),
     )
 
 

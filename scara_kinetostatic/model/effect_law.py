@@ -17,6 +17,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 
@@ -50,6 +51,8 @@ class TouchMetadata(NamedTuple):
         approach: each joint's motion in the last movement before the hold, (n, 2), rad.
         posture: +1 or -1, (n,).
         press: the part of `approach` in contact, (n, 2), rad.
+        history: the load before each hold, (n, K, 4), as in `TouchSet`, in `frame`; None where nothing is known.
+        frame: that of the forces of `history`.
     """
 
     disc: Indices
@@ -57,6 +60,8 @@ class TouchMetadata(NamedTuple):
     approach: Floats
     posture: Indices
     press: Floats
+    history: Floats | None = None
+    frame: SensorFrame = SensorFrame.BASE
 
     @classmethod
     def plain(cls, n: int) -> TouchMetadata:
@@ -65,14 +70,22 @@ class TouchMetadata(NamedTuple):
         return cls(np.zeros(n, dtype=np.intp), np.zeros(n), still, np.ones(n, dtype=np.intp), still)
 
     @classmethod
-    def of(cls, touches: TouchSet) -> TouchMetadata:
-        """The metadata of touches."""
-        return cls(touches.disc, touches.time, touches.approach, touches.posture, touches.press)
+    def of(cls, touches: TouchSet, frame: SensorFrame = SensorFrame.BASE) -> TouchMetadata:
+        """The metadata of touches, whose forces are in a frame."""
+        history = touches.history if touches.history.shape[1] else None
+        return cls(touches.disc, touches.time, touches.approach, touches.posture, touches.press, history, frame)
 
     def select(self, which: Mask | Indices | slice) -> TouchMetadata:
         """The touches that a mask, a slice or an array of positions picks."""
+        history = None if self.history is None else self.history[which]
         return TouchMetadata(
-            self.disc[which], self.time[which], self.approach[which], self.posture[which], self.press[which]
+            self.disc[which],
+            self.time[which],
+            self.approach[which],
+            self.posture[which],
+            self.press[which],
+            history,
+            self.frame,
         )
 
 

@@ -33,6 +33,10 @@ class TouchSet:
         joint_scatter: standard deviation of the samples in the hold, (n, 2), rad.
         force_scatter: the same of the force, (n, 2), N.
         samples: number of force samples in the hold, (n,).
+        history: the load before each hold since the start of the recording, (n, K, 4): q1, q2, rad, and fx, fy, N, in
+            the frame of `force`, at the K moments at which it turned, the oldest first. Only those that a memory can
+            still hold count, the nested extremes of either joint's torque; more do no harm. Fewer than K are filled up
+            in front by the unloaded joints of the hold. K = 0: nothing is known, and the joints are taken as relaxed.
 
     Raises:
         ValueError: shapes that do not fit, or values that are not finite.
@@ -55,6 +59,7 @@ class TouchSet:
     joint_scatter: Floats = None  # type: ignore[assignment]
     force_scatter: Floats = None  # type: ignore[assignment]
     samples: Indices = None  # type: ignore[assignment]
+    history: Floats = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         n = len(self.joints)
@@ -66,6 +71,7 @@ class TouchSet:
             'joint_scatter': np.zeros((n, 2)),
             'force_scatter': np.zeros((n, 2)),
             'samples': np.ones(n, dtype=np.intp),
+            'history': np.empty((n, 0, 4)),
         }
         for item in fields(self):
             value = getattr(self, item.name)
@@ -73,7 +79,9 @@ class TouchSet:
             pair = item.name in ('joints', 'force', 'approach', 'press', 'joint_scatter', 'force_scatter')
             whole = item.name in ('disc', 'posture', 'index', 'samples')
             array = np.array(value, dtype=np.intp if whole else float)
-            expected = (n, 2) if pair else (n,)
+            expected: tuple[int, ...] = (n, 2) if pair else (n,)
+            if item.name == 'history':
+                expected = (n, array.shape[1] if array.ndim == 3 else 0, 4)
             if array.shape != expected:
                 raise ValueError(f'{item.name}: expected shape {expected}, got {array.shape}')
             if not np.all(np.isfinite(array)):
@@ -94,8 +102,17 @@ class TouchSet:
 
     @classmethod
     def concatenate(cls, sets: list[TouchSet]) -> TouchSet:
-        """All touches of several sets, in turn."""
+        """All touches of several sets, in turn; the shorter histories are filled up."""
+        longest = max(s.history.shape[1] for s in sets)
+        sets = [s.replace(history=padded_history(s.history, s.joints, longest)) for s in sets]
         return cls(**{item.name: np.concatenate([getattr(s, item.name) for s in sets]) for item in fields(cls)})
+
+
+def padded_history(history: Floats, joints: Floats, length: int) -> Floats:
+    """Histories (n, K, 4), K ≤ length, filled up in front by unloaded joints (n, 2), rad: (n, length, 4)."""
+    missing = length - history.shape[1]
+    unloaded = np.concatenate([joints, np.zeros_like(joints)], axis=1)
+    return np.concatenate([np.repeat(unloaded[:, None], missing, axis=1), history], axis=1)
 
 
 @dataclass(frozen=True)

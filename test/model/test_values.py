@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.cell import SensorFrame
+from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 
@@ -39,3 +41,25 @@ def test_touches_are_read_only_and_checked():
     with pytest.raises(ValueError, match='finite'):
         TouchSet(np.full((1, 2), np.nan), np.ones((1, 2)), np.zeros(1), np.ones(1))
     assert len(TouchSet.concatenate([touches, touches.select(np.array([0]))])) == 4
+
+
+def test_histories_are_filled_up_by_the_unloaded_joints_of_the_hold():
+    joints = np.array([[0.3, 1.0], [0.5, 1.2]])
+    bare = TouchSet(joints, np.ones((2, 2)), np.zeros(2), np.ones(2))
+    assert bare.history.shape == (2, 0, 4)
+    loaded = bare.replace(history=np.full((2, 1, 4), 7.0))
+    both = TouchSet.concatenate([loaded, bare])
+    assert both.history.shape == (4, 1, 4)
+    np.testing.assert_array_equal(both.history[2:, 0], np.hstack([joints, np.zeros((2, 2))]))
+    np.testing.assert_array_equal(both.select([0]).history, [[[7.0] * 4]])
+    for wrong in (np.zeros((2, 4)), np.zeros((3, 1, 4)), np.zeros((2, 1, 3))):
+        with pytest.raises(ValueError, match='history: expected shape'):
+            bare.replace(history=wrong)
+
+
+def test_metadata_carry_the_history():
+    touches = TouchSet(np.zeros((2, 2)), np.ones((2, 2)), np.zeros(2), np.ones(2), history=np.ones((2, 3, 4)))
+    metadata = TouchMetadata.of(touches, SensorFrame.TOOL).select(np.array([1]))
+    assert metadata.history.shape == (1, 3, 4)
+    assert metadata.frame is SensorFrame.TOOL
+    assert TouchMetadata.of(touches.replace(history=None)).history is None
