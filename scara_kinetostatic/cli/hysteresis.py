@@ -8,23 +8,29 @@ from typing import TYPE_CHECKING
 
 from scara_kinetostatic.cli.arguments import Subparsers, add_verb, check_different, real
 from scara_kinetostatic.cli.output import print_result
+from scara_kinetostatic.errors import InputError, UnsupportedDataError
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
+    from scara_kinetostatic.studies.hysteresis.record_table import RecordTable
 
 DESCRIPTION = """\
-Fits law (6) of the paper, slope and gap, to measured force-displacement loops,
-and tests what its residual depends on. A softening spring, a damper, friction
-in parallel and friction in series are each added, fitted to one half of the
-sweeps and compared by their prediction of the other half. The best one is
-reported with those that the data cannot distinguish from it, and with the force
-error before and after.
+Fits law (6) of the paper, slope and gap, to measured records of load and
+response, and tests what its residual depends on. Other laws are fitted to a
+part of the data and compared by their prediction of the rest. The best one is
+reported with those that the data cannot distinguish from it, and with the error
+before and after.
 
-A table needs the columns time_s, force_N and displacement_m (or kN, ms, mm, um).
+Driven by its motion: full loops, six sweeps or more; the force is predicted.
+Driven by its load: at rest, loaded, unloaded, once or several times; the
+response is predicted; several records of one joint are judged together.
+
+A table needs time_s and a response with its load: displacement_m and force_N
+(or mm, um, kN), or angle_rad and torque_Nm (or mrad, urad, deg, mNm).
 """
 EXAMPLE = """\
   scara-kinetostatic hysteresis loop.csv --out result
   scara-kinetostatic hysteresis a.csv b.csv c.csv --tension 20 35 80
+  scara-kinetostatic hysteresis pose_*.csv --response q2_rad --load tau2_Nm --predict other.csv
 """
 
 
@@ -40,6 +46,17 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         aliases=('loops',),
     )
     parser.add_argument('tables', type=Path, nargs='+', metavar='FILE.csv', help='continuous records')
+    parser.add_argument('--response', metavar='COLUMN', help='column of the displacement or the angle, among many')
+    parser.add_argument('--load', metavar='COLUMN', help='column of the force or the torque, among many')
+    parser.add_argument('--driven', choices=('load', 'motion'), help='what drives the records (default: as they look)')
+    parser.add_argument(
+        '--predict',
+        type=Path,
+        nargs='+',
+        default=[],
+        metavar='OTHER.csv',
+        help='predict the response of these records from the moment on at which they are unloaded; driven by load',
+    )
     parser.add_argument(
         '--tension',
         type=real(),
@@ -58,14 +75,28 @@ def run(args: argparse.Namespace) -> int:
 
     Raises:
         InputError: a table or an option is wrong, or DIR cannot be written.
-        UnsupportedDataError: there are too few reversals.
+        UnsupportedDataError: the records are too short, or not of full loops or of a load that comes and goes.
     """
-    from scara_kinetostatic.studies.hysteresis.analysis import analyse_hysteresis, check_tensions
+    from scara_kinetostatic.studies.hysteresis.driven import LOAD, what_drives
+
+    tables = _tables(args)
+    if what_drives(tables, args.driven) == LOAD:
+        return _run_load_driven(args, tables)
+    return _run_motion_driven(args, tables)
+
+
+def _run_motion_driven(args: argparse.Namespace, tables: list[RecordTable]) -> int:
+    from scara_kinetostatic.studies.hysteresis.analysis import analyse_hysteresis
     from scara_kinetostatic.studies.hysteresis.document import NAME, hysteresis_document
     from scara_kinetostatic.studies.hysteresis.text import text
 
-    check_tensions(len(args.tables), args.tension)
-    analysis = analyse_hysteresis(_tables(args.tables), args.tension)
+    if args.predict:
+        problem = f'{tables[0].source} is driven by its motion'
+        raise InputError('--predict', problem, 'it takes records driven by their load; see --driven')
+    if tables[0].load_unit != 'N':
+        problem = f'{tables[0].source}: driven by its motion, with a {tables[0].load_unit} load'
+        raise UnsupportedDataError(problem, 'give displacement and force')
+    analysis = analyse_hysteresis([table.readings for table in tables], args.tension)
     document = hysteresis_document(analysis)
     files = {}
     if args.out:
@@ -77,8 +108,19 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _tables(paths: list[Path]) -> list[DialGaugeReadings]:
-    from scara_kinetostatic.studies.dial_gauge.table_file import load_readings
+def _run_load_driven(args: argparse.Namespace, tables: list[RecordTable]) -> int:
+    if args.tension:
+        problem = f'{tables[0].source} is driven by its load'
+        raise InputError('--tension', problem, 'it is for records driven by their motion; see --driven')
+    records = [table.load_record for table in tables]
+    raise UnsupportedDataError(f'{records[0].source}: driven by its load, which is not analysed', 'record full loops')
 
+
+def _tables(args: argparse.Namespace) -> list[RecordTable]:
+    from scara_kinetostatic.studies.hysteresis.record_table import check_alike, load_record_table
+
+    paths = [*args.tables, *args.predict]
     check_different(paths)
-    return [load_readings(path) for path in paths]
+    tables = [load_record_table(path, args.response, args.load) for path in paths]
+    check_alike(tables)
+    return tables

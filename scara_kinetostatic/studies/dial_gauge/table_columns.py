@@ -14,7 +14,7 @@ from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER, JOINT1, JOIN
 _LENGTH = {'m': 1.0, 'mm': 1e-3, 'um': 1e-6, 'µm': 1e-6, 'μm': 1e-6}
 
 
-class _Quantity(NamedTuple):
+class Quantity(NamedTuple):
     """A column that holds numbers.
 
     Attributes:
@@ -30,16 +30,16 @@ class _Quantity(NamedTuple):
     hint: str
 
 
-_QUANTITIES = {
-    'force': _Quantity(('force', 'load', 'f'), {'N': 1.0, 'kN': 1e3, 'mN': 1e-3}, 1e6, 'check the unit of the column'),
-    'displacement': _Quantity(
+QUANTITIES = {
+    'force': Quantity(('force', 'load', 'f'), {'N': 1.0, 'kN': 1e3, 'mN': 1e-3}, 1e6, 'check the unit of the column'),
+    'displacement': Quantity(
         ('displacement', 'deflection', 'gauge', 'ds', 'δs'), _LENGTH, 0.5, 'check the unit of the column: m, mm or um'
     ),
-    'direction': _Quantity(
+    'direction': Quantity(
         ('direction', 'angle'), {'deg': math.pi / 180, 'rad': 1.0}, 4 * math.pi + 1e-9, 'give an angle within two turns'
     ),
-    'lever': _Quantity(('lever', 'arm'), _LENGTH, 10.0, 'check the unit of the column: m or mm'),
-    'time': _Quantity(('time', 't'), {'s': 1.0, 'ms': 1e-3}, 1e12, 'check the unit of the column: s or ms'),
+    'lever': Quantity(('lever', 'arm'), _LENGTH, 10.0, 'check the unit of the column: m or mm'),
+    'time': Quantity(('time', 't'), {'s': 1.0, 'ms': 1e-3}, 1e12, 'check the unit of the column: s or ms'),
 }
 NEEDED = ('force', 'displacement')
 CHOICES = {
@@ -47,7 +47,7 @@ CHOICES = {
     'gauge_at': {TIP: TIP, LINK: LINK},
 }
 _SYNONYMS = {'joint': 'part', 'seat': 'gauge_at'}
-_WORDS = {word: name for name, quantity in _QUANTITIES.items() for word in quantity.names}
+_WORDS = {word: name for name, quantity in QUANTITIES.items() for word in quantity.names}
 _HEADING = re.compile(r'(?P<word>.*?)[\s_]*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|[_\s](?P<plain>[^_\s]+))?\Z')
 
 
@@ -91,6 +91,14 @@ def read_heading(cells: Sequence[str], where: str) -> tuple[dict[str, Column], l
     return columns, unknown
 
 
+def split_heading(heading: str) -> tuple[str, str]:
+    """A heading as its word and its unit, '' where it has none: `force_N`, `force [N]` and `force (N)` alike."""
+    match = _HEADING.match(heading)
+    if match is None:  # pragma: no cover - the pattern matches every text on one line
+        return heading, ''
+    return match['word'], match['square'] or match['round'] or match['plain'] or ''
+
+
 def _example() -> str:
     return 'begin with a line such as force_N,displacement_mm'
 
@@ -100,16 +108,13 @@ def _column(heading: str, place: int, where: str) -> Column | None:
     plain_name = _SYNONYMS.get(plain_name, plain_name)
     if plain_name in CHOICES or plain_name == 'cycle':
         return Column(plain_name, heading, place)
-    match = _HEADING.match(heading)
-    if match is None:  # pragma: no cover - the pattern matches every text
-        return None
-    unit = match['square'] or match['round'] or match['plain']
-    name = _WORDS.get(match['word'].strip().lower()) or _WORDS.get(plain_name)
+    word, unit = split_heading(heading)
+    name = _WORDS.get(word.strip().lower()) or _WORDS.get(plain_name)
     if name is None:
         return None
-    units = _QUANTITIES[name].units
-    choices = ', '.join(f'{_QUANTITIES[name].names[0]}_{one}' for one in units if one.isascii())
-    if unit is None:
+    units = QUANTITIES[name].units
+    choices = ', '.join(f'{QUANTITIES[name].names[0]}_{one}' for one in units if one.isascii())
+    if not unit:
         raise RecordingError(where, f'the column {heading!r} has no unit', f'call it one of {choices}')
     if unit.strip() not in units:
         raise RecordingError(where, f'the column {heading!r} has an unknown unit', f'call it one of {choices}')
@@ -123,7 +128,7 @@ def read_number(cell: str, column: Column, decimal_comma: bool) -> float:
         ValueError: it is not a number, or not a plausible one; the message says what was expected.
     """
     value = csv_text.read_number(cell, decimal_comma) * column.factor
-    quantity = _QUANTITIES[column.name]
+    quantity = QUANTITIES[column.name]
     if not abs(value) <= quantity.largest:
         raise ValueError(f'{cell.strip()[:40]} is too large to be plausible; {quantity.hint}')
     if column.name == 'lever' and value <= 0:

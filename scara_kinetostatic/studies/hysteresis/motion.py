@@ -20,9 +20,9 @@ from scara_kinetostatic.studies.dial_gauge.reversals import PROMINENCE
 
 Rows = NDArray[np.bool_]
 
-_FEWEST_SWEEPS = 6
+FEWEST_SWEEPS = 6
 """Three to fit and three to predict; fewer do not give a variance between sweeps."""
-_FEWEST_ROWS = 8
+FEWEST_ROWS = 8
 """Mean number of samples of a sweep."""
 _STILL = 2e-3
 """Distance from the first or last place, as a share of the range, within which the record is at standstill."""
@@ -130,13 +130,13 @@ def cut_at_reversals(time: Floats, displacement: Floats, force: Floats) -> Motio
     if not np.ptp(force) > 0 or not np.ptp(displacement) > 0:
         raise UnsupportedDataError('the force or the displacement never changes', 'record full loops')
     time, displacement, force = (values[_moving(displacement)] for values in (time, displacement, force))
-    least = PROMINENCE * float(np.ptp(displacement))
-    turns = np.sort(np.concatenate([find_peaks(sign * displacement, prominence=least)[0] for sign in (1, -1)]))
-    edges = np.array([0, *(turns + 1).tolist(), len(time)], dtype=np.int64)
-    if len(edges) - 1 < _FEWEST_SWEEPS or len(time) < _FEWEST_ROWS * (len(edges) - 1):
+    edges = np.array([0, *(reversals(displacement) + 1).tolist(), len(time)], dtype=np.int64)
+    if len(edges) - 1 < FEWEST_SWEEPS or len(time) < FEWEST_ROWS * (len(edges) - 1):
         found = f'{len(edges) - 1} sweeps of {len(time)} samples in all'
-        need = f'{_FEWEST_SWEEPS} sweeps of {_FEWEST_ROWS} samples each are needed'
-        raise UnsupportedDataError(f'{found}; {need}', 'record more loops, or at a higher sampling rate')
+        need = f'{FEWEST_SWEEPS} sweeps of {FEWEST_ROWS} samples each are needed'
+        raise UnsupportedDataError(
+            f'{found}; {need}', 'record more loops or faster, or, where the load drives, from rest to rest'
+        )
     sweep = np.repeat(np.arange(len(edges) - 1), np.diff(edges))
     start, last = displacement[np.maximum(edges[:-1] - 1, 0)], displacement[edges[1:] - 1]
     return Motion(
@@ -149,6 +149,13 @@ def cut_at_reversals(time: Floats, displacement: Floats, force: Floats) -> Motio
         distance=np.abs(displacement - start[sweep]),
         speed=np.gradient(displacement, time),
     )
+
+
+def reversals(displacement: Floats) -> NDArray[np.int64]:
+    """The samples at which the motion reverses, in the order of time."""
+    least = PROMINENCE * float(np.ptp(displacement))
+    turns = [find_peaks(sign * displacement, prominence=least)[0] for sign in (1, -1)]
+    return np.asarray(np.sort(np.concatenate(turns)), dtype=np.int64)
 
 
 def _moving(displacement: Floats) -> slice:

@@ -24,20 +24,24 @@ UNLOADED_BELOW = 0.6
 
 _LOADED_ABOVE = 0.1
 """Share of its largest above which the load counts as on; the rest is searched before it."""
-_FEWEST_SAMPLES = 50
+FEWEST_SAMPLES = 50
 _FEWEST_AT_REST = 10
 """For the zero of load and response and for their noise, known to about a quarter of itself then."""
 _FEWEST_UNLOADED = 10
 _LONGEST_STEP = 5.0
 """Steps in time longer than so many medians are gaps: what the load did meanwhile is unknown."""
-_SMALLEST_LOAD = 10.0
-"""In standard deviations of its noise; white noise alone reaches 5 in a million samples."""
+_NOISE = 7.0
+_RANGE = (0.5, 99.5)
+"""Range between these percentiles over median step: 5.4 for white noise, more for a load that comes and goes."""
 _LARGEST_TREND = 0.05
 """Change of the load over the rest, as a share of its largest; a load that rises steadily from the start has 0.07."""
 _AT_REST = 3.0
-"""In standard deviations of the load at rest."""
+_ABOVE_NOISE = 5.0
+"""Both in standard deviations of the load at rest: within the first it is at rest, above the second it is on."""
 _MAD = 1.4826
 """Standard deviation over median absolute deviation, normal distribution."""
+CONSTANT_LOAD = 'the load is constant within its noise'
+CHECK_LOAD = 'check the column, or record with a load'
 _REMEDY = 'record from before the load comes on until after it has gone'
 
 
@@ -119,16 +123,16 @@ class LoadRecord:
         return _load_comes_on(self.load)
 
     def _check(self) -> None:
-        if len(self) < _FEWEST_SAMPLES:
-            self._refuse(f'{len(self)} samples; {_FEWEST_SAMPLES} or more are needed', 'record longer or faster')
+        if len(self) < FEWEST_SAMPLES:
+            self._refuse(f'{len(self)} samples; {FEWEST_SAMPLES} or more are needed', 'record longer or faster')
         self._check_time()
         if not np.ptp(self.response) > 0:
             self._refuse('the response never changes', 'check the column, or record with a finer sensor')
-        noise = _MAD * float(np.median(np.abs(np.diff(self.load)))) / np.sqrt(2.0)
-        change = float(np.abs(self.load - np.median(self.load[:_FEWEST_AT_REST])).max())
-        if not change > _SMALLEST_LOAD * noise:
-            self._refuse('the load is constant within its noise', 'check the column, or record with a load')
-        self._check_rest()
+        if is_constant(self.load):
+            self._refuse(CONSTANT_LOAD, CHECK_LOAD)
+        if not is_at_rest_first(self.load):
+            need = f'{_FEWEST_AT_REST} samples or more at rest are needed'
+            self._refuse(f'the load is not at rest at first; {need}', _REMEDY)
         if len(self) - self.unloaded < _FEWEST_UNLOADED:
             self._refuse(f'the load never falls below {UNLOADED_BELOW:.0%} of its largest for good', _REMEDY)
 
@@ -143,22 +147,33 @@ class LoadRecord:
             gap = f'from {self.time[longest]:g} to {self.time[longest + 1]:g} s'
             self._refuse(f'there is a gap in time {gap}', 'give the parts before and after it as files of their own')
 
-    def _check_rest(self) -> None:
-        at_rest = self.load[self.rest]
-        quarter = len(at_rest) // 4
-        trend = at_rest[-quarter:].mean() - at_rest[:quarter].mean() if quarter else 0.0
-        if len(at_rest) < _FEWEST_AT_REST or abs(trend) > _LARGEST_TREND * np.abs(self.load_change).max():
-            need = f'{_FEWEST_AT_REST} samples or more at rest are needed'
-            self._refuse(f'the load is not at rest at first; {need}', _REMEDY)
-
     def _refuse(self, problem: str, remedy: str) -> None:
         raise UnsupportedDataError(f'{self.source}: {problem}', remedy)
+
+
+def is_at_rest_first(load: Floats) -> bool:
+    """Whether the load, (n,), is at rest before it comes on; not if it is constant or noise alone."""
+    if len(load) <= _FEWEST_AT_REST or is_constant(load):
+        return False
+    at_rest = load[: _load_comes_on(load)]
+    quarter = len(at_rest) // 4
+    if len(at_rest) < _FEWEST_AT_REST:
+        return False
+    trend = at_rest[-quarter:].mean() - at_rest[:quarter].mean()
+    return bool(abs(trend) <= _LARGEST_TREND * np.abs(load - at_rest.mean()).max())
+
+
+def is_constant(load: Floats) -> bool:
+    """Whether the load, (n,), is constant, or changes no more in all than from sample to sample."""
+    lowest, highest = np.percentile(load, _RANGE)
+    return not np.ptp(load) > 0 or bool(highest - lowest <= _NOISE * np.median(np.abs(np.diff(load))))
 
 
 def _load_comes_on(load: Floats) -> int:
     """Number of samples at rest at the beginning."""
     change = np.abs(load - np.median(load[:_FEWEST_AT_REST]))
-    loaded = int(np.argmax(change > _LOADED_ABOVE * change.max()))
+    noise = _MAD * float(np.median(np.abs(np.diff(load)))) / np.sqrt(2.0)
+    loaded = int(np.argmax(change > max(_LOADED_ABOVE * change.max(), min(_ABOVE_NOISE * noise, 0.5 * change.max()))))
     if loaded < 2:
         return max(loaded, 1)
     from_rest = np.abs(load[:loaded] - np.median(load[:loaded]))
