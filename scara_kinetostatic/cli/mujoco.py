@@ -13,6 +13,8 @@ SCENE_NAMES = (
     'contact_friction',
     'joint_friction',
     'winding_friction',
+    'joint_slip',
+    'joint_slip_fast',
     'displaced_disc',
     'base_on_springs',
     'link_flex',

@@ -16,6 +16,7 @@ from scara_kinetostatic.model.kinematics import inverse, wrap
 from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine
 from scara_kinetostatic.simulation.mujoco.mjcf import LIFT
 from scara_kinetostatic.simulation.mujoco.motion import SimulatedMotion, Tick
+from scara_kinetostatic.simulation.mujoco.pace import pace_of
 from scara_kinetostatic.simulation.mujoco.scene import Scene
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.trajectory import (
@@ -49,12 +50,10 @@ REST = 0.04
 """Rest after the first contact, s."""
 FILTER = 0.004
 """Time constant of the controller's filter of the force, s."""
-PRESS_SPEED = (2e-4, 0.015)
-"""Slowest and fastest commanded motion while it presses, m/s."""
+SLOWEST_PRESS = 2e-4
+"""Slowest commanded motion while it presses, m/s."""
 COMPLIANCE_LIMITS = (5e-6, 3e-4)
 """Limits of the compliance that the controller estimates, m/N."""
-CONTROL_TIME = 0.05
-"""Time constant with which the force approaches its target, s."""
 FORCE_TOLERANCE = 0.005
 """Relative error of the force at which a press ends."""
 LONGEST_PRESS = 5.0
@@ -70,7 +69,7 @@ class TouchController:
         scene: the robot.
         cell: nominal arm and declared discs.
         plan: the touches.
-        timing: durations of the phases; that of the press follows from the force.
+        timing: durations of the phases; that of the press follows from the force. None: as is right for the scene.
 
     Raises:
         InputError: MuJoCo is not installed.
@@ -78,7 +77,8 @@ class TouchController:
     """
 
     def __init__(self, scene: Scene, cell: Cell, plan: Plan, timing: Timing | None = None) -> None:
-        self.plan, self.timing = plan, timing or Timing()
+        self._pace = pace_of(scene)
+        self.plan, self.timing = plan, timing or self._pace.timing
         if not len(plan):
             raise UnsupportedDataError('the plan holds no touch', 'plan at least one')
         self._depths = np.linspace(-self.timing.clearance, LARGEST_DEPTH, DEPTHS)
@@ -171,6 +171,7 @@ class TouchController:
         level, beyond = float(self.plan.force[self._touch]), float(self.plan.preload[self._touch])
         self._press((1.0 + beyond) * level)
         if beyond:
+            self._rest(PRESS, self._pace.peak)
             self._phase = EASE
             self._press(level)
 
@@ -193,7 +194,8 @@ class TouchController:
                 return
             if sense > 0 and self._force > force + FIRM_FORCE:
                 self._compliance = float(np.clip((self._depth - depth) / (self._force - force), *COMPLIANCE_LIMITS))
-            self._advance(sense * float(np.clip(missing * self._compliance / CONTROL_TIME, *PRESS_SPEED)))
+            speed = missing * self._compliance / self._pace.control_time
+            self._advance(sense * float(np.clip(speed, SLOWEST_PRESS, self._pace.press)))
         raise UnsupportedDataError(
             f'touch {self._touch} of the plan: the force stays at {self._force:.1f} N instead of {level:.1f} N',
             'simulate a robot with less friction, or a stiffer one',

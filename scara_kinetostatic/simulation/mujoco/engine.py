@@ -20,6 +20,9 @@ STEPS = 4
 """Steps of the integration between two commands."""
 TICK = STEPS * TIMESTEP
 """Time between two commands, s."""
+SLIP_HARDNESS = 1e3
+"""How much harder the friction of a transmission that slips is than MuJoCo's hardest. With ten
+times as much the solver does not converge."""
 
 
 def load_engine() -> Any:
@@ -58,17 +61,22 @@ class Engine:
         self.data: mujoco.MjData = self._mujoco.MjData(self.model)
         for number in scene.padded_discs(cell):
             self._soften(number, scene.pad[0])
+        self._smooth = scene.quasi_static
         self._motors = np.array([self.model.joint(name).qposadr[0] for name in ('motor1', 'motor2')])
         names = [self.model.joint(number).name for number in range(self.model.njnt)]
+        parts = ('motor', 'slip', 'spring', 'backlash')
         self._turning = [
-            [self.model.joint(name).qposadr[0] for name in names if name in (f'motor{n}', f'spring{n}', f'backlash{n}')]
+            [self.model.joint(name).qposadr[0] for name in names if name in {f'{part}{n}' for part in parts}]
             for n in (1, 2)
         ]
+        for name in (name for name in names if name.startswith('slip')):
+            self._harden(name)
         self._frame = self.model.body('quill').id
         self._ball = self.model.geom('ball').id
         self.data.qpos[self._motors] = joints
         self.data.qpos[self.model.joint('lift').qposadr[0]] = LIFT
         self.command(joints, LIFT)
+        self.data.ctrl[:] = self._target
         self._mujoco.mj_forward(self.model, self.data)
 
     def _soften(self, disc: int, stiffness: float) -> None:
@@ -82,14 +90,25 @@ class Engine:
         damping = 2.0 * np.sqrt(stiffness * inverse_mass) * PAD_FULL
         self.model.geom_solref[geom] = (-stiffness * inverse_mass * (1.0 - PAD_FULL), -damping)
 
+    def _harden(self, joint: str) -> None:
+        """Makes the friction of a joint creep less.
+
+        MuJoCo's friction at rest yields to a load f at the speed f R/b, with R = A (1 - d)/d, d and b its impedance
+        and damping and A the inverse inertia that the engine ascribes to the joint. A is reduced; it serves for
+        nothing else.
+        """
+        self.model.dof_invweight0[self.model.joint(joint).dofadr[0]] /= SLIP_HARDNESS
+
     def command(self, joints: Floats, lift: float) -> None:
         """New targets of the motors, (2,), rad, and of the third axis, m."""
-        self.data.ctrl[:2] = joints
-        self.data.ctrl[2] = lift
+        self._target = np.append(joints, lift)
 
     def advance(self) -> None:
-        """One tick of time."""
-        self._mujoco.mj_step(self.model, self.data, STEPS)
+        """One tick of time; in a quasi-static scene the targets move step by step, not at once."""
+        moves = np.linspace(self.data.ctrl, self._target, STEPS + 1)[1:] if self._smooth else (self._target,)
+        for target in moves:
+            self.data.ctrl[:] = target
+            self._mujoco.mj_step(self.model, self.data, STEPS // len(moves))
 
     @property
     def joints(self) -> Floats:

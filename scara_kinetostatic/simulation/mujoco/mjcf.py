@@ -1,8 +1,8 @@
 """A scene as MJCF, MuJoCo's description of bodies, joints and actuators.
 
-From the ground up: base (on springs or fixed) -> rotor of motor 1 -> transmission 1 (a
-hinge with a spring, then one with backlash) -> link 1 (in pieces with springs between, if it
-bends) -> rotor of motor 2 -> transmission 2 -> link 2 -> third axis -> gripper (two
+From the ground up: base (on springs or fixed) -> rotor of motor 1 -> transmission 1 (a hinge with a
+spring and friction beside it, if it slips, one with a spring, one with backlash) -> link 1 (in pieces with
+springs between, if it bends) -> rotor of motor 2 -> transmission 2 -> link 2 -> third axis -> gripper (two
 springs) -> tip, a ball with backlash on the gripper's pin. Inertia and damping, which the engine
 needs besides, are chosen so that oscillations decay within some 10 ms; at rest they have no influence on the
 balance of forces. The integrator `discrete` is implicit in springs,
@@ -48,6 +48,12 @@ SMALL_MASS = 0.3
 """Mass of the third axis, of the gripper, of the tip, and of the base's upper part by 100, kg."""
 TIP_DAMPING = 50.0
 """Of the ball on its pin, N s/m."""
+LIGHT_ARM, LIGHT_TIP = 0.1, 0.3
+"""Inertia of a quasi-static scene's arm, and of its parts behind the third axis, over that of the others: as light as
+the contacts stay closed with this time step."""
+LIGHT_BACKLASH_DAMPING = 20.0
+"""Of the hinge with backlash in such a scene, Nm s/rad: its stops are reached without an impact."""
+_TIP_PARTS = ('quill', 'gripper', 'tip')
 
 
 def _tip_radius(cell: Cell) -> float:
@@ -73,6 +79,8 @@ def build(scene: Scene, cell: Cell) -> str:
     elbow = _link1(_transmission(base, scene, 1), scene)
     _tip(_transmission(elbow, scene, 2), scene, cell)
     _connections(root, scene)
+    if scene.quasi_static:
+        _lighten(world)
     _servos(root)
     return Xml.tostring(root, encoding='unicode')
 
@@ -142,11 +150,12 @@ def _spring(
 
 
 def _transmission(parent: Xml.Element, scene: Scene, number: int) -> Xml.Element:
-    """Rotor, spring and backlash of a joint, and the frame of the link behind, at the joint's axis."""
+    """Rotor, springs and backlash of a joint, and the frame of the link behind, at the joint's axis."""
     values, name, z = scene.parameters.as_dict(), str(number), (0, 0, 1)
     rotor = _body(parent, f'rotor{name}', 1.0)
     _put(rotor, 'joint', name=f'motor{name}', type='hinge', axis=z, armature=ROTOR)
     link = _body(rotor, f'link{name}', 1.0)
+    _slip(link, scene, number)
     friction = scene.winding_friction[number - 1]
     rubbing: dict[str, object] = {'frictionloss': friction, **HARD_FRICTION} if friction else {}
     stiffness = 1.0 / values[f'p{name}']
@@ -163,6 +172,14 @@ def _transmission(parent: Xml.Element, scene: Scene, number: int) -> Xml.Element
     assert inertial is not None
     inertial.set('pos', _text((0.5 * length, 0.0, 0.0)))
     return frame
+
+
+def _slip(link: Xml.Element, scene: Scene, number: int) -> None:
+    """The second spring of a transmission, with Coulomb friction beside it, if there is one."""
+    compliance, torque = scene.slip_compliance[number - 1], scene.slip_torque[number - 1]
+    if compliance:
+        _spring(link, f'slip{number}', 'hinge', (0, 0, 1), 1.0 / compliance, LINK_INERTIA[number - 1],
+                armature=BACKLASH_INERTIA, frictionloss=torque, **HARD_FRICTION)  # fmt: skip
 
 
 def _link1(beam: Xml.Element, scene: Scene) -> Xml.Element:
@@ -211,9 +228,36 @@ def _connections(root: Xml.Element, scene: Scene) -> None:
 
 def _turning(tendon: Xml.Element, scene: Scene, number: int) -> None:
     """Makes a tendon follow the turning of a link against what carries its motor."""
-    names = ['motor', 'spring'] + ['backlash'] * bool(getattr(scene.parameters, f'g{number}'))
-    for name in names:
+    names = {
+        'motor': True,
+        'slip': scene.slip_compliance[number - 1],
+        'spring': True,
+        'backlash': getattr(scene.parameters, f'g{number}'),
+    }
+    for name in (name for name, present in names.items() if present):
         _put(tendon, 'joint', joint=f'{name}{number}', coef=1.0)
+
+
+def _lighten(world: Xml.Element) -> None:
+    """Makes arm and tip lighter, their springs still critically damped."""
+    for body in world.iter('body'):
+        factor = LIGHT_TIP if body.get('name') in _TIP_PARTS else LIGHT_ARM
+        for inertial in body.findall('inertial'):
+            _scale(inertial, 'mass', factor)
+            _scale(inertial, 'diaginertia', factor)
+        for joint in body.findall('joint'):
+            name = str(joint.get('name'))
+            if name.startswith('backlash'):
+                joint.set('damping', _text(LIGHT_BACKLASH_DAMPING))
+            elif 'stiffness' in joint.attrib:
+                _scale(joint, 'damping', float(np.sqrt(factor)))
+            if not name.startswith('motor'):
+                _scale(joint, 'armature', factor)
+
+
+def _scale(element: Xml.Element, attribute: str, factor: float) -> None:
+    if attribute in element.attrib:
+        element.set(attribute, _text(tuple(factor * float(value) for value in element.attrib[attribute].split())))
 
 
 def _servos(root: Xml.Element) -> None:

@@ -23,6 +23,8 @@ class Scene:
         contact_friction: Coulomb's coefficient μ between tip and discs.
         bearing_friction: Coulomb friction that opposes the turning of each link, behind its transmission, Nm.
         winding_friction: Coulomb friction inside each transmission, beside its spring, Nm.
+        slip_compliance: of a second spring of each transmission, between motor and spring, rad/Nm.
+        slip_torque: Coulomb friction beside that second spring, Nm.
         displaced: number of the displaced disc.
         displacement: by how much, m.
         base_compliance: of the springs under the base, along x and y, m/N.
@@ -33,6 +35,7 @@ class Scene:
         tilt: of the base, about its x and y axes, rad.
         masses: of the two links, kg; they matter on a tilted base alone.
         cable: stiffness of a cable that pulls link 2 towards the straight arm, Nm/rad.
+        quasi_static: whether a light arm moves slowly, so that inertia hardly loads the joints.
 
     Raises:
         ParameterError: a robot that cannot be built.
@@ -43,6 +46,8 @@ class Scene:
     contact_friction: float = 0.0
     bearing_friction: Pair = (0.0, 0.0)
     winding_friction: Pair = (0.0, 0.0)
+    slip_compliance: Pair = (0.0, 0.0)
+    slip_torque: Pair = (0.0, 0.0)
     displaced: int = 0
     displacement: Pair = (0.0, 0.0)
     base_compliance: Pair = (0.0, 0.0)
@@ -52,6 +57,7 @@ class Scene:
     tilt: Pair = (0.0, 0.0)
     masses: Pair = (6.0, 4.0)
     cable: float = 0.0
+    quasi_static: bool = False
 
     def __post_init__(self) -> None:
         where = f'scene {self.name!r}'
@@ -60,13 +66,14 @@ class Scene:
             if getattr(self.parameters, name) == 0:
                 raise ParameterError(f'{where}: {name}', 'expected a compliance above 0', 'a spring needs a stiffness')
         for item in fields(self):
-            if item.name in ('name', 'parameters', 'displaced', 'padded'):
+            if item.name in ('name', 'parameters', 'displaced', 'padded', 'quasi_static'):
                 continue
             value = np.asarray(getattr(self, item.name), dtype=float)
             signed = item.name in ('displacement', 'tilt')
             if not np.all(np.isfinite(value)) or (not signed and np.any(value < 0)):
                 raise ParameterError(f'{where}: {item.name}', f'expected a finite value of 0 or more, got {value}')
-
+        if any(bool(w) != bool(r) for w, r in zip(self.slip_compliance, self.slip_torque, strict=True)):
+            raise ParameterError(f'{where}: slip_torque', 'expected one above 0 for each slip_compliance above 0')
         if self.padded and min(self.pad) <= 0:
             raise ParameterError(f'{where}: pad', f'expected a stiffness and a depth above 0, got {self.pad}')
 
@@ -90,6 +97,8 @@ SCENES = {
         Scene('contact_friction', contact_friction=0.15),
         Scene('joint_friction', bearing_friction=(0.0, 5.0)),
         Scene('winding_friction', winding_friction=(6.0, 6.0)),
+        Scene('joint_slip', slip_compliance=(0.0, 2e-5), slip_torque=(0.0, 4.0), quasi_static=True),
+        Scene('joint_slip_fast', slip_compliance=(0.0, 2e-5), slip_torque=(0.0, 4.0)),
         Scene('displaced_disc', displaced=1, displacement=(1.2e-4, -0.9e-4)),
         Scene('base_on_springs', base_compliance=(6e-6, 1e-6)),
         Scene('link_flex', link_compliance=1.5e-4),

@@ -68,6 +68,9 @@ def built_effects(scene: Scene, cell: Cell) -> list[dict[str, Any]]:
             add('joint_hysteresis', f'joint{number + 1}', width=compliance * torque, bearing_torque=torque)
         if scene.winding_friction[number]:
             add('joint_hysteresis', f'joint{number + 1}', winding_torque=scene.winding_friction[number])
+        if scene.slip_compliance[number]:
+            slip = {'compliance': scene.slip_compliance[number], 'slip_torque': scene.slip_torque[number]}
+            add('joint_slip', f'joint{number + 1}', **slip)
     displaced = scene.displaced_disc(cell)
     if displaced is not None:
         add('object_position', cell.discs[displaced].name, x=scene.displacement[0], y=scene.displacement[1])
