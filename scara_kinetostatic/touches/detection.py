@@ -1,7 +1,8 @@
 """Detection of the touches in a recording: free motion, contact, hold, retraction.
 
 In turn: `segmentation` (contacts), `tare` (the force zero before each), `holds` (joints at rest, force steady),
-`candidates` (reasons to reject a hold), `association` (the touched disc), `approach` (the movement before the hold).
+`candidates` (reasons to reject a hold), `association` (the touched disc), `approach` (the movement before the hold),
+`load_history` (the load before the hold).
 Every hold is one touch, accepted or rejected; every contact without a hold is one rejected touch. The collector's
 count (`online`) and the calibration of a recording use this same code.
 """
@@ -19,6 +20,7 @@ from scara_kinetostatic.model.touch import Rejection, TouchSet
 from scara_kinetostatic.touches.approach import Approach, approach_of_hold, resolution
 from scara_kinetostatic.touches.association import associate
 from scara_kinetostatic.touches.candidates import TouchCandidate, find_candidates
+from scara_kinetostatic.touches.load_history import LoadMemory, history_array, load_history
 from scara_kinetostatic.touches.segmentation import find_contacts
 from scara_kinetostatic.touches.signals import Signals, as_signals
 from scara_kinetostatic.touches.streams import Streams
@@ -59,6 +61,7 @@ class Detection:
         start: first stamp of the recording, ns.
         contradiction: a sentence where most touches meet no disc but would with another frame or sign of the sensor;
             empty otherwise.
+        memories: what the joints remember of the load after each contact, in the order of time.
     """
 
     touches: TouchSet
@@ -68,6 +71,7 @@ class Detection:
     episodes: tuple[Episode, ...] = field(default=(), repr=False)
     start: int = 0
     contradiction: str = ''
+    memories: tuple[LoadMemory, ...] = field(default=(), repr=False)
 
     def part(self, numbers: Sequence[int]) -> Detection:
         """Some of the touches, numbered from 0 in the order given; `found` is their number."""
@@ -91,12 +95,13 @@ class Detection:
         )
 
 
-def find_touches(streams: Streams, cell: Cell) -> Detection:
+def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None) -> Detection:
     """All touches of a recording.
 
     Args:
         streams: joint angles and forces as they came; stamps may be irregular.
         cell: nominal parameters, discs, frame and sign of the sensor.
+        earlier: of streams whose beginning was dropped: what the joints remember of the load from then.
 
     Returns:
         Accepted and rejected touches; `found` is 0 where there is no contact at all.
@@ -108,14 +113,17 @@ def find_touches(streams: Streams, cell: Cell) -> Detection:
     found, weak = find_candidates(signals, contacts)
     candidates, advice = _with_discs(found, cell)
     episodes = tuple(_episode(number, candidate) for number, candidate in enumerate(candidates))
+    touches, history = _touch_set(signals, candidates, cell), load_history(signals, candidates, cell, earlier)
+    before = [history.before.get(number, ()) for number in touches.index.tolist()]
     return Detection(
-        touches=_touch_set(signals, candidates, cell),
+        touches=touches.replace(history=history_array(before, touches.joints)),
         rejected=tuple(Rejection(episode.index, episode.reason) for episode in episodes if episode.reason),
         found=len(candidates),
         warnings=(*signals.warnings, *_warnings(contacts.spikes, weak, candidates), *advice),
         episodes=episodes,
         start=signals.start,
         contradiction=advice[0] if advice else '',
+        memories=history.memories,
     )
 
 

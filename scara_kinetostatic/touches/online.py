@@ -2,7 +2,7 @@
 
 The latest `_HORIZON` of samples is kept. A poll compares only the new forces with the zero of the sensor; once the
 force has deviated from it and returned, `find_touches` runs on all kept samples, and each contact that has ended is
-reported once.
+reported once. What the joints remember of the load is kept without a limit of time.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.touches.detection import Detection, find_touches, no_touches
+from scara_kinetostatic.touches.load_history import LoadMemory
 from scara_kinetostatic.touches.segmentation import CONTACT_FORCE, END_RATIO
 from scara_kinetostatic.touches.signals import as_signals
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
@@ -82,6 +83,7 @@ class OnlineDetector:
         self._tare: NDArray[np.float64] | None = None
         self._reported = self._searched = self._polled = 0
         self._in_contact = False
+        self._memory = LoadMemory()
 
     def _is_due(self) -> bool:
         """Whether a contact has ended, or `_LONGEST_WAIT` is over."""
@@ -111,7 +113,7 @@ class OnlineDetector:
             return Detection(no_touches())
         self._tare = coarse_tare(signals)[-1]
         latest = min(self._wrench.newest - _CLEAR, self._joints.newest)
-        new = self._new(find_touches(streams, self._cell), np.iinfo(np.int64).max if open_too else latest)
+        new = self._new(find_touches(streams, self._cell, self._memory), np.iinfo(np.int64).max if open_too else latest)
         self._joints.drop_before(self._wrench.newest - self._horizon)
         self._wrench.drop_before(self._wrench.newest - self._horizon)
         return new
@@ -123,6 +125,8 @@ class OnlineDetector:
         self._in_contact = any(end > latest for end in ends)
         new = [n for n, begin in enumerate(begins) if begin > self._reported and ends[n] <= latest]
         self._reported = max([self._reported, *(ends[number] for number in new)])
+        complete = [memory for memory in detection.memories if memory.stamp <= latest]
+        self._memory = complete[-1] if complete else self._memory
         part = detection.part(new).renumbered(self._found)
         self._found += len(new)
         return part
