@@ -89,14 +89,13 @@ def _run_motion_driven(args: argparse.Namespace, tables: list[RecordTable]) -> i
     from scara_kinetostatic.studies.hysteresis.analysis import analyse_hysteresis
     from scara_kinetostatic.studies.hysteresis.document import NAME, hysteresis_document
     from scara_kinetostatic.studies.hysteresis.text import text
+    from scara_kinetostatic.studies.hysteresis.units import BY_LOAD
 
     if args.predict:
         problem = f'{tables[0].source} is driven by its motion'
         raise InputError('--predict', problem, 'it takes records driven by their load; see --driven')
-    if tables[0].load_unit != 'N':
-        problem = f'{tables[0].source}: driven by its motion, with a {tables[0].load_unit} load'
-        raise UnsupportedDataError(problem, 'give displacement and force')
-    analysis = analyse_hysteresis([table.readings for table in tables], args.tension)
+    units = BY_LOAD[tables[0].load_unit]
+    analysis = analyse_hysteresis([table.readings for table in tables], args.tension, units)
     document = hysteresis_document(analysis)
     files = {}
     if args.out:

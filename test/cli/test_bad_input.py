@@ -280,7 +280,7 @@ LOAD_DRIVEN = {
         2,
         'columns of two joints, 2 and 4',
     ),
-    'too short': (rows_without(30, 10_000), [], 3, 'one.csv: '),
+    'too short': (rows_without(30, 10_000), [], 3, '6 sweeps of 8 samples each are needed'),
     'too short, driven by load': (rows_without(30, 10_000), ['--driven', 'load'], 3, '50 or more are needed'),
     'without unloading': (rows_without(500, 10_000), [], 3, 'never falls below 60% of its largest for good'),
     'without a rest': (rows_without(0, 198), ['--driven', 'load'], 3, 'not at rest at first'),

@@ -119,3 +119,26 @@ def test_names_of_files_come_out_as_they_are(run: Run, tmp_path: Path) -> None:
     page = (tmp_path / 'result' / 'hysteresis.html').read_text(encoding='utf-8')
     assert '<b>' not in page
     assert '&lt;b&gt;&amp;$\\frac$.csv' in page
+
+
+def test_a_torque_over_an_angle_is_said_in_their_units(run: Run, tmp_path: Path) -> None:
+    heading, *rows = record().splitlines()
+    scaled = [[float(cell) for cell in row.split(',')] for row in rows]
+    lines = [f'{time:.4f},{moved * 1e3:.6f},{force * 1e-3:.6f}' for time, moved, force in scaled]
+    (tmp_path / 'force.csv').write_text('\n'.join([heading, *rows]) + '\n')
+    (tmp_path / 'torque.csv').write_text('\n'.join(['time_s,angle_mrad,torque_Nm', *lines]) + '\n')
+    linear = json.loads(run('loops', 'force.csv', '--json').out)
+    result = run('loops', 'torque.csv', '--out', 'result')
+    assert 'Driven by their motion: the torque is predicted from the angle.' in result.out
+    rotary = json.loads((tmp_path / 'result' / 'hysteresis.json').read_text(encoding='utf-8'))
+    assert (linear['units'], rotary['units']) == ({'load': 'N', 'response': 'm'}, {'load': 'Nm', 'response': 'rad'})
+    for name, unit, scale in (('slip_positive', 'Nm', 1e-3), ('compliance', 'rad/Nm', 1e3)):
+        expected, found = (each['records'][0]['parameters']['slip'][name] for each in (linear, rotary))
+        assert found['unit'] == unit
+        assert found['value'] == pytest.approx(scale * expected['value'], rel=1e-3)
+    page = (tmp_path / 'result' / 'hysteresis.html').read_text(encoding='utf-8')
+    for words in (result.out, page):
+        assert 'slip torque' in words
+        assert 'µrad/Nm' in words
+        for other in ('force', 'displacement', ' N ', 'kN', 'mm '):
+            assert other not in words.replace('law (6)', ''), other

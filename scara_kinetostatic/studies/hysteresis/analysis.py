@@ -22,6 +22,7 @@ from scara_kinetostatic.studies.hysteresis.model_selection import (
     select_model,
 )
 from scara_kinetostatic.studies.hysteresis.motion import Motion, motion_from_readings, repeatability
+from scara_kinetostatic.studies.hysteresis.units import LINEAR, Units
 
 _FEWEST_RECORDS = 3
 """Records for a leave-one-out prediction: one to predict, and two for a line over the tension."""
@@ -38,6 +39,7 @@ class Record(NamedTuple):
         repeatability: of the force where the motion repeats, N; NaN if it never does.
         independent: effective number of independent samples of the refined law's residual.
         notes: remarks on the file.
+        units: force over displacement, or torque over angle; N and m stand for Nm and rad then.
     """
 
     source: str
@@ -47,6 +49,7 @@ class Record(NamedTuple):
     repeatability: float
     independent: float
     notes: tuple[str, ...]
+    units: Units = LINEAR
 
     @property
     def name(self) -> str:
@@ -86,20 +89,28 @@ class HysteresisAnalysis(NamedTuple):
     transferred: tuple[TransferredRefinement, ...]
     leave_one_out: tuple[LeaveOneOut, ...]
 
+    @property
+    def units(self) -> Units:
+        """Those of all records."""
+        return self.records[0].units
 
-def analyse_hysteresis(tables: Sequence[DialGaugeReadings], tensions: Sequence[float] = ()) -> HysteresisAnalysis:
+
+def analyse_hysteresis(
+    tables: Sequence[DialGaugeReadings], tensions: Sequence[float] = (), units: Units = LINEAR
+) -> HysteresisAnalysis:
     """Analyses records of loops.
 
     Args:
         tables: each from one file, with times.
         tensions: of the band, one per table, in any unit; without them no record is predicted from the others.
+        units: of the tables; for `ROTARY` their forces are torques in Nm, their displacements angles in rad.
 
     Raises:
         ParameterError: the tensions do not match the tables.
         UnsupportedDataError: a table has no times, or too few reversals; it is named.
     """
     check_tensions(len(tables), tensions)
-    records = tuple(_record(table) for table in tables)
+    records = tuple(_record(table, units) for table in tables)
     predictions: tuple[LeaveOneOut, ...] = ()
     if tensions:
         motions = [record.motion for record in records]
@@ -129,7 +140,7 @@ def check_tensions(records: int, tensions: Sequence[float]) -> None:
         raise ParameterError('tension', problem, 'give three files or more, or leave the tensions out')
 
 
-def _record(table: DialGaugeReadings) -> Record:
+def _record(table: DialGaugeReadings, units: Units) -> Record:
     source = table.sources[0]
     try:
         motion = motion_from_readings(table)
@@ -139,7 +150,7 @@ def _record(table: DialGaugeReadings) -> Record:
     scores = [score for score in (selection.before, selection.selected, selection.refined) if score is not None]
     parameters = {score.law.name: with_std(score.whole, motion) for score in scores}
     independent = effective_count(selection.refined.whole.residual[motion.scored])
-    return Record(source, motion, selection, parameters, repeatability(motion), independent, table.notes)
+    return Record(source, motion, selection, parameters, repeatability(motion), independent, table.notes, units)
 
 
 def _transferred(records: Sequence[Record]) -> tuple[TransferredRefinement, ...]:

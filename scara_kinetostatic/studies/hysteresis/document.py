@@ -23,6 +23,8 @@ def hysteresis_document(analysis: HysteresisAnalysis) -> Document:
     return {
         'schema': SCHEMA,
         'version': __version__,
+        'driven': 'motion',
+        'units': {'load': analysis.units.si_unit('N'), 'response': analysis.units.si_unit('m')},
         'records': [_record(record) for record in analysis.records],
         'refined_as_other': [
             {
@@ -96,7 +98,7 @@ def _compared(each: Comparison, record: Record) -> dict[str, Any]:
 def _estimate(name: str, estimate: Estimate, record: Record) -> dict[str, Any]:
     laws: list[Law] = [record.selection.refined.law, BACKLASH]
     unit = next(each.unit for law in laws for each in law.parameters if each.name == name)
-    return {'value': estimate.value, 'std': _number(estimate.std), 'unit': unit}
+    return {'value': estimate.value, 'std': _number(estimate.std), 'unit': record.units.si_unit(unit)}
 
 
 def _dependences(found: tuple[Dependence, ...]) -> dict[str, Any]:

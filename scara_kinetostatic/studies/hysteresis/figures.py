@@ -12,10 +12,10 @@ from scara_kinetostatic.render.figure import FAINT, INK, SERIES, as_svg
 from scara_kinetostatic.studies.hysteresis.analysis import HysteresisAnalysis, Record
 from scara_kinetostatic.studies.hysteresis.leave_one_out import IDENTIFICATION_SWEEPS
 from scara_kinetostatic.studies.hysteresis.model_selection import CrossValidation
-from scara_kinetostatic.studies.hysteresis.motion import Motion, Rows
+from scara_kinetostatic.studies.hysteresis.motion import Rows
+from scara_kinetostatic.studies.hysteresis.tables import force
 
 WIDTH = 920.0
-_MILLI, _KILO = 1e3, 1e-3
 _RISING, _FALLING = SERIES[0], SERIES[1]
 _BEFORE, _AFTER, _REFINED = SERIES[1], SERIES[0], SERIES[2]
 
@@ -34,15 +34,17 @@ def loop_picture(record: Record, name: str) -> Markup:
     after = [(selection.selected, _AFTER, 'selected law')] if selection.selected is not None else []
     if selection.selected is not None and selection.refined.law.name != selection.selected.law.name:
         after.append((selection.refined, _REFINED, 'refined'))
+    milli, kilo = _factors(record)
     for axes, laws in zip(panels, (shown, after), strict=True):
-        axes.plot(_MILLI * motion.displacement[rows], _KILO * motion.force[rows], color=INK, lw=0.8, label='measured')
+        axes.plot(milli * motion.displacement[rows], kilo * motion.force[rows], color=INK, lw=0.8, label='measured')
         for score, colour, label in laws:
             predicted = motion.force - score.halves[0].residual
-            axes.plot(_MILLI * motion.displacement[rows], _KILO * predicted[rows], color=colour, lw=1.4, label=label)
-        axes.set(xlabel='displacement  [mm]')
+            axes.plot(milli * motion.displacement[rows], kilo * predicted[rows], color=colour, lw=1.4, label=label)
+        axes.set(xlabel=_response_label(record))
         _legend(axes)
-    panels[0].set(ylabel='force  [kN]')
-    return as_svg(figure, name, 'force over displacement of the sweeps held out, measured and predicted')
+    panels[0].set(ylabel=_load_label(record))
+    words = f'{record.units.load} over {record.units.response}'
+    return as_svg(figure, name, f'{words} of the sweeps held out, measured and predicted')
 
 
 def residual_picture(record: Record, name: str) -> Markup:
@@ -51,23 +53,24 @@ def residual_picture(record: Record, name: str) -> Markup:
     selection = record.selection
     names = ('before', 'refined' if '+' in selection.refined.law.name else 'after')
     for axes, score, label in zip(panels, (selection.before, selection.refined), names, strict=True):
-        _residual(axes, record.motion, score)
+        _residual(axes, record, score)
         axes.axhline(0, color=FAINT, lw=0.9)
-        axes.set(xlabel='distance since the reversal  [mm]')
-        axes.set_title(f'{label}: rms {score.held_out_rms:.0f} N')
-    panels[0].set(ylabel='held-out residual  [kN]')
+        axes.set(xlabel=f'distance since the reversal  [{record.units.unit("mm")}]')
+        axes.set_title(f'{label}: rms {force(score.held_out_rms)} {record.units.unit("N")}')
+    panels[0].set(ylabel=f'held-out residual  [{record.units.unit("kN")}]')
     return as_svg(figure, name, 'residual on sweeps held out over the distance since the reversal, before and after')
 
 
-def _residual(axes: Axes, motion: Motion, score: CrossValidation) -> None:
+def _residual(axes: Axes, record: Record, score: CrossValidation) -> None:
+    motion, (milli, kilo) = record.motion, _factors(record)
     for sense, colour, label in ((1, _RISING, 'rising'), (-1, _FALLING, 'falling')):
         first = True
         for k in np.flatnonzero(motion.sense[motion.edges[:-1]] == sense):
             if k == 0:
                 continue
             rows = slice(motion.edges[k], motion.edges[k + 1])
-            distance = _MILLI * motion.distance[rows]
-            axes.plot(distance, _KILO * score.held_out[rows], color=colour, lw=0.8, label=label if first else None)
+            distance = milli * motion.distance[rows]
+            axes.plot(distance, kilo * score.held_out[rows], color=colour, lw=0.8, label=label if first else None)
             first = False
     _legend(axes)
 
@@ -78,20 +81,33 @@ def prediction_picture(analysis: HysteresisAnalysis, name: str) -> Markup:
     figure = Figure(figsize=(WIDTH / 72, 330 / 72), dpi=72, layout='constrained')
     panels = figure.subplots(1, columns, squeeze=False)[0]
     for axes, each in zip(panels, analysis.leave_one_out, strict=True):
-        motion = analysis.records[each.record].motion
-        rows = motion.sweep >= IDENTIFICATION_SWEEPS
-        _both(axes, motion, each.residual, rows)
-        axes.set(xlabel='displacement  [mm]')
-        axes.set_title(f'{each.tension:g} from the others: rms {each.by_tension:.0f} N')
-    panels[0].set(ylabel='force  [kN]')
-    return as_svg(figure, name, 'force over displacement of each record, measured and predicted from the others')
+        record = analysis.records[each.record]
+        _both(axes, record, each.residual, record.motion.sweep >= IDENTIFICATION_SWEEPS)
+        axes.set(xlabel=_response_label(record))
+        axes.set_title(f'{each.tension:g} from the others: rms {force(each.by_tension)} {record.units.unit("N")}')
+    panels[0].set(ylabel=_load_label(analysis.records[0]))
+    words = f'{analysis.units.load} over {analysis.units.response}'
+    return as_svg(figure, name, f'{words} of each record, measured and predicted from the others')
 
 
-def _both(axes: Axes, motion: Motion, residual: Floats, rows: Rows) -> None:
-    displacement, force = _MILLI * motion.displacement[rows], _KILO * motion.force[rows]
-    axes.plot(displacement, force, color=INK, lw=0.8, label='measured')
-    axes.plot(displacement, force - _KILO * residual[rows], color=_AFTER, lw=1.4, label='predicted')
+def _both(axes: Axes, record: Record, residual: Floats, rows: Rows) -> None:
+    motion, (milli, kilo) = record.motion, _factors(record)
+    displacement, measured = milli * motion.displacement[rows], kilo * motion.force[rows]
+    axes.plot(displacement, measured, color=INK, lw=0.8, label='measured')
+    axes.plot(displacement, measured - kilo * residual[rows], color=_AFTER, lw=1.4, label='predicted')
     _legend(axes)
+
+
+def _factors(record: Record) -> tuple[float, float]:
+    return record.units.factor('mm', 1e3), record.units.factor('kN', 1e-3)
+
+
+def _response_label(record: Record) -> str:
+    return f'{record.units.response}  [{record.units.unit("mm")}]'
+
+
+def _load_label(record: Record) -> str:
+    return f'{record.units.load}  [{record.units.unit("kN")}]'
 
 
 def _panels(height: float) -> tuple[Figure, list[Axes]]:

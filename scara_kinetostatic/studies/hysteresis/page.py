@@ -25,10 +25,14 @@ def html_text(analysis: HysteresisAnalysis) -> str:
         version=__version__,
         sources=[record.source for record in analysis.records],
         summary=tables.summary_table(analysis),
-        errors=text.ERRORS,
+        driven=text.in_words(text.DRIVEN, analysis.units),
+        units=analysis.units,
+        errors=text.in_words(text.ERRORS, analysis.units),
         records=records,
         prediction=prediction,
-        prediction_sentences=[text.PREDICTION, *text.prediction_sentences(analysis)] if analysis.leave_one_out else [],
+        prediction_sentences=[text.in_words(text.PREDICTION, analysis.units), *text.prediction_sentences(analysis)]
+        if analysis.leave_one_out
+        else [],
         prediction_table=tables.prediction_table(analysis),
         notes=[note for record in analysis.records for note in record.notes],
     )

@@ -10,38 +10,53 @@ from scara_kinetostatic.studies.hysteresis.analysis import HysteresisAnalysis, R
 from scara_kinetostatic.studies.hysteresis.dependence import VARIABLES
 from scara_kinetostatic.studies.hysteresis.laws import Law
 from scara_kinetostatic.studies.hysteresis.model_selection import Comparison, CrossValidation
+from scara_kinetostatic.studies.hysteresis.units import Units
 
 _PARAMETERS = {
-    'zero': ('zero of the displacement', 1e3, 'mm'),
+    'zero': ('zero of the {response}', 1e3, 'mm'),
     'start': ('state at the start', 1e3, 'mm'),
     'compliance': ('compliance p', 1e9, 'nm/N'),
     'half_gap': ('half gap g', 1e3, 'mm'),
-    'force_zero': ('zero of the force', 1.0, 'N'),
-    'slip_positive': ('slip force, positive', 1.0, 'N'),
-    'slip_negative': ('slip force, negative', 1.0, 'N'),
+    'force_zero': ('zero of the {load}', 1.0, 'N'),
+    'slip_positive': ('slip {load}, positive', 1.0, 'N'),
+    'slip_negative': ('slip {load}, negative', 1.0, 'N'),
     'damping': ('damping', 1e-3, 'Ns/mm'),
     'friction': ('friction', 1.0, 'N'),
     'compliance_ratio': ('negative / positive compliance', 1.0, ''),
     'rounding': ('rounding of the gap', 1e3, 'mm'),
-    'place_positive': ('slip force per displacement, positive', 1e-3, 'N/mm'),
-    'place_negative': ('slip force per displacement, negative', 1e-3, 'N/mm'),
+    'place_positive': ('slip {load} per {response}, positive', 1e-3, 'N/mm'),
+    'place_negative': ('slip {load} per {response}, negative', 1e-3, 'N/mm'),
     'slow_positive': ('added at low speed, positive', 1.0, 'N'),
     'slow_negative': ('added at low speed, negative', 1.0, 'N'),
     'breakaway_positive': ('added after a reversal, positive', 1.0, 'N'),
     'breakaway_negative': ('added after a reversal, negative', 1.0, 'N'),
     'breakaway_length': ('decay length', 1e3, 'mm'),
 }
-"""Name of each parameter, displayed units per SI unit, and the displayed unit."""
+"""Name of each parameter, displayed units per SI unit, and the displayed unit, of a force over a displacement."""
 
 
-def _title(law: Law) -> str:
+def refinements(law: Law, units: Units) -> list[str]:
+    """Titles of the refinements of a law."""
+    return [each.replace('force', units.load) for each in law.title.split(', ')[1:]] if '+' in law.name else []
+
+
+def _title(law: Law, units: Units) -> str:
     """Title of a law, its refinements after a plus."""
-    first, *more = law.title.split(', ') if '+' in law.name else [law.title]
-    return ' + '.join([first, *more])
+    more = refinements(law, units)
+    return ' + '.join([law.title.split(', ')[0], *more]) if more else law.title
+
+
+def _units(units: Units, *linear: str) -> tuple[str, ...]:
+    return tuple(units.unit(each) for each in linear)
+
+
+def variable(name: str, units: Units) -> str:
+    """A variable of the motion in words."""
+    return VARIABLES[name].replace('displacement', units.response)
 
 
 def force(newton: float) -> str:
-    """A force with three digits, without exponent."""
+    """A force or torque with three digits, without exponent."""
     return f'{newton:.0f}' if newton >= 99.5 else f'{newton:.3g}'
 
 
@@ -56,7 +71,11 @@ def summary_table(analysis: HysteresisAnalysis) -> Table:
     for number, record in enumerate(analysis.records):
         selection = record.selection
         shown = [('before: law (6)', selection.before)]
-        shown += [('after: ' + _title(selection.selected.law), selection.selected)] if selection.selected else []
+        shown += (
+            [('after: ' + _title(selection.selected.law, record.units), selection.selected)]
+            if selection.selected
+            else []
+        )
         shown += (
             [('refined', selection.refined)]
             if selection.selected and selection.refined.law != selection.selected.law
@@ -70,8 +89,17 @@ def summary_table(analysis: HysteresisAnalysis) -> Table:
             for each in analysis.transferred
             if each.record == number
         ]
-    heading = ('file', 'law', 'fitted', 'held out', 'later half', 'earlier half', 'of range', 'as displacement')
-    return Table(heading, ('', '', 'N', 'N', 'N', 'N', '%', 'mm'), tuple(rows))
+    heading = (
+        'file',
+        'law',
+        'fitted',
+        'held out',
+        'later half',
+        'earlier half',
+        'of range',
+        f'as {analysis.units.response}',
+    )
+    return Table(heading, _units(analysis.units, '', '', 'N', 'N', 'N', 'N', '%', 'mm'), tuple(rows))
 
 
 def _errors(score: CrossValidation, record: Record) -> tuple[str, ...]:
@@ -90,11 +118,11 @@ def candidate_table(record: Record) -> Table:
         *(_candidate_row(each, record) for each in selection.candidates),
     ]
     heading = ('law', 'parameters', 'fitted', 'held out', 'later half', 'earlier half', 'p', 'ΔBIC', '')
-    return Table(heading, ('', '', 'N', 'N', 'N', 'N', '', '', ''), tuple(found))
+    return Table(heading, _units(record.units, '', '', 'N', 'N', 'N', 'N', '', '', ''), tuple(found))
 
 
 def _law_cells(score: CrossValidation, record: Record) -> tuple[str, ...]:
-    return (_title(score.law), str(len(score.law.parameters)), *_errors(score, record)[:4])
+    return (_title(score.law, record.units), str(len(score.law.parameters)), *_errors(score, record)[:4])
 
 
 def _candidate_row(each: Comparison, record: Record) -> tuple[str, ...]:
@@ -113,10 +141,10 @@ def refinement_table(record: Record) -> Table:
     for number, step in enumerate(record.selection.refinements, 1):
         for place, each in enumerate(step):
             note = ('added' if place == 0 else 'also better') if each.accepted else 'no better'
-            cells = (each.score.law.title.split(', ')[-1], *_law_cells(each.score, record)[1:])
+            cells = (refinements(each.score.law, record.units)[-1], *_law_cells(each.score, record)[1:])
             rows.append((str(number) if place == 0 else '', *cells, chance(each.p_gain), f'{each.bic:.0f}', note))
     heading = ('step', 'refinement', 'parameters', 'fitted', 'held out', 'later half', 'earlier half', 'p', 'ΔBIC', '')
-    return Table(heading, ('', '', '', 'N', 'N', 'N', 'N', '', '', ''), tuple(rows))
+    return Table(heading, _units(record.units, '', '', '', 'N', 'N', 'N', 'N', '', '', ''), tuple(rows))
 
 
 def dependence_table(record: Record) -> Table:
@@ -124,7 +152,8 @@ def dependence_table(record: Record) -> Table:
     selection = record.selection
     after = {each.variable: each for each in selection.dependence_after}
     rows = tuple(
-        (VARIABLES[each.variable], share(each.share), chance(each.p_value), share(after[each.variable].share),
+        (variable(each.variable, record.units),
+         share(each.share), chance(each.p_value), share(after[each.variable].share),
          chance(after[each.variable].p_value))
         for each in selection.dependence_before
     )  # fmt: skip
@@ -137,14 +166,20 @@ def parameter_table(record: Record) -> Table:
     names = [name for name in _PARAMETERS if any(name in record.parameters[law] for law in laws)]
     headings = ('before', 'after', 'refined')[: len(laws)]
     rows = tuple(
-        (_PARAMETERS[name][0], *(_value(record, law, name) for law in laws), _PARAMETERS[name][2]) for name in names
+        (
+            _PARAMETERS[name][0].format(load=record.units.load, response=record.units.response),
+            *(_value(record, law, name) for law in laws),
+            record.units.unit(_PARAMETERS[name][2]),
+        )
+        for name in names
     )
     return Table(('parameter', *headings, ''), ('',) * (len(laws) + 2), rows)
 
 
 def _value(record: Record, law: str, name: str) -> str:
     estimate: Estimate | None = record.parameters[law].get(name)
-    return '' if estimate is None else with_std(estimate, _PARAMETERS[name][1])
+    _, per_si, unit = _PARAMETERS[name]
+    return '' if estimate is None else with_std(estimate, record.units.factor(unit, per_si))
 
 
 def prediction_table(analysis: HysteresisAnalysis) -> Table:
@@ -161,11 +196,11 @@ def prediction_table(analysis: HysteresisAnalysis) -> Table:
         'slip by tension',
         'slip identified',
         'own fit',
-        'slip force, predicted',
+        f'slip {analysis.units.load}, predicted',
         'own fit',
     )
-    return Table(heading, ('', '', 'N', 'N', 'N', 'N', 'N', 'N'), rows)
+    return Table(heading, _units(analysis.units, '', '', 'N', 'N', 'N', 'N', 'N', 'N'), rows)
 
 
 def _pair(slips: tuple[float, float]) -> str:
-    return f'{slips[0]:.0f} / {slips[1]:.0f}'
+    return f'{force(slips[0])} / {force(slips[1])}'
