@@ -65,12 +65,14 @@ class Scan(NamedTuple):
         trials: the trials.
         columns: of all trials, projected off the base model, (2n, t, m).
         tried: how many trials the effect has in all.
+        independent_part: largest part of a column that is independent of the base model.
     """
 
     effect: Effect
     trials: Sequence[Trial]
     columns: Floats
     tried: int
+    independent_part: float
 
 
 class CandidateSet(NamedTuple):
@@ -112,7 +114,11 @@ def gather(
     for effect in effects:
         trials = effect.trials(problem.touch_state, problem.force)
         if len(trials) > 1:
-            scans.append(scan_trials(problem, effect, trials, len(trials)))
+            scan = scan_trials(problem, effect, trials, len(trials))
+            if scan.columns.any():
+                scans.append(scan)
+            else:
+                unidentifiable.append(Unidentifiable(effect, scan.independent_part))
             continue
         unit, part = independent_part(problem, problem.columns(trials[0]), problem.noise_columns(effect, trials[0]))
         if effect.label in fitted and not effect.is_linear:
@@ -164,11 +170,15 @@ def independent_part(problem: Problem, columns: Floats, noise: Floats | None = N
         return np.empty((len(columns), 0)), 0.0
     left = columns - problem.base @ (problem.base.T @ columns)
     u, values, vt = np.linalg.svd(left, full_matrices=False)
-    independent = values > (INDEPENDENT_PART_CAUTIOUS if problem.one_level else INDEPENDENT_PART)
+    independent = values > _least_independent_part(problem)
     if noise is not None:
         made = np.linalg.norm(noise[:, nonzero] / scale[nonzero] @ vt.T, axis=0)
         independent &= made**2 <= NOISE_SHARE * values**2
     return u[:, independent], min(1.0, float(values[0]))
+
+
+def _least_independent_part(problem: Problem) -> float:
+    return INDEPENDENT_PART_CAUTIOUS if problem.one_level else INDEPENDENT_PART
 
 
 def _best_trial(problem: Problem, scan: Scan, beside: Floats | None = None) -> Candidate:
@@ -218,8 +228,15 @@ def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
 
 
 def scan_trials(problem: Problem, effect: Effect, trials: Sequence[Trial], tried: int) -> Scan:
-    """Trials of an effect, of `tried` in all, projected off the base model."""
+    """Trials of an effect, of `tried` in all, projected off the base model.
+
+    A column that these touches do not tell from the base model is 0 where it is the only one of its trial.
+    """
     columns = np.stack([problem.columns(trial) for trial in trials], axis=1)
     flat = columns.reshape(len(problem.left), -1)
+    size = np.linalg.norm(flat, axis=0)
     flat = flat - problem.base @ (problem.base.T @ flat)
-    return Scan(effect, trials, flat.reshape(columns.shape), tried)
+    part = np.divide(np.linalg.norm(flat, axis=0), size, out=np.zeros_like(size), where=size > 0)
+    if columns.shape[2] == 1:
+        flat = flat * (part > _least_independent_part(problem))
+    return Scan(effect, trials, flat.reshape(columns.shape), tried, float(min(1.0, part.max())))

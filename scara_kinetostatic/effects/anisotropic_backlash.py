@@ -28,7 +28,7 @@ class AnisotropicBacklash(LinearEffect):
     )
     identified_by: ClassVar[str] = 'forces from all directions relative to link 2, at several levels, small ones too'
     plot_variable: ClassVar[str] = 'direction_from_link2'
-    order: ClassVar[int] = 10
+    order: ClassVar[int] = 11
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         along = (at.normal * at.link2).sum(axis=1)

@@ -32,7 +32,7 @@ class AnisotropicGripper(LinearEffect):
     )
     identified_by: ClassVar[str] = 'forces from all directions relative to link 2, in both elbow postures'
     plot_variable: ClassVar[str] = 'direction_from_link2'
-    order: ClassVar[int] = 9
+    order: ClassVar[int] = 10
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         along = at.link2

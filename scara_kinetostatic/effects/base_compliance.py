@@ -33,7 +33,7 @@ class BaseCompliance(LinearEffect):
     )
     identified_by: ClassVar[str] = 'forces in all directions of the base frame, with the arm turned many ways'
     plot_variable: ClassVar[str] = 'direction'
-    order: ClassVar[int] = 12
+    order: ClassVar[int] = 13
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         x, y = at.force.T

@@ -43,7 +43,7 @@ class BaseTilt(LinearEffect):
         'touches all over the workspace in both elbow postures; a level shows the tilt itself'
     )
     plot_variable: ClassVar[str] = 'angle'
-    order: ClassVar[int] = 13
+    order: ClassVar[int] = 14
     scaled_by: ClassVar[tuple[str, ...]] = ('p1', 'p2')
 
     def random_values(self, random: np.random.Generator) -> Floats:

@@ -44,7 +44,7 @@ class ContactCompliance(LinearEffect):
     )
     identified_by: ClassVar[str] = 'touches of every disc at many force levels, very small ones above all'
     plot_variable: ClassVar[str] = 'magnitude'
-    order: ClassVar[int] = 14
+    order: ClassVar[int] = 15
     on_object: ClassVar[bool] = True
 
     @classmethod

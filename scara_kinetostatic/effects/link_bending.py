@@ -56,7 +56,7 @@ class LinkBending(LinearEffect):
     )
     identified_by: ClassVar[str] = 'touches in which the torques of the two joints differ much, also in sign'
     plot_variable: ClassVar[str] = 'link1_torque'
-    order: ClassVar[int] = 11
+    order: ClassVar[int] = 12
 
     @classmethod
     def of(cls, link: int) -> LinkBending:

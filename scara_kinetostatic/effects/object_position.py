@@ -31,7 +31,7 @@ class ObjectPosition(DiscEffect):
     )
     identified_by: ClassVar[str] = 'touches all round three or more discs, in both elbow postures'
     plot_variable: ClassVar[str] = 'place'
-    order: ClassVar[int] = 15
+    order: ClassVar[int] = 16
 
     def places(self, at: TouchState) -> tuple[Floats, ...]:
         return tuple(-np.broadcast_to(unit, at.normal.shape) for unit in np.eye(2))

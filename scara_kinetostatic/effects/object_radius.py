@@ -22,7 +22,7 @@ class ObjectRadius(DiscEffect):
     confounded_with: ClassVar[str] = 'g_ee, if there is one disc: all radii larger is a smaller backlash of the gripper'
     identified_by: ClassVar[str] = 'touches of two or more discs, all round each'
     plot_variable: ClassVar[str] = 'disc'
-    order: ClassVar[int] = 16
+    order: ClassVar[int] = 17
 
     def places(self, at: TouchState) -> tuple[Floats, ...]:
         return (at.normal,)

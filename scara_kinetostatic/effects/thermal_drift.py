@@ -25,7 +25,7 @@ class LinkGrowth(LinearEffect):
     confounded_with: ClassVar[str] = 'places, postures or forces that change in the same order as time goes on'
     identified_by: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
     plot_variable: ClassVar[str] = 'time'
-    order: ClassVar[int] = 17
+    order: ClassVar[int] = 18
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         reach = at.parameters.l1 * at.link1 + at.parameters.l2 * at.link2
@@ -47,7 +47,7 @@ class ZeroDrift(JointEffect):
     confounded_with: ClassVar[str] = 'places, postures or forces that change in the same order as time goes on'
     identified_by: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
     plot_variable: ClassVar[str] = 'time'
-    order: ClassVar[int] = 18
+    order: ClassVar[int] = 19
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (-at.metadata.time,)

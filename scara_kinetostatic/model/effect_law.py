@@ -18,8 +18,12 @@ import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import SensorFrame
+from scara_kinetostatic.model.load_history import torques_of
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
+
+_SAME_TOUCH = 0.02
+"""Distance from the joint angles of the hold within which a point of the history is of the same touch, rad."""
 
 
 class EffectParameter(Protocol):
@@ -52,7 +56,8 @@ class TouchMetadata(NamedTuple):
         posture: +1 or -1, (n,).
         press: the part of `approach` in contact, (n, 2), rad.
         history: the load before each hold, (n, K, 4), as in `TouchSet`, in `frame`; None where nothing is known.
-        frame: that of the forces of `history`.
+        frame: that of the forces of `history` and `force`.
+        force: F of the hold as measured with the history, (n, 2), N; None where that is not known.
     """
 
     disc: Indices
@@ -62,6 +67,7 @@ class TouchMetadata(NamedTuple):
     press: Floats
     history: Floats | None = None
     frame: SensorFrame = SensorFrame.BASE
+    force: Floats | None = None
 
     @classmethod
     def plain(cls, n: int) -> TouchMetadata:
@@ -73,7 +79,9 @@ class TouchMetadata(NamedTuple):
     def of(cls, touches: TouchSet, frame: SensorFrame = SensorFrame.BASE) -> TouchMetadata:
         """The metadata of touches, whose forces are in a frame."""
         history = touches.history if touches.history.shape[1] else None
-        return cls(touches.disc, touches.time, touches.approach, touches.posture, touches.press, history, frame)
+        return cls(
+            touches.disc, touches.time, touches.approach, touches.posture, touches.press, history, frame, touches.force
+        )
 
     def select(self, which: Mask | Indices | slice) -> TouchMetadata:
         """The touches that a mask, a slice or an array of positions picks."""
@@ -86,6 +94,7 @@ class TouchMetadata(NamedTuple):
             self.press[which],
             history,
             self.frame,
+            None if self.force is None else self.force[which],
         )
 
 
@@ -124,6 +133,30 @@ class TouchState(NamedTuple):
     def tangent(self) -> Floats:
         """T = R90 n, (n, 2)."""
         return np.stack([-self.normal[:, 1], self.normal[:, 0]], axis=-1)
+
+    @property
+    def history_torques(self) -> Floats:
+        """C at the turning points of the load before the hold, (n, K, 2), Nm; K = 0 where nothing is known.
+
+        An error of the force that is in all of a touch is in its preload and in its hold alike. So the forces of a
+        preload are those measured, turned and stretched as the force of the hold here is from the measured one.
+        """
+        m = self.metadata
+        if m.history is None:
+            return np.empty((len(self.joints), 0, 2))
+        points = m.history if m.force is None else self._with_preload_as_hold(m.history, m.force)
+        return torques_of(self.parameters, points, m.frame)
+
+    def _with_preload_as_hold(self, history: Floats, measured: Floats) -> Floats:
+        """The history whose points in the same touch have the errors of the hold taken out, (n, K, 4)."""
+        here = np.abs(history[:, :, :2] - self.joints[:, None]).max(axis=2) < _SAME_TOUCH
+        force = self.force[:, 0] + 1j * self.force[:, 1]
+        if self.metadata.frame is SensorFrame.TOOL:
+            force = force * (self.link2[:, 0] - 1j * self.link2[:, 1])
+        known = measured.any(axis=1)
+        ratio = np.where(known, force, 1.0) / np.where(known, measured[:, 0] + 1j * measured[:, 1], 1.0)
+        changed = (history[:, :, 2] + 1j * history[:, :, 3]) * np.where(here, ratio[:, None], 1.0)
+        return np.stack([history[:, :, 0], history[:, :, 1], changed.real, changed.imag], axis=-1)
 
 
 class Shift(NamedTuple):

@@ -9,17 +9,20 @@ hold, and is linear in the force between them and beyond.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.contact import Contact, contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.touch import padded_history
+from scara_kinetostatic.simulation.load_history import Histories
+from scara_kinetostatic.simulation.phases import EASE, HOLD
 from scara_kinetostatic.simulation.plan import Plan
 
 Index = NDArray[np.intp]
@@ -45,15 +48,24 @@ class ContactForces:
         cell: discs, gripper.
         truth: the simulated robot.
         plan: the m touches.
-        metadata: what effects need to know of each touch besides.
+        metadata: what effects need to know of each touch in its hold besides.
+        histories: the load before each stage of the touches, where it is known.
     """
 
     cell: Cell
     truth: ExtendedModel
     plan: Plan
     metadata: TouchMetadata
+    histories: Histories | None = None
 
-    def contact(self, touch: Index, joints: Floats, warm_start: Floats, tension: bool = False) -> Contact:
+    def contact(
+        self,
+        touch: Index,
+        joints: Floats,
+        warm_start: Floats,
+        tension: bool = False,
+        metadata: TouchMetadata | None = None,
+    ) -> Contact:
         """A(Q, L̄) at k moments of touches.
 
         Args:
@@ -61,6 +73,7 @@ class ContactForces:
             joints: commanded Q, (k, 2), rad.
             warm_start: of several equilibria, the one nearest to this force is taken, (k, 2), N.
             tension: as in `model.contact.contact`.
+            metadata: of the moments; None: those of the holds.
         """
         disc = self.plan.disc[touch]
         return contact(
@@ -71,15 +84,22 @@ class ContactForces:
             self.cell.gripper,
             tension=tension,
             warm_start=warm_start,
-            metadata=self.metadata.select(touch),
+            metadata=self.metadata.select(touch) if metadata is None else metadata,
         )
 
-    def force_over_time(self, touch: Index, joints: Floats, warm_start: Floats) -> Floats:
+    def force_over_time(self, touch: Index, joints: Floats, warm_start: Floats, phase: Index) -> Floats:
         """Force on the object at k moments in the order of time, (k, 2), N; zero outside contact.
 
         Where no equilibrium is found the force is interpolated in time.
         """
-        found = self.contact(touch, joints, warm_start)
+        metadata = self.metadata.select(touch)
+        if self.histories is not None:
+            stages = [part[touch] for part in self.histories]
+            longest = max(part.shape[1] for part in stages)
+            stages = [padded_history(part, joints, longest) for part in stages]
+            before, after = (phase < EASE)[:, None, None], (phase > HOLD)[:, None, None]
+            metadata = metadata._replace(history=np.where(before, stages[0], np.where(after, stages[2], stages[1])))
+        found = self.contact(touch, joints, warm_start, metadata=metadata)
         force, at = found.force.copy(), np.arange(len(touch))
         if not found.solved.all() and found.solved.any():
             for axis in (0, 1):
@@ -120,6 +140,24 @@ class ContactForces:
             depth[todo] += np.clip(slope[todo] * (wanted[todo] - force), -LARGEST_STEP, LARGEST_STEP)
         return depth
 
+    def peak_force(self, joints: Floats, histories: Histories) -> Floats:
+        """Largest force on the object in each touch, (m, 2), N, for its joints (m, 2), rad."""
+        beyond = (1.0 + self.plan.preload) * self.plan.force
+        every, planned = np.arange(len(self.plan)), -beyond[:, None] * self.plan.normal()
+        return self.contact(every, joints, planned, metadata=self.metadata._replace(history=histories.press)).force
+
+    def with_histories(self, histories: Histories) -> ContactForces:
+        """The same touches with other loads before them."""
+        return replace(self, metadata=self.metadata._replace(history=histories.hold), histories=histories)
+
+    def in_hold(self, joints: Floats) -> Contact:
+        """A(Q, L̄) in each hold, for its joints (m, 2), rad."""
+        return self.contact(np.arange(len(self.plan)), joints, -self.plan.force[:, None] * self.plan.normal())
+
+    def off_plan(self, found: Contact) -> Mask:
+        """Which touches have no equilibrium, or not the force that is planned, (m,)."""
+        return ~(np.abs(found.magnitude - self.plan.force) <= LARGEST_FORCE_ERROR * self.plan.force) | ~found.solved
+
     def hold_force(self, joints: Floats) -> Floats:
         """Force on the object in each hold, (m, 2), N.
 
@@ -129,9 +167,8 @@ class ContactForces:
         Raises:
             UnsupportedDataError: a touch has no equilibrium, or not the force that is planned.
         """
-        planned = -self.plan.force[:, None] * self.plan.normal()
-        found = self.contact(np.arange(len(self.plan)), joints, planned)
-        off = ~(np.abs(found.magnitude - self.plan.force) <= LARGEST_FORCE_ERROR * self.plan.force) | ~found.solved
+        found = self.in_hold(joints)
+        off = self.off_plan(found)
         if off.any():
             first = int(np.argmax(off))
             name = self.cell.discs[self.plan.disc[first]].name

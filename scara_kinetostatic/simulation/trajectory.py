@@ -12,7 +12,8 @@ phase lasts no time.
 
 The effects of a robot with effects (`ExtendedModel`) are simulated: the joint angles are
 commanded as above, deeper or less deep so that the force of the hold comes about, and the force at any time is
-A(Q(t), L̄) with the effects; see `loading`.
+A(Q(t), L̄) with the effects; see `contact_forces`. What joints with memory keep goes from touch to touch along the
+whole plan, with preloads, unloading and the free motion between touches; see `load_history`.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from scara_kinetostatic.model.kinematics import forward, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.contact_forces import LIGHT_FORCE, ContactForces
+from scara_kinetostatic.simulation.load_history import Histories, LoadPath, load_histories
 from scara_kinetostatic.simulation.phases import (
     APPROACH,
     EASE,
@@ -62,6 +64,12 @@ __all__ = [
     'Trajectory',
     'minimum_jerk',
 ]
+
+MOST_PASSES = 20
+"""Passes at most until forces and histories agree; each touch wipes out most of what came before, so that few do."""
+
+FORCE_ROUNDING = 1e-9
+"""Change of a force at which they agree, N."""
 
 FIRST_FORCE = 1e-6
 """The 0+ of `Ḡ(S, 0+)`, N: defines the direction of the force, its deflection is negligible."""
@@ -105,9 +113,10 @@ class Trajectory:
         hold_joints: Q in each hold, (m, 2), rad.
         hold_force: F on the object in each hold, base frame, (m, 2), N.
         peak_joints: Q under the largest force, (m, 2), rad; that of the hold without preload.
+        peak_force: the largest force on the object, base frame, (m, 2), N.
         contact_joints: Q at which each contact begins, (m, 2), rad.
         free_joints: Q of each free pose, (m, 2), rad.
-        metadata: disc, time, approach, posture and press of each touch.
+        metadata: disc, time, approach, posture, press and history of each touch.
 
     Raises:
         UnsupportedDataError: the plan is empty, or the simulated robot cannot reach a touch or hold its force.
@@ -122,6 +131,7 @@ class Trajectory:
         self._contact = plan.contact(cell)
         self._inward = -plan.normal()
         self.hold_force = plan.force[:, None] * self._inward
+        self.peak_force = (1.0 + plan.preload)[:, None] * self.hold_force
         self._depth = np.zeros((2, len(plan)))
         self._contact_forces: ContactForces | None = None
         self._solve_poses()
@@ -141,17 +151,44 @@ class Trajectory:
         self._check_reach()
 
     def _include_effects(self) -> None:
-        """The forces with effects. The metadata are those of the path without effects, then corrected once."""
+        """The forces with effects. The metadata are those of the path without effects, then corrected.
+
+        Once, or until the holds have their forces with the histories that the touches make.
+        """
         planned = self.hold_force
-        for _ in range(2):
+        for number in range(MOST_PASSES):
             self.metadata = self._metadata()
+            histories = self.histories()
+            self.metadata = self.metadata._replace(history=histories.hold)
             contact_forces = ContactForces(self.cell, self.model, self.plan, self.metadata)
             compliance = self._normal_compliance(planned)
             for row, relative_force in enumerate((LIGHT_FORCE, 1.0)):
                 command = partial(self._commanded_joints, relative_force * planned)
                 self._depth[row] = contact_forces.command_depths(command, relative_force, compliance, self._depth[row])
             self._solve_poses()
-        self.hold_force, self._contact_forces = contact_forces.hold_force(self.hold_joints), contact_forces
+            self.peak_force = contact_forces.peak_force(self.peak_joints, histories)
+            contact_forces = contact_forces.with_histories(self.histories())
+            if number and not contact_forces.off_plan(contact_forces.in_hold(self.hold_joints)).any():
+                break
+        self.hold_force = contact_forces.hold_force(self.hold_joints)
+        self._contact_forces = self._with_consistent_histories(contact_forces)
+
+    def _with_consistent_histories(self, contact_forces: ContactForces) -> ContactForces:
+        """The contact forces with the histories that they make themselves; the commanded joints stay."""
+        for _ in range(MOST_PASSES):
+            histories, before = self.histories(), np.stack([self.peak_force, self.hold_force])
+            contact_forces = contact_forces.with_histories(histories)
+            self.peak_force = contact_forces.peak_force(self.peak_joints, histories)
+            self.hold_force = contact_forces.hold_force(self.hold_joints)
+            if np.abs(before - (self.peak_force, self.hold_force)).max() < FORCE_ROUNDING:
+                break
+        self.metadata = contact_forces.metadata
+        return contact_forces
+
+    def histories(self) -> Histories:
+        """The load before the stages of each touch, true values."""
+        path = LoadPath(self.peak_joints, self.peak_force, self.hold_joints, self.hold_force)
+        return load_histories(path, self.plan.preload > 0, self.truth)
 
     def _metadata(self) -> TouchMetadata:
         approach, press = (last_movement(path, self.hold_joints) for path in (self.path, self.path[1:]))
@@ -213,7 +250,8 @@ class Trajectory:
         joints[loaded] = self._loaded_joints(touch[loaded], relative_force[loaded])
         if self._contact_forces is not None:
             close = np.flatnonzero(self._contact_possible(touch, phase, joints))
-            force[close] = self._contact_forces.force_over_time(touch[close], joints[close], force[close])
+            moments = touch[close], joints[close], force[close], phase[close]
+            force[close] = self._contact_forces.force_over_time(*moments)
             relative_force = np.hypot(*force.T) / np.hypot(*self.hold_force[touch].T)
         return CellState(joints, force, touch, phase, progress, relative_force)
 

@@ -1,0 +1,96 @@
+"""The load before a hold, and the memory of a play operator that it leaves.
+
+A play of half width r follows a torque C only where C drives it: p ← min(max(p, C - r), C + r). Its state depends on
+the turning points of C alone, and on those only that later ones have not wiped out (Madelung's rule): the nested
+extremes, each swing smaller than the one before. So a hold needs its last few turning points, not a whole stream.
+
+Source: Brokate and Sprekels, Hysteresis and Phase Transitions (1996), section 2.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import SensorFrame
+from scara_kinetostatic.model.parameters import Parameters
+
+
+class Play(NamedTuple):
+    """A play operator after a load.
+
+    Attributes:
+        value: P_r, of the unit of the load.
+        by_half_width: ∂P_r/∂r: -1 where it follows a rising load, +1 a falling one, 0 where it has never moved.
+    """
+
+    value: Floats
+    by_half_width: Floats
+
+
+def play(history: Floats, load: Floats, half_width: Floats | float) -> Play:
+    """The play of half width r that rested at 0, driven through a history to a load.
+
+    Args:
+        history: turning points of the load, the oldest first, (n, K).
+        load: the load at last, (n,).
+        half_width: r > 0, one, or (t, 1) for t plays at once.
+
+    Returns:
+        Of every load, (n,); of t plays, (t, n).
+    """
+    width = np.maximum(half_width, 0.0)
+    value = by_half_width = np.zeros(np.broadcast_shapes(np.shape(width), load.shape))
+    for turn in (*np.moveaxis(history, 1, 0), load):
+        low, high = turn - width, turn + width
+        by_half_width = np.where(value < low, -1.0, np.where(value > high, 1.0, by_half_width))
+        value = np.minimum(np.maximum(value, low), high)
+    return Play(value, by_half_width)
+
+
+def torques_of(parameters: Parameters, points: Floats, frame: SensorFrame = SensorFrame.BASE) -> Floats:
+    """C = JᵀF with J at the measured angles Q, in place of Q*: an approximation of relative order p C.
+
+    Args:
+        parameters: L̄.
+        points: q1, q2, rad, fx, fy, N, as in `TouchSet.history`, (..., 4).
+        frame: that of the forces.
+
+    Returns:
+        (..., 2), Nm.
+    """
+    q1, q2, fx, fy = np.moveaxis(points, -1, 0)
+    second = q2 + parameters.theta2
+    if frame is SensorFrame.BASE:  # seen from the frame of link 2
+        turn = q1 + parameters.theta1 + second
+        cos, sin = np.cos(turn), np.sin(turn)
+        fx, fy = cos * fx + sin * fy, cos * fy - sin * fx
+    first = np.cos(second) * fy + np.sin(second) * fx
+    torque2 = parameters.l2 * fy
+    return np.stack([torque2 + parameters.l1 * first, torque2], axis=-1)
+
+
+def remembered(torques: Sequence[tuple[float, float]]) -> list[int]:
+    """The points of a load that a memory can still hold after it: nested extremes of either joint, and the last point.
+
+    Args:
+        torques: of the load since its begin in the relaxed state, in the order of time, Nm.
+
+    Returns:
+        Their places, ascending.
+    """
+    return sorted({place for torque in zip(*torques, strict=True) for place in _nested_extremes(torque)})
+
+
+def _nested_extremes(torque: Sequence[float]) -> list[int]:
+    """The largest in size, the opposite extreme after it, and so on to the end; the last of equal ones."""
+    places = range(len(torque))
+    found = [max(places, key=lambda k: (abs(torque[k]), k))]
+    sign = -1.0 if torque[found[0]] > 0 else 1.0
+    while found[-1] < places[-1]:
+        found.append(max(places[found[-1] + 1 :], key=lambda k: (sign * torque[k], k)))
+        sign = -sign
+    return found
