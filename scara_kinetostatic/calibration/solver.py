@@ -193,20 +193,36 @@ _SAME_COST = 1.01
 """The cost has converged if the last step lowered it by less than this factor; with exact touches it never does."""
 
 
+_VAIN_STEPS = 8
+"""Steps in a row that do not lower the cost, after which the optimum of a law with kinks is taken as reached."""
+_VAIN_PART = 1e-5
+"""Part of the cost by which they lower it less."""
+
+
 class _Convergence(NamedTuple):
     """When a run has converged.
 
     Attributes:
         tolerance: shift of a step below which it is the last one, standard deviations.
+        is_smooth: whether the model has a derivative everywhere. At an optimum where it has a kink, steps do not
+            become short.
     """
 
     tolerance: float
+    is_smooth: bool
 
     @classmethod
-    def of(cls, stage: Stage, touches: int, extended: bool) -> _Convergence:
+    def of(cls, stage: Stage, touches: int, model: ExtendedModel) -> _Convergence:
         """The tolerance of a stage; with effects it is not relaxed as there are more touches."""
-        per_touch = 0.0 if extended else stage.per_touch
-        return cls(max(stage.tolerance, per_touch * np.sqrt(touches)))
+        per_touch = 0.0 if model.effects else stage.per_touch
+        is_smooth = all(effect.is_smooth for effect in model.effects)
+        return cls(max(stage.tolerance, per_touch * np.sqrt(touches)), is_smooth)
+
+    def is_at_kink(self, least: list[float]) -> bool:
+        """Whether the least costs, after each step, say that the run is at an optimum with a kink."""
+        if self.is_smooth or len(least) <= _VAIN_STEPS:
+            return False
+        return least[-1 - _VAIN_STEPS] - least[-1] < _VAIN_PART * least[-1]
 
     def is_reached(self, step: _Step) -> bool:
         """Whether this step is the last one."""
@@ -245,11 +261,11 @@ def minimise(
         The fit; how it ended is in `termination`, nothing is raised.
     """
     loss = _Loss(stage.robust, None if used is None or used.all() else used)
-    convergence = _Convergence.of(stage, len(observations.joints), bool(start.effects))
+    convergence = _Convergence.of(stage, len(observations.joints), start)
     acceptance = _Acceptance(stage.damping)
     point = evaluate(observations, start, adjusted, noise, stage)
     system, scale = loss.system(point, subspace)
-    damping, history = stage.damping, list[float]()
+    damping, history, least = stage.damping, list[float](), list[float]()
 
     def ended(iterations: int, termination: Termination) -> Fit:
         return Fit(point, system, iterations, tuple(history), termination)
@@ -273,4 +289,7 @@ def minimise(
             damping = acceptance.raised(damping, system)
             if np.isinf(damping):
                 return ended(iteration, Termination.STALLED)
+        least.append(min([loss.cost(point, scale), *least[-1:]]))
+        if convergence.is_at_kink(least):
+            return ended(iteration, Termination.CONVERGED)
     return ended(max_iterations, Termination.ITERATION_LIMIT)

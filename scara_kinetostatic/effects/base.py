@@ -97,6 +97,7 @@ class Effect(ABC):
         scaled_by: names of those base parameters that the shift is proportional to.
         is_physical: whether it has a physical meaning; else it is a fitted curve.
         is_linear: whether the shift is linear in the parameters.
+        is_smooth: whether the shift has a derivative everywhere, over the state of a touch and over the parameters.
         order: place in the catalogue, the smallest first; equal ones by module and class name.
 
     Raises:
@@ -134,6 +135,7 @@ class Effect(ABC):
     scaled_by: ClassVar[tuple[str, ...]] = ()
     is_physical: ClassVar[bool] = True
     is_linear: ClassVar[bool] = False
+    is_smooth: ClassVar[bool] = True
     order: ClassVar[int] = LAST
 
     def __init_subclass__(cls, **options: Any) -> None:

@@ -14,7 +14,7 @@ from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import Shift, TouchState
-from scara_kinetostatic.model.load_history import Play, play
+from scara_kinetostatic.model.load_history import PlayState, play_operator
 
 GRID = 8
 """Slip torques that are tried. Neighbours resemble each other: the play of one explains most of that of the next."""
@@ -42,7 +42,7 @@ class JointSlip(Effect):
 
     name: ClassVar[str] = 'joint_slip'
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('compliance', 'rad/Nm', 1e-4, 'of the part that slips', typical=1e-5, sign=1),
+        Parameter('compliance', 'rad/Nm', 3e-4, 'of the part that slips', typical=1e-5, sign=1),
         Parameter('slip_torque', 'Nm', 3.0, 'up to which friction holds it', 1.0, typical=2.0, sign=1),
     )
     statement: ClassVar[str] = '{target} slips under load and keeps a part of its deflection'
@@ -58,6 +58,7 @@ class JointSlip(Effect):
     order: ClassVar[int] = 9
     grid_parameter: ClassVar[str] = 'slip_torque'
     diverges_with_alias: ClassVar[bool] = True
+    is_smooth: ClassVar[bool] = False
 
     @classmethod
     def of(cls, joint: int) -> JointSlip:
@@ -70,11 +71,11 @@ class JointSlip(Effect):
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
         compliance, slip_torque = values
-        return Shift(joints=at_joint(compliance * self._play(at, slip_torque).value, self.joint))
+        return Shift(joints=at_joint(compliance * self._play_state(at, slip_torque).value, self.joint))
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         compliance, slip_torque = values
-        value, by_slip_torque = self._play(at, slip_torque)
+        value, by_slip_torque = self._play_state(at, slip_torque)
         return tuple(Shift(joints=at_joint(column, self.joint)) for column in (value, compliance * by_slip_torque))
 
     def amplitudes(self, values: Floats) -> Floats:
@@ -93,7 +94,7 @@ class JointSlip(Effect):
         load = at.torques[:, self.joint]
         common = float(np.quantile(np.abs(load), _COMMON))
         torques = common * np.geomspace(_SMALLEST, _LARGEST, GRID)
-        values = play(history, load, torques[:, None]).value
+        values = play_operator(history, load, torques[:, None]).value
         return [self._trial(value, float(torque)) for value, torque in zip(values, torques, strict=True)]
 
     def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
@@ -103,8 +104,8 @@ class JointSlip(Effect):
         """The plausible compliance, with a slip torque as measured on a real arm or up to twice as large."""
         return np.array([self.scales[0], random.uniform(0.5, 4.0)])
 
-    def _play(self, at: TouchState, slip_torque: float) -> Play:
-        return play(at.history_torques[:, :, self.joint], at.torques[:, self.joint], slip_torque)
+    def _play_state(self, at: TouchState, slip_torque: float) -> PlayState:
+        return play_operator(at.history_torques[:, :, self.joint], at.torques[:, self.joint], slip_torque)
 
     def _trial(self, value: Floats, slip_torque: float) -> Trial:
         columns = (Shift(joints=at_joint(value, self.joint)),)

@@ -191,6 +191,10 @@ class EffectLaw(Protocol):
         """Whether `place` belongs to the object rather than to the robot: then it is no part of H̄ and Ḡ."""
 
     @property
+    def is_smooth(self) -> bool:
+        """Whether the shift has a derivative everywhere."""
+
+    @property
     def scaled_by(self) -> tuple[str, ...]:
         """Names of the parameters of L̄, such as ``p1``, that the shift is proportional to."""
 

@@ -19,7 +19,7 @@ from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.parameters import Parameters
 
 
-class Play(NamedTuple):
+class PlayState(NamedTuple):
     """A play operator after a load.
 
     Attributes:
@@ -31,7 +31,7 @@ class Play(NamedTuple):
     by_half_width: Floats
 
 
-def play(history: Floats, load: Floats, half_width: Floats | float) -> Play:
+def play_operator(history: Floats, load: Floats, half_width: Floats | float) -> PlayState:
     """The play of half width r that rested at 0, driven through a history to a load.
 
     Args:
@@ -48,7 +48,7 @@ def play(history: Floats, load: Floats, half_width: Floats | float) -> Play:
         low, high = turn - width, turn + width
         by_half_width = np.where(value < low, -1.0, np.where(value > high, 1.0, by_half_width))
         value = np.minimum(np.maximum(value, low), high)
-    return Play(value, by_half_width)
+    return PlayState(value, by_half_width)
 
 
 def torques_of(parameters: Parameters, points: Floats, frame: SensorFrame = SensorFrame.BASE) -> Floats:

@@ -24,6 +24,8 @@ from scara_kinetostatic.simulation.plan import default_plan
 
 FREQUENCIES = (1.0, 2.0, 7.3, 100.0)
 """Of a transmission error, cycles per turn."""
+SLIP_TORQUES = (0.5, 1.0, 2.0, 4.0)
+"""Of a joint that slips, Nm."""
 
 
 class Visibility(NamedTuple):
@@ -69,6 +71,9 @@ def _cases(effect: Effect) -> Iterator[tuple[str, tuple[float, ...], int]]:
         for cycles in FREQUENCIES:
             for wave, phase in (('cos', 0.0), ('sin', np.pi / 2)):
                 yield f'{effect.label} {wave} {cycles:g}', (0.0, phase, cycles), 0
+    elif effect.name == 'joint_slip':
+        for slip_torque in SLIP_TORQUES:
+            yield f'{effect.label} {slip_torque:g} Nm', (0.0, slip_torque), 0
     else:
         for k, label in enumerate(effect.labels):
             yield label, effect.start, k

@@ -65,6 +65,7 @@ def random_scene(seed: int, n: int = 200, parameters: Parameters = PAPER_ACTUAL)
         approach=rng.choice([-1.0, 1.0], (n, 2)) * rng.uniform(1e-4, 1e-3, (n, 2)),
         posture=poses.posture,
         press=rng.choice([-1.0, 1.0], (n, 2)) * rng.uniform(1e-4, 1e-3, (n, 2)),
+        history=np.concatenate([rng.uniform(-2.5, 2.5, (n, 5, 2)), rng.uniform(-40, 40, (n, 5, 2))], axis=2),
     )
     joints, _ = inverse_kinetostatics(parameters, poses.tip, poses.force, poses.posture)
     links = inverse(parameters, poses.tip, poses.posture)

@@ -17,7 +17,7 @@ from scara_kinetostatic.errors import ParameterError
 
 NAMES = {
     'contact_friction', 'sensor_rotation', 'sensor_bias', 'sensor_nonlinearity', 'encoder_gain', 'transmission_error',
-    'joint_hardening', 'joint_hysteresis', 'anisotropic_gripper', 'anisotropic_backlash', 'link_bending',
+    'joint_hardening', 'joint_hysteresis', 'joint_slip', 'anisotropic_gripper', 'anisotropic_backlash', 'link_bending',
     'base_compliance', 'contact_compliance', 'object_position', 'object_radius', 'thermal_drift', 'base_tilt',
 }  # fmt: skip
 
@@ -25,7 +25,8 @@ NAMES = {
 def test_all_kinds_of_effects_are_listed():
     assert {effect.name for effect in EFFECTS} == NAMES
     assert len(set(LABELS)) == len(LABELS)
-    for kind in ('encoder_gain', 'transmission_error', 'joint_hardening', 'joint_hysteresis', 'thermal_drift'):
+    kinds = 'encoder_gain', 'transmission_error', 'joint_hardening', 'joint_hysteresis', 'joint_slip', 'thermal_drift'
+    for kind in kinds:
         assert {f'{kind}[joint1]', f'{kind}[joint2]'} <= set(LABELS)
     for kind in ('contact_compliance', 'object_position', 'object_radius'):
         assert {f'{kind}[{disc.name}]' for disc in CELL.discs} <= set(LABELS)

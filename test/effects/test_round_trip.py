@@ -19,8 +19,9 @@ SEEN = [effect for effect in EFFECTS if effect.label != 'link_bending[link2]']
 
 
 def known_start(effect):
-    """Nominal values; of a wave, those that a search over frequencies leads to."""
-    values = (8e-5, 0.4, 7.2) if effect.name == 'transmission_error' else effect.start
+    """Nominal values; of a wave or a slip, those that a search over frequencies or slip torques leads to."""
+    found = {'transmission_error': (8e-5, 0.4, 7.2), 'joint_slip': (8e-6, 2.2)}
+    values = found.get(effect.name, effect.start)
     return ExtendedModel(CELL.nominal, (effect,), (values,))
 
 

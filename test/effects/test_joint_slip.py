@@ -1,0 +1,80 @@
+"""Slip with memory: what it does to touches, and that the diagnosis tells it from what resembles it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from calibration.studies import CELL, EXACT
+
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.diagnosis.diagnose import diagnose
+from scara_kinetostatic.effects.joint_hysteresis import JointHysteresis
+from scara_kinetostatic.effects.joint_slip import JointSlip
+from scara_kinetostatic.model.cell import SensorFrame
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
+
+PLAN = default_plan(CELL, 18, preload=0.3).select(np.arange(108))
+SLIP = ExtendedModel(PAPER_ACTUAL, (JointSlip.of(0),), ((6e-5, 1.5),))
+
+
+def labels(touches: TouchSet) -> set[str]:
+    """What is named, with rivals."""
+    found = diagnose(calibrate(touches, CELL))
+    return {item.effect.label for item in found.found} | {label for group in found.rivals for label in group}
+
+
+@pytest.mark.parametrize('frame', SensorFrame)
+def test_it_is_found_with_its_values(frame):
+    cell = replace(CELL, sensor=CELL.sensor._replace(frame=frame))
+    touches = simulate_touches(cell, SLIP, PLAN, seed=1)
+    found = diagnose(calibrate(touches, cell))
+    assert found.verdict == 'explained'
+    assert [item.effect.label for item in found.found] == ['joint_slip[joint1]']
+    compliance, slip_torque = found.found[0].values
+    assert abs(compliance.value - 6e-5) < 4 * compliance.std
+    assert abs(slip_torque.value - 1.5) < 4 * slip_torque.std
+    off = found.extended.parameters.as_array() - PAPER_ACTUAL.as_array()
+    assert np.abs(off / found.extended.std).max() < 4
+
+
+def test_without_preload_and_beyond_twice_the_slip_torque_it_is_compliance_and_backlash():
+    """Each joint: p + w, g - w r; so the verdict is that nothing is missing."""
+    plan = default_plan(CELL, 18, levels=(20.0, 30.0, 40.0))
+    small = ExtendedModel(PAPER_ACTUAL, (JointSlip.of(1),), ((1e-5, 0.02),))
+    touches = simulate_touches(CELL, small, plan, EXACT)
+    found = calibrate(touches, CELL)
+    assert found['p2'].value == pytest.approx(PAPER_ACTUAL.p2 + 1e-5, rel=1e-3)
+    assert found['g2'].value == pytest.approx(PAPER_ACTUAL.g2 - 2e-7, rel=1e-3)
+    assert not labels(simulate_touches(CELL, small, plan, seed=2))
+
+
+def test_it_is_told_from_hysteresis():
+    lag = ExtendedModel(PAPER_ACTUAL, (JointHysteresis.of(0),), ((8e-5,),))
+    assert labels(simulate_touches(CELL, lag, PLAN, seed=3)) == {'joint_hysteresis[joint1]'}
+
+
+def test_without_a_history_it_is_not_named():
+    touches = simulate_touches(CELL, SLIP, PLAN, seed=4).replace(history=None)
+    assert not any(label.startswith('joint_slip') for label in labels(touches))
+
+
+def test_held_out_and_rejected_touches_do_not_break_the_memory():
+    """Each touch carries its own history."""
+    touches = simulate_touches(CELL, SLIP, PLAN, EXACT)
+    some = np.arange(len(touches)) % 3 != 0
+    found = calibrate(touches.select(some), CELL, start=ExtendedModel(CELL.nominal, SLIP.effects, ((5e-5, 1.7),)))
+    np.testing.assert_allclose(found.model.effect_arrays[0], (6e-5, 1.5), rtol=1e-6)
+
+
+def test_a_fit_ends_at_a_kink_of_the_law():
+    for seed in range(4):
+        touches = simulate_touches(CELL, SLIP, PLAN, seed=seed)
+        start = ExtendedModel(CELL.nominal, SLIP.effects, ((5e-5, 1.7),))
+        assert calibrate(touches, CELL, start=start).termination is Termination.CONVERGED
