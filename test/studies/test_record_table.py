@@ -131,3 +131,8 @@ def test_what_drives_is_seen(tmp_path: Path) -> None:
     assert what_drives([loops(100)], LOAD) == LOAD
     with pytest.raises(InputError, match=r'driven by its motion, but .*one\.csv by its load'):
         what_drives([one, loops(0)])
+
+
+def test_an_angle_that_wraps_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r'one\.csv: line 4: angle_deg jumps by 6\.25 rad'):
+        read(tmp_path, 'time_s,angle_deg,torque_Nm\n0,178,0\n1,179,1\n2,-179,1\n')

@@ -86,6 +86,8 @@ def load_record_table(path: str | Path, response: str | None = None, load: str |
         return RecordTable(where, readings.time, readings.force, readings.displacement, 'N', 'm', notes=readings.notes)
     columns = choose_columns(rows.heading, where, response, load)
     values = _values(rows, columns, where)
+    if columns.response.unit == 'rad':
+        _check_continuous(values[columns.response.heading], columns.response, rows, where)
     return RecordTable(
         where,
         None if columns.time is None else values[columns.time.heading],
@@ -135,6 +137,14 @@ def _values(rows: CsvRows, columns: RecordColumns, where: str) -> dict[str, Floa
         wrong += [(line, problem)] if problem else []
     raise_wrong_rows(where, wrong)
     return {column.heading: array for column, array in zip(chosen, np.array(values).T, strict=True)}
+
+
+def _check_continuous(angle: Floats, column: RecordColumn, rows: CsvRows, where: str) -> None:
+    steps = np.abs(np.diff(angle))
+    if np.any(steps > np.pi):
+        line = rows.body[int(steps.argmax()) + 1][0]
+        problem = f'line {line}: {column.heading} jumps by {steps.max():.3g} rad, more than half a turn'
+        raise RecordingError(where, problem, 'unwrap the angle, or check the unit of the column')
 
 
 def _number(cells: list[str], column: RecordColumn, decimal_comma: bool) -> float:
