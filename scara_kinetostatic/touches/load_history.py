@@ -1,17 +1,14 @@
 """The load before each hold, reduced to what a joint with memory can remember.
 
-A joint whose transmission slips keeps a part of its deflection after unloading: how much depends on the torques since
-the beginning. A play operator of half-width r, p <- clip(p, C - r, C + r), and every sum of such operators, remembers
-of a path C(t) only its nested extremes (Madelung's rule; Brokate and Sprekels 1996): an extreme that the torque has
-passed since is forgotten, so is a loop that was closed. `nested_extremes` finds them. They are few: in a long
-recording as many as there are ever smaller loads of alternate sense, counted back from the hold.
+What that is, `model.load_history` says: the nested extremes of its torque. They are few: in a long recording as many as
+there are ever smaller loads of alternate sense, counted back from the hold.
 
 The path is that of the whole recording up to the hold: every contact counts, with its preload, partial unloading and
 oscillation, whether it is a touch or rejected. Between contacts the load is zero, and so it is where nothing was
 recorded, below the force at which a contact begins (`segmentation.CONTACT_FORCE`), and in `weak` contacts, whose force
 comes from the acceleration of the arm. The collector records without interruption. A recording starts relaxed: what
-the joints remember from before it is not known. At most `MOST_TURNS` extremes of each joint are kept: beyond, the
-innermost loops are dropped, which a play of less than half of their width would remember.
+the joints remember from before it is not known. At most `MOST_TURNS` moments are kept from contact to contact: beyond,
+the latest and thus smallest swings are dropped, which only a play of a half-width below half of them would remember.
 """
 
 from __future__ import annotations
@@ -24,13 +21,14 @@ from numpy.typing import ArrayLike
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.load_history import remembered
 from scara_kinetostatic.touches.candidates import TouchCandidate
 from scara_kinetostatic.touches.holds import Hold
 from scara_kinetostatic.touches.load_path import ContactLoad, LoadPath, Turn, load_paths
 from scara_kinetostatic.touches.signals import Signals
 
-MOST_TURNS = 32
-"""So many extremes of each joint are kept."""
+MOST_TURNS = 64
+"""So many moments are kept from contact to contact."""
 _Turns = tuple[Turn, ...]
 
 
@@ -39,11 +37,11 @@ class LoadMemory(NamedTuple):
 
     Attributes:
         stamp: end of the contact after which this holds, ns.
-        turns: the nested extremes of each joint's torque, the oldest first; the last is the unloaded state.
+        turns: the nested extremes of either joint's torque, the oldest first; the last is the unloaded state.
     """
 
     stamp: int = 0
-    turns: tuple[tuple[Turn, ...], tuple[Turn, ...]] = ((), ())
+    turns: _Turns = ()
 
 
 class LoadHistory(NamedTuple):
@@ -54,16 +52,14 @@ class LoadHistory(NamedTuple):
         memories: after each contact, in the order of time.
     """
 
-    before: dict[int, tuple[Turn, ...]]
+    before: dict[int, _Turns]
     memories: tuple[LoadMemory, ...]
 
 
 def nested_extremes(path: ArrayLike, least: float = 0.0) -> list[int]:
-    """The moments of a path that a memory holds at its end.
+    """The moments of a path that a memory holds at its end, whatever came before it.
 
-    The global maximum and minimum; from the later one on the opposite extreme of the rest; and so on. The state of a
-    play operator of any half-width that starts relaxed, or with anything that the path has been through before, is the
-    same after them and the end as after the whole path.
+    The largest and the smallest value; from the later one on the opposite extreme of the rest; and so on.
 
     Args:
         path: torques, (k,), k >= 1.
@@ -139,31 +135,20 @@ def _contacts(candidates: Sequence[TouchCandidate]) -> tuple[list[ContactLoad], 
 
 
 def _before_hold(turns: _ContactTurns, memory: LoadMemory, hold: Hold | None) -> _Turns:
-    """The turns before a hold that either joint remembers in it, each once; also those of a disturbance of the hold."""
+    """The turns before a hold that the joints remember in it; those of a disturbance of the hold count."""
     assert hold is not None
     first, end = np.searchsorted(turns.path.time, hold.intervals[-1]).tolist()
     torque = turns.path.torque[first : max(end, first + 1)].mean(axis=0).tolist()
-    either: dict[int, Turn] = {}
-    for joint, earlier in enumerate(memory.turns):
-        kept = _remembered((*earlier, *turns.until(first, torque[joint], joint)), joint, torque[joint])
-        either |= {turn.stamp: turn for turn in kept}
-    return tuple(either[stamp] for stamp in sorted(either))
+    path = (*memory.turns, *turns.until(first, torque))
+    return tuple(path[place] for place in remembered([*(turn.torque for turn in path), torque])[:-1])
 
 
 def _after_contact(turns: _ContactTurns, memory: LoadMemory) -> LoadMemory:
     """What the joints remember after a contact."""
     unloaded = turns.path.unloaded()
-    first, second = (
-        (*_remembered((*earlier, *turns.until(len(turns.path.time), 0.0, joint)), joint, 0.0), unloaded)
-        for joint, earlier in enumerate(memory.turns)
-    )
-    return LoadMemory(unloaded.stamp, (first, second))
-
-
-def _remembered(turns: _Turns, joint: int, torque: float) -> _Turns:
-    """Those of the turns of a joint that it remembers under a torque, Nm, that comes after them."""
-    kept = nested_extremes([0.0, *(turn.torque[joint] for turn in turns), torque])
-    return tuple(turns[place - 1] for place in kept[:MOST_TURNS])
+    path = (*memory.turns, *turns.until(len(turns.path.time), unloaded.torque))
+    kept = remembered([*(turn.torque for turn in path), unloaded.torque])[:-1]
+    return LoadMemory(unloaded.stamp, (*(path[place] for place in kept[: MOST_TURNS - 1]), unloaded))
 
 
 class _ContactTurns:
@@ -173,10 +158,14 @@ class _ContactTurns:
         self.path = path
         self._ranges: list[tuple[int, int, Turn]] = []
 
-    def until(self, end: int, torque: float, joint: int) -> _Turns:
-        """The nested extremes of a joint's torque from the begin of the contact to a sample, where it is `torque`."""
-        values = np.concatenate([[0.0], self.path.torque[:end, joint], [torque]])
-        return tuple(self._turn(at - 1) for at in nested_extremes(values, float(self.path.least[joint])))
+    def until(self, end: int, torques: Sequence[float]) -> _Turns:
+        """The turns of either joint's torque from the begin of the contact to a sample, where the torques are these."""
+        found: dict[int, Turn] = {}
+        for least, torque, column in zip(self.path.least.tolist(), torques, self.path.torque[:end].T, strict=True):
+            for at in nested_extremes(np.concatenate([[0.0], column, [torque]]), least):
+                turn = self._turn(at - 1)
+                found[turn.stamp] = turn
+        return tuple(found[stamp] for stamp in sorted(found))
 
     def _turn(self, at: int) -> Turn:
         for first, end, turn in self._ranges:

@@ -19,8 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
-from scara_kinetostatic.model.kinematics import jacobian, rotate
+from scara_kinetostatic.model.cell import Cell, SensorSign
+from scara_kinetostatic.model.kinematics import jacobian
+from scara_kinetostatic.model.load_history import torques_of
 from scara_kinetostatic.touches.holds import Hold
 from scara_kinetostatic.touches.signals import SMOOTHING, Signals, median_of_three, moving_mean
 from scara_kinetostatic.touches.tare import Tare
@@ -44,7 +45,7 @@ class Turn(NamedTuple):
 
     stamp: int
     state: tuple[float, ...]
-    torque: tuple[float, ...]
+    torque: tuple[float, float]
 
 
 class ContactLoad(NamedTuple):
@@ -85,7 +86,7 @@ class LoadPath(NamedTuple):
     def turn(self, at: int, first: int, end: int) -> Turn:
         """The turn at a sample, estimated from those of a range around it."""
         value = _top(self.value[first:end]).tolist()
-        return Turn(self.start + round(1e9 * float(self.time[at])), tuple(value[:4]), tuple(value[4:]))
+        return Turn(self.start + round(1e9 * float(self.time[at])), tuple(value[:4]), (value[4], value[5]))
 
     def unloaded(self) -> Turn:
         """The end of the contact: no load."""
@@ -115,7 +116,8 @@ def load_paths(signals: Signals, contacts: list[ContactLoad], cell: Cell) -> lis
     force *= -1.0 if cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
     angles = median_of_three(signals.joints.value)
     joints = np.column_stack([np.interp(time, signals.joints.time, column) for column in angles.T])
-    value = np.hstack([joints, force, joint_torques(cell, joints, force)])
+    state = np.hstack([joints, force])
+    value = np.hstack([state, torques_of(cell.nominal, state, cell.sensor.frame)])
     levers = np.linalg.norm(jacobian(cell.nominal, joints[stops - (sizes + 1) // 2]), axis=1)
     paths = []
     for contact, begin, stop, lever in zip(contacts, stops - sizes, stops, levers, strict=True):
@@ -123,13 +125,6 @@ def load_paths(signals: Signals, contacts: list[ContactLoad], cell: Cell) -> lis
         least = _least_turn(contact, time[inner], force[inner], 2 * half + 1) * lever
         paths.append(LoadPath(time[inner], value[inner], least, signals.start))
     return paths
-
-
-def joint_torques(cell: Cell, joints: Floats, force: Floats) -> Floats:
-    """C = JᵀF of forces in the frame of the sensor, (n, 2), Nm, by the nominal parameters."""
-    if cell.sensor.frame is SensorFrame.TOOL:
-        force = rotate(force, joints.sum(axis=1) + cell.nominal.theta1 + cell.nominal.theta2)
-    return np.asarray(np.einsum('nij,ni->nj', jacobian(cell.nominal, joints), force))
 
 
 def _least_turn(contact: ContactLoad, time: Floats, force: Floats, width: int) -> float:

@@ -10,15 +10,16 @@ from touches.scenes import CELL, START, Scene
 
 from scara_kinetostatic.model.cell import SensorFrame, SensorSign
 from scara_kinetostatic.model.kinematics import jacobian
+from scara_kinetostatic.model.load_history import torques_of
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel, in_sensor_frame
 from scara_kinetostatic.simulation.streams import simulate_streams
 from scara_kinetostatic.simulation.trajectory import Trajectory
+from scara_kinetostatic.touches import load_history
 from scara_kinetostatic.touches.detection import find_touches
-from scara_kinetostatic.touches.load_history import MOST_TURNS, LoadMemory, nested_extremes
-from scara_kinetostatic.touches.load_path import joint_torques
+from scara_kinetostatic.touches.load_history import LoadMemory, nested_extremes
 from scara_kinetostatic.touches.online import OnlineDetector
 
 WIDTHS = np.concatenate([[0.0], np.geomspace(0.01, 40.0, 60)])
@@ -35,9 +36,8 @@ def played(path, widths=WIDTHS):
 
 def remembered(cell, touches):
     """States of the plays of both joints in each hold, (n, 2, widths)."""
-    torque = joint_torques(cell, touches.history[..., :2].reshape(-1, 2), touches.history[..., 2:].reshape(-1, 2))
-    torque = torque.reshape(*touches.history.shape[:2], 2)
-    hold = joint_torques(cell, touches.joints, touches.force)
+    torque = torques_of(cell.nominal, touches.history, cell.sensor.frame)
+    hold = torques_of(cell.nominal, np.hstack([touches.joints, touches.force]), cell.sensor.frame)
     return np.array([[played([*t[:, j], h[j]]) for j in (0, 1)] for t, h in zip(torque, hold, strict=True)])
 
 
@@ -201,14 +201,20 @@ def test_few_turns_of_many_touches():
     assert find_touches(streams, CELL).touches.history.shape[1] <= 24
 
 
-def test_ever_smaller_loads_of_alternate_sense_are_bounded():
+def test_a_bound_drops_what_small_plays_alone_remember(monkeypatch):
     scene = Scene()
-    for number in range(45):
-        scene.touch(*((0, 60) if number % 2 else (0, -60)), 40.0 - 0.8 * number, hold=0.25)
-    found = find_touches(scene.streams(rates=(40.0, 50.0)), CELL)
-    assert len(found.touches) == 45
-    assert max(len(turns) for memory in found.memories for turns in memory.turns) <= MOST_TURNS + 1
-    assert found.touches.history.shape[1] <= 2 * MOST_TURNS + 4
+    for number in range(24):  # ever smaller loads of alternate sense
+        scene.touch(*((0, 60) if number % 2 else (0, -60)), 40.0 - 1.5 * number, hold=0.25)
+    streams = scene.streams(rates=(40.0, 50.0))
+    whole = find_touches(streams, CELL)
+    monkeypatch.setattr(load_history, 'MOST_TURNS', 12)
+    bounded = find_touches(streams, CELL)
+    assert max(len(memory.turns) for memory in whole.memories) > 20
+    assert max(len(memory.turns) for memory in bounded.memories) == 12
+    off = np.abs(remembered(CELL, bounded.touches) - remembered(CELL, whole.touches))
+    swing = np.ptp(torques_of(CELL.nominal, whole.touches.history[-1, 10:]), axis=0)
+    assert off.max() > 0.1
+    assert off[..., swing.max() < 2.0 * WIDTHS].max() == 0.0
 
 
 @pytest.mark.parametrize('cell', [CELL, TOOL_REACTION], ids=['base', 'tool'])
