@@ -282,7 +282,7 @@ LOAD_DRIVEN = {
     ),
     'too short': (rows_without(30, 10_000), [], 3, '6 sweeps of 8 samples each are needed'),
     'too short, driven by load': (rows_without(30, 10_000), ['--driven', 'load'], 3, '50 or more are needed'),
-    'without unloading': (rows_without(500, 10_000), [], 3, 'never falls below 60% of its largest for good'),
+    'without unloading': (rows_without(500, 10_000), [], 3, 'never falls below 60 % of its largest for good'),
     'without a rest': (rows_without(0, 198), ['--driven', 'load'], 3, 'not at rest at first'),
     'a gap': (rows_without(400, 480), [], 3, 'a gap in time from 4.9875 to 6 s'),
     'a jump': (table() + '0.5,0.7,0\n', [], 3, 'does not rise from row to row'),

@@ -53,9 +53,9 @@ def without(rows: slice) -> LoadRecord:
     ('make', 'message'),
     [
         (lambda: without(slice(20, None)), 'one.csv: 20 samples; 50 or more are needed'),
-        (lambda: without(slice(500, None)), 'one.csv: the load never falls below 60% of its largest for good'),
+        (lambda: without(slice(500, None)), 'one.csv: the load never falls below 60 % of its largest for good'),
         (lambda: without(slice(0, 195)), 'one.csv: the load is not at rest at first'),
-        (lambda: without(slice(0, 300)), 'one.csv: the load never falls below 60% of its largest for good'),
+        (lambda: without(slice(0, 300)), 'one.csv: the load never falls below 60 % of its largest for good'),
         (lambda: without(slice(300, 320)), 'one.csv: there is a gap in time from 3.7375 to 4 s'),
         (lambda: load_record(np.zeros(400)), 'one.csv: the load is constant within its noise'),
         (lambda: load_record(np.linspace(0, 1, 400)), 'one.csv: the load is not at rest at first'),

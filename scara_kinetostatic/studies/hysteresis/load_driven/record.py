@@ -134,7 +134,7 @@ class LoadRecord:
             need = f'{_FEWEST_AT_REST} samples or more at rest are needed'
             self._refuse(f'the load is not at rest at first; {need}', _REMEDY)
         if len(self) - self.unloaded < _FEWEST_UNLOADED:
-            self._refuse(f'the load never falls below {UNLOADED_BELOW:.0%} of its largest for good', _REMEDY)
+            self._refuse(f'the load never falls below {100 * UNLOADED_BELOW:g} % of its largest for good', _REMEDY)
 
     def _check_time(self) -> None:
         steps = np.diff(self.time)
