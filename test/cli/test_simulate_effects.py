@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -82,3 +83,17 @@ def test_effects_are_listed_with_their_parameters(run: Run) -> None:
     for effect in catalogue(PAPER_CELL):
         assert effect.label in result.out
         assert all(p.name in result.out and p.meaning in result.out for p in effect.parameters)
+
+
+def test_slip_with_memory_is_found_in_a_recording(run: Run, tmp_path: Path) -> None:
+    """The preloads and the unloading between the touches come from the streams; the touches alone do not show it."""
+    effect = ('--effect', 'joint_slip[joint1]:compliance=6e-5,slip_torque=1.5')
+    plan = ('--per-disc', '8', '--preload', '0.3', '--seed', '9', '--joint-rate', '25', '--wrench-rate', '40')
+    assert run('simulate', '--out', 'a.mcap', *plan, *effect).status == 0
+    assert run('calibrate', 'a.mcap', '--out', 'result').status == 0
+    found = json.loads((tmp_path / 'result' / 'calibration.json').read_text())['diagnosis']
+    assert found['verdict'] == 'explained'
+    assert [(item['name'], item['target']) for item in found['effects']] == [('joint_slip', 'joint1')]
+    for name, true in (('compliance', 6e-5), ('slip_torque', 1.5)):
+        value = found['effects'][0]['parameters'][name]
+        assert abs(value['value'] - true) < 4 * value['std']

@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 from touches.scenes import CELL, START, Scene
 
+from scara_kinetostatic.effects.joint_slip import JointSlip
 from scara_kinetostatic.model.cell import SensorFrame, SensorSign
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import jacobian
 from scara_kinetostatic.model.load_history import torques_of
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel, in_sensor_frame
-from scara_kinetostatic.simulation.streams import simulate_streams
+from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
 from scara_kinetostatic.simulation.trajectory import Trajectory
 from scara_kinetostatic.touches import load_history
 from scara_kinetostatic.touches.detection import find_touches
@@ -93,6 +95,20 @@ def test_streams_give_the_load_of_the_simulated_robot(cell, preload):
     touches = find_touches(streams, cell).touches
     off = remembered(cell, touches) - true_states(CELL, PAPER_MEASURED, plan)
     assert np.abs(off).max() < 0.06  # of up to 20 Nm
+
+
+@pytest.mark.parametrize('preload', [0.0, 0.3])
+def test_streams_and_touches_of_one_seed_agree(preload):
+    """A robot whose joints slip, noise of the touches and of the samples."""
+    truth = ExtendedModel(PAPER_MEASURED, (JointSlip.of(0), JointSlip.of(1)), ((6e-5, 1.5), (4e-5, 0.8)))
+    plan = default_plan(CELL, per_disc=8, preload=preload)
+    touches = find_touches(simulate_streams(CELL, truth, plan, seed=6), CELL).touches
+    made = simulate_touches(CELL, truth, plan, seed=6)
+    assert len(touches) == len(plan)
+    assert abs(touches.history.shape[1] - made.history.shape[1]) <= 2
+    off = remembered(CELL, touches) - remembered(CELL, made)
+    assert np.abs(off).max() < 0.1  # the noise of a touch is 0.3 N at up to 0.6 m, the same in both
+    assert np.sqrt(np.mean(off**2)) < 0.02
 
 
 def test_history_is_in_the_frame_of_the_force():
