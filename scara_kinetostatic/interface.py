@@ -337,7 +337,8 @@ def locate(
         InputError: arrays of other shapes, or values that are not finite.
 
     Warns:
-        UserWarning: the model has an effect of time or approach, which is not given.
+        UserWarning: the model has an effect of time or approach, which is not given; or one of the load before, such as
+            slip with memory: the joint is taken as loaded to the force from the relaxed state, without a preload.
 
     Example:
         >>> import scara_kinetostatic as sk
@@ -386,7 +387,8 @@ def compensate(
         InputError: arrays of other shapes, values that are not finite, or another elbow.
 
     Warns:
-        UserWarning: the model has an effect of time or approach, which is not given.
+        UserWarning: the model has an effect of time or approach, which is not given; or one of the load before, such as
+            slip with memory: the joint is taken as loaded to the force from the relaxed state, without a preload.
 
     Example:
         >>> import scara_kinetostatic as sk
@@ -417,21 +419,30 @@ def _metadata(c: Calibration, sides: Indices, time: ArrayLike | None, approach: 
         if needing:
             text = f'{needing[0]} depends on {name}, which is not given; its value at {name} 0 is taken'
             warnings.warn(text, UserWarning, stacklevel=3)
+    needing = _effects_of(c, 'history')
+    if needing:
+        text = f'{needing[0]} depends on the load before, which is not given; none, and no preload, is taken'
+        warnings.warn(text, UserWarning, stacklevel=3)
     when = np.zeros(n) if time is None else _finite(np.broadcast_to(np.asarray(time), (n,)), 'time', (n,))
     moved = np.zeros((n, 2)) if approach is None else _rows(approach, 'approach', n)
     return TouchMetadata(np.zeros(n, dtype=np.intp), when, moved, sides, np.zeros((n, 2)))
 
 
 def _effects_of(c: Calibration, name: str) -> list[str]:
-    """The labels of the effects of the robot in the model that depend on ``time`` or ``approach``."""
+    """The labels of the effects of the robot in the model that depend on ``time``, ``approach`` or ``history``."""
     pose = np.array([[0.4, 1.1]])
     still = TouchMetadata.plain(1)
-    moved = still._replace(time=np.ones(1)) if name == 'time' else still._replace(approach=np.ones((1, 2)))
     force, gripper = np.array([[20.0, 30.0]]), c.cell.gripper
+    before = np.concatenate([pose, -2.0 * force], axis=1)[:, None]
+    others = {
+        'time': still._replace(time=np.ones(1)),
+        'approach': still._replace(approach=np.ones((1, 2))),
+        'history': still._replace(history=before),
+    }
     found = []
     for effect, values in zip(c.model.effects, c.model.effect_values, strict=True):
         model = ExtendedModel(c.parameters, (effect,), (values,))
-        with_it, without = (tip_under_force(model, pose, force, gripper, each)[0] for each in (moved, still))
+        with_it, without = (tip_under_force(model, pose, force, gripper, each)[0] for each in (others[name], still))
         found += [effect.label] if not np.array_equal(with_it, without) else []
     return found
 

@@ -78,7 +78,7 @@ def run_task(task: Task) -> list[Record]:
         except ScaraKinetostaticError as error:
             records += [replace(blank, noise=noise, reason=str(error)) for noise in task.noises]
             continue
-        records += [_diagnosed(replace(blank, noise=noise), setup, simulated, touches) for noise in task.noises]
+        records += [diagnosed(replace(blank, noise=noise), setup, simulated, touches) for noise in task.noises]
     return records
 
 
@@ -124,7 +124,8 @@ def _touches(task: Task, setup: Setup, simulated: SimulatedEffects, seed: int) -
     return simulate(setup._replace(cell=replace(setup.cell, gripper_excess=excess)), simulated, seed=seed)
 
 
-def _diagnosed(record: Record, setup: Setup, simulated: SimulatedEffects, touches: TouchSet) -> Record:
+def diagnosed(record: Record, setup: Setup, simulated: SimulatedEffects, touches: TouchSet) -> Record:
+    """A record filled with what the diagnosis of its touches says."""
     cell = setup.cell if record.noise == 'given' else replace(setup.cell, noise=None)
     try:
         before = calibrate(touches, cell)

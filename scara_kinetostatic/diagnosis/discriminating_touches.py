@@ -166,6 +166,15 @@ def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]
     before = np.where(is_unloaded, (1 + _PRELOAD) * level, _FIRST_FORCE)
     motion = joints - pressed(before)
     motion = (motion + np.pi) % (2 * np.pi) - np.pi
-    time = np.full(len(disc), float(calibration.touches.time.max()))
-    pool = TouchSet(joints, -level[:, None] * outward, disc, posture, time=time, approach=motion, press=motion)
+    peak = np.where(is_unloaded, before, 0.0)[:, None] * -outward
+    pool = TouchSet(
+        joints=joints,
+        force=-level[:, None] * outward,
+        disc=disc,
+        posture=posture,
+        time=np.full(len(disc), float(calibration.touches.time.max())),
+        approach=motion,
+        press=motion,
+        history=np.concatenate([joints - motion, peak], axis=1)[:, None],
+    )
     return pool, angle, is_unloaded

@@ -1,0 +1,79 @@
+"""The load before the holds of a plan: enough for every joint with memory, and the same as of whole streams."""
+
+from __future__ import annotations
+
+import numpy as np
+from calibration.studies import CELL, EXACT
+
+from scara_kinetostatic.effects.joint_slip import JointSlip
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.load_history import play_operator, torques_of
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.simulation.load_history import remembered
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.sensors import SensorModel
+from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
+from scara_kinetostatic.simulation.trajectory import Trajectory
+from scara_kinetostatic.touches.detection import find_touches
+
+PLAN = default_plan(CELL, 12, preload=0.4)
+SLIP = ExtendedModel(PAPER_ACTUAL, (JointSlip.of(0), JointSlip.of(1)), ((6e-5, 1.5), (4e-5, 2.0)))
+
+
+def test_what_is_remembered_is_enough_for_every_play_of_both_joints():
+    random = np.random.default_rng(4)
+    for _ in range(40):
+        load = np.round(random.normal(0, 5, (60, 2)) * random.integers(0, 2, (60, 1)), 1)  # back to 0 again and again
+        last = random.normal(0, 5, 2)
+        few = load[remembered(load.tolist(), range(60))]
+        assert len(few) < 25
+        for joint in (0, 1):
+            for width in (0.05, 0.5, 1.5, 4.0):
+                all_of_it, enough = (
+                    play_operator(part[None, :, joint], last[joint : joint + 1], width).value for part in (load, few)
+                )
+                np.testing.assert_allclose(enough, all_of_it, rtol=0, atol=1e-12)
+
+
+def test_the_memory_goes_from_touch_to_touch():
+    """The state of friction of each hold, step by step through all peaks, holds and free motions."""
+    trajectory = Trajectory(CELL, SLIP, PLAN)
+    touches = simulate_touches(CELL, SLIP, PLAN, EXACT)
+    peaks = torques_of(PAPER_ACTUAL, np.concatenate([trajectory.peak_joints, trajectory.peak_force], axis=1))
+    holds = torques_of(PAPER_ACTUAL, np.concatenate([trajectory.hold_joints, trajectory.hold_force], axis=1))
+    found = torques_of(PAPER_ACTUAL, touches.history)
+    path = np.zeros((0, 2))
+    for k, (peak, hold, preload) in enumerate(zip(peaks, holds, PLAN.preload > 0, strict=True)):
+        path = np.concatenate([path, peak[None]]) if preload else path
+        for joint, width in ((0, 1.5), (1, 2.0), (0, 0.3)):
+            expected = play_operator(path[None, :, joint], hold[joint : joint + 1], width).value
+            enough = play_operator(found[k : k + 1, :, joint], hold[joint : joint + 1], width).value
+            np.testing.assert_allclose(enough, expected, rtol=0, atol=0.02)  # another extreme of nearly the same size
+        path = np.concatenate([path, hold[None], np.zeros((1, 2))])
+
+
+def test_a_preloaded_joint_keeps_a_part_of_its_deflection():
+    """Unloaded from the preload by less than twice the slip torque, the joint angle stays ahead of the force."""
+    alone = ExtendedModel(PAPER_ACTUAL, (JointSlip.of(0),), ((6e-5, 50.0),))
+    still = Trajectory(CELL, alone, PLAN)
+    rigid = Trajectory(CELL, PAPER_ACTUAL, PLAN)
+    np.testing.assert_allclose(still.hold_joints, rigid.hold_joints, rtol=0, atol=1e-6)  # never slips
+    slipping = Trajectory(CELL, SLIP, PLAN)
+    assert np.abs(slipping.hold_joints - rigid.hold_joints).max() > 1e-4
+    np.testing.assert_allclose(np.hypot(*slipping.hold_force.T), PLAN.force, rtol=0.02)
+
+
+def test_whole_streams_have_the_same_holds_and_histories():
+    plan = PLAN.select(np.arange(24))
+    streams = simulate_streams(CELL, SLIP, plan, sensors=SensorModel.ideal())
+    found, exact = find_touches(streams, CELL).touches, simulate_touches(CELL, SLIP, plan, EXACT)
+    assert len(found) == len(plan)
+    np.testing.assert_allclose(found.joints, exact.joints, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(found.force, exact.force, rtol=0, atol=0.02)
+    for joint, width in ((0, 1.5), (1, 2.0)):
+        loads = torques_of(PAPER_ACTUAL, np.concatenate([exact.joints, exact.force], axis=1))[:, joint]
+        states = [
+            play_operator(torques_of(PAPER_ACTUAL, part.history)[:, :, joint], loads, width).value
+            for part in (found, exact)
+        ]
+        np.testing.assert_allclose(states[0], states[1], rtol=0, atol=0.1)
