@@ -9,6 +9,7 @@ Source: Brokate and Sprekels, Hysteresis and Phase Transitions (1996), section 2
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -70,3 +71,26 @@ def torques_of(parameters: Parameters, points: Floats, frame: SensorFrame = Sens
     first = np.cos(second) * fy + np.sin(second) * fx
     torque2 = parameters.l2 * fy
     return np.stack([torque2 + parameters.l1 * first, torque2], axis=-1)
+
+
+def remembered(torques: Sequence[tuple[float, float]]) -> list[int]:
+    """The points of a load that a memory can still hold after it: nested extremes of either joint, and the last point.
+
+    Args:
+        torques: of the load since its begin in the relaxed state, in the order of time, Nm.
+
+    Returns:
+        Their places, ascending.
+    """
+    return sorted({place for torque in zip(*torques, strict=True) for place in _nested_extremes(torque)})
+
+
+def _nested_extremes(torque: Sequence[float]) -> list[int]:
+    """The largest in size, the opposite extreme after it, and so on to the end; the last of equal ones."""
+    places = range(len(torque))
+    found = [max(places, key=lambda k: (abs(torque[k]), k))]
+    sign = -1.0 if torque[found[0]] > 0 else 1.0
+    while found[-1] < places[-1]:
+        found.append(max(places[found[-1] + 1 :], key=lambda k: (sign * torque[k], k)))
+        sign = -sign
+    return found

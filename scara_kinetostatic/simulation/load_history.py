@@ -13,7 +13,7 @@ import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import SensorFrame
-from scara_kinetostatic.model.load_history import torques_of
+from scara_kinetostatic.model.load_history import remembered, torques_of
 from scara_kinetostatic.model.parameters import Parameters
 
 
@@ -61,39 +61,15 @@ def load_histories(
     peaks = np.concatenate([path.peak_joints, path.peak_force], axis=1)
     holds = np.concatenate([path.hold_joints, path.hold_force], axis=1)
     points = np.stack([peaks, holds, holds * (1, 1, 0, 0)], axis=1).reshape(-1, 4)
-    torques = torques_of(parameters, points, frame).tolist()
+    torques = [(first, second) for first, second in torques_of(parameters, points, frame).tolist()]
     stages: tuple[list[Floats], ...] = ([], [], [])
     memory: list[int] = []
     for place in range(len(points)):
         stages[place % 3].append(points[memory])
         if place % 3 or has_preload[place // 3]:
-            memory = remembered(torques, [*memory, place])
+            memory.append(place)
+            memory = [memory[k] for k in remembered([torques[one] for one in memory])]
     return Histories(*(_stacked(stage, path.hold_joints) for stage in stages))
-
-
-def remembered(torques: Sequence[Sequence[float]], places: Sequence[int]) -> list[int]:
-    """Those of the places that a memory of either joint holds after a load through them, and the last one.
-
-    Args:
-        torques: of the load, (k, 2), Nm.
-        places: those since its begin in the relaxed state, ascending.
-    """
-    recent = [torques[place] for place in places]
-    return sorted({places[turn] for torque in zip(*recent, strict=True) for turn in _nested_extremes(torque)})
-
-
-def _nested_extremes(torque: Sequence[float]) -> list[int]:
-    """The largest in size, the opposite extreme after it, and so on to the end; the last of equal ones.
-
-    As `touches.load_history.nested_extremes`, which is made for long records; these have a dozen points.
-    """
-    places = range(len(torque))
-    found = [max(places, key=lambda k: (abs(torque[k]), k))]
-    sign = -1.0 if torque[found[0]] > 0 else 1.0
-    while found[-1] < places[-1]:
-        found.append(max(places[found[-1] + 1 :], key=lambda k: (sign * torque[k], k)))
-        sign = -sign
-    return found
 
 
 def _stacked(histories: Sequence[Floats], joints: Floats) -> Floats:

@@ -9,7 +9,7 @@ from model.helpers import ROBOTS, random_poses
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.kinetostatics import joint_torques
-from scara_kinetostatic.model.load_history import play_operator, torques_of
+from scara_kinetostatic.model.load_history import play_operator, remembered, torques_of
 
 
 def driven(load: np.ndarray, half_width: float) -> float:
@@ -49,6 +49,21 @@ def test_the_derivative_and_many_widths_at_once():
     np.testing.assert_allclose(state.by_half_width, (up - down) / 2e-6, atol=1e-8)
     for row, width in zip(state.value, widths[:, 0], strict=True):
         np.testing.assert_array_equal(row, play_operator(history, load, float(width)).value)
+
+
+def test_what_is_remembered_is_enough_for_every_play_of_both_joints():
+    random = np.random.default_rng(4)
+    for _ in range(40):
+        load = np.round(random.normal(0, 5, (60, 2)) * random.integers(0, 2, (60, 1)), 1)  # back to 0 again and again
+        last = random.normal(0, 5, 2)
+        few = load[remembered([(one, other) for one, other in load.tolist()])]
+        assert len(few) < 25
+        for joint in (0, 1):
+            for width in (0.05, 0.5, 1.5, 4.0):
+                all_of_it, enough = (
+                    play_operator(part[None, :, joint], last[joint : joint + 1], width).value for part in (load, few)
+                )
+                np.testing.assert_allclose(enough, all_of_it, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize('robot', ROBOTS)

@@ -9,7 +9,6 @@ from scara_kinetostatic.effects.joint_slip import JointSlip
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.load_history import play_operator, torques_of
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.simulation.load_history import remembered
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
@@ -18,21 +17,6 @@ from scara_kinetostatic.touches.detection import find_touches
 
 PLAN = default_plan(CELL, 12, preload=0.4)
 SLIP = ExtendedModel(PAPER_ACTUAL, (JointSlip.of(0), JointSlip.of(1)), ((6e-5, 1.5), (4e-5, 2.0)))
-
-
-def test_what_is_remembered_is_enough_for_every_play_of_both_joints():
-    random = np.random.default_rng(4)
-    for _ in range(40):
-        load = np.round(random.normal(0, 5, (60, 2)) * random.integers(0, 2, (60, 1)), 1)  # back to 0 again and again
-        last = random.normal(0, 5, 2)
-        few = load[remembered(load.tolist(), range(60))]
-        assert len(few) < 25
-        for joint in (0, 1):
-            for width in (0.05, 0.5, 1.5, 4.0):
-                all_of_it, enough = (
-                    play_operator(part[None, :, joint], last[joint : joint + 1], width).value for part in (load, few)
-                )
-                np.testing.assert_allclose(enough, all_of_it, rtol=0, atol=1e-12)
 
 
 def test_the_memory_goes_from_touch_to_touch():
