@@ -39,7 +39,7 @@ LEVEL = 0.01
 """Significance level of the tests."""
 _BIC_GAIN = 2.0
 """Smallest decrease of BIC that counts as evidence (Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773)."""
-NONE, _EXPLAINED, AMBIGUOUS, UNEXPLAINED = 'none', 'explained', 'ambiguous', 'unexplained'
+NONE, EXPLAINED, AMBIGUOUS, UNEXPLAINED = 'none', 'explained', 'ambiguous', 'unexplained'
 
 
 class CrossValidation(NamedTuple):
@@ -139,7 +139,7 @@ def select_model(motion: Motion, candidates: tuple[Law, ...] = CANDIDATES) -> Mo
     selected = min(accepted, key=lambda each: each.held_out_rms, default=None)
     rivals = tuple(each.law.name for each in accepted if selected and _as_good(each, selected, len(accepted), motion))
     refined, steps = _refine(selected, motion) if selected else (before, ())
-    verdict = AMBIGUOUS if rivals else _EXPLAINED
+    verdict = AMBIGUOUS if rivals else EXPLAINED
     if selected is None:
         verdict = NONE if sufficient else UNEXPLAINED
     return ModelSelection(
@@ -224,9 +224,14 @@ def p_better(one: CrossValidation, other: CrossValidation, motion: Motion) -> fl
     return float(stats.ttest_1samp(gain, 0.0, alternative='greater').pvalue)
 
 
-def effective_count(residual: Floats) -> float:
-    """Effective number of independent samples of a residual: n / (1 + 2 Σρ), summed up to the first ρ below 0."""
-    centred = residual - residual.mean()
+def effective_count(residual: Floats, mean: float | None = None) -> float:
+    """Effective number of independent samples of a residual: n / (1 + 2 Σρ), summed up to the first ρ below 0.
+
+    Args:
+        residual: (n,).
+        mean: the expected one, where it is known; else that of the samples.
+    """
+    centred = residual - (residual.mean() if mean is None else mean)
     count = len(centred)
     spectrum = np.fft.rfft(centred, 2 * count)
     correlation = np.fft.irfft(spectrum * spectrum.conj())[:count]

@@ -1,0 +1,291 @@
+"""Analysis of records driven by their load: law (6), the law selected, the errors of both on records not in the fit.
+
+Each record is predicted with the parameters fitted to all others; its own samples, until the load has gone for good,
+give only its zero and its initial state of friction. With a single record, its later half is predicted from the
+earlier one.
+
+Candidates are compared on the held-out residuals in blocks of `SMOOTHING` from the load's coming on: a one-sided
+Pitman-Morgan test of the variances of two correlated residuals, with the effective number of independent blocks. A
+candidate is accepted if the residual of law (6), in each of its forms, depends on something and if the candidate
+predicts better than law (6) (Bonferroni over the candidates). The accepted candidate with the smallest held-out
+residual is selected; within its family the simplest one that is not significantly worse. Its rivals are the accepted
+ones of other families that are not significantly worse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats, Mask, rms
+from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
+from scara_kinetostatic.studies.hysteresis.load_driven.dependence import Dependence, dependences, p_independent
+from scara_kinetostatic.studies.hysteresis.load_driven.fit import LoadFit, Prediction, fit, moments, predict
+from scara_kinetostatic.studies.hysteresis.load_driven.laws import BACKLASH_FORMS, CANDIDATES, GAP_FORMS, Law
+from scara_kinetostatic.studies.hysteresis.load_driven.load_path import LoadPath
+from scara_kinetostatic.studies.hysteresis.load_driven.record import LoadRecord
+from scara_kinetostatic.studies.hysteresis.model_selection import (
+    AMBIGUOUS,
+    EXPLAINED,
+    LEVEL,
+    NONE,
+    UNEXPLAINED,
+    effective_count,
+)
+
+
+class Candidate(NamedTuple):
+    """A law on all records.
+
+    Attributes:
+        law: the law.
+        whole: fitted to all records.
+        along: the law along each record, zero and state from its samples before the load is gone for good.
+        held_out: each record predicted by the fit to the others; with one record, its later half by the earlier.
+        fitted_rms: rms residual of `whole` after unloading, all records, m or rad.
+        held_out_rms: the same of `held_out`.
+        parameters: with standard deviations by the delete-one-record jackknife; NaN with one record.
+        p_gain: p-value of no better prediction than that of law (6); 1 for law (6).
+        accepted: whether it predicts better.
+    """
+
+    law: Law
+    whole: LoadFit
+    along: tuple[Prediction, ...]
+    held_out: tuple[Prediction, ...]
+    fitted_rms: float
+    held_out_rms: float
+    parameters: dict[str, Estimate]
+    p_gain: float = 1.0
+    accepted: bool = False
+
+
+class LoadAnalysis(NamedTuple):
+    """Result of all records.
+
+    Attributes:
+        records: in the order given.
+        direction: +1 or -1: sign of the response to a positive load.
+        before: law (6).
+        candidates: each compared with law (6).
+        selected: the candidate selected; None if none is accepted.
+        rivals: accepted candidates of other families that do not predict significantly worse.
+        dependence_before: of the residual of law (6), in the form that leaves least.
+        dependence_after: of the residual of the selected law, or of law (6).
+        verdict: none, explained, ambiguous or unexplained, as for records driven by their motion.
+    """
+
+    records: tuple[LoadRecord, ...]
+    direction: float
+    before: Candidate
+    candidates: tuple[Candidate, ...]
+    selected: Candidate | None
+    rivals: tuple[Candidate, ...]
+    dependence_before: tuple[Dependence, ...]
+    dependence_after: tuple[Dependence, ...]
+    verdict: str
+
+    @property
+    def p_value(self) -> float:
+        """p-value of law (6) as a sufficient law."""
+        return p_independent(self.dependence_before)
+
+    @property
+    def p_after(self) -> float:
+        """p-value of the selected law as a sufficient law."""
+        return p_independent(self.dependence_after)
+
+
+class PredictedRecord(NamedTuple):
+    """A record predicted from others.
+
+    Attributes:
+        record: the record.
+        before: by law (6).
+        after: by the law selected; by law (6) if none is.
+        before_rms: rms error of the response from the unloading on, m or rad.
+        after_rms: the same by the law selected.
+    """
+
+    record: LoadRecord
+    before: Prediction
+    after: Prediction
+    before_rms: float
+    after_rms: float
+
+
+class _Study:
+    """The records as arrays, in blocks for fits and as measured for predictions."""
+
+    def __init__(self, records: Sequence[LoadRecord]) -> None:
+        self.paths = [LoadPath(record) for record in records]
+        self.blocks = [LoadPath.in_blocks(record) for record in records]
+        self.size = max(path.size for path in self.paths)
+        joint = sum(float(np.dot(p.response - p.response.mean(), p.load - p.load.mean())) for p in self.blocks)
+        self.direction = 1.0 if joint >= 0 else -1.0
+
+    def candidate(self, law: Law) -> Candidate:
+        everything = [np.ones(len(block.time), dtype=bool) for block in self.blocks]
+        grids = [moments(law, block, rows, self.size) for block, rows in zip(self.blocks, everything, strict=True)]
+        whole = fit(law, grids, self.size, self.direction)
+        along = tuple(predict(whole, path, path.known) for path in self.paths)
+        if len(grids) == 1:
+            held_out, std = self._later_half(law, whole), np.full(len(law.names), np.nan)
+        else:
+            fits = [
+                fit(law, grids[:k] + grids[k + 1 :], self.size, self.direction, _without(whole, k))
+                for k in range(len(grids))
+            ]
+            held_out = tuple(predict(each, path, path.known) for each, path in zip(fits, self.paths, strict=True))
+            several = np.array([list(each.values.values()) for each in fits])
+            std = np.sqrt((len(fits) - 1) / len(fits) * ((several - several.mean(axis=0)) ** 2).sum(axis=0))
+        parameters = {
+            name: Estimate(value, float(each)) for (name, value), each in zip(whole.values.items(), std, strict=True)
+        }
+        return Candidate(law, whole, along, held_out, self._rms(along), self._rms(held_out), parameters)
+
+    def _later_half(self, law: Law, whole: LoadFit) -> tuple[Prediction, ...]:
+        earlier = fit(
+            law, [moments(law, self.blocks[0], earlier_half(self.blocks[0]), self.size)], self.size, self.direction
+        )
+        return (predict(earlier, self.paths[0], earlier_half(self.paths[0])),)
+
+    def judged(self, path: LoadPath) -> Mask:
+        """The samples for the errors: after unloading, or the later half of a single record."""
+        return ~earlier_half(path) if len(self.paths) == 1 else ~path.known
+
+    def _rms(self, predictions: Sequence[Prediction]) -> float:
+        pairs = zip(predictions, self.paths, strict=True)
+        return rms(np.concatenate([each.residual[self.judged(path)] for each, path in pairs]))
+
+    def in_blocks(self, candidate: Candidate) -> list[Floats]:
+        """Held-out residuals of the samples under test of each record, as means of blocks."""
+        found = []
+        for each, path, block in zip(candidate.held_out, self.paths, self.blocks, strict=True):
+            rows = self.judged(path) if len(self.paths) == 1 else ~path.rest
+            residual = each.residual[rows]
+            count = len(residual) // block.block
+            found.append(residual[: count * block.block].reshape(count, block.block).mean(axis=1))
+        return found
+
+
+def analyse_load_driven(records: Sequence[LoadRecord]) -> LoadAnalysis:
+    """Analyses records of one joint that are driven by their load.
+
+    Args:
+        records: with the same units.
+
+    Raises:
+        UnsupportedDataError: the units differ.
+    """
+    check_units(records)
+    study = _Study(records)
+    forms = [[study.candidate(law) for law in several] for several in (BACKLASH_FORMS, GAP_FORMS)]
+    before, gap = (min(several, key=lambda each: each.whole.square) for several in forms)
+    candidates = [gap, *(study.candidate(law) for law in CANDIDATES)]
+    dependence_before = max((_dependences(study, each) for several in forms for each in several), key=p_independent)
+    sufficient = p_independent(dependence_before) >= LEVEL
+    compared = tuple(_compared(study, each, before, sufficient) for each in candidates)
+    accepted = [each for each in compared if each.accepted]
+    selected = _select(study, accepted)
+    rivals = tuple(_rivals(study, accepted, selected)) if selected else ()
+    verdict = AMBIGUOUS if rivals else EXPLAINED
+    if selected is None:
+        verdict = NONE if sufficient else UNEXPLAINED
+    return LoadAnalysis(
+        records=tuple(records),
+        direction=study.direction,
+        before=before,
+        candidates=compared,
+        selected=selected,
+        rivals=rivals,
+        dependence_before=dependence_before,
+        dependence_after=_dependences(study, selected) if selected else dependence_before,
+        verdict=verdict,
+    )
+
+
+def predict_records(analysis: LoadAnalysis, others: Sequence[LoadRecord]) -> tuple[PredictedRecord, ...]:
+    """Predicts further records, each from the moment on at which it is unloaded.
+
+    Args:
+        analysis: of the records that give the parameters.
+        others: to be predicted; what comes before they are unloaded gives their zero and their state of friction.
+
+    Raises:
+        UnsupportedDataError: the units differ.
+    """
+    check_units([*analysis.records, *others])
+    found = []
+    for record in others:
+        path = LoadPath(record)
+        before = predict(analysis.before.whole, path, path.known)
+        after = predict((analysis.selected or analysis.before).whole, path, path.known)
+        errors = [rms(each.residual[~path.known]) for each in (before, after)]
+        found.append(PredictedRecord(record, before, after, errors[0], errors[1]))
+    return tuple(found)
+
+
+def check_units(records: Sequence[LoadRecord]) -> None:
+    """Checks that records go together.
+
+    Raises:
+        UnsupportedDataError: the units differ.
+    """
+    for record in records[1:]:
+        if record.load_unit != records[0].load_unit:
+            pairs = [f'{each.name} is in {each.response_unit} and {each.load_unit}' for each in (records[0], record)]
+            raise UnsupportedDataError(', '.join(pairs), 'give records of one joint')
+
+
+def earlier_half(path: LoadPath) -> Mask:
+    """The samples of the first half of the time."""
+    return np.asarray(path.time < (path.time[0] + path.time[-1]) / 2)
+
+
+def _without(whole: LoadFit, record: int) -> LoadFit:
+    return whole._replace(states=np.delete(whole.states, record))
+
+
+def _dependences(study: _Study, candidate: Candidate) -> tuple[Dependence, ...]:
+    return dependences(study.paths, [each.residual for each in candidate.along])
+
+
+def _compared(study: _Study, candidate: Candidate, before: Candidate, sufficient: bool) -> Candidate:
+    p_gain = _p_better(study, candidate, before)
+    better = candidate.held_out_rms < before.held_out_rms and p_gain < LEVEL / (1 + len(CANDIDATES))
+    return candidate._replace(p_gain=p_gain, accepted=better and not sufficient)
+
+
+def _p_better(study: _Study, one: Candidate, other: Candidate) -> float:
+    """p-value of one law predicting no better than another: Pitman and Morgan's test of two correlated variances."""
+    residuals = [study.in_blocks(each) for each in (one, other)]
+    smaller, larger = (np.concatenate(each) for each in residuals)
+    count = min(sum(effective_count(part, 0.0) for part in each) for each in residuals)
+    total, difference = smaller + larger, larger - smaller
+    norm = float(np.sqrt((total @ total) * (difference @ difference)))
+    if not norm > 0 or count <= 3:
+        return 1.0
+    correlation = min(max(float(total @ difference) / norm, -1 + 1e-12), 1 - 1e-12)
+    return float(stats.t.sf(correlation * np.sqrt((count - 2) / (1 - correlation**2)), count - 2))
+
+
+def _square(study: _Study, candidate: Candidate) -> float:
+    return float(sum(float(part @ part) for part in study.in_blocks(candidate)))
+
+
+def _select(study: _Study, accepted: Sequence[Candidate]) -> Candidate | None:
+    best = min(accepted, key=lambda each: _square(study, each), default=None)
+    if best is None:
+        return None
+    family = [each for each in accepted if each.law.family == best.law.family]
+    return next(each for each in family if each is best or _p_better(study, best, each) >= LEVEL)
+
+
+def _rivals(study: _Study, accepted: Sequence[Candidate], selected: Candidate) -> list[Candidate]:
+    others = [each for each in accepted if each.law.family != selected.law.family]
+    return [each for each in others if _p_better(study, selected, each) >= LEVEL]
