@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from scara_kinetostatic.cli.arguments import Subparsers, add_verb, check_different, real
 from scara_kinetostatic.cli.output import print_result
-from scara_kinetostatic.errors import InputError, UnsupportedDataError
+from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.studies.hysteresis.record_table import RecordTable
@@ -108,11 +108,27 @@ def _run_motion_driven(args: argparse.Namespace, tables: list[RecordTable]) -> i
 
 
 def _run_load_driven(args: argparse.Namespace, tables: list[RecordTable]) -> int:
+    from scara_kinetostatic.studies.hysteresis.document import NAME
+    from scara_kinetostatic.studies.hysteresis.load_driven.analysis import analyse_load_driven, predict_records
+    from scara_kinetostatic.studies.hysteresis.load_driven.document import load_driven_document
+    from scara_kinetostatic.studies.hysteresis.load_driven.text import text
+
     if args.tension:
         problem = f'{tables[0].source} is driven by its load'
         raise InputError('--tension', problem, 'it is for records driven by their motion; see --driven')
     records = [table.load_record for table in tables]
-    raise UnsupportedDataError(f'{records[0].source}: driven by its load, which is not analysed', 'record full loops')
+    analysis = analyse_load_driven(records[: len(args.tables)])
+    predicted = predict_records(analysis, records[len(args.tables) :])
+    document = load_driven_document(analysis, predicted)
+    files = {}
+    if args.out:
+        from scara_kinetostatic.render.json_file import json_text
+        from scara_kinetostatic.studies.hysteresis import page as names
+        from scara_kinetostatic.studies.hysteresis.load_driven import page
+
+        files = {NAME: json_text(document), names.NAME: page.html_text(analysis, predicted)}
+    print_result(text(analysis, predicted), document, args.json, args.out, files)
+    return 0
 
 
 def _tables(args: argparse.Namespace) -> list[RecordTable]:

@@ -34,3 +34,30 @@ def table(load: np.ndarray | None = None, heading: str = 'time_s,angle_rad,torqu
     time, measured, angle = columns(torque() if load is None else load, seed)
     rows = [f'{t:.5f},{q:.9f},{tau:.6f}' for t, q, tau in zip(time, angle, measured, strict=True)]
     return '\n'.join([heading, *rows]) + '\n'
+
+
+def slipping(load: np.ndarray, state: float, slip_load: float = 1.0, slip: float = 120e-6) -> np.ndarray:
+    """Angle of the slipping part of a joint, (n,), rad: friction that holds up to a torque, one sample after the other.
+
+    Args:
+        load: (n,), Nm.
+        state: of friction at the start, -1 to 1.
+        slip_load: at which it slips, Nm.
+        slip: compliance of the slipping part, rad/Nm.
+    """
+    anchor, moved = state * slip_load, []
+    for each in load.tolist():
+        held = each - anchor
+        if abs(held) > slip_load:
+            anchor = each - np.sign(held) * slip_load
+        moved.append(slip * anchor)
+    return np.array(moved)
+
+
+def slip_table(level: float, state: float, seed: int, heading: str = 'time_s,angle_rad,torque_Nm') -> str:
+    """One record of a joint that slips, as CSV."""
+    load = torque(level)
+    time, measured, angle = columns(load, seed)
+    angle = angle + slipping(load, state)
+    rows = [f'{t:.5f},{q:.9f},{tau:.6f}' for t, q, tau in zip(time, angle, measured, strict=True)]
+    return '\n'.join([heading, *rows]) + '\n'
