@@ -87,10 +87,12 @@ def remembered(torques: Sequence[tuple[float, float]]) -> list[int]:
 
 def _nested_extremes(torque: Sequence[float]) -> list[int]:
     """The largest in size, the opposite extreme after it, and so on to the end; the last of equal ones."""
-    places = range(len(torque))
-    found = [max(places, key=lambda k: (abs(torque[k]), k))]
-    sign = -1.0 if torque[found[0]] > 0 else 1.0
-    while found[-1] < places[-1]:
-        found.append(max(places[found[-1] + 1 :], key=lambda k: (sign * torque[k], k)))
-        sign = -sign
+    last, back = len(torque) - 1, torque[::-1]
+    high, low = last - back.index(max(torque)), last - back.index(min(torque))
+    found = [max((abs(torque[high]), high), (abs(torque[low]), low))[1]]
+    falling = torque[found[0]] > 0
+    while found[-1] < last:
+        rest = torque[found[-1] + 1 :]
+        found.append(last - back.index(min(rest) if falling else max(rest)))
+        falling = not falling
     return found
