@@ -14,7 +14,7 @@ from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import Shift, TouchState
-from scara_kinetostatic.model.load_history import PlayState, play_operator
+from scara_kinetostatic.model.load_history import play_operator, play_value
 
 GRID = 8
 """Slip torques that are tried. Neighbours resemble each other: the play of one explains most of that of the next."""
@@ -71,11 +71,12 @@ class JointSlip(Effect):
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
         compliance, slip_torque = values
-        return Shift(joints=at_joint(compliance * self._play_state(at, slip_torque).value, self.joint))
+        lag = play_value(*self._loads(at), slip_torque)
+        return Shift(joints=at_joint(compliance * lag, self.joint))
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         compliance, slip_torque = values
-        value, by_slip_torque = self._play_state(at, slip_torque)
+        value, by_slip_torque = play_operator(*self._loads(at), slip_torque)
         return tuple(Shift(joints=at_joint(column, self.joint)) for column in (value, compliance * by_slip_torque))
 
     def amplitudes(self, values: Floats) -> Floats:
@@ -88,13 +89,12 @@ class JointSlip(Effect):
 
     def trials(self, at: TouchState, force: Floats) -> Sequence[Trial]:
         """One per slip torque of a grid; without a history it cannot be told from the base model."""
-        history = at.history_torques[:, :, self.joint]
+        history, load = self._loads(at)
         if not history.shape[1]:
             return (Trial((Shift(joints=np.zeros_like(at.joints)),), values=partial(_as_slip, slip_torque=1.0)),)
-        load = at.torques[:, self.joint]
         common = float(np.quantile(np.abs(load), _COMMON))
         torques = common * np.geomspace(_SMALLEST, _LARGEST, GRID)
-        values = play_operator(history, load, torques[:, None]).value
+        values = play_value(history, load, torques[:, None])
         return [self._trial(value, float(torque)) for value, torque in zip(values, torques, strict=True)]
 
     def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
@@ -104,8 +104,9 @@ class JointSlip(Effect):
         """The plausible compliance, with a slip torque as measured on a real arm or up to twice as large."""
         return np.array([self.scales[0], random.uniform(0.5, 4.0)])
 
-    def _play_state(self, at: TouchState, slip_torque: float) -> PlayState:
-        return play_operator(at.history_torques[:, :, self.joint], at.torques[:, self.joint], slip_torque)
+    def _loads(self, at: TouchState) -> tuple[Floats, Floats]:
+        """Torques of the joint before the hold, (n, K), and in it, (n,), Nm."""
+        return at.history_torques[:, :, self.joint], at.torques[:, self.joint]
 
     def _trial(self, value: Floats, slip_torque: float) -> Trial:
         columns = (Shift(joints=at_joint(value, self.joint)),)

@@ -44,11 +44,20 @@ def play_operator(history: Floats, load: Floats, half_width: Floats | float) -> 
     """
     width = np.maximum(half_width, 0.0)
     value = by_half_width = np.zeros(np.broadcast_shapes(np.shape(width), load.shape))
-    for turn in (*np.moveaxis(history, 1, 0), load):
+    for turn in (*history.T, load):
         low, high = turn - width, turn + width
         by_half_width = np.where(value < low, -1.0, np.where(value > high, 1.0, by_half_width))
         value = np.minimum(np.maximum(value, low), high)
     return PlayState(value, by_half_width)
+
+
+def play_value(history: Floats, load: Floats, half_width: Floats | float) -> Floats:
+    """`play_operator` without the derivative."""
+    width = np.maximum(half_width, 0.0)
+    value: Floats = np.zeros(np.broadcast_shapes(np.shape(width), load.shape))
+    for turn in (*history.T, load):
+        value = np.minimum(np.maximum(value, turn - width), turn + width)
+    return value
 
 
 def torques_of(parameters: Parameters, points: Floats, frame: SensorFrame = SensorFrame.BASE) -> Floats:

@@ -9,7 +9,7 @@ from model.helpers import ROBOTS, random_poses
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.kinetostatics import joint_torques
-from scara_kinetostatic.model.load_history import play_operator, remembered, torques_of
+from scara_kinetostatic.model.load_history import play_operator, play_value, remembered, torques_of
 
 
 def driven(load: np.ndarray, half_width: float) -> float:
@@ -48,7 +48,7 @@ def test_the_derivative_and_many_widths_at_once():
     up, down = (play_operator(history, load, widths + sign * 1e-6).value for sign in (1, -1))
     np.testing.assert_allclose(state.by_half_width, (up - down) / 2e-6, atol=1e-8)
     for row, width in zip(state.value, widths[:, 0], strict=True):
-        np.testing.assert_array_equal(row, play_operator(history, load, float(width)).value)
+        np.testing.assert_array_equal(row, play_value(history, load, float(width)))
 
 
 def test_what_is_remembered_is_enough_for_every_play_of_both_joints():
