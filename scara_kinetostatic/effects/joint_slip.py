@@ -106,7 +106,7 @@ class JointSlip(Effect):
 
     def _loads(self, at: TouchState) -> tuple[Floats, Floats]:
         """Torques of the joint before the hold, (n, K), and in it, (n,), Nm."""
-        return at.history_torques[:, :, self.joint], at.torques[:, self.joint]
+        return at.history_torques(self.joint), at.torques[:, self.joint]
 
     def _trial(self, value: Floats, slip_torque: float) -> Trial:
         columns = (Shift(joints=at_joint(value, self.joint)),)

@@ -18,7 +18,7 @@ import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import SensorFrame
-from scara_kinetostatic.model.load_history import torques_of
+from scara_kinetostatic.model.load_history import ById, Phasors, torque_phasors_again
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 
@@ -134,29 +134,27 @@ class TouchState(NamedTuple):
         """T = R90 n, (n, 2)."""
         return np.stack([-self.normal[:, 1], self.normal[:, 0]], axis=-1)
 
-    @property
-    def history_torques(self) -> Floats:
-        """C at the turning points of the load before the hold, (n, K, 2), Nm; K = 0 where nothing is known.
+    def history_torques(self, joint: int) -> Floats:
+        """C of joint 0 or 1 at the turning points of the load before the hold, (n, K), Nm; K = 0 where none are known.
 
         An error of the force that is in all of a touch is in its preload and in its hold alike. So the forces of a
         preload are those measured, turned and stretched as the force of the hold here is from the measured one.
         """
         m = self.metadata
         if m.history is None:
-            return np.empty((len(self.joints), 0, 2))
-        points = m.history if m.force is None else self._with_preload_as_hold(m.history, m.force)
-        return torques_of(self.parameters, points, m.frame)
+            return np.empty((len(self.joints), 0))
+        torques = torque_phasors_again(self.parameters, ById(m.history), m.frame)[joint]
+        return torques.imag if m.force is None else (torques * self._change_of_force(m.history, m.force)).imag
 
-    def _with_preload_as_hold(self, history: Floats, measured: Floats) -> Floats:
-        """The history whose points in the same touch have the errors of the hold taken out, (n, K, 4)."""
-        here = np.abs(history[:, :, :2] - self.joints[:, None]).max(axis=2) < _SAME_TOUCH
+    def _change_of_force(self, history: Floats, measured: Floats) -> Phasors:
+        """The force here over that measured in the hold, for points of the same touch, 1 for earlier ones, (n, K)."""
         force = self.force[:, 0] + 1j * self.force[:, 1]
         if self.metadata.frame is SensorFrame.TOOL:
             force = force * (self.link2[:, 0] - 1j * self.link2[:, 1])
         known = measured.any(axis=1)
         ratio = np.where(known, force, 1.0) / np.where(known, measured[:, 0] + 1j * measured[:, 1], 1.0)
-        changed = (history[:, :, 2] + 1j * history[:, :, 3]) * np.where(here, ratio[:, None], 1.0)
-        return np.stack([history[:, :, 0], history[:, :, 1], changed.real, changed.imag], axis=-1)
+        near1, near2 = (np.abs(history[:, :, k] - self.joints[:, k, None]) < _SAME_TOUCH for k in (0, 1))
+        return np.where(near1 & near2, ratio[:, None], 1.0)
 
 
 class Shift(NamedTuple):

@@ -10,13 +10,17 @@ Source: Brokate and Sprekels, Hysteresis and Phase Transitions (1996), section 2
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.parameters import Parameters
+
+Phasors = NDArray[np.complex128]
 
 
 class PlayState(NamedTuple):
@@ -60,26 +64,54 @@ def play_value(history: Floats, load: Floats, half_width: Floats | float) -> Flo
     return value
 
 
-def torques_of(parameters: Parameters, points: Floats, frame: SensorFrame = SensorFrame.BASE) -> Floats:
-    """C = JᵀF with J at the measured angles Q, in place of Q*: an approximation of relative order p C.
+class TorquePhasors(NamedTuple):
+    """Torques as imaginary parts of complex numbers, (..., ) each, Nm: a force turned by an angle and stretched by a
+    factor has the torques of the phasors times that complex number.
+    """
+
+    first: Phasors
+    second: Phasors
+
+
+def torque_phasors(parameters: Parameters, points: Floats, frame: SensorFrame = SensorFrame.BASE) -> TorquePhasors:
+    """Phasors of C = JᵀF with J at the measured angles Q, in place of Q*: an approximation of relative order p C.
 
     Args:
         parameters: L̄.
         points: q1, q2, rad, fx, fy, N, as in `TouchSet.history`, (..., 4).
         frame: that of the forces.
-
-    Returns:
-        (..., 2), Nm.
     """
-    q1, q2, fx, fy = np.moveaxis(points, -1, 0)
-    second = q2 + parameters.theta2
+    force: Phasors = points[..., 2] + 1j * points[..., 3]
+    elbow = points[..., 1] + parameters.theta2
     if frame is SensorFrame.BASE:  # seen from the frame of link 2
-        turn = q1 + parameters.theta1 + second
-        cos, sin = np.cos(turn), np.sin(turn)
-        fx, fy = cos * fx + sin * fy, cos * fy - sin * fx
-    first = np.cos(second) * fy + np.sin(second) * fx
-    torque2 = parameters.l2 * fy
-    return np.stack([torque2 + parameters.l1 * first, torque2], axis=-1)
+        force = force * np.exp(-1j * (points[..., 0] + parameters.theta1 + elbow))
+    second: Phasors = parameters.l2 * force
+    return TorquePhasors(second + parameters.l1 * force * np.exp(1j * elbow), second)
+
+
+@lru_cache(maxsize=16)
+def torque_phasors_again(parameters: Parameters, points: ById, frame: SensorFrame) -> TorquePhasors:
+    """`torque_phasors`, which many evaluations of the same touches with the same parameters share."""
+    return torque_phasors(parameters, points.array, frame)
+
+
+class ById:
+    """An array that is the same only if it is this one."""
+
+    def __init__(self, array: Floats) -> None:
+        self.array = array
+
+    def __hash__(self) -> int:
+        return id(self.array)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ById) and other.array is self.array
+
+
+def torques_of(parameters: Parameters, points: Floats, frame: SensorFrame = SensorFrame.BASE) -> Floats:
+    """C of points as `torque_phasors` takes them, (..., 2), Nm."""
+    phasors = torque_phasors(parameters, points, frame)
+    return np.stack([phasors.first.imag, phasors.second.imag], axis=-1)
 
 
 def remembered(torques: Sequence[tuple[float, float]]) -> list[int]:
