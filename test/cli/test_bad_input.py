@@ -261,7 +261,12 @@ LOAD_DRIVEN = {
     'no such load': (table(heading=MANY), ['--response', 'q2_rad', '--load', 'tau_2'], 2, 'did you mean tau2_Nm'),
     'no columns': (table(heading='time_s,a,b'), [], 2, 'there is no column of the response'),
     'a load without a unit': (table(heading='time_s,angle_rad,torque'), [], 2, 'no column of the load'),
-    'an angle with a force': (table(heading='time_s,angle_rad,force_N'), [], 2, 'that goes with angle_rad'),
+    'an angle with a force': (
+        table(heading='time_s,angle_rad,force_N'),
+        [],
+        2,
+        'angle_rad is an angle and force_N a force',
+    ),
     'an angle with a force, chosen': (
         table(heading='time_s,q_rad,f_N'),
         ['--response', 'q_rad', '--load', 'f_N'],

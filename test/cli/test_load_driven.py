@@ -110,3 +110,17 @@ def test_one_record_is_predicted_in_its_later_half(run: Run, slipping: Path, tmp
     assert 'The later half predicted from the earlier half' in result.out
     page = (tmp_path / 'result' / 'hysteresis.html').read_text(encoding='utf-8')
     assert 'One record gives no standard deviation' in page
+
+
+def test_nothing_after_the_unloading_is_used(run: Run, slipping: Path, tmp_path: Path) -> None:
+    heading, *rows = (slipping / 'other.csv').read_text(encoding='utf-8').splitlines()
+    changed = [row if number < 660 else re.sub(r'^([^,]*),0', r'\1,1', row) for number, row in enumerate(rows)]
+    (tmp_path / 'changed.csv').write_text('\n'.join([heading, *changed]) + '\n', encoding='utf-8')
+    files = [slipping / 'slip1.csv', slipping / 'slip2.csv', '--json', '--predict']
+    as_measured, altered = (
+        json.loads(run('hysteresis', *files, other).out)['predicted'][0]
+        for other in (slipping / 'other.csv', 'changed.csv')
+    )
+    assert altered['state'] == as_measured['state']
+    assert altered['unloaded'] == as_measured['unloaded'] < 660 / 80
+    assert altered['after'] > 0.09

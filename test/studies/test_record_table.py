@@ -105,8 +105,10 @@ def test_the_other_column_is_found_where_it_is_the_only_one() -> None:
     assert choose_columns(MANY, 'one.csv', 'x_mm').load.heading == 'Fx_N'
     assert choose_columns(MANY, 'one.csv', None, 'Fx_N').response.heading == 'x_mm'
     assert choose_columns(['time_s', 'ch1_mm', 'ch2_N'], 'one.csv').load.heading == 'ch2_N'
-    with pytest.raises(InputError, match='no column of the load that goes with q2_rad'):
+    with pytest.raises(InputError, match='q2_rad is an angle and F_N a force'):
         choose_columns(['q2_rad', 'F_N'], 'one.csv', 'q2_rad')
+    with pytest.raises(InputError, match='no column of the load that goes with q2_rad'):
+        choose_columns(['q2_rad', 'F'], 'one.csv', 'q2_rad')
     with pytest.raises(InputError, match='2 columns of this name'):
         choose_columns(['q_rad', 'q_rad', 'tau_Nm'], 'one.csv', 'q_rad')
 

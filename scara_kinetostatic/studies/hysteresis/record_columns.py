@@ -165,6 +165,9 @@ def _only(columns: Sequence[RecordColumn], kind: str, other: RecordColumn | None
     if found:
         problem = f'{len(found)} columns may be the {kind}: {_listed([column.heading for column in found])}'
         raise RecordingError(where, problem, f'choose one by --{kind}')
+    wrong = [column for column in columns if column.unit in _KINDS[kind]]
+    if other is not None and wrong:
+        raise _units_error(other, wrong[0], where)
     got = _listed([column.heading for column in columns]) or 'nothing'
     goes_with = '' if other is None else f' that goes with {other.heading}'
     raise RecordingError(
@@ -189,11 +192,14 @@ def _known(column: RecordColumn | None) -> RecordColumn:
 
 def _check_units(found: RecordColumns, where: str) -> None:
     response, load = found.response, found.load
-    if _LOAD_OF[response.unit] == load.unit:
-        return
-    pair = f'{response.heading} is {_QUANTITY[response.unit]} and {load.heading} {_QUANTITY[load.unit]}'
+    if _LOAD_OF[response.unit] != load.unit:
+        raise _units_error(response, load, where)
+
+
+def _units_error(one: RecordColumn, other: RecordColumn, where: str) -> RecordingError:
+    pair = f'{one.heading} is {_QUANTITY[one.unit]} and {other.heading} {_QUANTITY[other.unit]}'
     remedy = 'give an angle with a torque (rad, Nm), or a displacement with a force (m, N)'
-    raise RecordingError(where, f'these units do not go together: {pair}', remedy)
+    return RecordingError(where, f'these units do not go together: {pair}', remedy)
 
 
 def _check_joints(found: RecordColumns, columns: Sequence[RecordColumn], where: str) -> None:
