@@ -12,7 +12,7 @@ from scara_kinetostatic import __version__
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.render.figure import style
 from scara_kinetostatic.render.page import page_template
-from scara_kinetostatic.render.quantities import count, p_equals
+from scara_kinetostatic.render.quantities import p_equals
 from scara_kinetostatic.studies.hysteresis.load_driven import figures, tables, text
 from scara_kinetostatic.studies.hysteresis.load_driven.analysis import LoadAnalysis, PredictedRecord
 from scara_kinetostatic.studies.hysteresis.load_driven.fit import Prediction
@@ -52,9 +52,8 @@ def html_text(analysis: LoadAnalysis, predicted: Sequence[PredictedRecord] = ())
         notes=[note for each in (*analysis.records, *(each.record for each in predicted)) for note in each.notes],
         record_table=tables.record_table(analysis),
         single=len(analysis.records) == 1,
-        records=shown[:_OPEN],
-        more=shown[_OPEN:],
-        more_title=count(len(shown[_OPEN:]), 'more record'),
+        records=shown,
+        open=_OPEN,
         selected=analysis.selected is not None,
         state=analysis.selected is not None and analysis.selected.law.has_state,
         errors=text.errors_note(analysis),
