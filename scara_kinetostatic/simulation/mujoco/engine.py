@@ -20,9 +20,10 @@ STEPS = 4
 """Steps of the integration between two commands."""
 TICK = STEPS * TIMESTEP
 """Time between two commands, s."""
-SLIP_HARDNESS = 1e3
-"""How much harder the friction of a transmission that slips is than MuJoCo's hardest. With ten
-times as much the solver does not converge."""
+FRICTION_HARDNESS = 1e3
+"""How much harder the friction inside a transmission is than MuJoCo's hardest: at rest it yields to a load f at the
+speed f R/b, with R = A (1 - d)/d, d and b its impedance and damping and A the inverse inertia that the engine ascribes
+to the joint, which is reduced by this. With ten times as much the solver does not converge."""
 
 
 def load_engine() -> Any:
@@ -69,8 +70,7 @@ class Engine:
             [self.model.joint(name).qposadr[0] for name in names if name in {f'{part}{n}' for part in parts}]
             for n in (1, 2)
         ]
-        for name in (name for name in names if name.startswith('slip')):
-            self._harden(name)
+        self.model.dof_invweight0[self.model.dof_frictionloss > 0] /= FRICTION_HARDNESS
         self._frame = self.model.body('quill').id
         self._ball = self.model.geom('ball').id
         self.data.qpos[self._motors] = joints
@@ -89,15 +89,6 @@ class Engine:
         inverse_mass = self.model.body_invweight0[ball.bodyid[0], 0]
         damping = 2.0 * np.sqrt(stiffness * inverse_mass) * PAD_FULL
         self.model.geom_solref[geom] = (-stiffness * inverse_mass * (1.0 - PAD_FULL), -damping)
-
-    def _harden(self, joint: str) -> None:
-        """Makes the friction of a joint creep less.
-
-        MuJoCo's friction at rest yields to a load f at the speed f R/b, with R = A (1 - d)/d, d and b its impedance
-        and damping and A the inverse inertia that the engine ascribes to the joint. A is reduced; it serves for
-        nothing else.
-        """
-        self.model.dof_invweight0[self.model.joint(joint).dofadr[0]] /= SLIP_HARDNESS
 
     def command(self, joints: Floats, lift: float) -> None:
         """New targets of the motors, (2,), rad, and of the third axis, m."""

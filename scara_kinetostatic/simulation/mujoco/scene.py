@@ -96,7 +96,7 @@ SCENES = {
         Scene('plain'),
         Scene('contact_friction', contact_friction=0.15),
         Scene('joint_friction', bearing_friction=(0.0, 5.0)),
-        Scene('winding_friction', winding_friction=(6.0, 6.0)),
+        Scene('winding_friction', winding_friction=(6.0, 6.0), quasi_static=True),
         Scene('joint_slip', slip_compliance=(0.0, 2e-5), slip_torque=(0.0, 4.0), quasi_static=True),
         Scene('joint_slip_fast', slip_compliance=(0.0, 2e-5), slip_torque=(0.0, 4.0)),
         Scene('displaced_disc', displaced=1, displacement=(1.2e-4, -0.9e-4)),

@@ -48,9 +48,16 @@ def _by_name(parameters: Parameters) -> dict[str, float]:
 
 
 def expected_parameters(scene: Scene) -> Parameters:
-    """The twelve that touches identify: the mean compliance of the base in x and y is confounded with p_ee."""
-    mean = 0.5 * sum(scene.base_compliance)
-    return scene.parameters.replace(p_ee=scene.parameters.p_ee + mean)
+    """The twelve that touches identify.
+
+    The mean compliance of the base in x and y is confounded with p_ee. A spring with friction beside it slips as a
+    whole: it is compliance of the slip, not of the joint.
+    """
+    p = scene.parameters
+    p1, p2 = (
+        0.0 if friction else spring for spring, friction in zip((p.p1, p.p2), scene.winding_friction, strict=True)
+    )
+    return p.replace(p_ee=p.p_ee + 0.5 * sum(scene.base_compliance), p1=p1, p2=p2)
 
 
 def built_effects(scene: Scene, cell: Cell) -> list[dict[str, Any]]:
@@ -63,14 +70,15 @@ def built_effects(scene: Scene, cell: Cell) -> list[dict[str, Any]]:
     if scene.contact_friction:
         add('contact_friction', None, coefficient=scene.contact_friction)
     for number, compliance in enumerate((scene.parameters.p1, scene.parameters.p2)):
+        target = f'joint{number + 1}'
         if scene.bearing_friction[number]:
             torque = scene.bearing_friction[number]
-            add('joint_hysteresis', f'joint{number + 1}', width=compliance * torque, bearing_torque=torque)
+            add('joint_hysteresis', target, width=compliance * torque, bearing_torque=torque)
         if scene.winding_friction[number]:
-            add('joint_hysteresis', f'joint{number + 1}', winding_torque=scene.winding_friction[number])
+            add('joint_slip', target, compliance=compliance, slip_torque=scene.winding_friction[number])
         if scene.slip_compliance[number]:
-            slip = {'compliance': scene.slip_compliance[number], 'slip_torque': scene.slip_torque[number]}
-            add('joint_slip', f'joint{number + 1}', **slip)
+            slip = scene.slip_compliance[number], scene.slip_torque[number]
+            add('joint_slip', target, **dict(zip(('compliance', 'slip_torque'), slip, strict=True)))
     displaced = scene.displaced_disc(cell)
     if displaced is not None:
         add('object_position', cell.discs[displaced].name, x=scene.displacement[0], y=scene.displacement[1])
