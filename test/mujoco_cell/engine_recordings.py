@@ -29,12 +29,13 @@ SENSORS = SensorModel(joint_rate=20.0, wrench_rate=25.0)
 
 
 class EngineRecording(NamedTuple):
-    """A recording, by name, how it was made, and whether it leaves out its cell."""
+    """A recording, by name, how it was made, whether it leaves out its cell, and points around a disc."""
 
     name: str
     scene: str
     seed: int
     plain: bool = False
+    per_disc: int = PER_DISC
 
     @property
     def cell(self) -> Cell:
@@ -49,7 +50,7 @@ class EngineRecording(NamedTuple):
     @property
     def plan(self) -> Plan:
         """The touches."""
-        return preload_plan(self.cell, PER_DISC)
+        return preload_plan(self.cell, self.per_disc)
 
 
 ALL = (
@@ -58,6 +59,7 @@ ALL = (
     EngineRecording('engine_c', 'base_on_springs', 203, plain=True),
     EngineRecording('engine_d', 'link_flex', 204),
     EngineRecording('engine_e', 'displaced_disc', 205),
+    EngineRecording('engine_f', 'joint_slip', 206, per_disc=6),
 )
 
 

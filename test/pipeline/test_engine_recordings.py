@@ -26,9 +26,10 @@ from scara_kinetostatic.pipeline import calibrate_recordings
 BAGS = Path(__file__).parents[2] / 'bags'
 TRUTH = Path(__file__).parent / 'truth'
 LARGEST = 700_000
-TOUCHES = 84
+TOUCHES = {'engine_f': 36}
+USUAL_TOUCHES = 84
 WITHOUT_EFFECT, FRICTION, WITHOUT_CELL, RIVALS = 'engine_a', 'engine_b', 'engine_c', 'engine_e'
-NAMED = ('engine_b', 'engine_c', 'engine_d')
+NAMED = ('engine_b', 'engine_c', 'engine_d', 'engine_f')
 WITH_EFFECT = pytest.mark.parametrize('name', [*NAMED, RIVALS])
 ALL = pytest.mark.parametrize('name', [WITHOUT_EFFECT, *NAMED, RIVALS])
 
@@ -87,8 +88,8 @@ def test_nothing_declares_the_effect(name: str) -> None:
 @ALL
 def test_all_touches_are_found_and_nearly_all_used(name: str) -> None:
     outcome = outcome_of(name)
-    assert outcome.found == TOUCHES
-    assert outcome.final.used.sum() >= TOUCHES - 2
+    assert outcome.found == TOUCHES.get(name, USUAL_TOUCHES)
+    assert outcome.final.used.sum() >= outcome.found - 2
     assert outcome.calibration.noise_source == ('estimated' if name == WITHOUT_CELL else 'given')
 
 
@@ -106,7 +107,7 @@ def test_without_an_effect_nothing_is_found(estimated: bool) -> None:
 def test_the_effect_is_named(name: str, estimated: bool) -> None:
     diagnosis = outcome_of(name, estimated).diagnosis
     assert diagnosis.verdict == 'explained'
-    assert diagnosis.p_value < 1e-6
+    assert diagnosis.p_value < (1e-3 if estimated and name in TOUCHES else 1e-6)
     assert [item.effect.label for item in diagnosis.found] == [built_effect(name)[0]]
 
 
@@ -120,7 +121,7 @@ def test_the_displaced_disc_is_named_alone_or_beside_rivals() -> None:
     assert labels == {label, *(one for group in diagnosis.rivals for one in group)}
 
 
-@pytest.mark.parametrize('name', ['engine_c', 'engine_d', RIVALS])
+@pytest.mark.parametrize('name', ['engine_c', 'engine_d', 'engine_f', RIVALS])
 def test_its_values_are_those_built(name: str) -> None:
     built = built_effect(name)[1]
     for value in found_effect(outcome_of(name), name).values:
