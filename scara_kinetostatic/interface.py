@@ -125,6 +125,9 @@ def make_touches(
         approach: each joint's last movement before the hold, (n, 2), rad, or only its sense, as 1 or -1; None:
             unknown, so that hysteresis and friction cannot be identified.
 
+    The load before each touch is unknown, so that slip with memory in a joint cannot be identified; where you know it,
+    give it by `TouchSet.replace(history=…)`.
+
     Raises:
         InputError: arrays of other shapes, values that are not finite, an unknown object, a touch where no object is.
 

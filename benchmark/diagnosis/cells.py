@@ -121,8 +121,8 @@ def chi_square_increase(setup: Setup, simulated: SimulatedEffects) -> float:
     """By how much effects raise the reduced chi-square of the twelve parameters, fitted to all touches."""
     observations: Observations = observe(simulate(setup, simulated, Noise(0.0, 0.0)), setup.cell)
     start = ExtendedModel(setup.truth)
-    subspace = Subspace(start.as_array(), np.diag(scales_of(start)))
-    fit = minimise(observations, start, project(observations, start, NOISE).adjusted, subspace, NOISE, FINAL)
+    subspace, noise = Subspace(start.as_array(), np.diag(scales_of(start))), setup.cell.noise or NOISE
+    fit = minimise(observations, start, project(observations, start, noise).adjusted, subspace, noise, FINAL)
     return float(fit.point.distance.sum()) / (2 * len(setup.plan) - len(NAMES))
 
 

@@ -21,6 +21,8 @@ _LARGE_BIAS = 5.0
 _WIDENED = 5.0
 """Factor by which alternative laws increase a standard deviation from which on there is a message."""
 _MOST_NAMES = 4
+_NEGATIVE = 5.0
+"""Standard deviations below zero from which on there is a message about a backlash."""
 _LARGEST_JOINT_NOISE = 2e-4
 """Estimated repeatability of a joint beyond which it is a model error, rad."""
 _LARGEST_ERROR_SHARE = 0.2
@@ -243,6 +245,21 @@ def growing_noise(p_value: float) -> str:
     return (
         f'the scatter of the force increases with the force (p = {p_value:.1g}), whereas all tests assume it constant: '
         'a dependence on the size of the force may be due to that alone'
+    )
+
+
+def negative_backlash(c: Calibration) -> str:
+    """Message where a backlash of a joint is negative beyond its noise, which no gap can be.
+
+    Args:
+        c: the final fit.
+    """
+    below = [name for name in ('g1', 'g2') if c.parameters.as_dict()[name] < -_NEGATIVE * c.std_of(name)]
+    if not below or any(not effect.is_physical for effect, _, _ in fitted_effects(c)):
+        return ''
+    return (
+        f'{_enumerated(below)} {"is" if len(below) == 1 else "are"} significantly negative, as in a joint that slips '
+        'under load and keeps a part of its deflection: preload every other touch by different parts to identify it'
     )
 
 
