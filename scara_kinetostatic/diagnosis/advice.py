@@ -258,8 +258,8 @@ def negative_backlash(c: Calibration) -> str:
     if not below or any(not effect.is_physical for effect, _, _ in fitted_effects(c)):
         return ''
     return (
-        f'{_enumerated(below)} {"is" if len(below) == 1 else "are"} significantly negative, as in a joint that slips '
-        'under load and keeps a part of its deflection: preload every other touch by different parts to identify it'
+        f'the backlash {" and ".join(below)} is significantly negative, as in a joint that slips under load and keeps '
+        'a part of its deflection: preload every other touch to identify it'
     )
 
 
