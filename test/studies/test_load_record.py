@@ -85,3 +85,16 @@ def test_time_and_response_are_checked() -> None:
 def test_noise_is_no_rest() -> None:
     random = np.random.default_rng(3)
     assert not any(is_at_rest_first(random.standard_normal(size)) for size in (60, 300, 2000) for _ in range(50))
+
+
+@pytest.mark.parametrize('noise', [1e-3, 0.02, 0.1])
+@pytest.mark.parametrize('rise', [2, 20, 100, 1500])
+def test_the_rest_ends_where_the_load_begins_to_rise(rise: int, noise: float) -> None:
+    ramp = np.linspace(0.0, 2.0, rise)
+    load = np.concatenate([np.zeros(150), ramp, np.full(200, 2.0), ramp[::-1], np.zeros(100)])
+    random = np.random.default_rng(rise)
+    measured = load + 0.7 + noise * random.standard_normal(len(load))
+    record = LoadRecord('one.csv', np.arange(len(load)) / 80, measured, 1e-4 * measured)
+    end = int(record.rest.sum())
+    assert end >= 140
+    assert load[:end].max() < 4 * noise + 1e-2

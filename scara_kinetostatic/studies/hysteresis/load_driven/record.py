@@ -1,7 +1,7 @@
 """A measured record that is driven by its load: at rest first, then loaded, then unloaded, once or several times.
 
-With τ₀ the load at rest, the load is on from the first sample on with |τ − τ₀| > 10 % of its maximum, stepped back to
-the last sample before it that is within the scatter at rest. It is off for good after the last sample with
+With τ₀ the load at rest, the load is on from the first sample on with |τ − τ₀| > 10 % of its maximum; the rest ends
+where it begins to rise there. It is off for good after the last sample with
 |τ − τ₀| ≥ 60 % of the maximum: from there on a prediction of the response is judged.
 """
 
@@ -35,9 +35,10 @@ _RANGE = (0.5, 99.5)
 """Range between these percentiles over median step: 5.4 for white noise, more for a load that comes and goes."""
 _LARGEST_TREND = 0.05
 """Change of the load over the rest, as a share of its largest; a load that rises steadily from the start has 0.07."""
-_AT_REST = 3.0
 _ABOVE_NOISE = 5.0
-"""Both in standard deviations of the load at rest: within the first it is at rest, above the second it is on."""
+"""In standard deviations of the load at rest: above it the load is on."""
+_LIKELY = 5.0
+"""Largest decrease of a log-likelihood that is not significant: χ² of 10 with one degree of freedom, p = 0.002."""
 _MAD = 1.4826
 """Standard deviation over median absolute deviation, normal distribution."""
 CONSTANT_LOAD = 'the load is constant within its noise'
@@ -174,11 +175,29 @@ def _load_comes_on(load: Floats) -> int:
     change = np.abs(load - np.median(load[:_FEWEST_AT_REST]))
     noise = _MAD * float(np.median(np.abs(np.diff(load)))) / np.sqrt(2.0)
     loaded = int(np.argmax(change > max(_LOADED_ABOVE * change.max(), min(_ABOVE_NOISE * noise, 0.5 * change.max()))))
-    if loaded < 2:
-        return max(loaded, 1)
-    from_rest = np.abs(load[:loaded] - np.median(load[:loaded]))
-    within = np.flatnonzero(from_rest <= _AT_REST * _MAD * np.median(from_rest))
-    return int(within[-1]) + 1
+    return _end_of_rest(load[:loaded]) if loaded > _FEWEST_AT_REST else max(loaded, 1)
+
+
+def _end_of_rest(load: Floats) -> int:
+    """Where a load that is on at the end of these samples, (n,), begins to rise: the change point.
+
+    The samples before it are a constant, those from it on a straight line, with normal scatter. Of all change points
+    whose log-likelihood is not significantly below the largest, the last one counts.
+    """
+    load = load - load.mean()
+    place = np.arange(len(load))
+    ends = np.arange(2, len(load) + 1)
+    sums = [np.concatenate([[0.0], np.cumsum(each)]) for each in (load, load**2, place * load)]
+    first, square, moment = sums
+    constant = square[ends] - first[ends] ** 2 / ends
+    count = np.maximum(len(load) - ends, 1)
+    middle = (len(load) + ends - 1) / 2
+    rest, slope = first[-1] - first[ends], moment[-1] - moment[ends] - middle * (first[-1] - first[ends])
+    line = square[-1] - square[ends] - rest**2 / count - slope**2 / np.maximum(count * (count**2 - 1) / 12, 1e-300)
+    line = np.where(count > 1, np.maximum(line, 0.0), 0.0)
+    total = np.maximum(constant + line, 1e-12 * square[-1])
+    likelihood = -len(load) / 2 * np.log(total) if square[-1] > 0 else np.zeros(len(ends))
+    return int(ends[np.flatnonzero(likelihood >= likelihood.max() - _LIKELY)[-1]])
 
 
 def _off_for_good(change: Floats) -> int:
