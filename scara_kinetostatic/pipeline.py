@@ -6,14 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import USUAL_NOISE
 from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Diagnosis
@@ -24,8 +21,6 @@ from scara_kinetostatic.model.touch import Rejection, TouchSet, common_reason
 from scara_kinetostatic.touches.detection import Detection, find_touches
 from scara_kinetostatic.touches.table import cell_of_files, touches_of_table
 
-_LARGEST_FORCE_ERROR = 0.5
-"""Force error of the final model, as a part of the mean force, beyond which there is no result."""
 Progress = Callable[[str, float], None]
 """Called with the step that begins and the part of the work that is done, 0 to 1."""
 
@@ -209,8 +204,7 @@ def _check_converged(final: Calibration, names: str) -> None:
     Raises:
         UnsupportedDataError: its fit did not converge, or the force error is as large as the forces.
     """
-    force = float(np.hypot(final.force[:, 0], final.force[:, 1]).mean())
-    if final.termination is not Termination.CONVERGED or final.force_error > _LARGEST_FORCE_ERROR * force:
+    if not final.is_result:
         raise UnsupportedDataError(
             f'{names}: the fit does not converge; its force error is {final.force_error:.3g} N',
             'check the places of the discs, the names and units of the joints, frame, sign and axes of the sensor',

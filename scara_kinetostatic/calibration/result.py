@@ -31,6 +31,8 @@ from scara_kinetostatic.model.touch import Rejection, TouchSet
 
 _MISFIT = 1e-3
 """p-value of chi-square below which the stated noise does not cover the residuals and sigmas are enlarged."""
+_LARGEST_FORCE_ERROR = 0.5
+"""Force error, as a part of the mean force, beyond which a fit is no result."""
 
 
 class Estimate(NamedTuple):
@@ -181,6 +183,12 @@ class Calibration:
     def force_error(self) -> float:
         """e_f (10) over the used touches, N."""
         return force_error(self.residual[self.used])
+
+    @property
+    def is_result(self) -> bool:
+        """Whether the fit converged, to a model whose force error is at most `_LARGEST_FORCE_ERROR` of the force."""
+        force = float(np.hypot(self.force[:, 0], self.force[:, 1]).mean())
+        return self.termination is Termination.CONVERGED and self.force_error <= _LARGEST_FORCE_ERROR * force
 
     @property
     def force_error_nominal(self) -> float:

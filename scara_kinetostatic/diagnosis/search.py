@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet, gather
 from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, Subset, score_subsets
@@ -143,13 +142,13 @@ class _Selection(NamedTuple):
         return list(union.values())
 
     def fit(self, members: Sequence[Candidate]) -> Calibration | None:
-        """The fit with effects; None if it does not converge or is not plausible."""
+        """The fit with effects; None if it is no result or not plausible."""
         try:
             fitted = fit_with(self.calibration, self.latest, self.problem, members)
         except UnsupportedDataError:
             return None
         plausible = all(effect.is_plausible(values) for effect, values, _ in fitted_effects(fitted))
-        return fitted if fitted.termination is Termination.CONVERGED and plausible else None
+        return fitted if fitted.is_result and plausible else None
 
     def result(self, extended: Calibration, best: Subset) -> Search:
         """The result with the fit of all selected effects."""

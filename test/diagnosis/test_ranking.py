@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 from diagnosis.simulated import CELL, effect, examined, simulate
 
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.diagnosis import search
 from scara_kinetostatic.diagnosis.candidates import gather
 from scara_kinetostatic.diagnosis.discriminating_touches import discriminating_touches
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
@@ -104,3 +106,18 @@ def test_everything_in_the_catalogue_is_ranked_once():
     assert best.role == 'found'
     assert best.held_out > 50
     assert all(item.undetected_bias >= 0 for item in found.ranking if item.role != 'unidentifiable')
+
+
+def test_a_fit_that_does_not_predict_the_forces_is_no_result(monkeypatch):
+    calibration = calibrate(simulate(), CELL)
+    problem = pose_problem(calibration)
+    subsets = score_subsets(problem, gather(problem, [effect('base_compliance')]))
+    selection = search._Selection(calibration, calibration, problem, subsets)
+    assert selection.fit(subsets.candidate_set.candidates) is not None
+
+    def astray(*args):
+        fit = fit_with(*args)
+        return replace(fit, model=fit.model.replace(g_ee=0.02))
+
+    monkeypatch.setattr(search, 'fit_with', astray)
+    assert selection.fit(subsets.candidate_set.candidates) is None
