@@ -436,7 +436,7 @@ def _effects_of(c: Calibration, name: str) -> list[str]:
     pose = np.array([[0.4, 1.1]])
     still = TouchMetadata.plain(1)
     force, gripper = np.array([[20.0, 30.0]]), c.cell.gripper
-    before = np.concatenate([pose, -2.0 * force], axis=1)[:, None]
+    before = np.concatenate([pose, 100.0 * force], axis=1)[:, None]
     others = {
         'time': still._replace(time=np.ones(1)),
         'approach': still._replace(approach=np.ones((1, 2))),

@@ -220,9 +220,7 @@ class _Convergence(NamedTuple):
 
     def is_at_kink(self, least: list[float]) -> bool:
         """Whether the least costs, after each step, say that the run is at an optimum with a kink."""
-        if self.is_smooth or len(least) <= _VAIN_STEPS:
-            return False
-        return least[-1 - _VAIN_STEPS] - least[-1] < _VAIN_PART * least[-1]
+        return len(least) > _VAIN_STEPS and least[-1 - _VAIN_STEPS] - least[-1] < _VAIN_PART * least[-1]
 
     def is_reached(self, step: _Step) -> bool:
         """Whether this step is the last one."""
@@ -289,7 +287,8 @@ def minimise(
             damping = acceptance.raised(damping, system)
             if np.isinf(damping):
                 return ended(iteration, Termination.STALLED)
-        least.append(min([loss.cost(point, scale), *least[-1:]]))
-        if convergence.is_at_kink(least):
-            return ended(iteration, Termination.CONVERGED)
+        if not convergence.is_smooth:
+            least.append(min([loss.cost(point, scale), *least[-1:]]))
+            if convergence.is_at_kink(least):
+                return ended(iteration, Termination.CONVERGED)
     return ended(max_iterations, Termination.ITERATION_LIMIT)

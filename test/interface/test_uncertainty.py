@@ -111,6 +111,23 @@ def test_an_effect_of_time_needs_the_time():
     np.testing.assert_allclose(back.position, [[0.3, 0.2]], rtol=0, atol=1e-12)
 
 
+def test_an_effect_of_the_load_before_takes_none_and_says_so():
+    cell = replace(CELL, noise=sk.Noise(1e-5, 0.3))
+    slip = 'joint_slip[joint1]'
+    outcome = sk.diagnose(sk.simulate(cell, sk.PAPER_ACTUAL, effects=f'{slip}:compliance=1e-4,slip_torque=1.5'), cell)
+    assert list(outcome.effects) == [slip]
+    compliance, slip_torque = (outcome.effects[slip][name].value for name in ('compliance', 'slip_torque'))
+    with pytest.warns(UserWarning, match=r'joint_slip\[joint1\] depends on the load before, which is not given'):
+        angles = sk.compensate(outcome, [0.3, 0.2], [0.0, 30.0], elbow='right')
+    with pytest.warns(UserWarning, match='no preload'):
+        assert sk.locate(outcome, angles.joints, [0.0, 30.0]).position == pytest.approx(np.array([[0.3, 0.2]]))
+    base = outcome.final.parameters
+    plain = inverse_kinetostatics(base, [[0.3, 0.2]], [[0.0, 30.0]], -1)[0]
+    torque = angles.torques[0, 0]
+    lag = compliance * np.sign(torque) * (abs(torque) - slip_torque)
+    assert angles.joints[0, 0] - plain[0, 0] == pytest.approx(lag, rel=1e-3)
+
+
 def test_arrays_become_touches_as_tables_do():
     joints, force = [[0.8355, 2.1317], [2.9658, -2.1322]], [[-9.8, -0.1], [-25.1, 0.1]]
     made = sk.make_touches(joints, force, CELL, objects='disc_1', time=[1.7e9, 1.7e9 + 5], approach=[[1, -1], [1, 1]])
