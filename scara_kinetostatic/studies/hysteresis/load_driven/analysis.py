@@ -24,7 +24,7 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Mask, rms
 from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
 from scara_kinetostatic.studies.hysteresis.load_driven.dependence import Dependence, dependences, p_independent
-from scara_kinetostatic.studies.hysteresis.load_driven.fit import LoadFit, Prediction, fit, moments, predict
+from scara_kinetostatic.studies.hysteresis.load_driven.fit import LoadFit, Moments, Prediction, fit, moments, predict
 from scara_kinetostatic.studies.hysteresis.load_driven.laws import BACKLASH_FORMS, CANDIDATES, GAP_FORMS, Law
 from scara_kinetostatic.studies.hysteresis.load_driven.load_path import LoadPath
 from scara_kinetostatic.studies.hysteresis.load_driven.record import LoadRecord
@@ -128,18 +128,27 @@ class _Study:
         joint = sum(float(np.dot(p.response - p.response.mean(), p.load - p.load.mean())) for p in self.blocks)
         self.direction = 1.0 if joint >= 0 else -1.0
 
+    def moments(self, law: Law) -> list[Moments]:
+        """Moments of all records."""
+        return [moments(law, block, np.ones(len(block.time), dtype=bool), self.size) for block in self.blocks]
+
+    def fit(self, law: Law, grids: Sequence[Moments], warm_start: LoadFit | None = None) -> LoadFit:
+        """The law fitted to some records."""
+        return fit(law, grids, self.size, self.direction, warm_start)
+
+    def along(self, fitted: LoadFit) -> tuple[Prediction, ...]:
+        """A fitted law along all records."""
+        return tuple(predict(fitted, path, path.known) for path in self.paths)
+
     def candidate(self, law: Law) -> Candidate:
-        everything = [np.ones(len(block.time), dtype=bool) for block in self.blocks]
-        grids = [moments(law, block, rows, self.size) for block, rows in zip(self.blocks, everything, strict=True)]
-        whole = fit(law, grids, self.size, self.direction)
-        along = tuple(predict(whole, path, path.known) for path in self.paths)
+        """The law fitted to all records and held out from each."""
+        grids = self.moments(law)
+        whole = self.fit(law, grids)
+        along = self.along(whole)
         if len(grids) == 1:
-            held_out, std = self._later_half(law, whole), np.full(len(law.names), np.nan)
+            held_out, std = self._later_half(law), np.full(len(law.names), np.nan)
         else:
-            fits = [
-                fit(law, grids[:k] + grids[k + 1 :], self.size, self.direction, _without(whole, k))
-                for k in range(len(grids))
-            ]
+            fits = [self.fit(law, grids[:k] + grids[k + 1 :], _without(whole, k)) for k in range(len(grids))]
             held_out = tuple(predict(each, path, path.known) for each, path in zip(fits, self.paths, strict=True))
             several = np.array([list(each.values.values()) for each in fits])
             std = np.sqrt((len(fits) - 1) / len(fits) * ((several - several.mean(axis=0)) ** 2).sum(axis=0))
@@ -148,11 +157,10 @@ class _Study:
         }
         return Candidate(law, whole, along, held_out, self._rms(along), self._rms(held_out), parameters)
 
-    def _later_half(self, law: Law, whole: LoadFit) -> tuple[Prediction, ...]:
-        earlier = fit(
-            law, [moments(law, self.blocks[0], earlier_half(self.blocks[0]), self.size)], self.size, self.direction
-        )
-        return (predict(earlier, self.paths[0], earlier_half(self.paths[0])),)
+    def _later_half(self, law: Law) -> tuple[Prediction, ...]:
+        block, path = self.blocks[0], self.paths[0]
+        earlier = self.fit(law, [moments(law, block, earlier_half(block), self.size)])
+        return (predict(earlier, path, earlier_half(path)),)
 
     def judged(self, path: LoadPath) -> Mask:
         """The samples for the errors: after unloading, or the later half of a single record."""
@@ -184,10 +192,11 @@ def analyse_load_driven(records: Sequence[LoadRecord]) -> LoadAnalysis:
     """
     check_units(records)
     study = _Study(records)
-    forms = [[study.candidate(law) for law in several] for several in (BACKLASH_FORMS, GAP_FORMS)]
-    before, gap = (min(several, key=lambda each: each.whole.square) for several in forms)
-    candidates = [gap, *(study.candidate(law) for law in CANDIDATES)]
-    dependence_before = max((_dependences(study, each) for several in forms for each in several), key=p_independent)
+    forms = [[study.fit(law, study.moments(law)) for law in several] for several in (BACKLASH_FORMS, GAP_FORMS)]
+    tested = [_dependences(study, study.along(each)) for several in forms for each in several]
+    dependence_before = max(tested, key=p_independent)
+    best = [min(several, key=lambda each: each.square).law for several in forms]
+    before, *candidates = (study.candidate(law) for law in (*best, *CANDIDATES))
     sufficient = p_independent(dependence_before) >= LEVEL
     compared = tuple(_compared(study, each, before, sufficient) for each in candidates)
     accepted = [each for each in compared if each.accepted]
@@ -204,7 +213,7 @@ def analyse_load_driven(records: Sequence[LoadRecord]) -> LoadAnalysis:
         selected=selected,
         rivals=rivals,
         dependence_before=dependence_before,
-        dependence_after=_dependences(study, selected) if selected else dependence_before,
+        dependence_after=_dependences(study, selected.along) if selected else dependence_before,
         verdict=verdict,
     )
 
@@ -251,8 +260,8 @@ def _without(whole: LoadFit, record: int) -> LoadFit:
     return whole._replace(states=np.delete(whole.states, record))
 
 
-def _dependences(study: _Study, candidate: Candidate) -> tuple[Dependence, ...]:
-    return dependences(study.paths, [each.residual for each in candidate.along])
+def _dependences(study: _Study, along: Sequence[Prediction]) -> tuple[Dependence, ...]:
+    return dependences(study.paths, [each.residual for each in along])
 
 
 def _compared(study: _Study, candidate: Candidate, before: Candidate, sufficient: bool) -> Candidate:

@@ -35,6 +35,8 @@ _FEWEST_LOADED = 6
 """Blocks under load, for two slopes and their scatter."""
 _AT_REST = 0.05
 """Loads below this share of the largest, or below 4 standard deviations of the noise, are rest."""
+_SETTLING = 0.25
+"""Time after the load has come to rest again that does not count, s; at most half of the rest."""
 _SMALLEST_P = 1e-300
 
 
@@ -83,9 +85,7 @@ class _Tested(NamedTuple):
 
 
 def _record(path: LoadPath, residual: Floats) -> _Tested:
-    limit = max(_AT_REST * path.size, 4.0 * path.record.load_noise)
-    quiet = np.abs(path.smooth) < limit
-    after = ~path.known & (np.cumsum(~quiet[::-1])[::-1] == 0)
+    after = _at_rest_again(path)
     loaded = path.known & (np.abs(path.smooth) >= UNLOADED_BELOW * path.size)
     before_means, after_means = (_blocks(path, residual, rows) for rows in (path.rest, after))
     loaded_means, loads, times = (_blocks(path, values, loaded) for values in (residual, np.abs(path.load), path.time))
@@ -94,6 +94,14 @@ def _record(path: LoadPath, residual: Floats) -> _Tested:
     p_memory, memory = _difference(before_means, after_means)
     (p_load, load), (p_time, time) = _slopes(loaded_means, loads, times)
     return _Tested(square, {MEMORY: memory, LOAD: load, TIME: time}, {MEMORY: p_memory, LOAD: p_load, TIME: p_time})
+
+
+def _at_rest_again(path: LoadPath) -> Mask:
+    """The samples at rest after the load, without the settling."""
+    quiet = np.abs(path.smooth) < max(_AT_REST * path.size, 4.0 * path.record.load_noise)
+    after = np.flatnonzero(~path.known & (np.cumsum(~quiet[::-1])[::-1] == 0))
+    settling = min(round(_SETTLING / float(np.median(np.diff(path.time)))), len(after) // 2)
+    return np.isin(np.arange(len(quiet)), after[settling:])
 
 
 def _blocks(path: LoadPath, values: Floats, rows: Mask) -> Floats:

@@ -36,8 +36,8 @@ _REFINED = 2
 """Number of grid points that are refined."""
 _STEP = 1e-4
 """Relative step of a shape parameter, and step of a state, for the finite differences."""
-_STATES = 81
-"""Number of initial states in a prediction."""
+_STATES, _ZOOMS = 41, 3
+"""Number of initial states in a prediction, and of times that the grid is refined where it is too coarse."""
 _LEAST = 1e-3
 """Lower bound of shape parameters, in their scale."""
 
@@ -240,6 +240,23 @@ def predict(fitted: LoadFit, path: LoadPath, known: Mask) -> Prediction:
         zero = float((path.response - model)[path.rest].mean())
         return Prediction(0.0, zero, path.response - model - zero)
     states = np.linspace(-1.0, 1.0, _STATES)
+    for _ in range(_ZOOMS):
+        found = _posterior(fitted, path, known, states)
+        step = states[1] - states[0]
+        if found.std > step:
+            break
+        states = np.clip(found.prediction.state + step * np.linspace(-2.0, 2.0, _STATES), -1.0, 1.0)
+    return found.prediction
+
+
+class _Posterior(NamedTuple):
+    prediction: Prediction
+    std: float
+
+
+def _posterior(fitted: LoadFit, path: LoadPath, known: Mask, states: Floats) -> _Posterior:
+    """Mean prediction over some states, and the standard deviation of the state."""
+    law = fitted.law
     models = np.stack([law.basis(path, fitted.shape, float(state)) @ fitted.amplitudes for state in states])
     off = path.response - fitted.direction * models
     zeros = off[:, known].mean(axis=1)
@@ -248,4 +265,6 @@ def predict(fitted: LoadFit, path: LoadPath, known: Mask) -> Prediction:
     count = effective_count(off[int(squares.argmin())][known])
     weights = (squares / squares.min()) ** (-count / 2)
     weights /= weights.sum()
-    return Prediction(float(weights @ states), float(weights @ zeros), weights @ off)
+    state = float(weights @ states)
+    prediction = Prediction(state, float(weights @ zeros), weights @ off)
+    return _Posterior(prediction, float(np.sqrt(weights @ (states - state) ** 2)))
