@@ -37,7 +37,7 @@ from scara_kinetostatic.studies.hysteresis.motion import Motion
 
 LEVEL = 0.01
 """Significance level of the tests."""
-_BIC_GAIN = 2.0
+BIC_GAIN = 2.0
 """Smallest decrease of BIC that counts as evidence (Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773)."""
 NONE, EXPLAINED, AMBIGUOUS, UNEXPLAINED = 'none', 'explained', 'ambiguous', 'unexplained'
 
@@ -209,7 +209,7 @@ def _compare(before: CrossValidation, scores: list[CrossValidation], motion: Mot
     for each in scores:
         p_gain = p_better(each, before, motion)
         bic = _bic(each, motion, count) - _bic(before, motion, count)
-        accepted = each.held_out_rms < before.held_out_rms and bic < -_BIC_GAIN and p_gain < LEVEL / len(scores)
+        accepted = each.held_out_rms < before.held_out_rms and bic < -BIC_GAIN and p_gain < LEVEL / len(scores)
         found.append(Comparison(each, p_gain, bic, accepted))
     return tuple(found)
 

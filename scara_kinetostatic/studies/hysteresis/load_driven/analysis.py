@@ -4,12 +4,12 @@ Each record is predicted with the parameters fitted to all others; its own sampl
 give only its zero and its initial state of friction. With a single record, its later half is predicted from the
 earlier one.
 
-Candidates are compared on the held-out residuals in blocks of `SMOOTHING` from the load's coming on: a one-sided
-Pitman-Morgan test of the variances of two correlated residuals, with the effective number of independent blocks. A
+Candidates are compared with law (6) on the held-out residuals in blocks of `SMOOTHING` from the load's coming on: a
+one-sided Pitman-Morgan test of the variances of two correlated residuals, with the effective number of independent
+blocks. A record with a load far beyond those of all others is not compared: they do not determine its prediction. A
 candidate is accepted if the residual of law (6), in each of its forms, depends on something and if the candidate
-predicts better than law (6) (Bonferroni over the candidates). The accepted candidate with the smallest held-out
-residual is selected; within its family the simplest one that is not significantly worse. Its rivals are the accepted
-ones of other families that are not significantly worse.
+predicts better than law (6) (Bonferroni over the candidates). The accepted candidate with the smallest BIC of the fit
+to all records is selected. Its rivals are the accepted ones of other families that do not predict significantly worse.
 """
 
 from __future__ import annotations
@@ -30,12 +30,16 @@ from scara_kinetostatic.studies.hysteresis.load_driven.load_path import LoadPath
 from scara_kinetostatic.studies.hysteresis.load_driven.record import LoadRecord
 from scara_kinetostatic.studies.hysteresis.model_selection import (
     AMBIGUOUS,
+    BIC_GAIN,
     EXPLAINED,
     LEVEL,
     NONE,
     UNEXPLAINED,
     effective_count,
 )
+
+_FAR_BEYOND = 1.5
+"""A record whose load is larger than that of every other by this factor is not predicted but extrapolated."""
 
 
 class Candidate(NamedTuple):
@@ -170,15 +174,35 @@ class _Study:
         pairs = zip(predictions, self.paths, strict=True)
         return rms(np.concatenate([each.residual[self.judged(path)] for each, path in pairs]))
 
-    def in_blocks(self, candidate: Candidate) -> list[Floats]:
-        """Held-out residuals of the samples under test of each record, as means of blocks."""
+    def compared_blocks(self, candidate: Candidate) -> list[Floats]:
+        """Held-out residuals of the samples compared, of each record compared, as means of blocks."""
+        rows = [~earlier_half(path) if len(self.paths) == 1 else ~path.rest for path in self.paths]
+        found = self._in_blocks(candidate.held_out, rows)
+        return [each for each, path in zip(found, self.paths, strict=True) if not self._extrapolated(path)]
+
+    def fitted_blocks(self, candidate: Candidate) -> list[Floats]:
+        """Residuals of the fit to all records under load and after it, as means of blocks."""
+        zeros, found = candidate.whole, []
+        for state, path in zip(zeros.states.tolist(), self.paths, strict=True):
+            model = path.response - zeros.direction * candidate.law.basis(path, zeros.shape, state) @ zeros.amplitudes
+            found.append(Prediction(state, 0.0, model - model.mean()))
+        return self._in_blocks(found, [~path.rest for path in self.paths])
+
+    def _in_blocks(self, predictions: Sequence[Prediction], rows: Sequence[Mask]) -> list[Floats]:
         found = []
-        for each, path, block in zip(candidate.held_out, self.paths, self.blocks, strict=True):
-            rows = self.judged(path) if len(self.paths) == 1 else ~path.rest
-            residual = each.residual[rows]
+        for each, block, which in zip(predictions, self.blocks, rows, strict=True):
+            residual = each.residual[which]
             count = len(residual) // block.block
             found.append(residual[: count * block.block].reshape(count, block.block).mean(axis=1))
         return found
+
+    def _extrapolated(self, path: LoadPath) -> bool:
+        return all(path.size > _FAR_BEYOND * other.size for other in self.paths if other is not path) and self.several
+
+    @property
+    def several(self) -> bool:
+        """Whether there is more than one record."""
+        return len(self.paths) > 1
 
 
 def analyse_load_driven(records: Sequence[LoadRecord]) -> LoadAnalysis:
@@ -272,7 +296,7 @@ def _compared(study: _Study, candidate: Candidate, before: Candidate, sufficient
 
 def _p_better(study: _Study, one: Candidate, other: Candidate) -> float:
     """p-value of one law predicting no better than another: Pitman and Morgan's test of two correlated variances."""
-    residuals = [study.in_blocks(each) for each in (one, other)]
+    residuals = [study.compared_blocks(each) for each in (one, other)]
     smaller, larger = (np.concatenate(each) for each in residuals)
     count = min(sum(effective_count(part, 0.0) for part in each) for each in residuals)
     total, difference = smaller + larger, larger - smaller
@@ -283,16 +307,22 @@ def _p_better(study: _Study, one: Candidate, other: Candidate) -> float:
     return float(stats.t.sf(correlation * np.sqrt((count - 2) / (1 - correlation**2)), count - 2))
 
 
-def _square(study: _Study, candidate: Candidate) -> float:
-    return float(sum(float(part @ part) for part in study.in_blocks(candidate)))
-
-
 def _select(study: _Study, accepted: Sequence[Candidate]) -> Candidate | None:
-    best = min(accepted, key=lambda each: _square(study, each), default=None)
-    if best is None:
+    """The candidate with the smallest BIC; a simpler one of its family if the difference is no evidence."""
+    if not accepted:
         return None
-    family = [each for each in accepted if each.law.family == best.law.family]
-    return next(each for each in family if each is best or _p_better(study, best, each) >= LEVEL)
+    residuals = {each.law.name: study.fitted_blocks(each) for each in accepted}
+    squares = {name: sum(float(part @ part) for part in parts) for name, parts in residuals.items()}
+    best = min(squares, key=lambda name: squares[name])
+    count = sum(effective_count(part, 0.0) for part in residuals[best])
+
+    def bic(each: Candidate) -> float:
+        square = max(squares[each.law.name], 1e-300)
+        return float(count * np.log(square) + len(each.law.names) * np.log(count))
+
+    least = min(accepted, key=bic)
+    family = [each for each in accepted if each.law.family == least.law.family]
+    return next(each for each in family if bic(each) - bic(least) < BIC_GAIN)
 
 
 def _rivals(study: _Study, accepted: Sequence[Candidate], selected: Candidate) -> list[Candidate]:

@@ -5,8 +5,9 @@
 - load, time under load: slopes of the residual of the blocks under load, from one regression of each record. t-tests
   with the effective number of independent blocks.
 
-The p-values of the records are combined by Fisher's method, -2 Σ ln p ~ χ² with twice as many degrees of freedom as
-records, so that evidence adds up; the smallest of the three combined ones counts three times (Bonferroni).
+Differences count against their scatter and `_TOLERANCE`. The p-values of the records are combined by Fisher's method,
+-2 Σ ln p ~ χ² with twice as many degrees of freedom as records, so that evidence adds up; the smallest of the three
+combined ones counts three times (Bonferroni).
 """
 
 from __future__ import annotations
@@ -37,6 +38,9 @@ _AT_REST = 0.05
 """Loads below this share of the largest, or below 4 standard deviations of the noise, are rest."""
 _SETTLING = 0.25
 """Time after the load has come to rest again that does not count, s; at most half of the rest."""
+_TOLERANCE = 0.01
+"""Standard uncertainty of every difference, as a share of the range of the response: no law holds better where the load
+goes through zero."""
 _SMALLEST_P = 1e-300
 
 
@@ -91,8 +95,9 @@ def _record(path: LoadPath, residual: Floats) -> _Tested:
     loaded_means, loads, times = (_blocks(path, values, loaded) for values in (residual, np.abs(path.load), path.time))
     rest = before_means.mean() if len(before_means) else 0.0
     square = sum(float((means - rest) @ (means - rest)) for means in (before_means, after_means, loaded_means))
-    p_memory, memory = _difference(before_means, after_means)
-    (p_load, load), (p_time, time) = _slopes(loaded_means, loads, times)
+    tolerance = _TOLERANCE * float(np.ptp(path.response))
+    p_memory, memory = _difference(before_means, after_means, tolerance)
+    (p_load, load), (p_time, time) = _slopes(loaded_means, loads, times, tolerance)
     return _Tested(square, {MEMORY: memory, LOAD: load, TIME: time}, {MEMORY: p_memory, LOAD: p_load, TIME: p_time})
 
 
@@ -116,18 +121,21 @@ def _blocks(path: LoadPath, values: Floats, rows: Mask) -> Floats:
     return np.concatenate(found) if found else np.empty(0)
 
 
-def _difference(before: Floats, after: Floats) -> tuple[float, float]:
+def _difference(before: Floats, after: Floats, tolerance: float) -> tuple[float, float]:
     """p-value of equal means, and the sum of squares that the difference explains."""
     if min(len(before), len(after)) < 2:
         return float('nan'), 0.0
     difference = float(after.mean() - before.mean())
-    explained = difference**2 * len(after)
-    if not np.ptp(before) + np.ptp(after) > 0:
-        return (1.0 if difference == 0 else 0.0), explained
-    return float(stats.ttest_ind(before, after, equal_var=False).pvalue), explained
+    parts = [float(each.var(ddof=1)) / len(each) for each in (before, after)]
+    variance = sum(parts) + tolerance**2
+    free = variance**2 / max(sum(p**2 / (len(v) - 1) for p, v in zip(parts, (before, after), strict=True)), 1e-300)
+    p_value = 2 * float(stats.t.sf(abs(difference) / np.sqrt(variance), min(free, 1e6)))
+    return p_value, difference**2 * len(after)
 
 
-def _slopes(residual: Floats, load: Floats, time: Floats) -> tuple[tuple[float, float], tuple[float, float]]:
+def _slopes(
+    residual: Floats, load: Floats, time: Floats, tolerance: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
     """p-values of no slope over load and over time, and the sums of squares that they explain."""
     count = len(residual)
     if count < _FEWEST_LOADED or not np.ptp(residual) > 0:
@@ -140,7 +148,7 @@ def _slopes(residual: Floats, load: Floats, time: Floats) -> tuple[tuple[float, 
     left = residual - design @ beta
     free = max(effective_count(left) - 3.0, 1.0) if np.ptp(left) > 0 else count - 3.0
     variance = float(left @ left) / free * np.diagonal(np.linalg.inv(design.T @ design))
-    t_values = np.abs(beta) / np.sqrt(np.maximum(variance, 1e-300))
+    t_values = np.abs(beta) / np.sqrt(variance + tolerance**2)
     found = [
         (float(2 * stats.t.sf(t_values[k], free)), float(beta[k] ** 2 * design[:, k] @ design[:, k])) for k in (1, 2)
     ]
