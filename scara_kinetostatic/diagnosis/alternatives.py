@@ -18,11 +18,21 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.diagnosis.candidates import Candidate, as_fitted, explained, gains, refined, scan_trials
+from scara_kinetostatic.diagnosis.candidates import (
+    Candidate,
+    Scan,
+    as_fitted,
+    explained,
+    gains,
+    independent_part,
+    refined,
+    scan_trials,
+)
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
 from scara_kinetostatic.diagnosis.refit import fitted_effects, penalised_deviance, start_from
 from scara_kinetostatic.diagnosis.thresholds import CREDIBLE
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, P1, P2, P_EE
 
@@ -57,7 +67,11 @@ def fit_alternative_frequencies(extended: Calibration, in_every_model: Container
         in_every_model: labels of effects without rivals; the frequency of a rival, which explains a part, is vague.
     """
     fitted = fitted_effects(extended)
-    waves = [k for k, (effect, _, _) in enumerate(fitted) if effect.grid_parameter and effect.label in in_every_model]
+    waves = [
+        k
+        for k, (effect, _, _) in enumerate(fitted)
+        if effect.grid_parameter and effect.is_smooth and effect.label in in_every_model
+    ]
     if not waves:
         return []
     problem = pose_problem(extended)
@@ -72,13 +86,59 @@ def fit_alternative_frequencies(extended: Calibration, in_every_model: Container
     return _fit_variants(extended, variants)
 
 
-def _peaks(problem: Problem, found: list[Candidate], place: int, scale: float) -> list[Candidate]:
-    """The frequencies of an effect that explain nearly as much as the best, beside the other effects."""
+def alternative_places(extended: Calibration) -> list[Calibration]:
+    """An extended model with its effects at other places of their grids, where the touches are explained equally well.
+
+    For laws with kinks, whose optimum along the grid is a valley with many small ones in it: the curvature at one of
+    them says nothing of the width of the valley. They are not fitted anew, which would lead to the nearest optimum,
+    but are those of the linear problem, with all other parameters at their best.
+    """
+    fitted = fitted_effects(extended)
+    places = [k for k, (effect, _, _) in enumerate(fitted) if effect.grid_parameter and not effect.is_smooth]
+    if not places:
+        return []
+    problem = pose_problem(extended)
+    found = [as_fitted(problem, effect, values, 1) for effect, values, _ in fitted]
+    models = [
+        start_from(problem, [*found[:place], other, *found[place + 1 :]])[0]
+        for place in places
+        for other in _credible_trials(problem, found, place, max(1.0, extended.reduced_chi_square))
+    ]
+    others = [replace(extended, model=model) for model in models]
+    return [other for other in others if _has_physical_compliances(other) and _is_plausible(other)]
+
+
+def _credible_trials(problem: Problem, found: list[Candidate], place: int, scale: float) -> list[Candidate]:
+    """The trials of an effect that explain the touches as well as the best, beside the other effects."""
+    scan, beside = _scan_beside(problem, found, place)
+    if not scan.columns.any():
+        return []
+    gained = gains(problem, scan, beside)
+    near = np.flatnonzero(gained > gained.max() - CREDIBLE * scale)
+    units = [independent_part(problem, scan.columns[:, k])[0] for k in near]
+    return [
+        Candidate(scan.effect, scan.trials[k], unit, scan.tried)
+        for k, unit in zip(near.tolist(), units, strict=True)
+        if unit.shape[1]
+    ]
+
+
+def _is_plausible(fit: Calibration) -> bool:
+    return all(effect.is_plausible(values) for effect, values, _ in fitted_effects(fit))
+
+
+def _scan_beside(problem: Problem, found: list[Candidate], place: int) -> tuple[Scan, Floats | None]:
+    """The trials of an effect, and an orthonormal basis of the other effects."""
     effect = found[place].effect
     trials = effect.trials(problem.touch_state, problem.force)
     others = [candidate.unit for k, candidate in enumerate(found) if k != place]
     beside = orthonormal(np.concatenate(others, axis=1)) if others else None
-    scan = scan_trials(problem, effect, trials, len(trials))
+    return scan_trials(problem, effect, trials, len(trials)), beside
+
+
+def _peaks(problem: Problem, found: list[Candidate], place: int, scale: float) -> list[Candidate]:
+    """The frequencies of an effect that explain nearly as much as the best, beside the other effects."""
+    scan, beside = _scan_beside(problem, found, place)
     gained = gains(problem, scan, beside)
     padded = np.concatenate([[-np.inf], gained, [-np.inf]])
     tops = np.flatnonzero((gained >= padded[:-2]) & (gained >= padded[2:]))

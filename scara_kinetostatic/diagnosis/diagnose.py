@@ -14,6 +14,7 @@ from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis import advice
 from scara_kinetostatic.diagnosis.alternatives import (
+    alternative_places,
     fit_alternative_frequencies,
     fit_alternative_laws,
     widened_by,
@@ -161,7 +162,7 @@ def _extended(
     """
     after = _adequacy(fitted)
     rivals = _fit_rivals(c, found, fitted)
-    frequencies = fit_alternative_frequencies(fitted, found.in_every_model)
+    frequencies = [*fit_alternative_frequencies(fitted, found.in_every_model), *alternative_places(fitted)]
     extended = widened_by(fitted, rivals)
     extended = widened_to_each(extended, [*fit_alternative_laws(fitted), *frequencies])
     extended = widened_by_constants(extended, [extended, *rivals])

@@ -16,9 +16,9 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import Shift, TouchState
 from scara_kinetostatic.model.load_history import play_operator, play_value
 
-GRID = 8
+GRID = 12
 """Slip torques that are tried. Neighbours resemble each other: the play of one explains most of that of the next."""
-_SMALLEST, _LARGEST = 0.05, 0.9
+_SMALLEST, _LARGEST = 0.01, 0.9
 """The slip torques tried, over the torque that nine touches of ten do not exceed in load or preload. With a smaller one
 the play is a spring with friction, with a larger one few touches would move it."""
 _COMMON = 0.9
@@ -71,12 +71,13 @@ class JointSlip(Effect):
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
         compliance, slip_torque = values
-        lag = play_value(*self._loads(at), slip_torque)
+        lag = play_value(*self._loads(at), abs(slip_torque))
         return Shift(joints=at_joint(compliance * lag, self.joint))
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         compliance, slip_torque = values
-        value, by_slip_torque = play_operator(*self._loads(at), slip_torque)
+        value, by_slip_torque = play_operator(*self._loads(at), abs(slip_torque))
+        by_slip_torque = by_slip_torque * np.sign(slip_torque)  # a step of a fit beyond 0 is sent back
         return tuple(Shift(joints=at_joint(column, self.joint)) for column in (value, compliance * by_slip_torque))
 
     def amplitudes(self, values: Floats) -> Floats:
