@@ -140,6 +140,13 @@ class _Study:
         """The law fitted to some records."""
         return fit(law, grids, self.size, self.direction, warm_start)
 
+    def forms(self) -> tuple[list[LoadFit], list[LoadFit]]:
+        """Law (6) in all its forms, without and with the memory of the gap, fitted to all records."""
+        without, with_memory = (
+            [self.fit(law, self.moments(law)) for law in laws] for laws in (BACKLASH_FORMS, GAP_FORMS)
+        )
+        return without, with_memory
+
     def along(self, fitted: LoadFit) -> tuple[Prediction, ...]:
         """A fitted law along all records."""
         return tuple(predict(fitted, path, path.known) for path in self.paths)
@@ -216,9 +223,8 @@ def analyse_load_driven(records: Sequence[LoadRecord]) -> LoadAnalysis:
     """
     check_units(records)
     study = _Study(records)
-    forms = [[study.fit(law, study.moments(law)) for law in several] for several in (BACKLASH_FORMS, GAP_FORMS)]
-    tested = [_dependences(study, study.along(each)) for several in forms for each in several]
-    dependence_before = max(tested, key=p_independent)
+    forms = study.forms()
+    dependence_before = _most_sufficient(study, forms)
     best = [min(several, key=lambda each: each.square).law for several in forms]
     before, *candidates = (study.candidate(law) for law in (*best, *CANDIDATES))
     sufficient = p_independent(dependence_before) >= LEVEL
@@ -240,6 +246,12 @@ def analyse_load_driven(records: Sequence[LoadRecord]) -> LoadAnalysis:
         dependence_after=_dependences(study, selected.along) if selected else dependence_before,
         verdict=verdict,
     )
+
+
+def p_sufficient(records: Sequence[LoadRecord]) -> float:
+    """p-value of law (6) as a sufficient law of some records, without the search for another one."""
+    study = _Study(records)
+    return p_independent(_most_sufficient(study, study.forms()))
 
 
 def predict_records(analysis: LoadAnalysis, others: Sequence[LoadRecord]) -> tuple[PredictedRecord, ...]:
@@ -282,6 +294,12 @@ def earlier_half(path: LoadPath) -> Mask:
 
 def _without(whole: LoadFit, record: int) -> LoadFit:
     return whole._replace(states=np.delete(whole.states, record))
+
+
+def _most_sufficient(study: _Study, forms: Sequence[Sequence[LoadFit]]) -> tuple[Dependence, ...]:
+    """Dependence of the residual of the form of law (6) that explains the records best."""
+    tested = [_dependences(study, study.along(each)) for several in forms for each in several]
+    return max(tested, key=p_independent)
 
 
 def _dependences(study: _Study, along: Sequence[Prediction]) -> tuple[Dependence, ...]:
