@@ -70,6 +70,7 @@ class Poses(NamedTuple):
         joint: its number.
         analysis: of all records.
         before: rms error of law (6) after the unloading, all poses, rad.
+        own_zero: the same with the zero that fits the pose best up to the unloading, rad.
         after: the same by the laws selected, rad.
         by_pose: both of each pose, rad.
         laws: selected for each pose.
@@ -78,17 +79,26 @@ class Poses(NamedTuple):
     joint: int
     analysis: LoadAnalysis
     before: float
+    own_zero: float
     after: float
     by_pose: dict[str, tuple[float, float]]
     laws: tuple[str, ...]
 
 
-def poses(joint: int, nested: bool) -> Poses:
-    """Each pose of a joint predicted from the other records, law (6) and the law selected."""
-    records = read(joint)
+def poses(joint: int, nested: bool = False, with_long: bool = True) -> Poses:
+    """Each pose of a joint predicted from the other records, law (6) and the law selected.
+
+    Args:
+        joint: its number.
+        nested: select the law anew for each pose.
+        with_long: whether the long record is among the others.
+    """
+    records = read(joint) if with_long else read(joint)[:-1]
     analysis = analyse_load_driven(records)
-    residuals, by_pose, laws = ([], []), {}, []  # type: tuple[list[Floats], list[Floats]], dict[str, Any], list[str]
-    for number, record in enumerate(records[:-1]):
+    residuals: tuple[list[Floats], list[Floats], list[Floats]] = ([], [], [])
+    by_pose: dict[str, tuple[float, float]] = {}
+    laws: list[str] = []
+    for number, record in enumerate(each for each in records if each.name != LOADING):
         if nested:
             others = analyse_load_driven([each for each in records if each is not record])
             found = predict_records(others, [record])[0]
@@ -96,13 +106,14 @@ def poses(joint: int, nested: bool) -> Poses:
         else:
             chosen = analysis.selected or analysis.before
             pair, law = (analysis.before.held_out[number], chosen.held_out[number]), chosen.law.name
-        after = [each.residual[record.unloaded :] for each in pair]
-        by_pose[record.name] = (rms(after[0]), rms(after[1]))
+        before, after = (each.residual[record.unloaded :] for each in pair)
+        own_zero = before - pair[0].residual[: record.unloaded].mean()
+        by_pose[record.name] = (rms(before), rms(after))
         laws.append(law)
-        for several, each in zip(residuals, after, strict=True):
+        for several, each in zip(residuals, (before, own_zero, after), strict=True):
             several.append(each)
     pooled = [rms(np.concatenate(several)) for several in residuals]
-    return Poses(joint, analysis, pooled[0], pooled[1], by_pose, tuple(laws))
+    return Poses(joint, analysis, pooled[0], pooled[1], pooled[2], by_pose, tuple(laws))
 
 
 class Half(NamedTuple):
@@ -294,6 +305,13 @@ def false_alarms(count: int, form: str, seed: int) -> int:
     return alarms
 
 
+def fitted(analysis: LoadAnalysis) -> str:
+    """Residuals of the fits of all laws to all records."""
+    samples = sum(len(LoadPath.in_blocks(record).time) for record in analysis.records)
+    several = (analysis.before, *analysis.candidates)
+    return ', '.join(f'{each.law.name} {1e3 * (each.whole.square / samples) ** 0.5:.4f}' for each in several)
+
+
 def describe(candidate: Candidate | None) -> str:
     """Its form, or what is said without one."""
     return candidate.law.title if candidate else 'no law named'
@@ -317,12 +335,17 @@ def main() -> int:
     began = time.perf_counter()
     found = [poses(joint, options.nested) for joint in options.joints]
     print('each pose predicted from the other records, rms after the unloading, mrad')
+    print('law (6), with the zero that fits best -> law selected; p that law (6), that the law selected is sufficient')
     for each in found:
         analysis = each.analysis
         rivals = ''.join(f', or {rival.law.title}' for rival in analysis.rivals)
         named = f'{analysis.verdict}: {describe(analysis.selected)}{rivals}'
-        errors = f'{1e3 * each.before:.3f} -> {1e3 * each.after:.3f}'
-        print(f'  joint {each.joint}   {errors}   {p_equals(analysis.p_value)}   {named}')
+        errors = f'{1e3 * each.before:.3f}, {1e3 * each.own_zero:.3f} -> {1e3 * each.after:.3f}'
+        chances = f'{p_equals(analysis.p_value)}, {p_equals(analysis.p_after)}'
+        print(f'  joint {each.joint}   {errors}   {chances}   {named}')
+        print(f'    rms residual of the fit to all records: {fitted(each.analysis)}')
+    for joint in ARM:
+        print(f'  joint {joint}, without {LOADING}: {1e3 * poses(joint, with_long=False).after:.3f}')
     halves = {joint: later_half(joint) for joint in (2, 4, 6)}
     print(
         'later half of loading.csv, rms, mrad: law (6), slip from the earlier half, slip with parameters of the poses'
@@ -359,6 +382,7 @@ def _content(found: Sequence[Poses], halves: dict[int, tuple[Half, LoadFit]], ti
             {
                 'joint': each.joint,
                 'before': each.before,
+                'before_own_zero': each.own_zero,
                 'after': each.after,
                 'by_pose': each.by_pose,
                 'laws': each.laws,

@@ -46,7 +46,8 @@ class LoadPath:
         self.record, self.block = record, block
         self.time, self.load, self.response = map(self._means, (record.time, record.load_change, record.response))
         count = len(self.time) * block
-        smooth = uniform_filter1d(record.load_change, _samples(record), mode='nearest')
+        smooth: Floats = uniform_filter1d(record.load_change, _samples(record), mode='nearest')
+        self._every_smooth = smooth
         self.smooth: Floats = smooth[block // 2 : count : block]
         self.size = float(np.abs(smooth).max())
         last = np.arange(block - 1, count, block)
@@ -99,9 +100,9 @@ class LoadPath:
     def last_sign(self, band: float, state: float) -> Floats:
         """Sign of the load where it exceeds a band, else the last such sign; `state` before the first one, (n,)."""
         width = band * self.record.load_noise
-        sign = np.where(np.abs(self.smooth) > width, np.sign(self.smooth), 0.0)
+        sign = np.where(np.abs(self._every_smooth) > width, np.sign(self._every_smooth), 0.0)
         last = np.maximum.accumulate(np.where(sign != 0, np.arange(len(sign)), -1))
-        return np.where(last >= 0, sign[last], state)
+        return self._means(np.where(last >= 0, sign[last], state))
 
     def _means(self, values: Floats) -> Floats:
         """Means of the blocks."""
