@@ -162,7 +162,7 @@ def _record_naming(record: Record, found: Diagnosis, before: Calibration) -> Non
 def _record_errors(
     record: Record, setup: Setup, cell: Cell, simulated: SimulatedEffects, outcome: tuple[Calibration, Diagnosis]
 ) -> None:
-    """Errors of the twelve, of the extended and of the true model, on the touches that the true model uses."""
+    """Errors of the base model, of the extended and of the true model, on the touches that the true model uses."""
     before, found = outcome
     after, truth = found.extended or before, setup.truth
     if record.section == 'clean':

@@ -5,7 +5,7 @@
 All touches are simulated, by this package's own simulator: the paper's cell, three force levels, both postures, 72
 touches; robots of table 2 and of figure 4(d); noise of 1e-5 rad and 0.3 N, given and estimated. Sections:
 
-- efficiency: the variance of each of the twelve over its Cramér–Rao bound, which `bound` derives independently;
+- efficiency: the variance of each parameter over its Cramér–Rao bound, which `bound` derives independently;
 - coverage: the part of the 95 % intervals that hold the truth, of the same runs;
 - starts: nominal values far off, an eighth as many as there are runs, the same touches: do all converge to one optimum;
 - outliers: one touch in ten bad, of 72 and of 108, a sixteenth as many runs: growth of the std, rejections.

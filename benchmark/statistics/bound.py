@@ -70,7 +70,7 @@ def conditions(values: Any, joints: Any, force: Any, centers: Floats, radii: Flo
     """The two conditions h of n touches, (n, 2), m; real or complex.
 
     Args:
-        values: the twelve of L̄, in their order.
+        values: the parameters L̄, in their order.
         joints: Q, (n, 2), rad.
         force: F on the object in the base frame, (n, 2), N.
         centers: of the touched disc, (n, 2), m.

@@ -81,7 +81,7 @@ def _freedoms(std: Floats) -> dict[str, float] | None:
 
 
 def named(values: Floats, digits: int = 4) -> dict[str, float]:
-    """By the names of the twelve."""
+    """By the names of the parameters."""
     return dict(zip(NAMES, np.round(values, digits).tolist(), strict=True))
 
 
@@ -257,7 +257,7 @@ def _outliers(parts: dict[str, Any]) -> Iterator[str]:
         return
     yield from ('', 'Outliers: one touch in ten is bad', '')
     yield 'growth: of the standard deviation of the estimates against as many good touches, rms and largest of'
-    yield 'the twelve; size: distance from the model in standard deviations; lost: good touches rejected'
+    yield 'parameters; size: distance from the model in standard deviations; lost: good touches rejected'
     for key, part in parts.items():
         good = part['good_touches_rejected_without_bad_ones']
         bad = part['bad_touches_in_each']

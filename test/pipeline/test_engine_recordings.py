@@ -67,7 +67,7 @@ def found_effect(outcome: Outcome, name: str) -> Found:
 
 
 def largest_deviation(outcome: Outcome, name: str) -> float:
-    """Of the twelve that are to be used from those that touches show, in standard deviations.
+    """Of the parameters L̄ that are to be used from those that touches show, in standard deviations.
 
     What touches show is what was built but for one: the mean of what a base yields in x and y is p_ee.
     """

@@ -42,13 +42,13 @@ def truth_text(truth: dict[str, Any]) -> str:
 
 
 def _by_name(parameters: Parameters) -> dict[str, float]:
-    """The twelve by name."""
+    """The parameters by name."""
     values = parameters.as_dict()
     return {name: values[name] for name in UNITS}
 
 
 def expected_parameters(scene: Scene) -> Parameters:
-    """The twelve that touches identify.
+    """The parameters L̄ that touches identify.
 
     The mean compliance of the base in x and y is confounded with p_ee. A spring with friction beside it slips as a
     whole: it is compliance of the slip, not of the joint.
