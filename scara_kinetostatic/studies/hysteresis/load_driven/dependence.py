@@ -29,9 +29,6 @@ VARIABLES = {
     LOAD: 'the load',
     TIME: 'time under load',
 }
-_BLOCK = 0.5
-"""Length of a block, s; shorter where a record would have fewer than `_FEWEST_BLOCKS` at rest."""
-_FEWEST_BLOCKS = 4
 _FEWEST_LOADED = 6
 """Blocks under load, for two slopes and their scatter."""
 _AT_REST = 0.05
@@ -111,8 +108,7 @@ def _at_rest_again(path: LoadPath) -> Mask:
 
 def _blocks(path: LoadPath, values: Floats, rows: Mask) -> Floats:
     """Means of the blocks that lie in rows; a block does not cross an end of a stretch."""
-    step = float(np.median(np.diff(path.time)))
-    samples = max(min(round(_BLOCK / step), int(rows.sum()) // _FEWEST_BLOCKS), 1)
+    samples = path.long_block(int(rows.sum()))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int)))
     found = []
     for first, last in zip(edges[::2], edges[1::2], strict=True):

@@ -7,7 +7,7 @@ best grid point all parameters are refined by Gauss-Newton steps within their bo
 
 Prediction: a and θ are kept, z and h are found from the samples known. Where these leave h open, the prediction is the
 mean over its posterior for a flat prior, p(h) ∝ S(h)^(-m/2), S the sum of squares and m the effective number of
-independent samples.
+independent means of half a second: a vibration is no evidence on the state.
 """
 
 from __future__ import annotations
@@ -262,7 +262,7 @@ def _posterior(fitted: LoadFit, path: LoadPath, known: Mask, states: Floats) -> 
     zeros = off[:, known].mean(axis=1)
     off -= zeros[:, None]
     squares = np.maximum((off[:, known] ** 2).sum(axis=1), 1e-300)
-    count = effective_count(off[int(squares.argmin())][known])
+    count = effective_count(path.long_means(off[int(squares.argmin())][known]), 0.0)
     weights = (squares / squares.min()) ** (-count / 2)
     weights /= weights.sum()
     state = float(weights @ states)

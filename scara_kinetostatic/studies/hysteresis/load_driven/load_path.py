@@ -23,6 +23,8 @@ from scara_kinetostatic.studies.hysteresis.load_driven.record import LoadRecord
 
 SMOOTHING = 0.06
 """Averaging time of the load that friction follows, s: half a period of an arm that vibrates at some 8 Hz."""
+LONG_BLOCK = 0.5
+"""Length of the blocks whose means do not contain vibrations, s."""
 _KEPT = 1000
 """Number of arrays kept, so that they are not computed twice."""
 
@@ -108,6 +110,16 @@ class LoadPath:
         """Means of the blocks."""
         count = len(values) // self.block * self.block
         return np.asarray(values[:count].reshape(-1, self.block).mean(axis=1))
+
+    def long_block(self, samples: int) -> int:
+        """Number of samples in a block of `LONG_BLOCK`, or in a quarter of so many samples if that is shorter."""
+        return max(min(round(LONG_BLOCK / float(np.median(np.diff(self.time)))), samples // 4), 1)
+
+    def long_means(self, values: Floats) -> Floats:
+        """Means of successive long blocks."""
+        block = self.long_block(len(values))
+        count = len(values) // block
+        return np.asarray(values[: count * block].reshape(count, block).mean(axis=1))
 
     def _keep(self, key: Hashable, *arrays: Floats) -> None:
         if len(self._kept) >= _KEPT:
