@@ -166,12 +166,14 @@ class Arm(NamedTuple):
         link_2: from axis 4 to the sensor, m.
         angle: from link 1 to link 2 in the pose of the record, rad.
         sense: of axis 4 relative to axis 2, -1 for antiparallel ones.
+        tilt: angle between the axes, rad.
     """
 
     link_1: float
     link_2: float
     angle: float
     sense: float
+    tilt: float
 
 
 def planar_arm() -> Arm:
@@ -189,8 +191,9 @@ def planar_arm() -> Arm:
     (axis, whole), (other, link_2) = arms
     link_1 = whole - link_2
     link_1, link_2 = (each - axis * (axis @ each) for each in (link_1, link_2))
+    tilt = float(np.arccos(min(abs(axis @ other), 1.0)))
     angle = float(np.arctan2(axis @ np.cross(link_1, link_2), link_1 @ link_2))
-    return Arm(float(np.linalg.norm(link_1)), float(np.linalg.norm(link_2)), angle, float(np.sign(axis @ other)))
+    return Arm(float(np.linalg.norm(link_1)), float(np.linalg.norm(link_2)), angle, float(np.sign(axis @ other)), tilt)
 
 
 class Tip(NamedTuple):
@@ -353,6 +356,9 @@ def main() -> int:
     for joint, (half, _) in halves.items():
         print(f'  joint {joint}   ' + '   '.join(f'{1e3 * error:.3f}' for error in half.errors))
     tip = tip_displacement([halves[joint][0] for joint in ARM], [halves[joint][1] for joint in ARM])
+    arm = planar_arm()
+    links = f'{arm.link_1:.3f} and {arm.link_2:.3f} m at {np.degrees(arm.angle):.0f}°'
+    print(f'arm of joints 2 and 4: links of {links}, axes antiparallel within {np.degrees(arm.tilt):.1f}°')
     largest, remains = (1e3 * np.hypot(*part.T) for part in (tip.measured, tip.measured[-80:]))
     print(f'tip, joints 2 and 4: moves by up to {largest.max():.2f} mm and keeps {remains.mean():.2f} mm')
     print('  rms distance, later half, mm: ' + '   '.join(f'{1e3 * error:.3f}' for error in tip.errors))
