@@ -9,6 +9,7 @@ Biometrika 62 (1975) 57).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
 
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.cell import Noise, SensorFrame
 from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.touch import TouchSet
@@ -123,7 +124,7 @@ class _Predicted(NamedTuple):
 
 
 def _predict(pool: TouchSet, fit: Calibration) -> _Predicted:
-    o, model = observe(pool, fit.cell), fit.model
+    o, model = observe(pool, replace(fit.cell, sensor=fit.cell.sensor._replace(frame=SensorFrame.BASE))), fit.model
     found = contact(model, o.joints, o.centers, o.radii, o.gripper, warm_start=pool.force, metadata=o.metadata)
     reached = (found.solved & (found.magnitude > 0))[:, None]
     by_joints = contact_derivatives(model, o.joints, o.centers, o.radii, found, o.gripper, o.metadata).joints
@@ -140,7 +141,10 @@ def _difference(one: _Predicted, other: _Predicted) -> tuple[Floats, Floats]:
 
 
 def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]]:
-    """Touches to choose from, their places on the discs, and whether they are unloaded to their force."""
+    """Touches to choose from, their places on the discs, and whether they are unloaded to their force.
+
+    Their forces, in the history too, are in the base frame, whatever that of the sensor is.
+    """
     cell, p = calibration.cell, calibration.parameters
     magnitude = np.hypot(*calibration.force.T)
     levels = np.unique(np.round(np.quantile(magnitude, (0.05, 0.5, 0.95)), 0))
