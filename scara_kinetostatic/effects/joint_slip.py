@@ -51,7 +51,7 @@ class JointSlip(Effect):
         'joint_hysteresis, if every torque that turns round changes by more than that'
     )
     identified_by: ClassVar[str] = (
-        'recordings with touches preloaded and partly unloaded, and torques of both signs from below the slip torque '
+        'recorded touches, preloaded and partly unloaded, with torques of both signs from below the slip torque '
         'to far above it'
     )
     plot_variable: ClassVar[str] = 'torque'

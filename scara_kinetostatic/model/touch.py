@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 
@@ -110,9 +111,21 @@ class TouchSet:
 
 def padded_history(history: Floats, joints: Floats, length: int) -> Floats:
     """Histories (n, K, 4), K ≤ length, filled up in front by unloaded joints (n, 2), rad: (n, length, 4)."""
-    missing = length - history.shape[1]
-    unloaded = np.concatenate([joints, np.zeros_like(joints)], axis=1)
-    return np.concatenate([np.repeat(unloaded[:, None], missing, axis=1), history], axis=1)
+    return np.concatenate([_unloaded(joints, length - history.shape[1]), history], axis=1)
+
+
+def stacked_histories(histories: Sequence[ArrayLike], joints: Floats) -> Floats:
+    """Histories of n touches, (k, 4) each, filled up in front by their unloaded joints (n, 2), rad: (n, K, 4)."""
+    stacked = _unloaded(joints, max((len(np.asarray(history)) for history in histories), default=0))
+    for row, history in zip(stacked, histories, strict=True):
+        points = np.reshape(history, (-1, 4))
+        row[len(row) - len(points) :] = points
+    return stacked
+
+
+def _unloaded(joints: Floats, length: int) -> Floats:
+    """Histories of joints (n, 2), rad, that were never loaded, (n, length, 4)."""
+    return np.repeat(np.concatenate([joints, np.zeros_like(joints)], axis=1)[:, None], length, axis=1)
 
 
 @dataclass(frozen=True)

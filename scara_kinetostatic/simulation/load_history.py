@@ -6,7 +6,6 @@ to touch, from the relaxed state at the start of the recording.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,9 +14,10 @@ from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.load_history import remembered, torques_of
 from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.touch import stacked_histories
 
 
-class LoadPath(NamedTuple):
+class PlannedLoads(NamedTuple):
     """Peak and hold of m touches; (m, 2) each.
 
     Attributes:
@@ -48,18 +48,18 @@ class Histories(NamedTuple):
 
 
 def load_histories(
-    path: LoadPath, has_preload: Mask, parameters: Parameters, frame: SensorFrame = SensorFrame.BASE
+    loads: PlannedLoads, has_preload: Mask, parameters: Parameters, frame: SensorFrame = SensorFrame.BASE
 ) -> Histories:
     """The histories of the touches of a plan.
 
     Args:
-        path: peaks and holds in the order of time.
+        loads: peaks and holds in the order of time.
         has_preload: whether the peak is beyond the hold, (m,).
         parameters: L̄, which tells the torques that a memory keeps.
         frame: that of the forces.
     """
-    peaks = np.concatenate([path.peak_joints, path.peak_force], axis=1)
-    holds = np.concatenate([path.hold_joints, path.hold_force], axis=1)
+    peaks = np.concatenate([loads.peak_joints, loads.peak_force], axis=1)
+    holds = np.concatenate([loads.hold_joints, loads.hold_force], axis=1)
     points = np.stack([peaks, holds, holds * (1, 1, 0, 0)], axis=1).reshape(-1, 4)
     torques = [(first, second) for first, second in torques_of(parameters, points, frame).tolist()]
     stages: tuple[list[Floats], ...] = ([], [], [])
@@ -69,14 +69,4 @@ def load_histories(
         if place % 3 or has_preload[place // 3]:
             memory.append(place)
             memory = [memory[k] for k in remembered([torques[one] for one in memory])]
-    return Histories(*(_stacked(stage, path.hold_joints) for stage in stages))
-
-
-def _stacked(histories: Sequence[Floats], joints: Floats) -> Floats:
-    """Histories of different lengths, filled up in front, (m, K, 4)."""
-    longest = max(map(len, histories))
-    unloaded = np.concatenate([joints, np.zeros_like(joints)], axis=1)
-    out = np.repeat(unloaded[:, None], longest, axis=1)
-    for row, history in zip(out, histories, strict=True):
-        row[longest - len(history) :] = history
-    return out
+    return Histories(*(stacked_histories(stage, loads.hold_joints) for stage in stages))

@@ -8,7 +8,7 @@ from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.simulation.load_history import LoadPath, load_histories
+from scara_kinetostatic.simulation.load_history import PlannedLoads, load_histories
 from scara_kinetostatic.simulation.phases import Timing
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.sensors import SensorModel, reported_force
@@ -86,7 +86,7 @@ def simulate_touches(
     beyond = np.hypot(*trajectory.peak_force.T) / np.hypot(*trajectory.hold_force.T)
     errors = beyond[:, None] * force_errors
     peak_force = reported_force(cell, truth, trajectory.peak_joints, trajectory.peak_force, errors, beyond)
-    path = LoadPath(trajectory.peak_joints + joint_errors, peak_force, joints, force)
+    loads = PlannedLoads(trajectory.peak_joints + joint_errors, peak_force, joints, force)
     return TouchSet(
         joints=joints,
         force=force,
@@ -95,5 +95,5 @@ def simulate_touches(
         time=trajectory.hold_time,
         approach=trajectory.metadata.approach,
         press=trajectory.metadata.press,
-        history=load_histories(path, plan.preload > 0, cell.nominal, cell.sensor.frame).hold,
+        history=load_histories(loads, plan.preload > 0, cell.nominal, cell.sensor.frame).hold,
     )

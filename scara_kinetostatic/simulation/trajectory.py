@@ -33,7 +33,7 @@ from scara_kinetostatic.model.kinematics import forward, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.contact_forces import LIGHT_FORCE, ContactForces
-from scara_kinetostatic.simulation.load_history import Histories, LoadPath, load_histories
+from scara_kinetostatic.simulation.load_history import Histories, PlannedLoads, load_histories
 from scara_kinetostatic.simulation.phases import (
     APPROACH,
     EASE,
@@ -187,8 +187,8 @@ class Trajectory:
 
     def histories(self) -> Histories:
         """The load before the stages of each touch, true values."""
-        path = LoadPath(self.peak_joints, self.peak_force, self.hold_joints, self.hold_force)
-        return load_histories(path, self.plan.preload > 0, self.truth)
+        loads = PlannedLoads(self.peak_joints, self.peak_force, self.hold_joints, self.hold_force)
+        return load_histories(loads, self.plan.preload > 0, self.truth)
 
     def _metadata(self) -> TouchMetadata:
         approach, press = (last_movement(path, self.hold_joints) for path in (self.path, self.path[1:]))

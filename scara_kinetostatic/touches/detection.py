@@ -16,11 +16,11 @@ import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorSign
-from scara_kinetostatic.model.touch import Rejection, TouchSet
+from scara_kinetostatic.model.touch import Rejection, TouchSet, stacked_histories
 from scara_kinetostatic.touches.approach import Approach, approach_of_hold, resolution
 from scara_kinetostatic.touches.association import associate
 from scara_kinetostatic.touches.candidates import TouchCandidate, find_candidates
-from scara_kinetostatic.touches.load_history import LoadMemory, history_array, load_history
+from scara_kinetostatic.touches.load_history import LoadMemory, load_history
 from scara_kinetostatic.touches.segmentation import find_contacts
 from scara_kinetostatic.touches.signals import Signals, as_signals
 from scara_kinetostatic.touches.streams import Streams
@@ -114,9 +114,9 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
     candidates, advice = _with_discs(found, cell)
     episodes = tuple(_episode(number, candidate) for number, candidate in enumerate(candidates))
     touches, history = _touch_set(signals, candidates, cell), load_history(signals, candidates, cell, earlier)
-    before = [history.before.get(number, ()) for number in touches.index.tolist()]
+    before = [[turn.state for turn in history.before.get(number, ())] for number in touches.index.tolist()]
     return Detection(
-        touches=touches.replace(history=history_array(before, touches.joints)),
+        touches=touches.replace(history=stacked_histories(before, touches.joints)),
         rejected=tuple(Rejection(episode.index, episode.reason) for episode in episodes if episode.reason),
         found=len(candidates),
         warnings=(*signals.warnings, *_warnings(contacts.spikes, weak, candidates), *advice),

@@ -19,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.load_history import remembered
 from scara_kinetostatic.touches.candidates import TouchCandidate
@@ -175,14 +174,3 @@ class _ContactTurns:
         turn = self.path.turn(at, first, end)
         self._ranges.append((first, end, turn))
         return turn
-
-
-def history_array(turns: Sequence[Sequence[Turn]], joints: Floats) -> Floats:
-    """Turns before n holds as `TouchSet.history`, (n, K, 4); filled up in front by the unloaded joints (n, 2), rad."""
-    length = max(map(len, turns), default=0)
-    history = np.zeros((len(turns), length, 4))
-    history[:, :, :2] = joints[:, None]
-    for row, one in zip(history, turns, strict=True):
-        if one:
-            row[-len(one) :] = [turn.state for turn in one]
-    return history
