@@ -1,4 +1,4 @@
-"""`scara-kinetostatic hysteresis`: model selection for measured force-displacement loops."""
+"""`scara-kinetostatic hysteresis`: model selection for measured records of load and response."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     parser = add_verb(
         subparsers,
         'hysteresis',
-        'the law of measured force-displacement loops',
+        'the law of measured records of load and response',
         DESCRIPTION,
         EXAMPLE,
         run,

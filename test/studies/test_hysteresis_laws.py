@@ -157,7 +157,7 @@ def test_repeatability_is_the_scatter_where_the_motion_repeats():
         (np.arange(99.0), np.arange(99.0), np.ones(99), 'never changes'),
         (np.arange(99.0), np.arange(99.0), np.arange(99.0), '1 sweeps'),
         (np.arange(20.0), np.sin(np.arange(20.0)), np.arange(20.0), 'are needed'),
-        (np.zeros(1), np.zeros(1), np.zeros(1), 'does not rise'),
+        (np.zeros(1), np.zeros(1), np.zeros(1), 'one sample'),
     ],
 )
 def test_records_that_are_no_loops_are_refused(time, moved, force, problem):

@@ -76,6 +76,8 @@ def test_time_and_response_are_checked() -> None:
         LoadRecord('one.csv', time, load, np.full(len(time), 0.7))
     with pytest.raises(UnsupportedDataError, match='the load is constant'):
         LoadRecord('one.csv', time, np.full(len(time), 0.1), angle)
+    with pytest.raises(UnsupportedDataError, match=r'it takes 0\.0117 s; 0\.6 s or more are needed; check the unit'):
+        LoadRecord('one.csv', 1e-3 * time, load, angle)
     with pytest.raises(ParameterError, match='finite'):
         LoadRecord('one.csv', time, load, np.where(time > 1, np.nan, angle))
     with pytest.raises(ParameterError, match='got rad and N'):

@@ -109,6 +109,8 @@ def test_the_other_column_is_found_where_it_is_the_only_one() -> None:
         choose_columns(['q2_rad', 'F_N'], 'one.csv', 'q2_rad')
     with pytest.raises(InputError, match='no column of the load that goes with q2_rad'):
         choose_columns(['q2_rad', 'F'], 'one.csv', 'q2_rad')
+    with pytest.raises(InputError, match='arm_joint2_rad and pos_tau4_Nm are columns of two joints, 2 and 4'):
+        choose_columns(['time_s', 'arm_joint2_rad', 'pos_tau4_Nm'], 'one.csv')
     with pytest.raises(InputError, match='2 columns of this name'):
         choose_columns(['q_rad', 'q_rad', 'tau_Nm'], 'one.csv', 'q_rad')
 

@@ -125,7 +125,9 @@ def cut_at_reversals(time: Floats, displacement: Floats, force: Floats) -> Motio
     Raises:
         UnsupportedDataError: see `motion_of`.
     """
-    if len(time) < 2 or not np.all(np.diff(time) > 0):
+    if len(time) < 2:
+        raise UnsupportedDataError('one sample', 'record full loops')
+    if not np.all(np.diff(time) > 0):
         raise UnsupportedDataError('the time does not rise from row to row', 'give the rows in the order of time')
     if not np.ptp(force) > 0 or not np.ptp(displacement) > 0:
         raise UnsupportedDataError('the force or the displacement never changes', 'record full loops')

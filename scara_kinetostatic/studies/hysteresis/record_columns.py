@@ -1,7 +1,7 @@
 """Columns of a record: the response, the load and the time among any others, chosen by name or by their units.
 
 A heading ends in its unit, `q2_rad` or `torque [Nm]`. A displacement goes with a force, an angle with a torque. A
-number after the leading letters of a heading is that of a joint: the columns of two joints do not go together.
+number after letters, the first of a heading, is that of a joint: the columns of two joints do not go together.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ _WORDS = {
 }
 """Names that say what a column is; they are preferred to others of the same unit."""
 _EXAMPLE = {RESPONSE: 'displacement_m or angle_rad', LOAD: 'force_N or torque_Nm', TIME: 'time_s'}
-_JOINT = re.compile(r'(?P<letters>[^\W\d_]+)[\s_]?(?P<number>\d+)')
+_JOINT = re.compile(r'(?<![^\W_])(?P<letters>[^\W\d_]+)[\s_]?(?P<number>\d+)')
 _CHANNELS = ('ch', 'channel', 'ai', 'sensor')
-"""Leading letters whose number is that of a channel, not of a joint."""
+"""Letters whose number is that of a channel, not of a joint."""
 _SHOWN = 6
 """So many headings are listed."""
 
@@ -71,7 +71,7 @@ class RecordColumn(NamedTuple):
     @property
     def joint(self) -> int | None:
         """Number of the joint in the heading, if it has one."""
-        match = _JOINT.match(self.word)
+        match = _JOINT.search(self.word)
         return int(match['number']) if match and match['letters'] not in _CHANNELS else None
 
 

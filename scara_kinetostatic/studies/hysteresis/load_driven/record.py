@@ -28,6 +28,8 @@ FEWEST_SAMPLES = 50
 _FEWEST_AT_REST = 10
 """For the zero of load and response and for their noise, known to about a quarter of itself then."""
 _FEWEST_UNLOADED = 10
+_SHORTEST = 0.6
+"""Shortest record, s: ten times the averaging time of the load that friction follows."""
 _LONGEST_STEP = 5.0
 """Steps in time longer than so many medians are gaps: what the load did meanwhile is unknown."""
 _NOISE = 7.0
@@ -143,6 +145,9 @@ class LoadRecord:
             first = int(np.argmin(steps > 0))
             jump = f'from {self.time[first]:g} to {self.time[first + 1]:g} s'
             self._refuse(f'the time does not rise from row to row: {jump}', 'give the rows in the order of time')
+        if self.time[-1] - self.time[0] < _SHORTEST:
+            took = f'it takes {self.time[-1] - self.time[0]:.3g} s; {_SHORTEST:g} s or more are needed'
+            self._refuse(took, 'check the unit of the time, or record longer')
         longest = int(np.argmax(steps))
         if steps[longest] > _LONGEST_STEP * np.median(steps):
             gap = f'from {self.time[longest]:g} to {self.time[longest + 1]:g} s'
