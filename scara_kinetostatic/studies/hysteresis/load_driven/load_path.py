@@ -25,8 +25,8 @@ SMOOTHING = 0.06
 """Averaging time of the load that friction follows, s: half a period of an arm that vibrates at some 8 Hz."""
 LONG_BLOCK = 0.5
 """Length of the blocks whose means do not contain vibrations, s."""
-_KEPT = 1000
-"""Number of arrays kept, so that they are not computed twice."""
+_KEPT = 2_000_000
+"""Values kept in arrays of one record, so that they are not computed twice; 16 to 32 MB."""
 
 
 class LoadPath:
@@ -122,7 +122,7 @@ class LoadPath:
         return np.asarray(values[: count * block].reshape(count, block).mean(axis=1))
 
     def _keep(self, key: Hashable, *arrays: Floats) -> None:
-        if len(self._kept) >= _KEPT:
+        if (len(self._kept) + 1) * len(self.time) > _KEPT:
             self._kept.clear()
         self._kept[key] = arrays
 
