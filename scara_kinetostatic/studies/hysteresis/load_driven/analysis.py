@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Mask, rms
 from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
 from scara_kinetostatic.studies.hysteresis.load_driven.dependence import Dependence, dependences, p_independent
@@ -38,6 +38,8 @@ from scara_kinetostatic.studies.hysteresis.model_selection import (
     effective_count,
 )
 
+_OPPOSITE = 0.9
+"""Correlation of response and load from which on a record has a sense of its own; opposite ones do not go together."""
 _FAR_BEYOND = 1.5
 """A record whose load is larger than that of every other by this factor is not predicted but extrapolated."""
 
@@ -79,6 +81,7 @@ class LoadAnalysis(NamedTuple):
         selected: the candidate selected; None if none is accepted.
         rivals: accepted candidates of other families that do not predict significantly worse.
         dependence_before: of the residual of law (6), in the form that leaves least.
+        p_without_memory: p-value of law (6) without a gap that keeps its place, in the form that leaves least.
         dependence_after: of the residual of the selected law, or of law (6).
         verdict: none, explained, ambiguous or unexplained, as for records driven by their motion.
     """
@@ -90,6 +93,7 @@ class LoadAnalysis(NamedTuple):
     selected: Candidate | None
     rivals: tuple[Candidate, ...]
     dependence_before: tuple[Dependence, ...]
+    p_without_memory: float
     dependence_after: tuple[Dependence, ...]
     verdict: str
 
@@ -219,12 +223,18 @@ def analyse_load_driven(records: Sequence[LoadRecord]) -> LoadAnalysis:
         records: with the same units.
 
     Raises:
-        UnsupportedDataError: the units differ.
+        RecordingError: the response of a record changes in the opposite sense of the others.
+        UnsupportedDataError: the units differ, or law (6) cannot be tested in any record.
     """
     check_units(records)
     study = _Study(records)
+    _check_sense(records)
     forms = study.forms()
-    dependence_before = _most_sufficient(study, forms)
+    without_memory, with_memory = (_most_sufficient(study, several) for several in forms)
+    dependence_before = max(without_memory, with_memory, key=p_independent)
+    if not any(each.is_tested for each in dependence_before):
+        problem = 'the load neither comes back to rest nor lasts long enough for a test of law (6)'
+        raise UnsupportedDataError(f'{records[0].source}: {problem}', 'record some seconds at rest after the load')
     best = [min(several, key=lambda each: each.square).law for several in forms]
     before, *candidates = (study.candidate(law) for law in (*best, *CANDIDATES))
     sufficient = p_independent(dependence_before) >= LEVEL
@@ -243,6 +253,7 @@ def analyse_load_driven(records: Sequence[LoadRecord]) -> LoadAnalysis:
         selected=selected,
         rivals=rivals,
         dependence_before=dependence_before,
+        p_without_memory=p_independent(without_memory),
         dependence_after=_dependences(study, selected.along) if selected else dependence_before,
         verdict=verdict,
     )
@@ -251,7 +262,7 @@ def analyse_load_driven(records: Sequence[LoadRecord]) -> LoadAnalysis:
 def p_sufficient(records: Sequence[LoadRecord]) -> float:
     """p-value of law (6) as a sufficient law of some records, without the search for another one."""
     study = _Study(records)
-    return p_independent(_most_sufficient(study, study.forms()))
+    return max(p_independent(_most_sufficient(study, several)) for several in study.forms())
 
 
 def predict_records(analysis: LoadAnalysis, others: Sequence[LoadRecord]) -> tuple[PredictedRecord, ...]:
@@ -262,9 +273,11 @@ def predict_records(analysis: LoadAnalysis, others: Sequence[LoadRecord]) -> tup
         others: to be predicted; what comes before they are unloaded gives their zero and their state of friction.
 
     Raises:
+        RecordingError: the response of a record changes in the opposite sense of the others.
         UnsupportedDataError: the units differ.
     """
     check_units([*analysis.records, *others])
+    _check_sense(others, analysis.direction)
     found = []
     for record in others:
         path = LoadPath(record)
@@ -287,6 +300,23 @@ def check_units(records: Sequence[LoadRecord]) -> None:
             raise UnsupportedDataError(', '.join(pairs), 'give records of one joint')
 
 
+def _check_sense(records: Sequence[LoadRecord], direction: float | None = None) -> None:
+    """Checks that the response follows the load in one sense, that of most records if no direction is given."""
+    paths = [LoadPath.in_blocks(record) for record in records]
+    follows = [np.corrcoef(p.load, p.response)[0, 1] if np.ptp(p.response) > 0 else 0.0 for p in paths]
+    along, against = ([sense * each > _OPPOSITE for each in follows] for sense in (1.0, -1.0))
+    if direction is None:
+        direction = 1.0 if sum(along) >= sum(against) else -1.0
+        if not (any(along) and any(against)):
+            return
+    opposite = against if direction > 0 else along
+    if any(opposite):
+        problem = 'its response follows the load in the opposite sense of the other records'
+        raise RecordingError(
+            records[opposite.index(True)].source, problem, 'give records of one joint, or reverse a sign'
+        )
+
+
 def earlier_half(path: LoadPath) -> Mask:
     """The samples of the first half of the time."""
     return np.asarray(path.time < (path.time[0] + path.time[-1]) / 2)
@@ -296,10 +326,9 @@ def _without(whole: LoadFit, record: int) -> LoadFit:
     return whole._replace(states=np.delete(whole.states, record))
 
 
-def _most_sufficient(study: _Study, forms: Sequence[Sequence[LoadFit]]) -> tuple[Dependence, ...]:
+def _most_sufficient(study: _Study, forms: Sequence[LoadFit]) -> tuple[Dependence, ...]:
     """Dependence of the residual of the form of law (6) that explains the records best."""
-    tested = [_dependences(study, study.along(each)) for several in forms for each in several]
-    return max(tested, key=p_independent)
+    return max((_dependences(study, study.along(each)) for each in forms), key=p_independent)
 
 
 def _dependences(study: _Study, along: Sequence[Prediction]) -> tuple[Dependence, ...]:

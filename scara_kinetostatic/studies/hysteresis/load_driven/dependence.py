@@ -56,6 +56,11 @@ class Dependence(NamedTuple):
     p_value: float
     by_record: tuple[float, ...]
 
+    @property
+    def is_tested(self) -> bool:
+        """Whether it could be tested in any record; if not, `p_value` is 1."""
+        return bool(np.any(np.isfinite(self.by_record)))
+
 
 def dependences(paths: Sequence[LoadPath], residuals: Sequence[Floats]) -> tuple[Dependence, ...]:
     """Dependence on all variables, in decreasing order of the explained share.

@@ -40,6 +40,12 @@ def _scale(size: float, unit: str) -> Scale:
     return Scale(prefix + unit, per_si)
 
 
+def explained_share(analysis: LoadAnalysis) -> float:
+    """Share of the square of the response, less its mean in each record, that law (6) explains."""
+    total = sum(float(np.var(path.response) * len(path.time)) for path in map(LoadPath.in_blocks, analysis.records))
+    return 1.0 - analysis.before.whole.square / total if total > 0 else 0.0
+
+
 def judged(analysis: LoadAnalysis, record: LoadRecord) -> Mask:
     """The samples for the errors, (n,): after unloading, or the later half of a single record."""
     if len(analysis.records) == 1:

@@ -128,6 +128,8 @@ def dependence_table(analysis: LoadAnalysis) -> Table:
 
 
 def _dependence(each: Dependence) -> tuple[str, str]:
+    if not each.is_tested:
+        return NOT_DETERMINED, NOT_DETERMINED
     return share(min(each.share, 1.0)), chance(each.p_value)
 
 

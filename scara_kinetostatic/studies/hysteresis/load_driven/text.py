@@ -9,7 +9,7 @@ import numpy as np
 from scara_kinetostatic.render.quantities import count, p_equals
 from scara_kinetostatic.studies.hysteresis.load_driven.analysis import LoadAnalysis, PredictedRecord
 from scara_kinetostatic.studies.hysteresis.load_driven.dependence import LOAD, MEMORY, TIME, Dependence
-from scara_kinetostatic.studies.hysteresis.load_driven.quantities import error_scale
+from scara_kinetostatic.studies.hysteresis.load_driven.quantities import error_scale, explained_share
 from scara_kinetostatic.studies.hysteresis.load_driven.tables import (
     candidate_table,
     dependence_table,
@@ -36,6 +36,16 @@ _DEPENDS = {
 }
 
 
+_BRIEF = 'No load lasts long enough for a test of the load and of the time under load.'
+_UNTESTED = {
+    MEMORY: 'In no record does the load come back to rest: whether the response stays then was not tested.',
+    LOAD: _BRIEF,
+    TIME: _BRIEF,
+}
+_LEAST_EXPLAINED = 0.1
+"""Share of the square of the response that law (6) explains at least where the response follows the load."""
+
+
 def units(analysis: LoadAnalysis) -> Units:
     """Words and units of the records."""
     return BY_LOAD[analysis.records[0].load_unit]
@@ -51,7 +61,7 @@ def verdict(analysis: LoadAnalysis) -> tuple[str, list[str]]:
     """Headline, and the sentences below it."""
     if analysis.verdict == NONE:
         found = f'No dependence of its residual was found ({p_equals(analysis.p_value)}{_together(analysis)}).'
-        return 'Law (6), slope and gap, is sufficient', [found, _errors(analysis)]
+        return 'Law (6), slope and gap, is sufficient', [found, *_reservations(analysis), _errors(analysis)]
     first = [_evidence(analysis)]
     if analysis.verdict == UNEXPLAINED or analysis.selected is None:
         return 'Law (6) is not sufficient, and no candidate predicts better', [*first, _errors(analysis)]
@@ -60,6 +70,21 @@ def verdict(analysis: LoadAnalysis) -> tuple[str, list[str]]:
     if analysis.verdict == AMBIGUOUS:
         headline = f'Law (6) is not sufficient; these records do not distinguish between {"; and ".join(laws)}'
     return headline, [*first, _errors(analysis), *_state(analysis), *_limits(analysis)]
+
+
+def _reservations(analysis: LoadAnalysis) -> list[str]:
+    """What goes with the result that no dependence was found."""
+    sentences = []
+    if analysis.p_without_memory < LEVEL:
+        chance = p_equals(analysis.p_without_memory)
+        sentences.append(f'This takes a gap that keeps its place when unloaded; without it law (6) fails ({chance}).')
+    sentences += [_UNTESTED[each.variable] for each in analysis.dependence_before if not each.is_tested]
+    if explained_share(analysis) < _LEAST_EXPLAINED:
+        words = units(analysis)
+        sentences.append(f'The {words.response} hardly follows the {words.load}: do the columns belong to one joint?')
+    elif len(analysis.records) == 1:
+        sentences.append('One record hardly tells slip from a gap; several records of the joint do.')
+    return list(dict.fromkeys(sentences))
 
 
 def _together(analysis: LoadAnalysis) -> str:
