@@ -75,9 +75,9 @@ def test_parameters_and_states_are_those_simulated(run: Run, slipping: Path) -> 
     ):
         assert slip['parameters'][name]['value'] == pytest.approx(truth, rel=0.03)
         assert slip['parameters'][name]['unit'] == unit
-    if document['law']['after'] == 'slip':
-        states = [each['state'] for each in document['records']]
-        assert states == pytest.approx([state for _, state in RECORDS], abs=0.1)
+    assert document['law']['after'] == 'slip'
+    states = [each['state'] for each in document['records']]
+    assert states == pytest.approx([state for _, state in RECORDS], abs=0.1)
     assert document['predicted'] == []
 
 

@@ -1,0 +1,214 @@
+"""Laws of the response to a load: their operators against independent loops, and what must not change a result."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from studies.load_records import RATE, columns, slipping, torque
+
+from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
+from scara_kinetostatic.studies.hysteresis.load_driven import text
+from scara_kinetostatic.studies.hysteresis.load_driven.analysis import (
+    LoadAnalysis,
+    analyse_load_driven,
+    p_sufficient,
+    predict_records,
+)
+from scara_kinetostatic.studies.hysteresis.load_driven.load_path import LoadPath
+from scara_kinetostatic.studies.hysteresis.load_driven.record import LoadRecord
+
+STATES = ((-2.0, 0.3), (-2.6, -0.8), (-3.0, 0.7))
+"""Load and state of friction at the start."""
+
+
+def play(load: np.ndarray, half_width: float, start: float) -> np.ndarray:
+    """The play operator, one sample after the other, (n,)."""
+    output, here = [], start
+    for each in load.tolist():
+        here = min(max(here, each - half_width), each + half_width)
+        output.append(here)
+    return np.array(output)
+
+
+def wandering(seed: int) -> LoadPath:
+    """A load that wanders, after a rest and before another."""
+    random = np.random.default_rng(seed)
+    load = np.concatenate([np.zeros(60), 3.0 + np.cumsum(random.normal(0.0, 0.3, 300)), np.zeros(60)])
+    load += 1e-3 * random.standard_normal(len(load))
+    return LoadPath(LoadRecord('one.csv', np.arange(len(load)) / RATE, load, 1e-4 * load))
+
+
+@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('state', [-1.0, -0.4, 0.0, 0.9])
+@pytest.mark.parametrize('half_width', [0.01, 0.5, 2.0, 50.0])
+def test_the_play_operator_is_that_of_a_loop(seed: int, state: float, half_width: float) -> None:
+    path = wandering(seed)
+    expected = play(path.smooth, half_width, state * half_width)
+    np.testing.assert_allclose(path.play_operator(half_width, state), expected, rtol=0, atol=1e-12)
+    without_jump = path.jumping_play_operator(half_width, 1.0, state)
+    np.testing.assert_allclose(without_jump, expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize('state', [-0.7, 0.0, 1.0])
+def test_the_inverse_of_slip_gives_the_load_back(state: float) -> None:
+    """τ = y / p + (1 / (p + w) - 1 / p) P_{p r}(y) inverts y = p τ + w P_r(τ) (Krejčí and Kuhnen, 2001)."""
+    path, p, w, r = wandering(5), 150e-6, 120e-6, 0.8
+    response = p * path.smooth + w * path.play_operator(r, state)
+    load = response / p + (1 / (p + w) - 1 / p) * play(response, p * r, (p + w) * state * r)
+    np.testing.assert_allclose(load, path.smooth, rtol=0, atol=1e-9)
+
+
+def test_friction_that_jumps_moves_to_its_kinetic_part() -> None:
+    path = wandering(1)
+    output = path.jumping_play_operator(1.0, 0.4, 0.0)
+    held, moved = np.abs(path.smooth - output), np.diff(output, prepend=0.0) != 0
+    assert moved.any()
+    np.testing.assert_allclose(held[moved], 0.4, rtol=1e-9)
+    assert held.max() <= 1.0
+
+
+def test_creep_is_the_solution_of_its_equation() -> None:
+    load = np.concatenate([np.zeros(60), np.ones(800), np.zeros(100)])
+    path = LoadPath(LoadRecord('one.csv', np.arange(len(load)) / RATE, load, load))
+    expected = 1 - np.exp(-(path.time[60:860] - path.time[59]) / 2.0)
+    np.testing.assert_allclose(path.lag(2.0)[60:860], expected, rtol=1e-12)
+
+
+def test_the_sign_of_an_unloaded_gap_is_that_of_its_last_load() -> None:
+    load = torque(2.0)
+    path = LoadPath(LoadRecord('one.csv', *columns(load)))
+    sign = path.last_sign(8.0, -0.5)
+    assert set(sign[:190]) == {-0.5}
+    assert set(sign[220:]) == {1.0}
+
+
+def record(load: np.ndarray, seed: int = 0, state: float | None = None, half_gap: float = 0.0) -> LoadRecord:
+    """A joint with a gap by law (6), with slip where it has a state."""
+    time, measured, angle = columns(load, seed)
+    angle = angle + half_gap * np.sign(load)
+    return LoadRecord(f'{seed}.csv', time, measured, angle if state is None else angle + slipping(load, state))
+
+
+@pytest.fixture(scope='module')
+def records() -> list[LoadRecord]:
+    """Of a joint that slips."""
+    return [record(torque(level), number, state) for number, (level, state) in enumerate(STATES)]
+
+
+@pytest.fixture(scope='module')
+def analysis(records: list[LoadRecord]) -> LoadAnalysis:
+    """Of these records."""
+    return analyse_load_driven(records)
+
+
+def scaled(each: LoadRecord, load: float, response: float) -> LoadRecord:
+    """The same in other units."""
+    return replace(each, load=load * each.load, response=response * each.response)
+
+
+@pytest.mark.parametrize(('load', 'response'), [(1e3, 1e3), (1e-6, 1e3), (1.0, -1.0), (-1.0, -1.0)])
+def test_units_and_signs_change_no_verdict(
+    records: list[LoadRecord], analysis: LoadAnalysis, load: float, response: float
+) -> None:
+    other = analyse_load_driven([scaled(each, load, response) for each in records])
+    assert analysis.selected is not None
+    assert analysis.selected.law.family == 'slip'
+    assert other.selected is not None
+    assert other.selected.law.name == analysis.selected.law.name
+    assert other.verdict == analysis.verdict
+    assert other.direction == np.sign(load * response) * analysis.direction
+    assert np.log(other.p_value) == pytest.approx(np.log(analysis.p_value), rel=1e-6)
+    assert other.selected.held_out_rms == pytest.approx(abs(response) * analysis.selected.held_out_rms, rel=0.02)
+    compliance, expected = (each.selected.parameters['compliance'].value for each in (other, analysis))  # type: ignore[union-attr]
+    assert compliance == pytest.approx(abs(response / load) * expected, rel=1e-3)
+
+
+def test_no_response_after_the_unloading_is_used(analysis: LoadAnalysis) -> None:
+    other = record(torque(-2.8), 9, -0.5)
+    changed = np.random.default_rng(1).normal(0.0, 0.1, len(other))
+    changed[: other.unloaded] = 0.0
+    altered = replace(other, response=other.response + changed)
+    (found,), (same,) = (predict_records(analysis, [each]) for each in (other, altered))
+    assert found.after_rms < 4e-6
+    for one, two in ((found.before, same.before), (found.after, same.after)):
+        assert (one.state, one.zero) == (two.state, two.zero)
+        np.testing.assert_allclose(two.residual - one.residual, changed, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize('half_gap', [0.0, 60e-6])
+def test_law_6_is_sufficient_for_records_of_law_6(half_gap: float) -> None:
+    several = [record(torque(level), 7 + k, half_gap=half_gap) for k, level in enumerate((-2.0, 2.5, -3.0))]
+    found = analyse_load_driven(several)
+    assert (found.verdict, found.selected, found.rivals) == ('none', None, ())
+    assert found.before.parameters['compliance'].value == pytest.approx(150e-6, rel=0.02)
+    assert found.before.parameters['half_gap'].value == pytest.approx(half_gap, rel=0.1, abs=2e-6)
+    headline, sentences = text.verdict(found)
+    assert headline == 'Law (6), slope and gap, is sufficient'
+    assert not any('not tested' in each or 'hardly' in each or 'keeps' in each for each in sentences)
+
+
+def test_false_alarms_are_rare() -> None:
+    alarms = 0
+    for number in range(30):
+        levels = np.random.default_rng(number).uniform(-3.0, -1.0, 2)
+        alarms += p_sufficient([record(torque(each), 100 * k + number) for k, each in enumerate(levels)]) < 0.01
+    assert alarms <= 1
+
+
+def test_one_record_is_not_taken_for_several(records: list[LoadRecord]) -> None:
+    found = analyse_load_driven(records[:1])
+    _, sentences = text.verdict(found)
+    assert found.verdict == 'none'
+    assert found.p_without_memory < 1e-6
+    assert 'This takes a gap that keeps its place when unloaded; without it law (6) fails (p < 1e-12).' in sentences
+    assert 'One record hardly tells slip from a gap; several records of the joint do.' in sentences
+
+
+def test_what_was_not_tested_is_said() -> None:
+    part = np.concatenate([torque()[:500], np.full(200, -1.0)])
+    found = analyse_load_driven([record(part, 1), record(part, 2)])
+    _, sentences = text.verdict(found)
+    assert any('whether the response stays then was not tested' in each for each in sentences)
+    assert re.search(r'at rest before +– +–$', text.dependence_table(found).text(), re.MULTILINE)
+
+
+def test_a_record_that_tests_nothing_is_refused() -> None:
+    load = np.concatenate([np.zeros(100), np.full(10, -2.0), np.full(40, -1.0)])
+    with pytest.raises(UnsupportedDataError, match=r'1\.csv: the load neither comes back to rest nor lasts'):
+        analyse_load_driven([record(load, 1, 0.8), record(load, 2, 0.8)])
+
+
+def test_a_response_that_follows_in_the_opposite_sense_is_refused(
+    records: list[LoadRecord], analysis: LoadAnalysis
+) -> None:
+    opposite = replace(scaled(records[2], 1.0, -1.0), source='opposite.csv')
+    with pytest.raises(RecordingError, match=r'opposite\.csv: its response follows the load in the opposite sense'):
+        analyse_load_driven([*records[:2], opposite])
+    with pytest.raises(RecordingError, match=r'opposite\.csv: its response follows'):
+        predict_records(analysis, [opposite])
+
+
+def test_a_response_that_follows_no_load_is_said() -> None:
+    several = [record(torque(), seed) for seed in (1, 2)]
+    noise = [np.random.default_rng(seed).normal(0.0, 2e-6, len(each)) for seed, each in enumerate(several)]
+    found = analyse_load_driven([replace(each, response=own) for each, own in zip(several, noise, strict=True)])
+    assert 'The angle hardly follows the torque: do the columns belong to one joint?' in text.verdict(found)[1]
+
+
+@pytest.mark.parametrize('rate', [10.0, 1000.0])
+def test_other_rates_of_sampling_give_the_same(rate: float) -> None:
+    times = max(round(rate / RATE), 1)
+    several = []
+    for number, (level, state) in enumerate(STATES):
+        load = np.repeat(torque(level), times)
+        _, measured, angle = columns(load, number)
+        several.append(
+            LoadRecord(f'{number}.csv', np.arange(len(load)) / rate, measured, angle + slipping(load, state))
+        )
+    found = analyse_load_driven(several)
+    assert found.selected is not None
+    assert found.selected.law.family == 'slip'
+    assert found.selected.held_out_rms < 6e-6
