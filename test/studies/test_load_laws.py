@@ -128,7 +128,7 @@ def test_units_and_signs_change_no_verdict(
 
 def test_no_response_after_the_unloading_is_used(analysis: LoadAnalysis) -> None:
     other = record(torque(-2.8), 9, -0.5)
-    changed = np.random.default_rng(1).normal(0.0, 0.1, len(other))
+    changed = 1.0 + np.random.default_rng(1).normal(0.0, 0.1, len(other))
     changed[: other.unloaded] = 0.0
     altered = replace(other, response=other.response + changed)
     (found,), (same,) = (predict_records(analysis, [each]) for each in (other, altered))

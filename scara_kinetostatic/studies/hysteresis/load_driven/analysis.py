@@ -301,9 +301,8 @@ def check_units(records: Sequence[LoadRecord]) -> None:
 
 
 def _check_sense(records: Sequence[LoadRecord], direction: float | None = None) -> None:
-    """Checks that the response follows the load in one sense, that of most records if no direction is given."""
-    paths = [LoadPath.in_blocks(record) for record in records]
-    follows = [np.corrcoef(p.load, p.response)[0, 1] if np.ptp(p.response) > 0 else 0.0 for p in paths]
+    """Checks that, until the unloading, the response follows the load in one sense: that given, or of most records."""
+    follows = [_correlation(LoadPath.in_blocks(record)) for record in records]
     along, against = ([sense * each > _OPPOSITE for each in follows] for sense in (1.0, -1.0))
     if direction is None:
         direction = 1.0 if sum(along) >= sum(against) else -1.0
@@ -315,6 +314,12 @@ def _check_sense(records: Sequence[LoadRecord], direction: float | None = None) 
         raise RecordingError(
             records[opposite.index(True)].source, problem, 'give records of one joint, or reverse a sign'
         )
+
+
+def _correlation(path: LoadPath) -> float:
+    """Of the response with the load until the unloading; 0 where the response is constant."""
+    load, response = path.load[path.known], path.response[path.known]
+    return float(np.corrcoef(load, response)[0, 1]) if np.ptp(response) > 0 and np.ptp(load) > 0 else 0.0
 
 
 def earlier_half(path: LoadPath) -> Mask:
