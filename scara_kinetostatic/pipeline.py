@@ -71,11 +71,23 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress |
         touches=TouchSet.concatenate([part.touches for part in parts]),
         rejected=tuple(item for part in parts for item in part.rejected),
         found=found,
-        warnings=tuple(text for part in parts for text in part.warnings),
+        warnings=(*(text for part in parts for text in part.warnings), *_unknown_histories(paths, parts)),
         episodes=tuple(item for part in parts for item in part.episodes),
         start=parts[0].start,
         contradiction=next((part.contradiction for part in parts if part.contradiction), ''),
     )
+
+
+def _unknown_histories(paths: Sequence[str | Path], parts: Sequence[Detection]) -> list[str]:
+    """A warning for each table among recordings: only these tell the load before a touch."""
+    if all(map(is_touch_table, paths)):
+        return []
+    return [
+        f'{path}: does not say how the load came and went before each touch; where a joint slips with memory, it is '
+        'taken as relaxed before each: calibrate the recordings alone'
+        for path, part in zip(paths, parts, strict=True)
+        if is_touch_table(path) and len(part.touches)
+    ]
 
 
 def touches_of_file(path: str | Path, cell: Cell) -> Detection:

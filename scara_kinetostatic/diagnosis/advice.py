@@ -11,10 +11,11 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.discriminating_touches import DiscriminatingTouch
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.refit import fitted_effects
-from scara_kinetostatic.diagnosis.result import Found, Ranked
-from scara_kinetostatic.diagnosis.thresholds import STRICT_SIGNIFICANCE
+from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked
+from scara_kinetostatic.diagnosis.thresholds import DISTINCT, STRICT_SIGNIFICANCE
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.parameters import NAMES, UNITS
+from scara_kinetostatic.model.touch import TouchSet
 
 _LARGE_BIAS = 5.0
 """Standard deviations by which an undetected effect may bias a parameter without a message."""
@@ -106,11 +107,11 @@ def fixed_parameters(c: Calibration) -> str:
 
 
 def alternative_frequencies(extended: Calibration, alternatives: Sequence[Calibration]) -> str:
-    """Which other frequencies fit as well as those of an extended model.
+    """Which other frequencies or slip torques fit as well as those of an extended model, and are not nearly the same.
 
     Args:
-        extended: the model.
-        alternatives: fits of the same effects with other frequencies.
+        extended: the model, with the standard deviations of its fit alone.
+        alternatives: the same effects with others.
     """
     fits = [fitted_effects(fit) for fit in (extended, *alternatives)]
     sentences = []
@@ -118,12 +119,14 @@ def alternative_frequencies(extended: Calibration, alternatives: Sequence[Calibr
         effect = same[0].effect
         if not effect.grid_parameter:
             continue
-        found, *others = (f'{item.values[effect.grid_parameter_index]:.3g}' for item in same)
-        others = sorted(set(others) - {found}, key=float)
+        k = effect.grid_parameter_index
+        found, least = float(same[0].values[k]), DISTINCT * float(same[0].std[k])
+        others = sorted({f'{item.values[k]:.3g}' for item in same if abs(item.values[k] - found) > least}, key=float)
         if others:
             sentences.append(
                 f'{effect.label} fits equally well with {effect.grid_parameter} = {" or ".join(others)} instead of '
-                f'{found}; the standard deviations cover all of them; to discriminate, record {effect.identified_by}'
+                f'{found:.3g}; the standard deviations cover all of them; '
+                f'to discriminate, record {effect.identified_by}'
             )
     return joined(*sentences)
 
@@ -260,6 +263,22 @@ def negative_backlash(c: Calibration) -> str:
     return (
         f'the backlash {" and ".join(below)} is significantly negative, as in a joint that slips under load and keeps '
         'a part of its deflection: preload every other touch to identify it'
+    )
+
+
+def unknown_history(touches: TouchSet, found: Diagnosis) -> str:
+    """Message where slip with memory may be the cause and cannot be examined, as the load before each touch is unknown.
+
+    Args:
+        touches: those of the calibration.
+        found: the diagnosis: a lack of fit remains, or an effect depends on the direction of approach.
+    """
+    by_approach = any(item.effect.plot_variable == 'approach' for item in found.found)
+    if touches.history.shape[1] or not (by_approach or found.verdict == 'unexplained'):
+        return ''
+    return (
+        'the touches do not say how the load came and went before each of them, so slip with memory in a joint was not '
+        'examined: calibrate the recording itself, if there is one'
     )
 
 

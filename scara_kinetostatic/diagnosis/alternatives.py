@@ -30,7 +30,7 @@ from scara_kinetostatic.diagnosis.candidates import (
 )
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
 from scara_kinetostatic.diagnosis.refit import fitted_effects, penalised_deviance, start_from
-from scara_kinetostatic.diagnosis.thresholds import CREDIBLE
+from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, DISTINCT
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -44,8 +44,6 @@ _GRID_LOSS = 0.2
 """Part of what a wave explains that may be lost at the nearest frequency of the grid, with a margin."""
 _MOST_PEAKS = 4
 """Peaks that are fitted at most, the highest first."""
-_DISTINCT = 3.0
-"""Standard deviations by which two frequencies must differ to be two."""
 
 
 def fit_alternative_laws(extended: Calibration) -> list[Calibration]:
@@ -81,7 +79,7 @@ def fit_alternative_frequencies(extended: Calibration, in_every_model: Container
         k = fitted[place].effect.grid_parameter_index
         frequency, std = fitted[place].values[k], fitted[place].std[k]
         for peak in _peaks(problem, found, place, max(1.0, extended.reduced_chi_square)):
-            if abs(peak.trial.place - frequency) > _DISTINCT * std:
+            if abs(peak.trial.place - frequency) > DISTINCT * std:
                 variants.append(start_from(problem, [*found[:place], peak, *found[place + 1 :]])[0])
     return _fit_variants(extended, variants)
 

@@ -65,7 +65,8 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
     growing = '' if final.model.off_normal_std else advice.growing_noise(growing_p_value(final))
     fixed = advice.fixed_parameters(calibration) if found.verdict != 'none' else ''
     negative = advice.negative_backlash(final)
-    return replace(found, advice=advice.joined(overstated, found.advice, fixed, growing, negative))
+    unknown = advice.unknown_history(calibration.touches, found)
+    return replace(found, advice=advice.joined(overstated, found.advice, fixed, growing, negative, unknown))
 
 
 def _with_estimated_noise(calibration: Calibration) -> Calibration:

@@ -17,6 +17,8 @@ CREDIBLE = 10.0
 """Difference of the penalised deviance beyond which a set of effects is ruled out: odds of e⁵. Very strong evidence on
 the scale of Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
 """
+DISTINCT = 3.0
+"""Standard deviations by which two frequencies or slip torques must differ to be two."""
 INDEPENDENT_PART = 0.012
 """Part of a unit column that must be independent of the fitted parameters for an effect to be identifiable; less is
 made by the noise of the measured force.
