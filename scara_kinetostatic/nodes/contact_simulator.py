@@ -69,7 +69,7 @@ class ContactSimulator(Node):
         """Nothing to close."""
 
     def _simulate(self, start: int = 0) -> Playback:
-        """The next pass through the plan, with noise of its own."""
+        """The next pass through the plan, with noise of its own; joints with memory keep what the last one left."""
         settings = self._settings
         streams = simulate_streams(
             settings.cell,
@@ -78,6 +78,7 @@ class ContactSimulator(Node):
             sensors=settings.sensors,
             seed=settings.seed + self._passes,
             start=0,
+            repeated=self._passes > 0,
         )
         self._passes += 1
         return Playback(streams, start)

@@ -141,10 +141,14 @@ class ContactForces:
         return depth
 
     def peak_force(self, joints: Floats, histories: Histories) -> Floats:
-        """Largest force on the object in each touch, (m, 2), N, for its joints (m, 2), rad."""
+        """Largest force on the object in each touch, (m, 2), N, for its joints (m, 2), rad.
+
+        The planned one where no equilibrium is found.
+        """
         beyond = (1.0 + self.plan.preload) * self.plan.force
         every, planned = np.arange(len(self.plan)), -beyond[:, None] * self.plan.normal()
-        return self.contact(every, joints, planned, metadata=self.metadata._replace(history=histories.press)).force
+        found = self.contact(every, joints, planned, metadata=self.metadata._replace(history=histories.press))
+        return np.where(found.solved[:, None], found.force, planned)
 
     def with_histories(self, histories: Histories) -> ContactForces:
         """The same touches with other loads before them."""

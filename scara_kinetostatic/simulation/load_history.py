@@ -48,7 +48,11 @@ class Histories(NamedTuple):
 
 
 def load_histories(
-    loads: PlannedLoads, has_preload: Mask, parameters: Parameters, frame: SensorFrame = SensorFrame.BASE
+    loads: PlannedLoads,
+    has_preload: Mask,
+    parameters: Parameters,
+    frame: SensorFrame = SensorFrame.BASE,
+    repeated: bool = False,
 ) -> Histories:
     """The histories of the touches of a plan.
 
@@ -57,6 +61,7 @@ def load_histories(
         has_preload: whether the peak is beyond the hold, (m,).
         parameters: L̄, which tells the torques that a memory keeps.
         frame: that of the forces.
+        repeated: whether the joints come from another pass through the same plan instead of the relaxed state.
     """
     peaks = np.concatenate([loads.peak_joints, loads.peak_force], axis=1)
     holds = np.concatenate([loads.hold_joints, loads.hold_force], axis=1)
@@ -64,9 +69,11 @@ def load_histories(
     torques = [(first, second) for first, second in torques_of(parameters, points, frame).tolist()]
     stages: tuple[list[Floats], ...] = ([], [], [])
     memory: list[int] = []
-    for place in range(len(points)):
-        stages[place % 3].append(points[memory])
-        if place % 3 or has_preload[place // 3]:
-            memory.append(place)
-            memory = [memory[k] for k in remembered([torques[one] for one in memory])]
+    for turn in range(1 + repeated):
+        for place in range(len(points)):
+            if turn == repeated:
+                stages[place % 3].append(points[memory])
+            if place % 3 or has_preload[place // 3]:
+                memory.append(place)
+                memory = [memory[k] for k in remembered([torques[one] for one in memory])]
     return Histories(*(stacked_histories(stage, loads.hold_joints) for stage in stages))

@@ -28,6 +28,7 @@ def simulate_streams(
     sensors: SensorModel | None = None,
     seed: int = 0,
     start: int = START,
+    repeated: bool = False,
 ) -> Streams:
     """Both streams of one pass through a plan, with the effects of the robot.
 
@@ -39,12 +40,13 @@ def simulate_streams(
         sensors: noise, bias and rates.
         seed: of all random numbers.
         start: stamp of the start, ns.
+        repeated: whether joints with memory come from another pass through the plan instead of the relaxed state.
 
     Raises:
         UnsupportedDataError: the simulated robot cannot reach a touch, or hold its force.
     """
     sensors = sensors or SensorModel()
-    trajectory = Trajectory(cell, truth, plan, timing)
+    trajectory = Trajectory(cell, truth, plan, timing, repeated)
     joint_errors, force_errors = sensors.touch_errors(cell, len(plan), np.random.default_rng([seed, 0]))
     random = np.random.default_rng([seed, 1])
     joint_stamps = sensors.stamps(trajectory.duration, sensors.joint_rate, 0.0, random)

@@ -106,6 +106,7 @@ class Trajectory:
         truth: the simulated robot, with its effects.
         plan: the touches.
         timing: how long the phases last.
+        repeated: whether joints with memory come from another pass through the plan instead of the relaxed state.
 
     Attributes:
         duration: of the whole trajectory, s.
@@ -122,8 +123,15 @@ class Trajectory:
         UnsupportedDataError: the plan is empty, or the simulated robot cannot reach a touch or hold its force.
     """
 
-    def __init__(self, cell: Cell, truth: ExtendedModel | Parameters, plan: Plan, timing: Timing | None = None) -> None:
-        self.cell, self.plan, self.timing = cell, plan, timing or Timing()
+    def __init__(
+        self,
+        cell: Cell,
+        truth: ExtendedModel | Parameters,
+        plan: Plan,
+        timing: Timing | None = None,
+        repeated: bool = False,
+    ) -> None:
+        self.cell, self.plan, self.timing, self.repeated = cell, plan, timing or Timing(), repeated
         self.model = as_model(truth)
         self.truth = self.model.parameters
         if not len(plan):
@@ -188,7 +196,7 @@ class Trajectory:
     def histories(self) -> Histories:
         """The load before the stages of each touch, true values."""
         loads = PlannedLoads(self.peak_joints, self.peak_force, self.hold_joints, self.hold_force)
-        return load_histories(loads, self.plan.preload > 0, self.truth)
+        return load_histories(loads, self.plan.preload > 0, self.truth, repeated=self.repeated)
 
     def _metadata(self) -> TouchMetadata:
         approach, press = (last_movement(path, self.hold_joints) for path in (self.path, self.path[1:]))

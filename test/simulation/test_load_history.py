@@ -36,6 +36,15 @@ def test_the_memory_goes_from_touch_to_touch():
         path = np.concatenate([path, hold[None], np.zeros((1, 2))])
 
 
+def test_a_further_pass_begins_with_what_the_last_one_left():
+    plan, m = PLAN.select(np.arange(20)), 20
+    twice = Trajectory(CELL, SLIP, plan.select(np.tile(np.arange(m), 2)))
+    second = Trajectory(CELL, SLIP, plan, repeated=True)
+    np.testing.assert_allclose(second.hold_force, twice.hold_force[m:], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(second.hold_joints, twice.hold_joints[m:], rtol=0, atol=1e-7)
+    assert np.abs(second.hold_joints - Trajectory(CELL, SLIP, plan).hold_joints)[0].max() > 1e-6
+
+
 def test_a_preloaded_joint_keeps_a_part_of_its_deflection():
     """Unloaded from the preload by less than twice the slip torque, the joint angle stays ahead of the force."""
     alone = ExtendedModel(PAPER_ACTUAL, (JointSlip.of(0),), ((6e-5, 50.0),))
