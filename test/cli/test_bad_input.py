@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -256,6 +257,8 @@ def rows_without(first: int, last: int) -> str:
 
 
 MANY = 'time_s,q2_rad,tau2_Nm'
+BRIEF = table(np.concatenate([np.zeros(100), np.full(10, -2.0), np.full(40, -1.0)]))
+"""A load of an eighth of a second that never goes to rest again."""
 LOAD_DRIVEN = {
     'a column that does not exist': (table(heading=MANY), ['--response', 'q3_rad', '--load', 'tau2_Nm'], 2, 'q2_rad?'),
     'no such load': (table(heading=MANY), ['--response', 'q2_rad', '--load', 'tau_2'], 2, 'did you mean tau2_Nm'),
@@ -292,6 +295,8 @@ LOAD_DRIVEN = {
     'a gap': (rows_without(400, 480), [], 3, 'a gap in time from 4.9875 to 6 s'),
     'a jump': (table() + '0.5,0.7,0\n', [], 3, 'does not rise from row to row'),
     'constant load': (table(np.zeros(400)), [], 3, 'the load is constant within its noise'),
+    'a wrong unit of time': (table(heading='time_ms,angle_rad,torque_Nm'), [], 3, 'check the unit of the time'),
+    'a load too short to test': (BRIEF, [], 3, 'for a test of law (6); record some seconds at rest'),
     'without time': (table(heading='seconds,angle_rad,torque_Nm'), [], 3, 'add a column time_s'),
     'no number': (table().replace('\n0.02500,', '\nsoon,', 1), [], 2, 'line 4: time_s: expected a number'),
     'tension': (table(), ['--tension', '3'], 2, 'driven by its load'),
@@ -315,4 +320,9 @@ def test_records_of_two_joints_or_kinds_are_not_mixed(run: Run, tmp_path: Path) 
     check(run('hysteresis', 'one.csv', 'two.csv', '--out', 'x'), 2, 'two.csv', 'joint 4', 'one.csv', 'joint 2')
     check(run('hysteresis', 'one.csv', '--predict', 'two.csv', '--out', 'x'), 2, 'two.csv', 'joint 4')
     check(run('hysteresis', 'one.csv', 'three.csv', '--out', 'x'), 2, 'three.csv', 'its load is in N')
-    nothing_new(tmp_path, 'one.csv', 'two.csv', 'three.csv')
+    (tmp_path / 'four.csv').write_text(
+        re.sub(r',(-?[0-9.]+)$', lambda f: f',{-float(f[1])}', table(), flags=re.MULTILINE)
+    )
+    for options in (['four.csv'], ['--predict', 'four.csv']):
+        check(run('hysteresis', 'one.csv', *options, '--out', 'x'), 2, '.csv', 'in the opposite sense of the other')
+    nothing_new(tmp_path, 'one.csv', 'two.csv', 'three.csv', 'four.csv')
