@@ -17,6 +17,7 @@ from scara_kinetostatic.studies.hysteresis.load_driven.analysis import (
     p_sufficient,
     predict_records,
 )
+from scara_kinetostatic.studies.hysteresis.load_driven.document import load_driven_document
 from scara_kinetostatic.studies.hysteresis.load_driven.load_path import LoadPath
 from scara_kinetostatic.studies.hysteresis.load_driven.record import LoadRecord
 
@@ -172,6 +173,9 @@ def test_what_was_not_tested_is_said() -> None:
     found = analyse_load_driven([record(part, 1), record(part, 2)])
     _, sentences = text.verdict(found)
     assert any('whether the response stays then was not tested' in each for each in sentences)
+    document = load_driven_document(found)
+    assert document['residual_dependence']['before']['memory']['p_value'] is None
+    assert document['residual_dependence']['before']['load']['p_value'] > 0.01
     assert re.search(r'at rest before +– +–$', text.dependence_table(found).text(), re.MULTILINE)
 
 

@@ -31,6 +31,7 @@ def load_driven_document(analysis: LoadAnalysis, predicted: Sequence[PredictedRe
         'units': {'load': first.load_unit, 'response': first.response_unit},
         'verdict': analysis.verdict,
         'p_value': analysis.p_value,
+        'p_value_without_memory': analysis.p_without_memory,
         'p_value_after': analysis.p_after,
         'effects': families[:1],
         'rivals': [families] if analysis.rivals else [],
@@ -85,7 +86,7 @@ def _dependences(found: Sequence[Dependence]) -> dict[str, Any]:
     return {
         each.variable: {
             'share': each.share,
-            'p_value': each.p_value,
+            'p_value': each.p_value if each.is_tested else None,
             'p_value_by_record': [_number(value) for value in each.by_record],
         }
         for each in found
