@@ -10,7 +10,7 @@ import pytest
 from studies.load_records import RATE, columns, slipping, torque
 
 from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
-from scara_kinetostatic.studies.hysteresis.load_driven import text
+from scara_kinetostatic.studies.hysteresis.load_driven import page, text
 from scara_kinetostatic.studies.hysteresis.load_driven.analysis import (
     LoadAnalysis,
     analyse_load_driven,
@@ -161,10 +161,14 @@ def test_false_alarms_are_rare() -> None:
 
 def test_one_record_is_not_taken_for_several(records: list[LoadRecord]) -> None:
     found = analyse_load_driven(records[:1])
-    _, sentences = text.verdict(found)
+    headline, sentences = text.verdict(found)
     assert found.verdict == 'none'
-    assert found.p_without_memory < 1e-6
-    assert 'This takes a gap that keeps its place when unloaded; without it law (6) fails (p < 1e-12).' in sentences
+    assert found.needs_memory
+    assert headline == 'Law (6) is sufficient only with a gap that keeps its place when unloaded'
+    assert 'With one that returns to its zero it is not (p < 1e-12).' in sentences
+    assert found.gap.law.name == 'gap'
+    assert 'gap that keeps its place' in text.parameter_table(found).heading
+    assert 'class="verdict caution"' in page.html_text(found)
     assert 'One record hardly tells slip from a gap; several records of the joint do.' in sentences
 
 

@@ -103,6 +103,16 @@ class LoadAnalysis(NamedTuple):
         return p_independent(self.dependence_before)
 
     @property
+    def needs_memory(self) -> bool:
+        """Whether law (6) is sufficient only with a gap that keeps its place when unloaded."""
+        return self.verdict == NONE and self.p_without_memory < LEVEL
+
+    @property
+    def gap(self) -> Candidate:
+        """The gap that keeps its place, the first of the candidates."""
+        return self.candidates[0]
+
+    @property
     def p_after(self) -> float:
         """p-value of the selected law as a sufficient law."""
         return p_independent(self.dependence_after)

@@ -68,10 +68,11 @@ def html_text(analysis: LoadAnalysis, predicted: Sequence[PredictedRecord] = ())
 
 
 def _level(analysis: LoadAnalysis) -> str:
-    """Colour of the verdict: good only for one law whose residual shows no dependence."""
+    """Colour of the verdict: good only for one law whose residual shows no dependence; of law (6), without memory."""
     if analysis.verdict == UNEXPLAINED:
         return 'bad'
-    return 'caution' if analysis.verdict == AMBIGUOUS or analysis.p_after < LEVEL else 'good'
+    open_ = analysis.verdict == AMBIGUOUS or analysis.needs_memory or analysis.p_after < LEVEL
+    return 'caution' if open_ else 'good'
 
 
 def _facts(analysis: LoadAnalysis) -> list[tuple[str, str, str]]:

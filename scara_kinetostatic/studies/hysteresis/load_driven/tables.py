@@ -93,11 +93,13 @@ def _state(analysis: LoadAnalysis, place: int) -> str:
 
 
 def parameter_table(analysis: LoadAnalysis) -> Table:
-    """Parameters of law (6) and of the selected law with their standard deviations."""
-    laws = [analysis.before] + ([analysis.selected] if analysis.selected else [])
+    """Parameters of law (6) and of the selected law, or of the gap it takes, with their standard deviations."""
+    after = analysis.gap if analysis.needs_memory else analysis.selected
+    laws = [analysis.before] + ([after] if after else [])
     names = [name for name in _PARAMETERS if any(name in each.parameters for each in laws)]
     rows = tuple((_PARAMETERS[name], *(_value(analysis, each, name) for each in laws)) for name in names)
-    return Table(('parameter', 'before', 'after')[: len(laws) + 1], ('',) * (len(laws) + 1), rows)
+    last = 'gap that keeps its place' if analysis.needs_memory else 'after'
+    return Table(('parameter', 'before', last)[: len(laws) + 1], ('',) * (len(laws) + 1), rows)
 
 
 def unit_of(analysis: LoadAnalysis, law_unit: str) -> str:

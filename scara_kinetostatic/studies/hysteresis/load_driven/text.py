@@ -61,7 +61,10 @@ def verdict(analysis: LoadAnalysis) -> tuple[str, list[str]]:
     """Headline, and the sentences below it."""
     if analysis.verdict == NONE:
         found = f'No dependence of its residual was found ({p_equals(analysis.p_value)}{_together(analysis)}).'
-        return 'Law (6), slope and gap, is sufficient', [found, *_reservations(analysis), _errors(analysis)]
+        headline = 'Law (6), slope and gap, is sufficient'
+        if analysis.needs_memory:
+            headline = 'Law (6) is sufficient only with a gap that keeps its place when unloaded'
+        return headline, [found, *_reservations(analysis), _errors(analysis)]
     first = [_evidence(analysis)]
     if analysis.verdict == UNEXPLAINED or analysis.selected is None:
         return 'Law (6) is not sufficient, and no candidate predicts better', [*first, _errors(analysis)]
@@ -75,9 +78,8 @@ def verdict(analysis: LoadAnalysis) -> tuple[str, list[str]]:
 def _reservations(analysis: LoadAnalysis) -> list[str]:
     """What goes with the result that no dependence was found."""
     sentences = []
-    if analysis.p_without_memory < LEVEL:
-        chance = p_equals(analysis.p_without_memory)
-        sentences.append(f'This takes a gap that keeps its place when unloaded; without it law (6) fails ({chance}).')
+    if analysis.needs_memory:
+        sentences.append(f'With one that returns to its zero it is not ({p_equals(analysis.p_without_memory)}).')
     sentences += [_UNTESTED[each.variable] for each in analysis.dependence_before if not each.is_tested]
     if explained_share(analysis) < _LEAST_EXPLAINED:
         words = units(analysis)
