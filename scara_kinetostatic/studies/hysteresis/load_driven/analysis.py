@@ -20,9 +20,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from scara_kinetostatic.errors import RecordingError, UnsupportedDataError
+from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Mask, rms
 from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
+from scara_kinetostatic.studies.hysteresis.load_driven.alike import check_sense, check_units
 from scara_kinetostatic.studies.hysteresis.load_driven.dependence import Dependence, dependences, p_independent
 from scara_kinetostatic.studies.hysteresis.load_driven.fit import LoadFit, Moments, Prediction, fit, moments, predict
 from scara_kinetostatic.studies.hysteresis.load_driven.laws import BACKLASH_FORMS, CANDIDATES, GAP_FORMS, Law
@@ -38,8 +39,6 @@ from scara_kinetostatic.studies.hysteresis.model_selection import (
     effective_count,
 )
 
-_OPPOSITE = 0.9
-"""Correlation of response and load from which on a record has a sense of its own; opposite ones do not go together."""
 _FAR_BEYOND = 1.5
 """A record whose load is larger than that of every other by this factor is not predicted but extrapolated."""
 
@@ -238,7 +237,7 @@ def analyse_load_driven(records: Sequence[LoadRecord]) -> LoadAnalysis:
     """
     check_units(records)
     study = _Study(records)
-    _check_sense(records)
+    check_sense(records)
     forms = study.forms()
     without_memory, with_memory = (_most_sufficient(study, several) for several in forms)
     dependence_before = max(without_memory, with_memory, key=p_independent)
@@ -287,7 +286,7 @@ def predict_records(analysis: LoadAnalysis, others: Sequence[LoadRecord]) -> tup
         UnsupportedDataError: the units differ.
     """
     check_units([*analysis.records, *others])
-    _check_sense(others, analysis.direction)
+    check_sense(others, analysis.direction)
     found = []
     for record in others:
         path = LoadPath(record)
@@ -296,40 +295,6 @@ def predict_records(analysis: LoadAnalysis, others: Sequence[LoadRecord]) -> tup
         errors = [rms(each.residual[~path.known]) for each in (before, after)]
         found.append(PredictedRecord(record, before, after, errors[0], errors[1]))
     return tuple(found)
-
-
-def check_units(records: Sequence[LoadRecord]) -> None:
-    """Checks that records go together.
-
-    Raises:
-        UnsupportedDataError: the units differ.
-    """
-    for record in records[1:]:
-        if record.load_unit != records[0].load_unit:
-            pairs = [f'{each.name} is in {each.response_unit} and {each.load_unit}' for each in (records[0], record)]
-            raise UnsupportedDataError(', '.join(pairs), 'give records of one joint')
-
-
-def _check_sense(records: Sequence[LoadRecord], direction: float | None = None) -> None:
-    """Checks that, until the unloading, the response follows the load in one sense: that given, or of most records."""
-    follows = [_correlation(LoadPath.in_blocks(record)) for record in records]
-    along, against = ([sense * each > _OPPOSITE for each in follows] for sense in (1.0, -1.0))
-    if direction is None:
-        direction = 1.0 if sum(along) >= sum(against) else -1.0
-        if not (any(along) and any(against)):
-            return
-    opposite = against if direction > 0 else along
-    if any(opposite):
-        problem = 'its response follows the load in the opposite sense of the other records'
-        raise RecordingError(
-            records[opposite.index(True)].source, problem, 'give records of one joint, or reverse a sign'
-        )
-
-
-def _correlation(path: LoadPath) -> float:
-    """Of the response with the load until the unloading; 0 where the response is constant."""
-    load, response = path.load[path.known], path.response[path.known]
-    return float(np.corrcoef(load, response)[0, 1]) if np.ptp(response) > 0 and np.ptp(load) > 0 else 0.0
 
 
 def earlier_half(path: LoadPath) -> Mask:
