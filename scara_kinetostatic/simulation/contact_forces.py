@@ -33,6 +33,10 @@ FORCE_TOLERANCE = 1e-3
 """Relative error of the force at which the iteration for a depth ends."""
 LARGEST_FORCE_ERROR = 0.02
 """Largest relative error of the force of a hold; beyond it the touch is refused."""
+LARGEST_FORCE_ERROR_AT_KINKS = 0.1
+"""The same for a robot with a law that has kinks, where the commanded joints need not settle. The force is that of the
+joints as commanded, whatever the plan says.
+"""
 MOST_ITERATIONS = 30
 LARGEST_STEP = 2e-3
 """Largest change of a depth in one iteration, m."""
@@ -117,8 +121,8 @@ class ContactForces:
 
         Args:
             command: from depths (m,), m, to the Q commanded under the level, (m, 2), rad.
-            level: part of the force of the hold that is wanted.
-            softness: depth per force of the robot without effects, (m,), m/N.
+            relative_force: part of the force of the hold that is wanted.
+            compliance: depth per force of the robot without effects, (m,), m/N.
             start: first depths, (m,), m.
         """
         wanted = relative_force * self.plan.force
@@ -158,9 +162,9 @@ class ContactForces:
         """A(Q, L̄) in each hold, for its joints (m, 2), rad."""
         return self.contact(np.arange(len(self.plan)), joints, -self.plan.force[:, None] * self.plan.normal())
 
-    def off_plan(self, found: Contact) -> Mask:
-        """Which touches have no equilibrium, or not the force that is planned, (m,)."""
-        return ~(np.abs(found.magnitude - self.plan.force) <= LARGEST_FORCE_ERROR * self.plan.force) | ~found.solved
+    def off_plan(self, found: Contact, tolerance: float = LARGEST_FORCE_ERROR) -> Mask:
+        """Which touches have no equilibrium, or not the force that is planned but for a relative error, (m,)."""
+        return ~(np.abs(found.magnitude - self.plan.force) <= tolerance * self.plan.force) | ~found.solved
 
     def hold_force(self, joints: Floats) -> Floats:
         """Force on the object in each hold, (m, 2), N.
@@ -172,7 +176,8 @@ class ContactForces:
             UnsupportedDataError: a touch has no equilibrium, or not the force that is planned.
         """
         found = self.in_hold(joints)
-        off = self.off_plan(found)
+        is_smooth = all(effect.is_smooth for effect in self.truth.effects)
+        off = self.off_plan(found, LARGEST_FORCE_ERROR if is_smooth else LARGEST_FORCE_ERROR_AT_KINKS)
         if off.any():
             first = int(np.argmax(off))
             name = self.cell.discs[self.plan.disc[first]].name

@@ -189,9 +189,11 @@ class Trajectory:
             self.peak_force = contact_forces.peak_force(self.peak_joints, histories)
             self.hold_force = contact_forces.hold_force(self.hold_joints)
             if np.abs(before - (self.peak_force, self.hold_force)).max() < FORCE_ROUNDING:
-                break
-        self.metadata = contact_forces.metadata
-        return contact_forces
+                self.metadata = contact_forces.metadata
+                return contact_forces
+        raise UnsupportedDataError(
+            'the forces of the touches and the loads before them do not come to agree', 'simulate smaller effects'
+        )
 
     def histories(self) -> Histories:
         """The load before the stages of each touch, true values."""

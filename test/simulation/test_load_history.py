@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from calibration.studies import CELL, EXACT
 
+from scara_kinetostatic.calibration.prediction import force_residual, observe
 from scara_kinetostatic.effects.joint_slip import JointSlip
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.load_history import play_operator, torques_of
@@ -43,6 +44,15 @@ def test_a_further_pass_begins_with_what_the_last_one_left():
     np.testing.assert_allclose(second.hold_force, twice.hold_force[m:], rtol=0, atol=1e-3)
     np.testing.assert_allclose(second.hold_joints, twice.hold_joints[m:], rtol=0, atol=1e-7)
     assert np.abs(second.hold_joints - Trajectory(CELL, SLIP, plan).hold_joints)[0].max() > 1e-6
+
+
+def test_both_joints_slip_as_on_an_arm():
+    """Where a joint is about to slip the force may miss the plan, but it is that of the robot at its joint angles."""
+    plan = default_plan(CELL, 12, levels=(4.0, 10.0, 20.0), preload=0.3)
+    both = ExtendedModel(PAPER_ACTUAL, (JointSlip.of(0), JointSlip.of(1)), ((1.9e-4, 2.2), (1.9e-4, 2.2)))
+    touches = simulate_touches(CELL, both, plan, EXACT)
+    np.testing.assert_allclose(np.hypot(*touches.force.T), plan.force, rtol=0.1)
+    np.testing.assert_allclose(force_residual(observe(touches, CELL), both), 0.0, rtol=0, atol=1e-6)
 
 
 def test_a_preloaded_joint_keeps_a_part_of_its_deflection():
