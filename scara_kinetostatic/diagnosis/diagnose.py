@@ -12,7 +12,7 @@ from scipy import special
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis import advice
+from scara_kinetostatic.diagnosis import advice, noise_advice
 from scara_kinetostatic.diagnosis.alternatives import (
     alternative_places,
     fit_alternative_frequencies,
@@ -55,14 +55,14 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
         effects: the catalogue; None for all that `effects.registry` lists.
     """
     known = tuple(catalogue(calibration.cell) if effects is None else effects)
-    overstated = advice.overstated_noise(calibration)
+    overstated = noise_advice.overstated_noise(calibration)
     found = _diagnose(_with_estimated_noise(calibration) if overstated else calibration, known)
     if not overstated and found.extended is not None:
-        overstated = advice.overstated_noise(found.extended)
+        overstated = noise_advice.overstated_noise(found.extended)
         if overstated:
             found = _diagnose(_with_estimated_noise(calibration), known)
     final = found.extended or calibration
-    growing = '' if final.model.off_normal_std else advice.growing_noise(growing_p_value(final))
+    growing = '' if final.model.off_normal_std else noise_advice.growing_noise(growing_p_value(final))
     fixed = advice.fixed_parameters(calibration) if found.verdict != 'none' else ''
     negative = advice.negative_backlash(final)
     unknown = advice.unknown_history(calibration.touches, found)
@@ -125,7 +125,7 @@ def _test_base_model(c: Calibration, known: tuple[Effect, ...]) -> _BaseTests:
     fit = _adequacy(c, problem, candidate_set)
     off_normal = off_normal_p_value(c)
     p_value = min(1.0, 2 * min(fit.p_value, off_normal))
-    return _BaseTests(problem, candidate_set, p_value, fit.dependences, off_normal, advice.implausible_noise(c))
+    return _BaseTests(problem, candidate_set, p_value, fit.dependences, off_normal, noise_advice.implausible_noise(c))
 
 
 def _nothing_missing(c: Calibration, tests: _BaseTests, evidence: str = '') -> Diagnosis:
@@ -184,7 +184,7 @@ def _extended(
             advice.open_questions(verdict, effects, found.rivals, after.dependences, known, touches),
             advice.alternative_frequencies(fitted, frequencies),
             advice.alternative_laws(fitted, extended),
-            advice.large_noise(fitted),
+            noise_advice.large_noise(fitted),
         ),
     )
 

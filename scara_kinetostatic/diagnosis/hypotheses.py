@@ -18,8 +18,8 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import USUAL_NOISE
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.diagnosis.advice import implausible_noise
 from scara_kinetostatic.diagnosis.contact_angle import fit_with_off_normal, growing_p_value, off_normal_p_value
+from scara_kinetostatic.diagnosis.noise_advice import implausible_noise
 from scara_kinetostatic.diagnosis.refit import fitted_effects, penalised_deviance
 from scara_kinetostatic.diagnosis.search import Search, search
 from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, FRICTION_SIGNIFICANCE

@@ -1,0 +1,66 @@
+"""Messages of a diagnosis about the noise: too large, too small, growing with the force."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import special
+
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.thresholds import STRICT_SIGNIFICANCE
+
+_LARGEST_JOINT_NOISE = 2e-4
+"""Estimated repeatability of a joint beyond which it is a model error, rad."""
+_LARGEST_ERROR_SHARE = 0.2
+"""Force error, as a part of the force, beyond which it is a model error."""
+_LARGE_JOINT_NOISE = 5e-5
+"""Estimated repeatability of a joint from which on there is a message, rad: most robots repeat better."""
+
+
+def implausible_noise(c: Calibration) -> str:
+    """Why estimated noise is too large to be noise, such as a gross model error makes it; empty if it is not."""
+    if c.noise_source == 'given':
+        return ''
+    share = c.force_error / float(np.hypot(c.force[:, 0], c.force[:, 1]).mean())
+    if c.noise.joint <= _LARGEST_JOINT_NOISE and share <= _LARGEST_ERROR_SHARE:
+        return ''
+    return (
+        f'the force error is {c.force_error:.2g} N, {100 * share:.0f} % of the force, which as noise would be a joint '
+        f'repeatability of {c.noise.joint:.1e} rad: this is a model error; check the positions and radii of '
+        'the discs, the fixed parameters, and whether a joint lost its zero'
+    )
+
+
+def large_noise(c: Calibration) -> str:
+    """Message where estimated noise is large but plausible."""
+    if c.noise_source == 'given' or c.noise.joint <= _LARGE_JOINT_NOISE:
+        return ''
+    return (
+        f'the estimated joint repeatability is {c.noise.joint:.1e} rad; if the robot repeats better, a model error is '
+        'counted as noise here: give the noise in the cell file if it is known'
+    )
+
+
+def growing_noise(p_value: float) -> str:
+    """Message where the scatter of the force depends on the force.
+
+    Args:
+        p_value: of "it does not".
+    """
+    if p_value >= STRICT_SIGNIFICANCE:
+        return ''
+    return (
+        f'the scatter of the force increases with the force (p = {p_value:.1g}), whereas all tests assume it constant: '
+        'a dependence on the size of the force may be due to that alone'
+    )
+
+
+def overstated_noise(c: Calibration) -> str:
+    """Message where the residuals are significantly smaller than the stated noise."""
+    too_small = special.chdtr(c.degrees_of_freedom, c.chi_square) < STRICT_SIGNIFICANCE
+    if c.noise_source != 'given' or not too_small:
+        return ''
+    return (
+        f'the residuals are {c.reduced_chi_square**0.5:.2g} times the stated noise: it is stated too large, and so '
+        'are the standard deviations of the base model; effects were tested with the noise estimated from the touches. '
+        'Leave the noise out of the cell file to have it estimated'
+    )
