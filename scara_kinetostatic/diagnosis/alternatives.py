@@ -107,12 +107,15 @@ def alternative_places(extended: Calibration) -> list[Calibration]:
 
 
 def _credible_trials(problem: Problem, found: list[Candidate], place: int, scale: float) -> list[Candidate]:
-    """The trials of an effect that explain the touches as well as the best, beside the other effects."""
+    """The trials of an effect that explain the touches as well as its fit, or the best trial, beside other effects."""
     scan, beside = _scan_beside(problem, found, place)
     if not scan.columns.any():
         return []
     gained = gains(problem, scan, beside)
-    near = np.flatnonzero(gained > gained.max() - CREDIBLE * scale)
+    unit = found[place].unit
+    unit = unit if beside is None else orthonormal(unit - beside @ (beside.T @ unit))
+    best = max(float(gained.max()), float(np.sum((unit.T @ problem.left) ** 2)))
+    near = np.flatnonzero(gained > best - CREDIBLE * scale)
     units = [independent_part(problem, scan.columns[:, k])[0] for k in near]
     return [
         Candidate(scan.effect, scan.trials[k], unit, scan.tried)
