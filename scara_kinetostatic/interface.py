@@ -284,7 +284,7 @@ def predict_force(
 
     Args:
         result: of `diagnose` or `calibrate`.
-        touches: the touches, or joint angles alone, (n, 2), rad.
+        touches: the touches, or joint angles alone, (n, 2), rad: then at time 0, without a motion or a load before.
         objects: names of the touched objects, one for all or n; only with joint angles.
 
     Returns:

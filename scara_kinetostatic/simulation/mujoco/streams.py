@@ -118,7 +118,7 @@ def as_streams(
 
 
 def as_touches(motion: SimulatedMotion, cell: Cell, plan: Plan) -> TouchSet:
-    """The touches of a motion, without noise."""
+    """The touches of a motion, without noise and without the load before them, which the streams have."""
     holds = motion.holds
     return TouchSet(
         joints=motion.joints[holds],
