@@ -135,7 +135,7 @@ def _limits(analysis: LoadAnalysis) -> list[str]:
     if analysis.p_after >= LEVEL:
         return [f'No further dependence of the residual was found ({p_equals(analysis.p_after)}).']
     best = _smallest(analysis.dependence_after)
-    return [f'Its residual {_DEPENDS[best.variable]}, too ({p_equals(analysis.p_after)}).']
+    return [f'Nor is the selected law complete: its residual {_DEPENDS[best.variable]} ({p_equals(analysis.p_after)}).']
 
 
 def errors_note(analysis: LoadAnalysis) -> str:
