@@ -235,6 +235,12 @@ def unknown_history(touches: TouchSet, found: Diagnosis) -> str:
     )
 
 
+def premises(found: Diagnosis) -> str:
+    """What the effects found suppose that the touches do not show; empty if nothing."""
+    supposed = {item.effect.premise: item.effect.name for item in found.found if item.effect.premise}
+    return '. '.join(f'{name} holds if {premise}' for premise, name in supposed.items())
+
+
 def _first_names(dependences: Sequence[Dependence]) -> str:
     return '; '.join(dependence.name for dependence in dependences[:3])
 

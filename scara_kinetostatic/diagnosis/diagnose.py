@@ -66,7 +66,8 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
     fixed = advice.fixed_parameters(calibration) if found.verdict != 'none' else ''
     negative = advice.negative_backlash(final)
     unknown = advice.unknown_history(calibration.touches, found)
-    return replace(found, advice=advice.joined(overstated, found.advice, fixed, growing, negative, unknown))
+    premises = advice.premises(found)
+    return replace(found, advice=advice.joined(overstated, found.advice, fixed, growing, negative, unknown, premises))
 
 
 def _with_estimated_noise(calibration: Calibration) -> Calibration:

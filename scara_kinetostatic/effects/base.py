@@ -98,6 +98,7 @@ class Effect(ABC):
         is_physical: whether it has a physical meaning; else it is a fitted curve.
         is_linear: whether the shift is linear in the parameters.
         is_smooth: whether the shift has a derivative everywhere, over the state of a touch and over the parameters.
+        premise: what its values suppose that the touches do not show, a clause; empty if nothing.
         order: place in the catalogue, the smallest first; equal ones by module and class name.
 
     Raises:
@@ -136,6 +137,7 @@ class Effect(ABC):
     is_physical: ClassVar[bool] = True
     is_linear: ClassVar[bool] = False
     is_smooth: ClassVar[bool] = True
+    premise: ClassVar[str] = ''
     order: ClassVar[int] = LAST
 
     def __init_subclass__(cls, **options: Any) -> None:

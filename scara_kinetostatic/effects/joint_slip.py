@@ -59,6 +59,10 @@ class JointSlip(Effect):
     grid_parameter: ClassVar[str] = 'slip_torque'
     diverges_with_alias: ClassVar[bool] = True
     is_smooth: ClassVar[bool] = False
+    premise: ClassVar[str] = (
+        'the arm travels and approaches so slowly that the torques of its inertia stay far below the slip torque: they '
+        'move the friction, too, and no force sensor shows them'
+    )
 
     @classmethod
     def of(cls, joint: int) -> JointSlip:
