@@ -20,9 +20,18 @@ import numpy as np
 import yaml
 
 from scara_kinetostatic.errors import CellError
+from scara_kinetostatic.files.declared_uncertainty import (
+    COMMON,
+    disc_entry,
+    read_optional,
+    read_plates,
+    read_stds,
+    read_uncertainty,
+    uncertainty_entries,
+)
 from scara_kinetostatic.files.yaml_section import Section, shown
 from scara_kinetostatic.files.yaml_text import parse_yaml, read_text
-from scara_kinetostatic.model.cell import Cell, Disc, GripperSign, Noise, Sensor
+from scara_kinetostatic.model.cell import Cell, Disc, GripperSign, Noise, Plate, Sensor
 from scara_kinetostatic.model.parameters import NAMES, UNITS, Parameters
 
 CELL_TOPIC = '/cell_description'
@@ -64,18 +73,25 @@ def parse_cell(text: str, where: str | Path = 'cell description') -> Cell:
         CellError: the text is not YAML, or its content is not valid.
     """
     data = parse_yaml(text, where, CellError)
-    top = Section(CellError, str(where), '', data, ('robot', 'objects'), ('sensor', 'noise', 'model'))
+    optional = ('sensor', 'noise', 'model', 'plates', 'uncertainty', 'tolerance', 'tip', 'gravity')
+    top = Section(CellError, str(where), '', data, ('robot', 'objects'), optional)
     robot = top.section('robot', ('nominal',), ('joint_names',))
     model = top.section('model', (), ('gripper_sign', 'gripper_excess'))
+    plates = read_plates(top)
     cell = Cell(
         nominal=_nominal(robot),
-        discs=_discs(top),
+        discs=_discs(top, plates),
         joint_names=_joint_names(robot),
         sensor=_sensor(top.section('sensor', (), ('joint_states', 'wrench', 'frame', 'sign'))),
         noise=_noise(top),
         gripper_sign=model.choice('gripper_sign', GripperSign.PHYSICAL),
         gripper_excess=_excess(model),
+        plates=plates,
+        uncertainty=read_uncertainty(top.section('uncertainty', (), (*COMMON, 'nominal'))),
+        tolerance=read_optional(top.section('tolerance', (), ('tip',)), 'tip'),
+        tip_radius=read_optional(top.section('tip', (), ('radius',)), 'radius'),
     )
+    _check_gravity(top)
     _check_layout(cell, top)
     return cell
 
@@ -88,7 +104,7 @@ def dump_cell(cell: Cell) -> str:
         f'  joint_names: {_flow(list(cell.joint_names))}',
         f'  nominal: {_flow(cell.nominal.as_dict())}',
         'objects:',
-        *(f'  - {_flow({"name": d.name, "center": [d.x, d.y], "radius": d.radius})}' for d in cell.discs),
+        *(f'  - {_flow(disc_entry(disc))}' for disc in cell.discs),
         'sensor:',
         f'  joint_states: {_flow(sensor.joint_states)}',
         f'  wrench: {_flow(sensor.wrench)}',
@@ -101,6 +117,7 @@ def dump_cell(cell: Cell) -> str:
     if not cell.gripper.isotropic:
         model['gripper_excess'] = [list(row) for row in cell.gripper_excess]
     lines.append(f'model: {_flow(model)}')
+    lines += [f'{key}: {_flow(value)}' for key, value in uncertainty_entries(cell).items()]
     return '\n'.join(lines) + '\n'
 
 
@@ -122,14 +139,26 @@ def _joint_names(robot: Section) -> tuple[str, str]:
     return names[0], names[1]
 
 
-def _discs(top: Section) -> tuple[Disc, ...]:
+def _check_gravity(top: Section) -> None:
+    if top.data.get('gravity') is not None and any(top.vector('gravity', ('x', 'y'))):
+        raise top.error('gravity', 'an upright arm is not supported', 'give [0.0, 0.0]')
+
+
+def _discs(top: Section, plates: tuple[Plate, ...]) -> tuple[Disc, ...]:
     discs: list[Disc] = []
-    for section in top.items('objects', 'discs', ('name', 'center', 'radius')):
+    known = [plate.name for plate in plates]
+    for section in top.items('objects', 'discs', ('name', 'center', 'radius'), ('uncertainty', 'plate')):
         name = section.word('name')
         if name in (disc.name for disc in discs):
             raise section.error('name', f'another disc is named {name!r}, too', 'give every disc its own name')
         x, y = section.vector('center', ('x', 'y'), 'm')
-        discs.append(Disc(name, x, y, section.positive('radius', 'm')))
+        radius = section.positive('radius', 'm')
+        plate = '' if section.data.get('plate') is None else section.word('plate')
+        if plate and plate not in known:
+            remedy = f'the plates are {", ".join(known)}' if known else 'describe it under plates'
+            raise section.error('plate', f'no plate is named {plate!r}', remedy)
+        center_std, radius_std = read_stds(section, {'center': 'm', 'radius': 'm'})
+        discs.append(Disc(name, x, y, radius, center_std, radius_std, plate))
     return tuple(discs)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.gripper import GripperSign as GripperSign
-from scara_kinetostatic.model.parameters import PAPER_NOMINAL, Parameters
+from scara_kinetostatic.model.parameters import NAMES, PAPER_NOMINAL, Parameters
 
 
 class SensorFrame(str, Enum):
@@ -37,12 +38,69 @@ class Disc(NamedTuple):
         x: centre in the base frame, m.
         y: centre in the base frame, m.
         radius: from the disc's centre to the tip's centre in contact, m.
+        center_std: standard uncertainty of each coordinate of the centre, m; on the plate, where there is one.
+        radius_std: standard uncertainty of the radius, m.
+        plate: name of the plate that carries it; empty if none.
     """
 
     name: str
     x: float
     y: float
     radius: float
+    center_std: float = 0.0
+    radius_std: float = 0.0
+    plate: str = ''
+
+
+class Plate(NamedTuple):
+    """What carries several discs: its place and rotation are uncertain, theirs with it.
+
+    The centres of its discs are given in the base frame, as all are; a wrong rotation turns them about the origin.
+
+    Attributes:
+        name: unique in the cell.
+        x: origin in the base frame, m.
+        y: origin in the base frame, m.
+        center_std: standard uncertainty of each coordinate of its place, m.
+        angle_std: standard uncertainty of its rotation, rad.
+    """
+
+    name: str
+    x: float
+    y: float
+    center_std: float = 0.0
+    angle_std: float = 0.0
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Standard uncertainties (GUM) of what is common to all touches; 0 for exactly known.
+
+    Attributes:
+        radius: of an error common to all radii, such as the radius of the tip, m.
+        force_gain: of the gain of the force sensor, relative.
+        force_rotation: of the angle at which the force sensor is mounted, rad.
+        nominal: of nominal values, by the name of the parameter; a parameter that is not there may have any value.
+
+    Raises:
+        ParameterError: an uncertainty is negative or not finite, a nominal value's is not above 0 or has no such name.
+    """
+
+    radius: float = 0.0
+    force_gain: float = 0.0
+    force_rotation: float = 0.0
+    nominal: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'nominal', dict(self.nominal))
+        for name in ('radius', 'force_gain', 'force_rotation'):
+            _check_uncertainty(f'uncertainty.{name}', getattr(self, name))
+        for name, std in self.nominal.items():
+            if name not in NAMES:
+                problem, remedy = 'no such parameter', f'the names are {" ".join(NAMES)}'
+                raise ParameterError(f'uncertainty.nominal: {name!r}', problem, remedy)
+            if not (np.isfinite(std) and std > 0):
+                raise ParameterError(f'uncertainty.nominal.{name}', f'expected a number above 0, got {std}')
 
 
 class Sensor(NamedTuple):
@@ -73,9 +131,13 @@ class Cell:
         noise: None where it is to be estimated from the residuals.
         gripper_sign: sign of (7).
         gripper_excess: P - p_ee I of the general gripper (7), in the frame of link 2, by rows, m/N.
+        plates: what carries several discs.
+        uncertainty: of what is common to all touches; that of each disc and plate is theirs.
+        tolerance: largest expanded uncertainty (k = 2) of the tip that the use allows, m; None where none is stated.
+        tip_radius: of the tip, m; contained in the radii of the discs. None where it is not stated.
 
     Raises:
-        ParameterError: a noise level is not above 0.
+        ParameterError: a noise level is not above 0, an uncertainty negative, a disc on a plate that is not there.
 
     Example:
         >>> import scara_kinetostatic as sk
@@ -92,8 +154,25 @@ class Cell:
     noise: Noise | None = None
     gripper_sign: GripperSign = GripperSign.PHYSICAL
     gripper_excess: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
+    plates: tuple[Plate, ...] = ()
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    tolerance: float | None = None
+    tip_radius: float | None = None
 
     def __post_init__(self) -> None:
+        plates = {plate.name for plate in self.plates}
+        for plate in self.plates:
+            _check_uncertainty(f'{plate.name}: center_std', plate.center_std)
+            _check_uncertainty(f'{plate.name}: angle_std', plate.angle_std)
+        for disc in self.discs:
+            _check_uncertainty(f'{disc.name}: center_std', disc.center_std)
+            _check_uncertainty(f'{disc.name}: radius_std', disc.radius_std)
+            if disc.plate and disc.plate not in plates:
+                raise ParameterError(f'{disc.name}: plate', f'no plate {disc.plate!r} in the cell', 'add it to plates')
+        for name in ('tolerance', 'tip_radius'):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise ParameterError(name, f'expected a number above 0, got {value}', 'or leave it out')
         if self.noise is not None and not all(np.isfinite(level) and level > 0 for level in self.noise):
             raise ParameterError('noise', f'expected two levels above 0, got {tuple(self.noise)}', 'or leave it out')
 
@@ -120,7 +199,15 @@ def different_parts(one: Cell, other: Cell) -> list[str]:
     parts += sorted(name for name in discs.keys() | others.keys() if discs.get(name) != others.get(name))
     parts += ['sensor'] if one.sensor != other.sensor else []
     parts += ['noise'] if one.noise != other.noise else []
-    return parts + (['model'] if one.gripper != other.gripper else [])
+    parts += ['model'] if one.gripper != other.gripper else []
+    return parts + [
+        name for name in ('plates', 'uncertainty', 'tolerance') if getattr(one, name) != getattr(other, name)
+    ]
+
+
+def _check_uncertainty(where: str, std: float) -> None:
+    if not (np.isfinite(std) and std >= 0):
+        raise ParameterError(where, f'expected a standard uncertainty of 0 or more, got {std}')
 
 
 PAPER_DISCS = (

@@ -1,0 +1,78 @@
+"""How well a cell is known: what its description says comes back, what is not valid is refused by its key."""
+
+from __future__ import annotations
+
+import pytest
+
+from scara_kinetostatic.errors import CellError, ParameterError
+from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Disc, Plate, Uncertainty, different_parts
+from scara_kinetostatic.model.parameters import PAPER_NOMINAL
+
+DECLARED = """
+plates:
+  - {name: a, origin: [0.0, 0.3], uncertainty: {center: 1.0e-3, angle: 2.0e-3}}
+uncertainty:
+  radius: 5.0e-6
+  force_gain: 0.005
+  force_rotation: 1.0e-3
+  nominal: {l1: 1.0e-3, l2: 1.0e-3}
+tolerance: {tip: 5.0e-5}
+tip: {radius: 0.005}
+gravity: [0.0, 0.0]
+"""
+PLAIN = dump_cell(PAPER_CELL)
+DISC_1 = 'center: [-0.25, 0.3], radius: 0.15}'
+CONTRACT = (
+    PLAIN.replace(DISC_1, f'{DISC_1[:-1]}, uncertainty: {{center: 1.5e-5, radius: 5.0e-6}}, plate: a}}') + DECLARED
+)
+
+
+def test_reads_what_is_declared() -> None:
+    cell = parse_cell(CONTRACT)
+    assert cell.discs[0] == Disc('disc_1', -0.25, 0.3, 0.15, center_std=1.5e-5, radius_std=5e-6, plate='a')
+    assert cell.discs[1] == PAPER_CELL.discs[1]
+    assert cell.plates == (Plate('a', 0.0, 0.3, center_std=1e-3, angle_std=2e-3),)
+    assert cell.uncertainty == Uncertainty(5e-6, 0.005, 1e-3, {'l1': 1e-3, 'l2': 1e-3})
+    assert (cell.tolerance, cell.tip_radius) == (5e-5, 0.005)
+    assert parse_cell(dump_cell(cell)) == cell
+    assert different_parts(cell, PAPER_CELL) == ['disc_1', 'plates', 'uncertainty', 'tolerance']
+
+
+def test_what_is_absent_is_exactly_known() -> None:
+    cell = parse_cell(PLAIN)
+    assert cell == PAPER_CELL
+    assert cell.uncertainty == Uncertainty()
+    assert dump_cell(cell) == PLAIN
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'message'),
+    [
+        ('plate: a', 'plate: b', "objects[0].plate: no plate is named 'b' (the plates are a)"),
+        ('radius: 5.0e-6}', 'radius: -5.0e-6}', 'objects[0].uncertainty.radius: expected 0 or more'),
+        ('center: 1.5e-5', 'centre: 1.5e-5', "objects[0].uncertainty: unknown key 'centre'"),
+        ('center: 1.0e-3', 'center: 1.0', 'plates[0].uncertainty.center: expected a standard uncertainty of at most'),
+        ('l2: 1.0e-3}', 'l2: 0}', 'uncertainty.nominal.l2: expected a number above 0'),
+        ('l2: 1.0e-3}', 'l3: 1.0e-3}', "uncertainty.nominal: unknown key 'l3'"),
+        ('tip: 5.0e-5', 'tip: 0', 'tolerance.tip: expected a number above 0'),
+        ('gravity: [0.0, 0.0]', 'gravity: [0.0, -9.81]', 'gravity: an upright arm is not supported'),
+    ],
+)  # fmt: skip
+def test_refuses_by_key(old: str, new: str, message: str) -> None:
+    assert old in CONTRACT
+    with pytest.raises(CellError) as caught:
+        parse_cell(CONTRACT.replace(old, new))
+    assert message in str(caught.value)
+
+
+def test_a_cell_made_in_python_is_checked_alike() -> None:
+    disc = Disc('pin', 0.3, 0.2, 0.05)
+    for bad in (disc._replace(center_std=-1e-5), disc._replace(radius_std=float('nan')), disc._replace(plate='a')):
+        with pytest.raises(ParameterError):
+            Cell(PAPER_NOMINAL, (bad,))
+    with pytest.raises(ParameterError):
+        Cell(PAPER_NOMINAL, (disc,), tolerance=0.0)
+    for wrong in ({'radius': -1.0}, {'nominal': {'l3': 1e-3}}, {'nominal': {'l1': 0.0}}):
+        with pytest.raises(ParameterError):
+            Uncertainty(**wrong)  # type: ignore[arg-type]
