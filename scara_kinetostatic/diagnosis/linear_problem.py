@@ -74,12 +74,12 @@ class Problem(NamedTuple):
         return len(self.left) - self.base.shape[1]
 
     def columns(self, trial: Trial) -> Floats:
-        """X of a trial, whitened, (2n, m)."""
+        """X of a trial, whitened, (2n, m); m may be 0, as random off-normal angles have no column."""
         sensor_errors = trial.sensor_errors or (None,) * len(trial.columns)
         columns = [
             self.column(shift, sensor_error) for shift, sensor_error in zip(trial.columns, sensor_errors, strict=True)
         ]
-        return np.stack(columns, axis=-1)
+        return np.stack(columns, axis=-1) if columns else np.empty((len(self.point.whitened.residual.ravel()), 0))
 
     def noise_columns(self, effect: Effect, trial: Trial) -> Floats:
         """How the columns of an effect's only trial change by one standard deviation of the noise in F̂, (2n, m)."""

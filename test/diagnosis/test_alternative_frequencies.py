@@ -12,6 +12,8 @@ from diagnosis.simulated import CELL, calibrate, deviations, effect, examined, s
 from scara_kinetostatic.diagnosis.alternatives import fit_alternative_frequencies
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.effects.base import JointEffect, Parameter
+from scara_kinetostatic.effects.off_normal_force import OffNormalForce
+from scara_kinetostatic.model.extended_model import ExtendedModel
 
 WAVE = 'transmission_error[joint2]'
 
@@ -73,3 +75,13 @@ def test_a_cable_is_never_identified_as_a_wave(stiffness):
 
 def test_the_grid_parameter_of_a_wave_is_one_of_its_parameters():
     assert effect(WAVE).grid_parameter in [parameter.name for parameter in effect(WAVE).parameters]
+
+
+def test_other_frequencies_are_fitted_beside_friction_of_either_sense():
+    """Random off-normal angles have no column: they stay as they are while the frequency of the wave is varied."""
+    wave, friction = effect(WAVE), OffNormalForce()
+    touches = simulate((wave, (8e-5, 0.4, 31.0)))
+    start = ExtendedModel(CELL.nominal, (friction, wave), ((), (8e-5, 0.4, 31.0)))
+    extended = calibrate(touches, CELL, start=start)
+    for other in fit_alternative_frequencies(extended, [WAVE]):
+        assert other.model.effects == extended.model.effects
