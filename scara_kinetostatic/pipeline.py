@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from datetime import datetime, timezone
 from pathlib import Path
 
+from scara_kinetostatic.bags.messages import reading
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import USUAL_NOISE
 from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.diagnosis.outcome import Outcome
+from scara_kinetostatic.diagnosis.outcome import Outcome, Recording
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
+from scara_kinetostatic.files.checksum import recording_checksum
 from scara_kinetostatic.files.touch_table import is_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import Rejection, TouchSet, common_reason
@@ -50,7 +53,20 @@ def calibrate_recordings(
     tables = [path for path in paths if is_touch_table(path)]
     cell = cell_of_files(cell, tables, [path for path in paths if path not in tables])
     detection = gather_touches(paths, cell, progress)
-    return calibrate_touches(detection, cell, fixed=fixed, sources=paths, progress=progress)
+    recordings = tuple(_recording(path, start) for path, start in zip(paths, detection.starts, strict=True))
+    outcome = calibrate_touches(detection, cell, fixed=fixed, sources=paths, progress=progress)
+    return replace(outcome, recordings=recordings)
+
+
+def _recording(path: str | Path, start: int) -> Recording:
+    """A recording with its checksum.
+
+    Raises:
+        RecordingError: it cannot be read.
+    """
+    with reading(path):
+        begun = datetime.fromtimestamp(start // 10**9, timezone.utc) if start > 0 else None
+        return Recording(str(path), recording_checksum(path), begun)
 
 
 def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress | None = None) -> Detection:
@@ -74,6 +90,7 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress |
         warnings=(*(text for part in parts for text in part.warnings), *_unknown_histories(paths, parts)),
         episodes=tuple(item for part in parts for item in part.episodes),
         start=parts[0].start,
+        starts=tuple(part.start for part in parts),
         contradiction=next((part.contradiction for part in parts if part.contradiction), ''),
     )
 

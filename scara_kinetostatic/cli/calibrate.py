@@ -27,6 +27,10 @@ that it does not bias them. Writes into DIR
   calibration.yaml   the result as ROS parameters, for --params-file
   calibration.json   the complete result as data
   report.html        the complete result as a page with figures
+  residuals.csv      one row per touch: measured, predicted, residual
+
+An earlier result in DIR is kept under the date of its calibration, such as
+calibration_2026-11-21T14-03-22Z.json.
 
 A recording is a rosbag2 folder (MCAP or SQLite, compressed or not), a bare
 .mcap or .db3 file, a ROS 1 .bag, or a recording of the collector. A touch table is
@@ -63,9 +67,7 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         metavar='NAME[=VALUE]',
         help='hold a parameter at VALUE in SI units, or at its nominal value; may be given several times',
     )
-    parser.add_argument(
-        '--residuals', type=Path, metavar='FILE.csv', help='write one row per touch: measured, predicted, residual'
-    )
+    parser.add_argument('--residuals', type=Path, metavar='FILE.csv', help='write residuals.csv there as well')
     return parser
 
 
@@ -79,12 +81,14 @@ def run(args: argparse.Namespace) -> int:
     check_different(args.bags)
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.pipeline import calibrate_recordings
-    from scara_kinetostatic.report.residuals import residual_table
+    from scara_kinetostatic.report import residuals
     from scara_kinetostatic.report.text import text_report
     from scara_kinetostatic.report.write import RESULTS, write_results
 
+    inputs = [*args.bags, *([args.cell] if args.cell else [])]
+    _check_results(args.out, RESULTS, inputs)
     if args.residuals:
-        _check_residuals(args.residuals, [*args.bags, *([args.cell] if args.cell else [])], args.out, RESULTS)
+        _check_residuals(args.residuals, inputs, args.out, RESULTS)
     cell = cell_or_recorded(args.cell, args.bags)
     nominal = cell.nominal.as_dict()
     fixed = {name: nominal[name] if value is None else value for name, value in args.fix}
@@ -97,11 +101,13 @@ def run(args: argparse.Namespace) -> int:
         if args.cell:
             outcome = replace(outcome, warnings=(*outcome.warnings, *_other_descriptions(cell, args.bags)))
         show_progress('writing the report', 1.0)
-        if args.residuals:
-            write_texts(args.residuals.parent, {args.residuals.name: residual_table(outcome)})
+        if args.residuals and args.residuals.resolve() != (args.out / residuals.NAME).resolve():
+            write_texts(args.residuals.parent, {args.residuals.name: residuals.residual_table(outcome)})
         files = write_results(outcome, args.out)
     print(text_report(outcome))
-    print('\n'.join(str(path) for path in (*files[1:], *([args.residuals] if args.residuals else []))))
+    if files.note:
+        print(f'{files.note}\n')
+    print('\n'.join(dict.fromkeys(map(str, (*files.paths, *([args.residuals] if args.residuals else []))))))
     return 0
 
 
@@ -121,6 +127,20 @@ def _other_descriptions(cell: Cell, bags: list[Path]) -> list[str]:
     return sentences
 
 
+def _check_results(out: Path, results: Sequence[str], inputs: Sequence[Path]) -> None:
+    """Check that no file of the result replaces an input.
+
+    Raises:
+        InputError: one would.
+    """
+    places = [(out / name).resolve() for name in results]
+    for given in inputs:
+        if given.resolve() in places:
+            raise InputError(
+                given, 'is an input and would be replaced by the result', 'choose another folder for --out'
+            )
+
+
 def _check_residuals(path: Path, inputs: Sequence[Path], out: Path, results: Sequence[str]) -> None:
     """Check, before anything is computed, that the table of residuals replaces neither an input nor a result.
 
@@ -138,7 +158,8 @@ def _check_residuals(path: Path, inputs: Sequence[Path], out: Path, results: Seq
             raise InputError(path, 'is an input and would be replaced', remedy)
         if given.resolve() in place.parents:
             raise InputError(path, f'is inside the input {given}', remedy)
-    if place in (out, *out.parents, *(out / name for name in results)):
+    others = (out / name for name in results if not name.endswith('.csv'))
+    if place in (out, *out.parents, *others):
         raise InputError(path, 'is a result and would be replaced', remedy)
 
 

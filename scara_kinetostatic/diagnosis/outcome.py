@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
 from functools import cached_property
+from typing import NamedTuple
 
 from scara_kinetostatic.calibration.held_out import HeldOut
 from scara_kinetostatic.calibration.result import Calibration, Estimate
@@ -11,6 +13,24 @@ from scara_kinetostatic.diagnosis.comparison import Comparison, compare
 from scara_kinetostatic.diagnosis.effect_residual import EffectResidual, effect_residuals
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.model.touch import Rejection
+
+
+class Recording(NamedTuple):
+    """A recording or touch table that a result was calculated from.
+
+    Attributes:
+        path: as given.
+        sha256: of the file, or of the files of a rosbag2 folder (`files.checksum`), hexadecimal.
+        start: time of its first sample by the clock of the recording, UTC; None where unknown, as of a touch table.
+    """
+
+    path: str
+    sha256: str
+    start: datetime | None
+
+
+def _now() -> datetime:
+    return datetime.now(timezone.utc).replace(microsecond=0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -29,6 +49,8 @@ class Outcome:
         rejected: all that were not used, by index: by the detection and by the fit.
         sources: the recordings.
         warnings: irregularities of the recordings, one sentence each.
+        recordings: the files that the touches come from; empty where they come from elsewhere.
+        created: when the calibration was calculated, UTC, whole seconds.
 
     Example:
         >>> import scara_kinetostatic as sk
@@ -48,6 +70,8 @@ class Outcome:
     rejected: tuple[Rejection, ...]
     sources: tuple[str, ...]
     warnings: tuple[str, ...]
+    recordings: tuple[Recording, ...] = ()
+    created: datetime = field(default_factory=_now)
 
     def __repr__(self) -> str:
         found = ' '.join(item.effect.label for item in self.diagnosis.found) or 'none'

@@ -92,12 +92,14 @@ def replace_text(path: Path, text: str) -> None:
     sync_folder(path.parent)
 
 
-def write_texts(folder: str | Path, texts: Mapping[str, str]) -> None:
+def write_texts(folder: str | Path, texts: Mapping[str, str], kept: Mapping[str, str] | None = None) -> None:
     """Writes files into a folder, all or none.
 
     Args:
         folder: the folder, made if it does not exist.
         texts: the content of each file by its name; former files of these names are replaced.
+        kept: new names of former files that are kept, by their names; none may exist. A former file is there under
+            its new name before the new one takes its place.
 
     Raises:
         OutputError: the folder cannot be written; it is as it was before.
@@ -109,8 +111,9 @@ def write_texts(folder: str | Path, texts: Mapping[str, str]) -> None:
         with _made(folder), _hidden_folder(folder, 'results') as hidden:
             for name, text in texts.items():
                 _write(hidden / name, text)
-            _exchange(hidden, folder, list(texts))
-            sync_folder(folder)
+            with _kept(folder, kept or {}, hidden):
+                _exchange(hidden, folder, list(texts))
+                sync_folder(folder)
 
 
 def sync_folder(folder: Path) -> None:
@@ -171,6 +174,32 @@ def _appear(made: Path, path: Path) -> None:
         if not path.exists():
             raise
         raise _exists(path) from error
+
+
+@contextmanager
+def _kept(folder: Path, names: Mapping[str, str], drafts: Path) -> Iterator[None]:
+    """Gives files a second name; takes it away if the block fails."""
+    made: list[Path] = []
+    try:
+        for name, second in names.items():
+            if os.path.lexists(folder / second):
+                raise _exists(folder / second)
+            made.append(folder / second)
+            _add_name(folder / name, folder / second, drafts / second)
+        yield
+    except BaseException:
+        for path in made:
+            path.unlink(missing_ok=True)
+        raise
+
+
+def _add_name(path: Path, second: Path, draft: Path) -> None:
+    """A second name by a link; as a copy where the file system has no links."""
+    try:
+        os.link(path, second)
+    except OSError:
+        shutil.copy2(path, draft)
+        draft.replace(second)
 
 
 def _exchange(drafts: Path, folder: Path, names: list[str]) -> None:

@@ -31,7 +31,7 @@ from scara_kinetostatic.files.declared_uncertainty import (
 )
 from scara_kinetostatic.files.yaml_section import Section, shown
 from scara_kinetostatic.files.yaml_text import parse_yaml, read_text
-from scara_kinetostatic.model.cell import Cell, Disc, GripperSign, Noise, Plate, Sensor
+from scara_kinetostatic.model.cell import Cell, Disc, GripperSign, Identification, Noise, Plate, Sensor
 from scara_kinetostatic.model.parameters import NAMES, UNITS, Parameters
 
 CELL_TOPIC = '/cell_description'
@@ -73,7 +73,7 @@ def parse_cell(text: str, where: str | Path = 'cell description') -> Cell:
         CellError: the text is not YAML, or its content is not valid.
     """
     data = parse_yaml(text, where, CellError)
-    optional = ('sensor', 'noise', 'model', 'plates', 'uncertainty', 'tolerance', 'tip', 'gravity')
+    optional = ('sensor', 'noise', 'model', 'plates', 'uncertainty', 'tolerance', 'tip', 'gravity', 'identification')
     top = Section(CellError, str(where), '', data, ('robot', 'objects'), optional)
     robot = top.section('robot', ('nominal',), ('joint_names',))
     model = top.section('model', (), ('gripper_sign', 'gripper_excess'))
@@ -90,6 +90,7 @@ def parse_cell(text: str, where: str | Path = 'cell description') -> Cell:
         uncertainty=read_uncertainty(top.section('uncertainty', (), (*COMMON, 'nominal'))),
         tolerance=read_optional(top.section('tolerance', (), ('tip',)), 'tip'),
         tip_radius=read_optional(top.section('tip', (), ('radius',)), 'radius'),
+        identification=_identification(top.section('identification', (), Identification._fields)),
     )
     _check_gravity(top)
     _check_layout(cell, top)
@@ -118,6 +119,8 @@ def dump_cell(cell: Cell) -> str:
         model['gripper_excess'] = [list(row) for row in cell.gripper_excess]
     lines.append(f'model: {_flow(model)}')
     lines += [f'{key}: {_flow(value)}' for key, value in uncertainty_entries(cell).items()]
+    if given := cell.identification.given():
+        lines.append(f'identification: {_flow(given)}')
     return '\n'.join(lines) + '\n'
 
 
@@ -204,6 +207,11 @@ def _noise(top: Section) -> Noise | None:
             problem = f'expected {least:g} to {most:g} {unit}, got {value:g}'
             raise section.error(key, problem, 'give the repeatability of one touch, or leave out noise')
     return noise
+
+
+def _identification(section: Section) -> Identification:
+    """The texts that are given; a number must be in quotes, so that no digit of it is lost."""
+    return Identification(**{name: section.word(name) for name in section.data if section.data[name] is not None})
 
 
 def _check_layout(cell: Cell, top: Section) -> None:

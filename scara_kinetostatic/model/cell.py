@@ -119,6 +119,46 @@ class Noise(NamedTuple):
     force: float
 
 
+class Identification(NamedTuple):
+    """What was calibrated, by whom and where: what ISO/IEC 17025 (7.8) asks of a certificate.
+
+    Texts, empty where not given.
+
+    Attributes:
+        robot: manufacturer and type.
+        serial_number: of the robot.
+        cell: name of the cell.
+        sensor: manufacturer and type of the force sensor.
+        sensor_serial_number: its serial number.
+        operator: who made the touches.
+        laboratory: who answers for the result, with address.
+        location: where the touches were made.
+        customer: for whom.
+        certificate: number of the certificate.
+        conditions: of the surroundings, such as the temperature.
+        traceability: to which standards discs and sensor are traceable.
+        remarks: anything else.
+    """
+
+    robot: str = ''
+    serial_number: str = ''
+    cell: str = ''
+    sensor: str = ''
+    sensor_serial_number: str = ''
+    operator: str = ''
+    laboratory: str = ''
+    location: str = ''
+    customer: str = ''
+    certificate: str = ''
+    conditions: str = ''
+    traceability: str = ''
+    remarks: str = ''
+
+    def given(self) -> dict[str, str]:
+        """Those that are given, by name."""
+        return {name: text for name, text in self._asdict().items() if text}
+
+
 @dataclass(frozen=True)
 class Cell:
     """What is known about the cell before the calibration (`cell.yaml`).
@@ -131,6 +171,7 @@ class Cell:
         noise: None where it is to be estimated from the residuals.
         gripper_sign: sign of (7).
         gripper_excess: P - p_ee I of the general gripper (7), in the frame of link 2, by rows, m/N.
+        identification: of robot, cell, sensor and people, for the report.
         plates: what carries several discs.
         uncertainty: of what is common to all touches; that of each disc and plate is theirs.
         tolerance: largest expanded uncertainty (k = 2) of the tip that the use allows, m; None where none is stated.
@@ -154,6 +195,7 @@ class Cell:
     noise: Noise | None = None
     gripper_sign: GripperSign = GripperSign.PHYSICAL
     gripper_excess: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
+    identification: Identification = field(default_factory=Identification)
     plates: tuple[Plate, ...] = ()
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     tolerance: float | None = None
@@ -200,9 +242,15 @@ def different_parts(one: Cell, other: Cell) -> list[str]:
     parts += ['sensor'] if one.sensor != other.sensor else []
     parts += ['noise'] if one.noise != other.noise else []
     parts += ['model'] if one.gripper != other.gripper else []
-    return parts + [
-        name for name in ('plates', 'uncertainty', 'tolerance') if getattr(one, name) != getattr(other, name)
-    ]
+    parts += [name for name in ('plates', 'uncertainty', 'tolerance') if getattr(one, name) != getattr(other, name)]
+    return parts + (['identification'] if _are_others(one.identification, other.identification) else [])
+
+
+def _are_others(one: Identification, other: Identification) -> bool:
+    """Whether two identifications are of another robot, cell or sensor; the people may be others."""
+    things = ('robot', 'serial_number', 'cell', 'sensor', 'sensor_serial_number')
+    a, b = one.given(), other.given()
+    return any(a[name] != b[name] for name in things if name in a and name in b)
 
 
 def _check_uncertainty(where: str, std: float) -> None:

@@ -113,7 +113,7 @@ class Calibrator(Node):
         files = write_results(outcome, self._output(recording))
         final, effects = outcome.final, effect_parameters(outcome.diagnosis.found)
         self._results.publish(list(final.parameters.as_dict().values()), final.std, effects)
-        message = f'{one_line(outcome)}; written to {files.folder}'
+        message = '; '.join(filter(None, (one_line(outcome), f'written to {files.folder}', files.note)))
         self._condition = Condition(OK, message, details(outcome))
         return message
 

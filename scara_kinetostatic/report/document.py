@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from datetime import datetime, timezone
 
 import numpy as np
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
-from scara_kinetostatic.diagnosis.outcome import Outcome
+from scara_kinetostatic.diagnosis.outcome import Outcome, Recording
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.arrays import Floats
@@ -33,6 +34,8 @@ def as_document(outcome: Outcome) -> Document:
     return {
         'schema': SCHEMA,
         'version': __version__,
+        'created': utc(outcome.created),
+        'recordings': [_recording(item) for item in outcome.recordings],
         'sources': list(outcome.sources),
         'warnings': list(outcome.warnings),
         'cell': _cell(c.cell),
@@ -56,6 +59,15 @@ def as_document(outcome: Outcome) -> Document:
 def _number(value: float) -> float | None:
     """A number as JSON has it: None where it is not finite."""
     return float(value) if math.isfinite(value) else None
+
+
+def utc(time: datetime) -> str:
+    """A date and time in UTC: ``2026-11-21T14:03:22Z``."""
+    return time.astimezone(timezone.utc).strftime('%Y-%m-%dT%H:%M:%SZ')
+
+
+def _recording(item: Recording) -> Document:
+    return {'path': item.path, 'sha256': item.sha256, 'start': None if item.start is None else utc(item.start)}
 
 
 def _errors(outcome: Outcome) -> Document:
@@ -94,6 +106,7 @@ def _cell(cell: Cell) -> Document:
         'sensor': {'frame': cell.sensor.frame.value, 'sign': cell.sensor.sign.value},
         'gripper_sign': cell.gripper_sign.value,
         'gripper_excess': [list(row) for row in cell.gripper_excess],
+        'identification': cell.identification.given(),
     }
 
 

@@ -17,6 +17,8 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.files.touch_table import csv_lines, quoted
 
+NAME = 'residuals.csv'
+
 
 def residual_table(outcome: Outcome) -> str:
     """The table of an outcome."""

@@ -58,7 +58,8 @@ class Detection:
         found: number of both.
         warnings: what is unusual in the recording, one sentence each.
         episodes: where each touch lies in the recording, accepted or not.
-        start: first stamp of the recording, ns.
+        start: first stamp of the recording, ns; 0 where unknown. Of several recordings, of the first.
+        starts: first stamp of each recording, ns; empty for one.
         contradiction: a sentence where most touches meet no disc but would with another frame or sign of the sensor;
             empty otherwise.
         memories: what the joints remember of the load after each contact, in the order of time.
@@ -70,6 +71,7 @@ class Detection:
     warnings: tuple[str, ...] = ()
     episodes: tuple[Episode, ...] = field(default=(), repr=False)
     start: int = 0
+    starts: tuple[int, ...] = ()
     contradiction: str = ''
     memories: tuple[LoadMemory, ...] = field(default=(), repr=False)
 

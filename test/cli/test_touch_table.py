@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 from pathlib import Path
 
@@ -220,3 +221,28 @@ def test_recordings_in_the_tool_frame_are_not_mixed_with_tables(folder, tmp_path
     both = (folder / 'touches.csv', bag, '--cell', folder / 'tool.yaml', '--out', tmp_path / 'out')
     assert run('calibrate', *both) == 2
     assert 'calibrate the tables and the recordings separately' in capsys.readouterr().err
+
+
+def test_a_result_replaces_no_input(folder, tmp_path, capsys):
+    table = write(tmp_path / 'residuals.csv', TOUCHES)
+    assert run('calibrate', table, '--cell', folder / 'cell.yaml', '--out', tmp_path) == 2
+    assert 'is an input and would be replaced by the result' in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ['residuals.csv']
+
+
+def test_checksum_date_and_earlier_result(folder, result, capsys):
+    (recording,) = result['recordings']
+    table = folder / 'touches.csv'
+    assert recording == {
+        'path': str(table),
+        'sha256': hashlib.sha256(table.read_bytes()).hexdigest(),
+        'start': None,
+    }
+    out = folder / 'result'
+    own = out / 'residuals.csv'
+    assert run('calibrate', table, '--cell', folder / 'cell.yaml', '--out', out, '--residuals', own) == 0
+    printed = capsys.readouterr().out
+    kept = f'calibration_{result["created"].replace(":", "-")}.json'
+    assert kept in printed
+    assert printed.count('residuals.csv\n') == 1
+    assert json.loads((out / kept).read_text(encoding='utf-8')) == result

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from datetime import datetime, timezone
 from pathlib import Path
 
 import pytest
@@ -11,7 +13,7 @@ from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.report import write
 from scara_kinetostatic.report.write import write_results
 
-FILES = {'calibration.yaml', 'calibration.json', 'report.html'}
+FILES = {'calibration.yaml', 'calibration.json', 'report.html', 'residuals.csv'}
 
 
 @pytest.fixture(autouse=True)
@@ -27,7 +29,7 @@ def test_three_files_in_a_new_folder(plain: Outcome, tmp_path: Path) -> None:
     files = write_results(plain, tmp_path / 'a' / 'b')
     assert files.folder == tmp_path / 'a' / 'b'
     assert names(files.folder) == FILES
-    assert {files.parameters.name, files.document.name, files.report.name} == FILES
+    assert {path.name for path in files.paths} == FILES
     (tmp_path / 'usual').touch()
     assert files.document.stat().st_mode == (tmp_path / 'usual').stat().st_mode
 
@@ -39,7 +41,7 @@ def test_a_former_result_is_replaced_and_the_rest_stays(plain: Outcome, confound
     write_results(confounded, tmp_path)
     assert (tmp_path / 'calibration.json').read_text(encoding='utf-8') != before
     assert (tmp_path / 'notes.txt').read_text() == 'mine'
-    assert names(tmp_path) == FILES | {'notes.txt'}
+    assert FILES | {'notes.txt'} < names(tmp_path)
 
 
 @pytest.mark.parametrize('failure', [OSError(28, 'No space left on device'), KeyboardInterrupt()])
@@ -84,3 +86,39 @@ def test_a_folder_where_a_file_should_be(plain: Outcome, tmp_path: Path) -> None
     with pytest.raises(OutputError, match=r'report\.html: is a folder'):
         write_results(plain, tmp_path)
     assert names(tmp_path) == {'report.html'}
+
+
+def test_an_earlier_result_is_kept_under_its_date(plain: Outcome, confounded: Outcome, tmp_path: Path) -> None:
+    first = write_results(replace(plain, created=datetime(2026, 11, 21, 14, 3, 22, tzinfo=timezone.utc)), tmp_path)
+    assert (first.kept, first.note) == ((), '')
+    before = {path.name: path.read_bytes() for path in first.paths}
+    second = write_results(confounded, tmp_path)
+    dated = {name: name.replace('.', '_2026-11-21T14-03-22Z.') for name in FILES}
+    assert {path.name for path in second.kept} == set(dated.values())
+    assert {name: (tmp_path / kept).read_bytes() for name, kept in dated.items()} == before
+    assert 'calibration_2026-11-21T14-03-22Z.json' in second.note
+    assert names(tmp_path) == FILES | set(dated.values())
+
+
+def test_results_of_one_second_and_of_unknown_date_are_kept(plain: Outcome, tmp_path: Path) -> None:
+    for number in range(4):
+        if number == 3:
+            (tmp_path / 'calibration.json').write_text('{"created": "../../yesterday"}')
+        write_results(plain, tmp_path)
+    assert len(names(tmp_path)) == 4 * len(FILES)
+    assert all('yesterday' not in name for name in names(tmp_path))
+
+
+def test_a_file_system_without_links_keeps_copies(
+    plain: Outcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_links(*_: object) -> None:
+        raise OSError(95, 'Operation not supported')
+
+    write_results(plain, tmp_path)
+    before = (tmp_path / 'calibration.json').read_bytes()
+    monkeypatch.setattr('os.link', no_links)
+    kept = {path.name: path for path in write_results(plain, tmp_path).kept}
+    assert len(kept) == len(FILES)
+    assert before in {path.read_bytes() for path in kept.values()}
+    assert len(names(tmp_path)) == 2 * len(FILES)

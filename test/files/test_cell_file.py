@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +14,17 @@ from hypothesis import strategies as st
 from scara_kinetostatic.errors import CellError
 from scara_kinetostatic.files.cell_file import dump_cell, load_cell, parse_cell
 from scara_kinetostatic.model.cell import (
+    PAPER_CELL,
     PAPER_DISCS,
     Cell,
     Disc,
     GripperSign,
+    Identification,
     Noise,
     Sensor,
     SensorFrame,
     SensorSign,
+    different_parts,
 )
 from scara_kinetostatic.model.parameters import PAPER_MEASURED, PAPER_NOMINAL, Parameters
 
@@ -229,3 +233,27 @@ def test_invalid_gripper_is_refused_by_name(text):
     good = dump_cell(Cell(PAPER_NOMINAL, PAPER_DISCS))
     with pytest.raises(CellError, match=r'model\.gripper_excess'):
         parse_cell(good.replace('{gripper_sign: physical}', f'{{gripper_excess: {text}}}'))
+
+
+def test_identification_is_read_written_and_compared() -> None:
+    text = 'identification: {robot: TS60, serial_number: "0047", operator: Ä. Sato}\n'
+    cell = parse_cell(dump_cell(PAPER_CELL) + text)
+    assert cell.identification == Identification(robot='TS60', serial_number='0047', operator='Ä. Sato')
+    assert parse_cell(dump_cell(cell)) == cell
+    assert different_parts(cell, PAPER_CELL) == []
+    other = replace(cell, identification=cell.identification._replace(operator='B'))
+    assert different_parts(cell, other) == []
+    other = replace(cell, identification=cell.identification._replace(serial_number='0048'))
+    assert different_parts(cell, other) == ['identification']
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('{serial_number: 0047}', r'identification\.serial_number: expected a string, got 47; put it in quotes'),
+        ('{serial: "0047"}', r"identification: unknown key 'serial'; did you mean 'serial_number'"),
+    ],
+)
+def test_identification_is_refused_by_key(text: str, message: str) -> None:
+    with pytest.raises(CellError, match=message):
+        parse_cell(dump_cell(PAPER_CELL) + f'identification: {text}\n')

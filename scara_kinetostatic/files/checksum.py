@@ -1,0 +1,47 @@
+r"""SHA-256 of a recording, to tell later from which data a result was calculated.
+
+Of a file it is that of its bytes, as `sha256sum FILE` prints it. Of a rosbag2 folder it is that of the list that
+`sha256sum` prints of its files, sorted by name:
+
+    cd FOLDER
+    find . -maxdepth 1 -type f \( -name metadata.yaml -o -name '*.mcap' -o -name '*.db3' -o -name '*.zstd' \
+      -o -name '*.part' \) -exec sha256sum {} + | LC_ALL=C sort -k2 | sha256sum
+
+Other files in the folder, such as notes or results, do not count. Files are read piece by piece.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+_METADATA = 'metadata.yaml'
+_SUFFIXES = frozenset(('.mcap', '.db3', '.zstd', '.part'))
+_PIECE = 1 << 20
+"""Read at once, bytes."""
+
+
+def recording_checksum(path: str | Path) -> str:
+    """SHA-256 of a file, or of the files of a rosbag2 folder, hexadecimal.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        return _file_checksum(path)
+    files = sorted((file for file in path.iterdir() if _belongs(file)), key=lambda file: file.name.encode())
+    listing = ''.join(f'{_file_checksum(file)}  ./{file.name}\n' for file in files)
+    return hashlib.sha256(listing.encode('utf-8', 'surrogateescape')).hexdigest()
+
+
+def _belongs(file: Path) -> bool:
+    return (file.name == _METADATA or file.suffix in _SUFFIXES) and file.is_file()
+
+
+def _file_checksum(file: Path) -> str:
+    digest = hashlib.sha256()
+    with file.open('rb') as stream:
+        while piece := stream.read(_PIECE):
+            digest.update(piece)
+    return digest.hexdigest()
