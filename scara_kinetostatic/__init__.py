@@ -30,6 +30,7 @@ below it (`test/test_architecture.py` checks that):
     bags           recordings of all formats, read and written
     touches        from streams to touches, and the object each belongs to
     files          cell description, touch table, safe YAML, atomic writing
+    assessment     may the result be used? grade, reasons, actions; the outcome of it all
     diagnosis      is the model complete? which effects explain the residual, and which rivals have they?
     calibration    from touches to the parameters, with their uncertainty
     effects        the physical effects that the base model lacks, one per file
@@ -43,10 +44,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from scara_kinetostatic.assessment.outcome import Outcome
     from scara_kinetostatic.bags.reader import read_streams as read_streams
     from scara_kinetostatic.calibration.calibrate import calibrate
     from scara_kinetostatic.calibration.result import Calibration
-    from scara_kinetostatic.diagnosis.outcome import Outcome
     from scara_kinetostatic.diagnosis.result import Diagnosis as Diagnosis
     from scara_kinetostatic.effects.base import Effect
     from scara_kinetostatic.effects.registry import catalogue, register
@@ -88,7 +89,7 @@ _HOME = {
     'Effect': 'effects.base',
     'InputError': 'errors',
     'JointAngles': 'interface',
-    'Outcome': 'diagnosis.outcome',
+    'Outcome': 'assessment.outcome',
     'TipPosition': 'interface',
     'TouchSet': 'model.touch',
     'UnsupportedDataError': 'errors',

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.estimate import USUAL_NOISE
 from scara_kinetostatic.calibration.prediction import base_force, force_residual, observe
 from scara_kinetostatic.calibration.propagation import Prediction, compensate_joints, locate_tip, tip_under_force
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError
 from scara_kinetostatic.files.touch_table import is_touch_table
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask

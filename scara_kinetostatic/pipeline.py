@@ -7,6 +7,7 @@ from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 
+from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.bags.messages import reading
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.calibration.calibrate import calibrate
@@ -14,7 +15,6 @@ from scara_kinetostatic.calibration.estimate import USUAL_NOISE
 from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.diagnosis.outcome import Outcome, Recording
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.files.checksum import recording_checksum

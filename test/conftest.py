@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.kinematics import forward, jacobian
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL

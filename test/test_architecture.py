@@ -24,6 +24,7 @@ ORDER = (
     'effects',
     'calibration',
     'diagnosis',
+    'assessment',
     'files',
     'touches',
     'bags',

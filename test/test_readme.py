@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from pipeline.opened import Row, outcome_of, rows
 
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.cli.main import build_parser
-from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.render.quantities import SCALES
 from scara_kinetostatic.report.text import text_report
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from scara_kinetostatic.cli.arguments import Subparsers, add_cell, add_verb, cell_or_recorded, check_different
 from scara_kinetostatic.cli.output import progress
-from scara_kinetostatic.errors import CellError, InputError, ParameterError
+from scara_kinetostatic.errors import CellError, InputError, ParameterError, UnsupportedDataError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.model.cell import Cell
@@ -68,6 +68,11 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         help='hold a parameter at VALUE in SI units, or at its nominal value; may be given several times',
     )
     parser.add_argument('--residuals', type=Path, metavar='FILE.csv', help='write residuals.csv there as well')
+    parser.add_argument(
+        '--strict',
+        action='store_true',
+        help='exit status 3 where the result is unfit for use; it is written all the same',
+    )
     return parser
 
 
@@ -76,9 +81,11 @@ def run(args: argparse.Namespace) -> int:
 
     Raises:
         InputError: a recording, the cell or an option is wrong, or DIR cannot be written.
-        UnsupportedDataError: the data cannot support a calibration.
+        UnsupportedDataError: the data cannot support a calibration; with ``--strict``, or the result, which is written
+            all the same, is unfit for use.
     """
     check_different(args.bags)
+    from scara_kinetostatic.assessment.grade import Grade
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.pipeline import calibrate_recordings
     from scara_kinetostatic.report import residuals
@@ -108,6 +115,10 @@ def run(args: argparse.Namespace) -> int:
     if files.note:
         print(f'{files.note}\n')
     print('\n'.join(dict.fromkeys(map(str, (*files.paths, *([args.residuals] if args.residuals else []))))))
+    if args.strict and outcome.assessment.grade is Grade.UNFIT:
+        raise UnsupportedDataError(
+            outcome.assessment.headline, f'the results are written to {files.folder} all the same'
+        )
     return 0
 
 

@@ -23,6 +23,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.errors import ParameterError, ScaraKinetostaticError
 from scara_kinetostatic.files.cell_file import load_cell
@@ -37,6 +38,10 @@ from scara_kinetostatic.report.parameter_file import effect_parameters
 
 THREADS = 3
 """One calibrates, one refuses a second call, one serves parameters and timers."""
+
+
+LEVELS = {Grade.FIT: OK, Grade.CAUTION: WARN, Grade.UNFIT: ERROR}
+"""The level of the status after a calibration."""
 
 
 class ShutDownError(ScaraKinetostaticError):
@@ -81,26 +86,39 @@ class Calibrator(Node):
             response.message = 'a calibration is running already; call again when it is done'
             return response
         try:
-            response.message = self._run()
-            response.success = True
-            self.get_logger().info(response.message)
+            grade, response.message = self._run()
+            response.success = grade is not Grade.UNFIT
+            self._log(grade, response.message)
         except ScaraKinetostaticError as error:
-            response.message = str(error)
+            self._fail(response, str(error))
         except Exception as error:  # The node stays up, whatever happens in a calibration.
-            response.message = f'internal error: {type(error).__name__}: {error}'
+            self._fail(response, f'internal error: {type(error).__name__}: {error}')
             self.get_logger().debug(traceback.format_exc())
         finally:
             self._running.release()
-        if not response.success:
-            self._condition = Condition(ERROR, response.message, {})
-            self.get_logger().error(response.message)
         return response
 
-    def _run(self) -> str:
+    def _log(self, grade: Grade, message: str) -> None:
+        """Logs a result at the level of its grade."""
+        logger = self.get_logger()
+        if grade is Grade.UNFIT:
+            logger.error(message)
+        elif grade is Grade.CAUTION:
+            logger.warning(message)
+        else:
+            logger.info(message)
+
+    def _fail(self, response: Trigger.Response, message: str) -> None:
+        """Answers that there is no result."""
+        response.message = message
+        self._condition = Condition(ERROR, message, {})
+        self.get_logger().error(message)
+
+    def _run(self) -> tuple[Grade, str]:
         """One calibration, from the recording to the parameters.
 
         Returns:
-            The result in one line.
+            Its grade, and the result in one line.
 
         Raises:
             ScaraKinetostaticError: there is no result.
@@ -114,8 +132,9 @@ class Calibrator(Node):
         final, effects = outcome.final, effect_parameters(outcome.diagnosis.found)
         self._results.publish(list(final.parameters.as_dict().values()), final.std, effects)
         message = '; '.join(filter(None, (one_line(outcome), f'written to {files.folder}', files.note)))
-        self._condition = Condition(OK, message, details(outcome))
-        return message
+        grade = outcome.assessment.grade
+        self._condition = Condition(LEVELS[grade], message, details(outcome))
+        return grade, message
 
     def _progress(self, stage: str, share: float) -> None:
         """Raises if the node is being shut down."""

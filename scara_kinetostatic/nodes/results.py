@@ -16,7 +16,7 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from scara_kinetostatic.diagnosis.outcome import Outcome
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, UNITS
 from scara_kinetostatic.report import parameter_file
@@ -112,10 +112,11 @@ class ResultParameters:
 
 
 def one_line(outcome: Outcome) -> str:
-    """Touches, force error before and after, goodness of fit, confounded parameters, verdict, effects, in one line."""
+    """Assessment, touches, force error before and after, goodness of fit, verdict, effects, in one line."""
     result, compared = outcome.final, outcome.comparison
     alone, extended = compared.base, compared.extended
     parts = [
+        outcome.assessment.headline,
         f'{int(result.used.sum())} of {outcome.found} touches used',
         f'force error {compared.nominal:.4g} N before, {alone.force_error:.4g} N after',
         f'reduced chi-square {alone.reduced_chi_square:.3g}',
@@ -145,6 +146,9 @@ def details(outcome: Outcome) -> dict[str, str]:
     alone, extended = compared.base, compared.extended
     found = outcome.diagnosis.found
     return {
+        'assessment': outcome.assessment.grade.value,
+        'reasons': '; '.join(outcome.assessment.reasons),
+        'actions': '; '.join(outcome.assessment.actions) or 'none',
         'touches found': str(outcome.found),
         'touches used': str(int(result.used.sum())),
         'force error, nominal [N]': f'{compared.nominal:.6g}',

@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.diagnosis.comparison import Bias, Comparison, ModelErrors
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
-from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.render.quantities import SCALES, chance, decimals, p_equals, shown

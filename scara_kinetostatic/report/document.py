@@ -9,9 +9,10 @@ from datetime import datetime, timezone
 import numpy as np
 
 from scara_kinetostatic import __version__
+from scara_kinetostatic.assessment.grade import Assessment
+from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
-from scara_kinetostatic.diagnosis.outcome import Outcome, Recording
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.arrays import Floats
@@ -53,6 +54,16 @@ def as_document(outcome: Outcome) -> Document:
         },
         'identifiability': _identifiability(c),
         'diagnosis': _diagnosis(outcome.diagnosis),
+        'assessment': _assessment(outcome.assessment),
+    }
+
+
+def _assessment(assessment: Assessment) -> Document:
+    """Whether the result may be used, why, and what to do."""
+    return {
+        'grade': assessment.grade.value,
+        'reasons': list(assessment.reasons),
+        'actions': list(assessment.actions),
     }
 
 

@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from scara_kinetostatic.assessment.grade import Grade
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.identifiability import Combination
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.render.quantities import SCALES, count, decimals, p_equals
@@ -30,6 +31,12 @@ class Verdict(NamedTuple):
     sentences: tuple[str, ...]
 
 
+ANSWERS = {
+    Grade.FIT: 'Fit for use',
+    Grade.CAUTION: 'To be used with caution',
+    Grade.UNFIT: 'Not fit for use',
+}
+"""The grades in words: the first thing in text and page."""
 NEVER_IDENTIFIABLE = (
     'An error common to all radii, such as that of the radius of the tip: exactly equivalent to backlash of the '
     'gripper, g_ee.',
@@ -60,15 +67,15 @@ def verdict(outcome: Outcome) -> Verdict:
     if c is not outcome.calibration and outcome.calibration.termination is not Termination.CONVERGED:
         sentences.append('The fit of the base model did not converge; its values are those of the last iteration.')
     if d.advice:
-        sentences.append(_sentence(d.advice))
+        sentences.append(sentence(d.advice))
     groups = c.identifiability.confounded
     if groups and level == 'good':
         level, headline = 'caution', 'The fit is good, but these data do not determine every parameter'
     if groups:
-        sentences.append(_sentence(c.identifiability.advice))
+        sentences.append(sentence(c.identifiability.advice))
     if c.termination is not Termination.CONVERGED:
         level, headline = 'bad', 'The fit did not converge'
-        sentences.append(_sentence(c.termination.advice))
+        sentences.append(sentence(c.termination.advice))
     return Verdict(level, headline, tuple(sentences))
 
 
@@ -213,7 +220,7 @@ def _unit_of_ratio(unit: str, other: str) -> str:
     return f'{"/".join(parts)} · '
 
 
-def _sentence(text: str) -> str:
+def sentence(text: str) -> str:
     """The text with a capital, unless it starts with a name, and a full stop."""
     text = text.strip()
     first = text.split(' ', 1)[0]

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from scara_kinetostatic import __version__
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.render.figure import COLOURS, mark, style
 from scara_kinetostatic.render.page import page_template
 from scara_kinetostatic.render.quantities import count

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.files.touch_table import csv_lines, quoted
 
 NAME = 'residuals.csv'

@@ -5,7 +5,8 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Sequence
 
-from scara_kinetostatic.diagnosis.outcome import Outcome
+from scara_kinetostatic.assessment.grade import Assessment
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.render.quantities import shown
 from scara_kinetostatic.render.table import Table
@@ -20,9 +21,10 @@ _INDENT = 13
 
 
 def text_report(outcome: Outcome) -> str:
-    """Verdict, parameters, effects, errors, rejected touches."""
+    """Assessment, verdict, parameters, effects, errors, rejected touches."""
     verdict = messages.verdict(outcome)
-    lines = [*_wrapped([f'{verdict.headline}.'], ''), *_wrapped(verdict.sentences, '  '), '']
+    lines = [*_assessment(outcome.assessment), '']
+    lines += [*_wrapped([f'{verdict.headline}.'], ''), *_wrapped(verdict.sentences, '  '), '']
     lines += _parameters(parameter_rows(outcome.final))
     lines += _effects(outcome.diagnosis.found)
     lines += ['', *_facts(outcome)]
@@ -30,6 +32,13 @@ def text_report(outcome: Outcome) -> str:
     if outcome.warnings:
         lines += ['', 'About the recording:', *_wrapped(outcome.warnings, '  ')]
     return '\n'.join(lines) + '\n'
+
+
+def _assessment(assessment: Assessment) -> list[str]:
+    """Grade and first reason, then the other reasons and what to do."""
+    lines = _wrapped([f'{messages.ANSWERS[assessment.grade]}: {assessment.reasons[0]}.'], '')
+    lines += _wrapped((f'- {messages.sentence(reason)}' for reason in assessment.reasons[1:]), '  ')
+    return lines + _wrapped((f'To do: {action}.' for action in assessment.actions), '  ')
 
 
 def _parameters(rows: Sequence[Row]) -> list[str]:

@@ -8,7 +8,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import NamedTuple
 
-from scara_kinetostatic.diagnosis.outcome import Outcome
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.files.atomic import write_texts, writing
 from scara_kinetostatic.render.json_file import json_text
 from scara_kinetostatic.report import document as json_file

@@ -23,7 +23,8 @@ def test_calibrate_writes_and_prints(run: Run, recordings: Path, tmp_path: Path)
     document = json.loads((tmp_path / 'result' / 'calibration.json').read_text(encoding='utf-8'))
     for name, entry in document['parameters'].items():
         assert abs(entry['value'] - TRUTH[name]) < 4 * entry['std']
-    assert result.out.startswith('The base model explains these touches.')
+    assert result.out.startswith('Fit for use: ')
+    assert '\n\nThe base model explains these touches.' in result.out
     assert '36 used of 36 found' in result.out
     assert result.out.rstrip().endswith('result/report.html')
     assert sorted(path.name for path in tmp_path.iterdir()) == ['result']

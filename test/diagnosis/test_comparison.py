@@ -9,12 +9,12 @@ import pytest
 from conftest import GROWN, OFF_NORMAL, conclude_outcome
 from diagnosis.simulated import CELL, effect, simulate
 
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.diagnosis import comparison, effect_residual
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
-from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.model.cell import Noise
 
 FRICTION = 0.05

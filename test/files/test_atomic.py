@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from scara_kinetostatic.diagnosis.outcome import Outcome
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.report import write
 from scara_kinetostatic.report.write import write_results

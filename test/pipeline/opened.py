@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 from pipeline.undeclared import ALL, BAGS, true_robot
 
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.bags.reader import embedded_cell
-from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.pipeline import calibrate_recordings

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 import yaml
 
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.bags.reader import embedded_cell
-from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.cell import Cell

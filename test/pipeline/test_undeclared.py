@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from pipeline.undeclared import ALL, BAGS, make, true_robot
 
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.cell import Cell

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from conftest import GROWN, NASTY
 
-from scara_kinetostatic.diagnosis.outcome import Outcome
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, UNITS
 from scara_kinetostatic.render.json_file import json_text
 from scara_kinetostatic.report.document import as_document

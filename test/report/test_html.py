@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from scara_kinetostatic.diagnosis.outcome import Outcome
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.report.page import html_text
 
 VOID = {'meta', 'br', 'img', 'hr', 'input', 'link'}

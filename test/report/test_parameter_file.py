@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from scara_kinetostatic.diagnosis.outcome import Outcome
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Found, Value
 from scara_kinetostatic.effects.object_radius import ObjectRadius
 from scara_kinetostatic.model.parameters import NAMES

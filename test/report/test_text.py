@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import pytest
 
+from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.identifiability import Combination
 from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.diagnosis.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.effects.object_radius import ObjectRadius
 from scara_kinetostatic.model.cell import Noise
@@ -55,7 +55,8 @@ def test_rejected_touches_are_named_up_to_a_point(plain: Outcome) -> None:
 
 def test_a_fit_that_did_not_converge_says_so(plain: Outcome) -> None:
     outcome = replace(plain, calibration=replace(plain.calibration, termination=Termination.ITERATION_LIMIT))
-    assert text_report(outcome).startswith('The fit did not converge')
+    assert text_report(outcome).startswith('Not fit for use: the fit did not converge')
+    assert '\n\nThe fit did not converge' in text_report(outcome)
 
 
 def test_effects_have_their_lines(grown: Outcome, ambiguous: Outcome, unnamed: Outcome) -> None:
@@ -83,7 +84,7 @@ def test_of_many_rivals_the_first_ones_are_named(plain: Outcome) -> None:
 def test_a_base_model_that_did_not_converge_says_so(ambiguous: Outcome) -> None:
     assert 'fit of the base model did not converge' not in ' '.join(text_report(ambiguous).split())
     lost = replace(ambiguous, calibration=replace(ambiguous.calibration, termination=Termination.ITERATION_LIMIT))
-    assert text_report(lost).startswith('Model error found, but these data cannot distinguish')
+    assert '\n\nModel error found, but these data cannot distinguish' in text_report(lost)
     assert 'fit of the base model did not converge' in ' '.join(text_report(lost).split())
 
 
@@ -111,7 +112,9 @@ def test_every_verdict_has_its_words(plain: Outcome, diagnosis: Diagnosis, level
     assert f'Verdict: {diagnosis.verdict}.' in text
     assert ('Do not rely on the standard deviations' in text) == (diagnosis.verdict == 'unexplained')
     assert ('The base model explains' in verdict.headline) == (level == 'good')
-    assert ' '.join(text_report(outcome).split()).startswith(verdict.headline)
+    shown = text_report(outcome).split('\n\n')
+    assert shown[0].startswith(messages.ANSWERS[outcome.assessment.grade])
+    assert ' '.join(shown[1].split()).startswith(verdict.headline)
 
 
 def test_the_headline_says_what_an_effect_means(plain: Outcome) -> None:

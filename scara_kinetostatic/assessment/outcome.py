@@ -7,6 +7,9 @@ from datetime import datetime, timezone
 from functools import cached_property
 from typing import NamedTuple
 
+from scara_kinetostatic.assessment.assess import assess
+from scara_kinetostatic.assessment.evidence import Evidence
+from scara_kinetostatic.assessment.grade import Assessment
 from scara_kinetostatic.calibration.held_out import HeldOut
 from scara_kinetostatic.calibration.result import Calibration, Estimate
 from scara_kinetostatic.diagnosis.comparison import Comparison, compare
@@ -37,8 +40,8 @@ def _now() -> datetime:
 class Outcome:
     """All that a calibration of recordings gives.
 
-    `comparison` and `effect_residuals` follow from the fits. Each is estimated once, when it is first read: a user of
-    the parameters alone needs neither, and a copy with another diagnosis gets its own.
+    `comparison`, `effect_residuals` and `assessment` follow from the fits. Each is worked out once, when it is first
+    read: a user of the parameters alone needs none, and a copy with another diagnosis gets its own.
 
     Attributes:
         calibration: the base model with its uncertainty.
@@ -60,6 +63,8 @@ class Outcome:
         ('explained', ['object_radius[disc_2]'])
         >>> outcome['p_ee'].unit, outcome.found, outcome.final.used.sum().item()
         ('m/N', 72, 72)
+        >>> outcome.assessment.grade.value
+        'fit'
     """
 
     calibration: Calibration
@@ -124,3 +129,8 @@ class Outcome:
     def effect_residuals(self) -> tuple[EffectResidual, ...]:
         """The residual of each effect of the extended model, in the order of `diagnosis.found`."""
         return effect_residuals(self.calibration, self.final, self.diagnosis.found)
+
+    @cached_property
+    def assessment(self) -> Assessment:
+        """Whether the result may be used, why, and what to do."""
+        return assess(Evidence(self.final, self.diagnosis, self.comparison, self.found, self.rejected))

@@ -1,0 +1,1 @@
+"""Whether the result of a calibration may be used: grade, reasons, actions."""

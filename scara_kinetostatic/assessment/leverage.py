@@ -1,0 +1,27 @@
+"""Leverage: how far a touch decides by itself about the result.
+
+The block of a used touch on the diagonal of the hat matrix is H_k = J_k Σ J_kᵀ, (2, 2), with J_k its whitened Jacobian
+and Σ the covariance of the fit, everything estimated along with the parameters included. Of an error of the touch in
+the direction of an eigenvector with eigenvalue λ, the residual shows the part 1 - λ, the parameters absorb the rest.
+With λ = 1 the touch is fitted whatever it measured: nothing checks it, and without it a parameter has no value.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scara_kinetostatic.calibration.prediction import observe
+from scara_kinetostatic.calibration.projection import project
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.linear_problem import orthonormal
+from scara_kinetostatic.model.arrays import Floats, read_only
+
+
+def leverages(calibration: Calibration) -> Floats:
+    """The largest eigenvalue of each used touch's block of the hat matrix, 0 to 1, (n,)."""
+    c = calibration
+    point = project(observe(c.touches.select(c.used), c.cell), c.model, c.noise)
+    n = len(point.distance)
+    basis = orthonormal((point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1))
+    rows = basis.reshape(n, 2, basis.shape[1])
+    return read_only(np.clip(np.linalg.eigvalsh(np.einsum('nik,njk->nij', rows, rows))[:, -1], 0.0, 1.0))
