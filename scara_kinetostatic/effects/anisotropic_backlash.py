@@ -23,6 +23,7 @@ class AnisotropicBacklash(LinearEffect):
         Parameter('b', 'm', 1e-3, 'backlash at 45° to link 2 beyond the mean', typical=-3e-5),
     )
     statement: ClassVar[str] = 'the backlash of the gripper depends on the direction of the force'
+    short_statement: ClassVar[str] = 'backlash of the gripper depends on the direction'
     confounded_with: ClassVar[str] = (
         'an anisotropic compliance of the gripper, and g_ee and g2, if there is one force level or few directions'
     )

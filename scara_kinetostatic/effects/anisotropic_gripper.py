@@ -26,6 +26,7 @@ class AnisotropicGripper(LinearEffect):
         ),
     )
     statement: ClassVar[str] = 'the gripper also yields across the force'
+    short_statement: ClassVar[str] = 'gripper yields across the force'
     confounded_with: ClassVar[str] = (
         'p_ee, p1 and p2, if the forces come from few directions relative to link 2; '
         'the difference p11 - p22 is always part of p_ee and p2'

@@ -90,6 +90,8 @@ class Effect(ABC):
 
     Attributes:
         target: the joint (``joint1``), link or disc it is about; None if it is about the whole cell.
+        short_statement: the statement in a few words, as a report names the effect; ``{target}`` as above. Empty: the
+            whole statement.
         on_object: whether `Shift.place` belongs to the object rather than to the robot.
         grid_parameter: the parameter over which `trials` is a grid, such as a frequency; empty if there is none.
         diverges_with_alias: whether it runs to large values beside a rival that is nearly the same, instead of
@@ -130,6 +132,7 @@ class Effect(ABC):
     confounded_with: ClassVar[str]
     identified_by: ClassVar[str]
     plot_variable: ClassVar[str]
+    short_statement: ClassVar[str] = ''
     on_object: ClassVar[bool] = False
     grid_parameter: ClassVar[str] = ''
     diverges_with_alias: ClassVar[bool] = False
@@ -179,14 +182,17 @@ class Effect(ABC):
 
     @property
     def title(self) -> str:
-        """How a report names it: its label, or what it describes."""
-        return f'a fitted curve ({self.description})' if self.description else self.label
+        """How a report names it: in a few words, ``disc_2 displaced``, or what a curve describes."""
+        return f'a fitted curve ({self.description})' if self.description else self._about(self.short_statement)
 
     @property
     def finding(self) -> str:
         """What is said where it is found, a clause: ``disc_2 is not where the cell description says``."""
+        return self._about(self.statement)
+
+    def _about(self, text: str) -> str:
         target = re.sub(r'^(joint|link)(?=[12]$)', r'\1 ', self.target or '')
-        return self.statement.format(target=target)
+        return (text or self.statement).format(target=target)
 
     @property
     def subject(self) -> str:
@@ -298,8 +304,10 @@ def _check_class(cls: type[Effect], abstract: Sequence[str]) -> None:
     if cls.plot_variable not in VARIABLES:
         known = ', '.join(VARIABLES)
         raise TypeError(f"effect {where}: 'plot_variable': expected one of {known}, got {cls.plot_variable!r}")
-    if '{' in cls.statement.replace('{target}', ''):
-        raise TypeError(f"effect {where}: 'statement': only {{target}} may stand in braces, got {cls.statement!r}")
+    for word in ('statement', 'short_statement'):
+        text = getattr(cls, word)
+        if '{' in text.replace('{target}', ''):
+            raise TypeError(f'effect {where}: {word!r}: only {{target}} may stand in braces, got {text!r}')
     parameters = getattr(cls, 'parameters', None)
     if isinstance(parameters, property):
         return

@@ -27,6 +27,7 @@ class BaseCompliance(LinearEffect):
         Parameter('coupling', 'm/N', 1e-5, 'yield along y per force along x', typical=-2e-6),
     )
     statement: ClassVar[str] = 'the base yields under the force'
+    short_statement: ClassVar[str] = 'base yields'
     confounded_with: ClassVar[str] = (
         'the compliances of gripper and joints, if the arm hardly turns; '
         'its mean over all directions is always part of p_ee'

@@ -35,6 +35,7 @@ class BaseTilt(LinearEffect):
         Parameter('m2_y', 'Nm', 10.0, 'static moment along link 2 times gravity along y', typical=-0.4),
     )
     statement: ClassVar[str] = 'the base is tilted, so that gravity loads the joints'
+    short_statement: ClassVar[str] = 'base tilted'
     confounded_with: ClassVar[str] = (
         'a transmission error of joint 1 of one cycle per turn, which m1 alone exactly is; the base position and the '
         'offsets, if there is one elbow posture'

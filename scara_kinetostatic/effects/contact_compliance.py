@@ -38,6 +38,7 @@ class ContactCompliance(LinearEffect):
         Parameter('yield', 'm/N^(2/3)', 1e-3, 'depth of the tip in the disc under 1 N', typical=1e-5, sign=1),
     )
     statement: ClassVar[str] = '{target} yields under the force'
+    short_statement: ClassVar[str] = '{target} yields'
     confounded_with: ClassVar[str] = (
         'p_ee and g_ee together, if all discs are soft and the force levels few: f^(2/3) is nearly a straight line; '
         'the radius of a soft disc, if it is touched with one force only'

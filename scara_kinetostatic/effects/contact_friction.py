@@ -36,6 +36,7 @@ class ContactFriction(Effect):
         Parameter('coefficient', '1', 0.1, 'angle of friction: that of the force from the normal', typical=0.1, sign=1),
     )
     statement: ClassVar[str] = 'friction between tip and disc turns the contact force, in the direction of the slide'
+    short_statement: ClassVar[str] = 'friction at the contact'
     confounded_with: ClassVar[str] = 'a turned force sensor, if the tip slides the same way in all touches'
     identified_by: ClassVar[str] = 'touches that slide in both directions: preload every other touch'
     plot_variable: ClassVar[str] = 'slide'

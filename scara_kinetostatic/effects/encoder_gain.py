@@ -22,6 +22,7 @@ class EncoderGain(JointEffect):
         Parameter('gain', '1', 1e-2, 'true angle over reported, less 1', typical=1e-3),
     )
     statement: ClassVar[str] = 'the encoder of {target} has a gain error'
+    short_statement: ClassVar[str] = 'gain error of the encoder of {target}'
     confounded_with: ClassVar[str] = 'the offset of the joint, if its angle hardly varies; a torque that grows with it'
     identified_by: ClassVar[str] = 'touches over the whole range of the joint, in both elbow postures'
     plot_variable: ClassVar[str] = 'angle'

@@ -30,6 +30,7 @@ class JointHardening(JointEffect):
 
     name: ClassVar[str] = 'joint_hardening'
     statement: ClassVar[str] = 'the compliance of {target} depends on the torque'
+    short_statement: ClassVar[str] = 'compliance of {target} depends on the torque'
     confounded_with: ClassVar[str] = 'compliance and backlash of the joint, if its torques are alike in size'
     identified_by: ClassVar[str] = 'touches with torques on the joint from small to large, in three or more steps'
     plot_variable: ClassVar[str] = 'torque'

@@ -24,6 +24,7 @@ class JointHysteresis(JointEffect):
         Parameter('width', 'rad', 1e-3, 'lag of the link, half the width of the loop', typical=1e-4, sign=1),
     )
     statement: ClassVar[str] = '{target} has hysteresis beyond its backlash'
+    short_statement: ClassVar[str] = 'hysteresis in {target}'
     confounded_with: ClassVar[str] = 'the backlash of the joint, if it always moves on in the direction of its torque'
     identified_by: ClassVar[str] = 'touches reached from both sides: preload every other touch'
     plot_variable: ClassVar[str] = 'approach'

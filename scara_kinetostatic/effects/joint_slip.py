@@ -46,6 +46,7 @@ class JointSlip(Effect):
         Parameter('slip_torque', 'Nm', 3.0, 'up to which friction holds it', 1.0, typical=2.0, sign=1),
     )
     statement: ClassVar[str] = '{target} slips under load and keeps a part of its deflection'
+    short_statement: ClassVar[str] = 'slip in {target}'
     confounded_with: ClassVar[str] = (
         'compliance and backlash of the joint, if every touch is loaded from zero beyond twice the slip torque; '
         'joint_hysteresis, if every torque that turns round changes by more than that'

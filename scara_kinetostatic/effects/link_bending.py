@@ -51,6 +51,7 @@ class LinkBending(LinearEffect):
         Parameter('compliance', 'rad/Nm', 1e-3, 'length over bending stiffness, l / EI', typical=1e-5, sign=1),
     )
     statement: ClassVar[str] = '{target} bends'
+    short_statement: ClassVar[str] = '{target} bends'
     confounded_with: ClassVar[str] = (
         'p1 and p2, if the torques of the joints are nearly in proportion; bending of link 2 is always part of p2'
     )

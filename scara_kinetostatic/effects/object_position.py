@@ -26,6 +26,7 @@ class ObjectPosition(DiscEffect):
         Parameter('y', 'm', 1e-3, 'true place of the centre less the stated one, y', typical=-2e-4),
     )
     statement: ClassVar[str] = '{target} is not where the cell description says'
+    short_statement: ClassVar[str] = '{target} displaced'
     confounded_with: ClassVar[str] = (
         'x0, y0 and theta1, if there is one disc; another disc, if the move changes the distance to that one only'
     )

@@ -19,6 +19,7 @@ class ObjectRadius(DiscEffect):
         Parameter('radius', 'm', 1e-3, 'true radius less the stated one', typical=1e-4),
     )
     statement: ClassVar[str] = '{target} has another radius than the cell description says'
+    short_statement: ClassVar[str] = '{target} of another radius'
     confounded_with: ClassVar[str] = 'g_ee, if there is one disc: all radii larger is a smaller backlash of the gripper'
     identified_by: ClassVar[str] = 'touches of two or more discs, all round each'
     plot_variable: ClassVar[str] = 'disc'

@@ -37,6 +37,7 @@ class OffNormalForce(Effect):
     statement: ClassVar[str] = (
         'friction between tip and disc turns the contact force, by a different angle in each touch'
     )
+    short_statement: ClassVar[str] = 'friction at the contact, of either sense'
     confounded_with: ClassVar[str] = 'noise of the force sensor, if all forces are alike'
     identified_by: ClassVar[str] = 'touches at several force levels: friction grows with the force, noise does not'
     plot_variable: ClassVar[str] = 'magnitude'

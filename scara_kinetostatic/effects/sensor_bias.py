@@ -21,6 +21,7 @@ class SensorBias(SensorEffect):
         Parameter('y', 'N', 3.0, 'reported too much along y of the sensor', typical=-0.7),
     )
     statement: ClassVar[str] = 'the force sensor has a zero offset'
+    short_statement: ClassVar[str] = 'zero offset of the force sensor'
     confounded_with: ClassVar[str] = 'the places of the discs, if each is touched from one side or with one force only'
     identified_by: ClassVar[str] = 'touches from all sides of the discs, some of them with little force'
     plot_variable: ClassVar[str] = 'direction'

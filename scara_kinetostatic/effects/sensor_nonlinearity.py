@@ -23,6 +23,7 @@ class SensorNonlinearity(SensorEffect):
         Parameter('rate', '1/N', 3e-2, 'part of the force reported too much, per newton of it', typical=1e-3),
     )
     statement: ClassVar[str] = 'the gain of the force sensor depends on the force'
+    short_statement: ClassVar[str] = 'gain of the force sensor depends on the force'
     confounded_with: ClassVar[str] = (
         'the compliances, if all forces are alike; the law of the contact and the hardening of joints, if the force '
         'levels are few'

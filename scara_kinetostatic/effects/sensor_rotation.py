@@ -20,6 +20,7 @@ class SensorRotation(SensorEffect):
         Parameter('angle', 'rad', 0.05, 'by which reported forces are turned', typical=0.05),
     )
     statement: ClassVar[str] = 'the force sensor is rotated about its axis'
+    short_statement: ClassVar[str] = 'force sensor turned'
     confounded_with: ClassVar[str] = 'contact friction, if the tip slides the same way in all touches'
     identified_by: ClassVar[str] = 'touches that slide in both directions: preload every other touch'
     plot_variable: ClassVar[str] = 'direction'

@@ -22,6 +22,7 @@ class LinkGrowth(LinearEffect):
         Parameter('rate', '1/s', 1e-5, 'growth of the links, per length', typical=1e-6),
     )
     statement: ClassVar[str] = 'the links grow with time'
+    short_statement: ClassVar[str] = 'links grow with time'
     confounded_with: ClassVar[str] = 'places, postures or forces that change in the same order as time goes on'
     identified_by: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
     plot_variable: ClassVar[str] = 'time'
@@ -44,6 +45,7 @@ class ZeroDrift(JointEffect):
         Parameter('rate', 'rad/s', 1e-5, 'growth of the true angle', typical=1e-6),
     )
     statement: ClassVar[str] = 'the zero of {target} drifts with time'
+    short_statement: ClassVar[str] = 'zero of {target} drifts'
     confounded_with: ClassVar[str] = 'places, postures or forces that change in the same order as time goes on'
     identified_by: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
     plot_variable: ClassVar[str] = 'time'

@@ -47,6 +47,7 @@ class TransmissionError(Effect):
         Parameter('cycles', '1/turn', 1.0, 'waves per turn of the joint', LOWEST, 7.3),
     )
     statement: ClassVar[str] = 'the transmission of {target} has a periodic error'
+    short_statement: ClassVar[str] = 'periodic error in the transmission of {target}'
     confounded_with: ClassVar[str] = (
         'x0, y0, the offsets and the link lengths, if there are few cycles per turn and one elbow posture only; '
         'other frequencies, if the angles are evenly spaced'

@@ -87,7 +87,7 @@ def _model(d: Diagnosis) -> tuple[str, str, list[str]]:
     lack = f'The base model does not explain the touches ({p})'
     if d.verdict == 'explained':
         headline = f'Model error found and corrected: {"; ".join(item.effect.finding for item in d.found)}'
-        return 'caution', headline, [f'{lack}; the model extended by {_names(d.found)} does.']
+        return 'caution', headline, [f'{lack}; extended by what was found it does: {_names(d.found)}.']
     if d.verdict == 'ambiguous':
         which = '; '.join(group_names(d, group) for group in d.rivals)
         headline = 'Model error found, but these data cannot distinguish its possible causes'

@@ -60,7 +60,8 @@ def _effects(found: Sequence[Found]) -> list[str]:
     lines = ['', 'added to the base model'] if found else []
     for item in found:
         note = '' if item.in_every_model else ' (one of several possible causes)'
-        lines += _wrapped([item.effect.title + note], '  ')
+        label = f'  {item.effect.label}' if item.effect.is_physical else ''
+        lines += _wrapped([item.effect.title + note + label], '  ')
         if item.effect.is_physical and item.values:
             rows = tuple((f'    {v.name}', shown(v.value, v.std, v.unit).text, v.meaning) for v in item.values)
             lines += [line[:_WIDTH] for line in Table(('',) * 3, ('',) * 3, rows).lines()[1:]]
