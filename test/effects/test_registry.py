@@ -120,9 +120,13 @@ def test_two_of_one_label_are_refused():
 
 
 def test_every_effect_says_what_it_means_of_the_cell() -> None:
+    titles = [effect.title for effect in catalogue(CELL)]
+    assert len(set(titles)) == len(titles)
     for effect in catalogue(CELL):
         assert effect.is_physical
-        assert effect.title == effect.label
+        assert len(effect.title) < 60
+        assert '{' not in effect.title
+        assert (effect.target is None) or effect.target[-1] in effect.title
         assert '{' not in effect.finding
         assert not effect.finding.startswith('there is'), effect.label
         if effect.target in ('joint1', 'link1'):

@@ -63,14 +63,14 @@ def test_effects_have_their_lines(grown: Outcome, ambiguous: Outcome, unnamed: O
     text = text_report(grown)
     (item,) = grown.diagnosis.found
     compared = grown.comparison
-    assert f'added to the base model\n  {item.effect.label}\n    radius  ' in text
+    assert f'added to the base model\n  {item.effect.title}  {item.effect.label}\n    radius  ' in text
     joined = ' '.join(text.split())
     alone, extended = compared.base, compared.extended
     assert f'{alone.force_error:.3g} N with the base model, {extended.force_error:.3g} N with the extended' in joined
     assert f'{alone.held_out:.3g} N and {extended.held_out:.3g} N' in joined
     assert f'{1e3 * alone.tip.fitted:.3g} mm from the circle' in joined
     assert re.search(r'bias ignoring it would bias l2 by [\d.]+ σ, ', joined)
-    assert 'sensor_rotation (one of several possible causes)' in text_report(ambiguous)
+    assert 'force sensor turned (one of several possible causes)' in text_report(ambiguous)
     assert 'a fitted curve (joint 1 deviates' in ' '.join(text_report(unnamed).split())
 
 
@@ -99,7 +99,7 @@ def test_lines_fit_a_terminal(request: pytest.FixtureRequest) -> None:
     [
         (Diagnosis('none', 0.5), 'good', 'No model error detected'),
         (Diagnosis('unexplained', 1e-60, advice='the residual depends on q1'), 'bad', '(p < 1e-12)'),
-        (Diagnosis('explained', 1e-9, found=(Found(ObjectRadius.of(1, 'd2'), (), True),)), 'caution', '[d2]'),
+        (Diagnosis('explained', 1e-9, found=(Found(ObjectRadius.of(1, 'd2'), (), True),)), 'caution', 'd2 of another'),
         (Diagnosis('ambiguous', 1e-4, rivals=(('contact_friction', 'sensor_rotation'),)), 'caution', 'or sensor'),
     ],
 )
