@@ -118,7 +118,7 @@ def _complex_steps(function: Callable[[Any], Any], count: int) -> Floats:
 
 def variance(at: Linear, noise: Noise) -> Floats:
     """V = B Σ Bᵀ of every touch, (n, 2, 2), m²."""
-    scaled = at.by_observations * [noise.joint, noise.joint, noise.force, noise.force]
+    scaled = at.by_observations * [*noise.joint_levels, *noise.force_levels]
     return scaled @ scaled.transpose(0, 2, 1)
 
 
@@ -140,7 +140,7 @@ def size(cell: Cell, truth: Parameters, touches: TouchSet, clean: TouchSet, nois
     """
     observed = np.concatenate([touches.joints, touches.force], axis=1)
     nearest = np.concatenate([clean.joints, clean.force], axis=1)
-    scale = np.array([noise.joint, noise.joint, noise.force, noise.force])
+    scale = np.array([*noise.joint_levels, *noise.force_levels])
     for _ in range(ADJUSTMENTS):
         at = linear(cell, truth, clean.replace(joints=nearest[:, :2], force=nearest[:, 2:]))
         left = at.misclosure + np.einsum('nij,nj->ni', at.by_observations, observed - nearest)

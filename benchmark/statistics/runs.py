@@ -118,7 +118,7 @@ def run_noise(task: Task) -> list[NoiseRun]:
         touches = simulate_touches(CELL, setup.truth, setup.plan, NOISE, seed)
         found = calibrate(touches, cell)
         ideal = setup.bound.ideal(touches.joints - setup.exact.joints, touches.force - setup.exact.force)
-        levels = (found.noise.joint, found.noise.force)
+        levels = (found.noise.joint_rms, found.noise.force_rms)
         freedoms, rejected = found.degrees_of_freedom, len(found.rejected)
         runs.append(NoiseRun(error_of(found, setup.truth), found.std, ideal, freedoms, rejected, levels))
     return runs

@@ -48,7 +48,7 @@ def _convergence(evidence: Evidence) -> Iterator[Remark]:
 def _held_out(evidence: Evidence) -> Iterator[Remark]:
     """Touches that do not predict each other."""
     errors = evidence.comparison.extended
-    ratio = errors.held_out / max(errors.force_error, evidence.final.noise.force)
+    ratio = errors.held_out / max(errors.force_error, evidence.final.noise.force_rms)
     if not ratio < thresholds.HELD_OUT_CAUTION:
         grade = Grade.UNFIT if not ratio < thresholds.HELD_OUT_UNFIT else Grade.CAUTION
         yield Remark(

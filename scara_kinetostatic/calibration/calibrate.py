@@ -114,9 +114,9 @@ def _leave_out(touches: TouchSet, cell: Cell) -> tuple[TouchSet, list[Rejection]
     """Take out touches without a force and readings that repeat an earlier one to the last bit."""
     reasons: dict[int, str] = {}
     magnitude = np.hypot(touches.force[:, 0], touches.force[:, 1])
-    least = _FAINTEST * cell.noise.force if cell.noise else _NO_FORCE
+    least = _FAINTEST * cell.noise.force_rms if cell.noise else _NO_FORCE
     for k in np.flatnonzero(magnitude <= least):
-        noise = f' of {cell.noise.force:.2g} N' if cell.noise else ''
+        noise = f' of {cell.noise.force_rms:.2g} N' if cell.noise else ''
         reasons[int(k)] = f'presses with {magnitude[k]:.2g} N only: its direction is noise{noise}'
     earlier = _earlier_twins(np.concatenate([touches.joints, touches.force], axis=1))
     for k in np.flatnonzero(earlier != np.arange(len(touches))):

@@ -15,7 +15,7 @@ from scara_kinetostatic.calibration import least_squares, outliers
 from scara_kinetostatic.calibration.fit_point import COARSE, FINAL, ROBUST, Point, Stage, select
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Observations, first_guess
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
-from scara_kinetostatic.calibration.noise_estimation import estimate_noise
+from scara_kinetostatic.calibration.noise_estimation import as_stated, estimate_noise, is_estimated
 from scara_kinetostatic.calibration.projection import project, turn_radial
 from scara_kinetostatic.calibration.solver import Fit, Subspace, Termination, minimise
 from scara_kinetostatic.errors import UnsupportedDataError
@@ -107,7 +107,7 @@ class _Round(NamedTuple):
         return self._is_similar(following, _LAST_NOISE_TOLERANCE)
 
     def _is_similar(self, following: _Round, tolerance: float) -> bool:
-        pairs = zip(self.noise, following.noise, strict=True)
+        pairs = zip(self.noise.levels, following.noise.levels, strict=True)
         same = all(abs(after - before) <= tolerance * before for before, after in pairs)
         return same and bool((self.used == following.used).all())
 
@@ -162,7 +162,7 @@ def _begin(
     """The model and the adjusted observations to begin with, the first round, and the steps so far."""
     none = np.empty((everything.basis.shape[1], 0))
     if warm_start is not None:
-        noise = cell.noise or warm_start.noise
+        noise = as_stated(warm_start.noise, cell.noise)
         first = _Round(FINAL, warm_start.used, noise, everything, none)
         return warm_start.model, project(observations, warm_start.model, noise).adjusted, first, 0
     noise = cell.noise or USUAL_NOISE
@@ -182,7 +182,7 @@ def _next_round(
     number: int,
 ) -> _Round:
     """What the fit of a round says of noise, outliers and directions; the subspace is the same object if it stays."""
-    noise = now.noise if cell.noise else _update_noise(fit.point, now, now.noise)
+    noise = _update_noise(fit.point, now, cell.noise) if is_estimated(now.noise, cell.noise) else now.noise
     good, late = outliers.find_good(distance), number >= _FREE_ROUNDS
     if late:
         good &= now.used
@@ -206,15 +206,15 @@ def _only(good: Mask, observations: Observations, point: Point) -> tuple[Observa
     return (observations, point) if good.all() else (observations.select(good), select(point, good))
 
 
-def _update_noise(point: Point, now: _Round, noise: Noise) -> Noise:
-    """The noise levels by the residuals of the good touches."""
+def _update_noise(point: Point, now: _Round, stated: Noise | None) -> Noise:
+    """The noise levels by the residuals of the good touches; those that the cell states are kept."""
     good = now.used & outliers.find_good(point.distance)
     if good.sum() > now.subspace.basis.shape[1] // 2 + 1:
         point = select(point, good)
     basis = now.subspace.basis
     system = least_squares.compress(point.whitened.derivative @ basis, point.whitened.residual)
     fitted = basis @ least_squares.covariance(system, least=1.0) @ basis.T
-    return estimate_noise(point.linear, point.whitened, fitted, noise)
+    return estimate_noise(point.linear, point.whitened, fitted, now.noise, stated)
 
 
 def covariance_of_fit(fit: Fit, subspace: Subspace) -> Floats:
@@ -253,8 +253,8 @@ def _check_left(good: Mask, parameters: int, noise: Noise) -> None:
     """Whether the touches that fit are enough."""
     if int(good.sum()) < _fewest(parameters):
         raise UnsupportedDataError(
-            f'{int(good.sum())} of {len(good)} touches fit a model at a noise of {noise.joint:.2g} rad per joint and '
-            f'{noise.force:.2g} N, too few for {parameters} parameters',
+            f'{int(good.sum())} of {len(good)} touches fit a model at a noise of {noise.joint_rms:.2g} rad per joint '
+            f'and {noise.force_rms:.2g} N, too few for {parameters} parameters',
             'check the noise in the cell description, the places of the discs, frame, sign and axes of the sensor',
         )
 

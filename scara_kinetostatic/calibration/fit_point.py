@@ -16,9 +16,9 @@ from scara_kinetostatic.calibration.gauss_helmert import (
 )
 from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, squared_distance, whiten
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.lever_arms import Arm
+from scara_kinetostatic.model.noise import Noise, force_covariance
 from scara_kinetostatic.model.parameters import Parameters
 
 
@@ -89,7 +89,9 @@ def _evaluate(
 
 def _direction_variance(observations: Observations, noise: Noise) -> Floats:
     """What the error of the measured direction of the force adds to V11 where it is not adjusted, (n,), m²."""
-    variance = noise.force**2 / (observations.force**2).sum(axis=-1)
+    square = (observations.force**2).sum(axis=-1)
+    across = noise.force_rms**2 if noise.is_plain else force_covariance(noise, observations.force).across
+    variance = across / square
     return (observations.radii * variance) ** 2
 
 
@@ -154,6 +156,7 @@ def select(point: Point, which: Mask | Indices) -> Point:
             linear.derivative[which],
             linear.by_joints[which],
             linear.by_force[which],
+            linear.force[which],
             None if linear.by_off_normal is None else linear.by_off_normal[which],
         ),
         whitened=w._replace(

@@ -8,8 +8,9 @@ model of adjustment theory: linearised at the *adjusted* observations (Q̂, F̂)
 
     h(Q̂, F̂, L̄) + B [Q - Q̂; F - F̂] + h_L̄ ΔL̄ + B v = 0,   B = [h_Q h_F],   v ~ (0, Σ),
 
-the misclosure w = h + B [Q - Q̂; F - F̂] has the covariance V = σ_q² h_Q h_Qᵀ + σ_f² h_F h_Fᵀ,
-different for every touch. To first order h = -h_F (F - A(Q, L̄)), so this is the weighted fit of the force
+the misclosure w = h + B [Q - Q̂; F - F̂] has the covariance V = h_Q Σ_Q h_Qᵀ + h_F Σ_F h_Fᵀ,
+different for every touch; mostly Σ_Q = σ_q² I and Σ_F = σ_f² I.
+To first order h = -h_F (F - A(Q, L̄)), so this is the weighted fit of the force
 (9) (10) with residual covariance Σ_F + A_Q Σ_Q A_Qᵀ. Beyond first order it is better: derivatives
 taken at adjusted, not at noisy, observations do not correlate with the noise,
 which would bias the compliances.
@@ -31,7 +32,7 @@ import numpy as np
 
 from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, by_touch
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.model.cell import Noise, SensorFrame
+from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.contact_state import State, free_state
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_equations import (
@@ -46,6 +47,7 @@ from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.joint_equations import LinkAngles, solve_link_angles
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.lever_arms import Arm
+from scara_kinetostatic.model.noise import Noise, force_covariance
 from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2
 from scara_kinetostatic.model.sensor_error import (
     has_sensor_error,
@@ -156,11 +158,12 @@ def linearise(
     misclosure[:, 0] = e.normal + _row_times(by_joints[:, 0], by_force[:, 0], off)
     misclosure[:, 1] = e.tangent + _row_times(by_joints[:, 1], by_force[:, 1], off)
     if not model.off_normal_std:
-        return Linearisation(misclosure, derivative, by_joints, by_force)
+        return Linearisation(misclosure, derivative, by_joints, by_force, adjusted.force)
     by_off_normal = off_normal_derivative(model, contact_problem, state, e)
     if adjusted.off_normal is not None:
         misclosure -= by_off_normal * adjusted.off_normal[:, None]
-    return Linearisation(misclosure, derivative, by_joints, by_force, model.off_normal_std * by_off_normal)
+    by_angle = model.off_normal_std * by_off_normal
+    return Linearisation(misclosure, derivative, by_joints, by_force, adjusted.force, by_angle)
 
 
 def _off_measured(observations: Observations, adjusted: Adjusted) -> tuple[Floats, Floats, Floats, Floats]:
@@ -213,12 +216,13 @@ def adjust(
     o, b_q, b_f = observations, linear.by_joints, linear.by_force
     multiplier, close = _multiplier(whitened, step)
     first, second = multiplier[:, 0], multiplier[:, 1]
-    along, across = (noise.force**2 * (b_f[:, 0, k] * first + b_f[:, 1, k] * second) for k in range(2))
+    along, across = (b_f[:, 0, k] * first + b_f[:, 1, k] * second for k in range(2))
+    along, across = _times_covariance(noise, adjusted.force, along, across)
     size = np.hypot(adjusted.force[:, 0], adjusted.force[:, 1])
     x, y = adjusted.force[:, 0] / size, adjusted.force[:, 1] / size
     joints, force = by_touch(2, len(size)), by_touch(2, len(size))
     for k in range(2):
-        joints[:, k] = o.joints[:, k] - noise.joint**2 * (b_q[:, 0, k] * first + b_q[:, 1, k] * second)
+        joints[:, k] = o.joints[:, k] - noise.joint_levels[k] ** 2 * (b_q[:, 0, k] * first + b_q[:, 1, k] * second)
     force[:, 0], force[:, 1] = o.force[:, 0] - (along * x - across * y), o.force[:, 1] - (along * y + across * x)
     if not close.all():
         joints = np.where(close[:, None], joints, o.joints)
@@ -229,6 +233,18 @@ def adjust(
         off_normal = -model.off_normal_std * np.where(close, (linear.by_off_normal * multiplier).sum(axis=-1), 0.0)
     state, arm = solve_links(o, model, joints, state, frozen, off_normal, again=True)
     return Adjusted(joints, force, state, off_normal), arm
+
+
+def _times_covariance(noise: Noise, force: Floats, along: Floats, across: Floats) -> tuple[Floats, Floats]:
+    """Σ_F times vectors of components along and across each force, (n,) each."""
+    if noise.is_plain:
+        variance = noise.force_rms**2
+        return variance * along, variance * across
+    covariance = force_covariance(noise, force)
+    return (
+        covariance.along * along + covariance.crossed * across,
+        covariance.crossed * along + covariance.across * across,
+    )
 
 
 def _multiplier(whitened: Whitened, step: Floats) -> tuple[Floats, Mask]:

@@ -114,7 +114,7 @@ def _predict(c: Calibration, law: Law, force: Floats, joints: Floats | None = No
     """The prediction, and the variance of each backlash in its dead band, (n, 3): g1, g2 in rad², g_ee in m²."""
     value, torques, covariance, of_torques = _propagate(c, law, np.arange(len(force)))
     jacobian = kinematics.jacobian(c.parameters, value if joints is None else joints)
-    noise = c.noise.force
+    noise = c.noise.force_rms
     variance = np.nan_to_num(np.diagonal(of_torques, axis1=1, axis2=2)) + noise**2 * (jacobian**2).sum(axis=1)
     small = np.column_stack([torques**2 <= _SIGN_KNOWN**2 * variance, np.hypot(*force.T) <= _SIGN_KNOWN * noise])
     for pattern in np.unique(small[small.any(axis=1)], axis=0):

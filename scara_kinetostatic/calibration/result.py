@@ -21,6 +21,7 @@ from scara_kinetostatic.calibration.identifiability import (
     group_names,
     scales_of,
 )
+from scara_kinetostatic.calibration.noise_estimation import is_estimated
 from scara_kinetostatic.calibration.prediction import base_force, force_error, force_residual, observe
 from scara_kinetostatic.calibration.solver import Subspace, Termination
 from scara_kinetostatic.model.arrays import Floats, Mask, read_only
@@ -79,8 +80,8 @@ class Calibration:
         touches: all touches, used or not.
         used: which took part in the fit, (n,).
         rejected: the others, with the reason.
-        noise: σ_q in rad and σ_f in N of one touch.
-        noise_source: ``given`` or ``estimated``.
+        noise: of one touch.
+        noise_source: ``given``, or ``estimated`` where any part of it is.
         force: measured force on the object in the base frame, (n, 2), N.
         standardized: studentised distance of each touch from the model, (n,).
         chi_square: sum of squared distances of the used touches.
@@ -247,7 +248,7 @@ def build_result(
         used=used,
         rejected=_rejections(touches, found, observations, left_out),
         noise=found.noise,
-        noise_source='given' if cell.noise else 'estimated',
+        noise_source='estimated' if is_estimated(found.noise, cell.noise) else 'given',
         force=base_force(observations, model),
         standardized=np.sqrt(found.distance),
         chi_square=chi_square,

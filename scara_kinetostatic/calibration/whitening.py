@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.noise import ForceCovariance, Noise, force_covariance
 
 
 class Linearisation(NamedTuple):
@@ -18,6 +18,7 @@ class Linearisation(NamedTuple):
         derivative: h_L̄, (n, 2, 12 + k), in the order of `ExtendedModel.names`.
         by_joints: h_Q, (n, 2, 2), m/rad.
         by_force: h_F in radial and tangential components of F̂, (n, 2, 2), m/N.
+        force: F̂ in the sensor's frame, (n, 2), N.
         by_off_normal: h_α times the standard deviation of the off-normal angle, (n, 2), m; None without.
     """
 
@@ -25,6 +26,7 @@ class Linearisation(NamedTuple):
     derivative: Floats
     by_joints: Floats
     by_force: Floats
+    force: Floats
     by_off_normal: Floats | None = None
 
 
@@ -49,13 +51,36 @@ def by_touch(*shape: int) -> Floats:
 
 def _covariance_of(linear: Linearisation, noise: Noise) -> tuple[Floats, Floats, Floats]:
     """V of each touch's misclosure: the entries 11, 21, 22, (n,) each, m²."""
-    q, f = noise.joint**2, noise.force**2
-    joints, force = _products(linear.by_joints), _products(linear.by_force)
-    v11, v21, v22 = (q * a + f * b for a, b in zip(joints, force, strict=True))
+    v11, v21, v22 = _plain_covariance(linear, noise) if noise.is_plain else _covariance_by_axis(linear, noise)
     if linear.by_off_normal is None:
         return v11, v21, v22
     off_normal1, off_normal2 = linear.by_off_normal[:, 0], linear.by_off_normal[:, 1]
     return v11 + off_normal1 * off_normal1, v21 + off_normal1 * off_normal2, v22 + off_normal2 * off_normal2
+
+
+def _plain_covariance(linear: Linearisation, noise: Noise) -> tuple[Floats, Floats, Floats]:
+    """σ_q² h_Q h_Qᵀ + σ_f² h_F h_Fᵀ."""
+    q, f = noise.joint_rms**2, noise.force_rms**2
+    joints, force = _products(linear.by_joints), _products(linear.by_force)
+    v11, v21, v22 = (q * a + f * b for a, b in zip(joints, force, strict=True))
+    return v11, v21, v22
+
+
+def _covariance_by_axis(linear: Linearisation, noise: Noise) -> tuple[Floats, Floats, Floats]:
+    """h_Q diag(σ_1², σ_2²) h_Qᵀ + h_F Σ_F h_Fᵀ with Σ_F of `force_covariance`."""
+    joints = _products(linear.by_joints * noise.joint_levels)
+    force = _in_between(linear.by_force, force_covariance(noise, linear.force))
+    v11, v21, v22 = (a + b for a, b in zip(joints, force, strict=True))
+    return v11, v21, v22
+
+
+def _in_between(matrices: Floats, covariance: ForceCovariance) -> tuple[Floats, Floats, Floats]:
+    """B Σ Bᵀ of (n, 2, 2) matrices: the entries 11, 21, 22, (n,) each."""
+    b11, b12, b21, b22 = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
+    along, crossed, across = covariance
+    first1, first2 = b11 * along + b12 * crossed, b11 * crossed + b12 * across
+    second1, second2 = b21 * along + b22 * crossed, b21 * crossed + b22 * across
+    return first1 * b11 + first2 * b12, second1 * b11 + second2 * b12, second1 * b21 + second2 * b22
 
 
 def _products(matrices: Floats) -> tuple[Floats, Floats, Floats]:
@@ -99,13 +124,22 @@ def noise_left(linear: Linearisation, root: tuple[Floats, Floats, Floats], noise
     Args:
         linear: the linearisation.
         root: of V there.
-        noise: σ_q and σ_f.
+        noise: of a touch.
         side: 0 along the force, 1 across it.
     """
     l11, l21, l22 = root
-    first = linear.by_force[:, 0, side] / l11
-    second = (linear.by_force[:, 1, side] - l21 * first) / l22
-    return np.asarray(noise.force * np.sqrt(np.clip(1 - noise.force**2 * (first**2 + second**2), 0.0, 1.0)))
+    if noise.is_plain:
+        sigma = noise.force_rms
+        first = linear.by_force[:, 0, side] / l11
+        second = (linear.by_force[:, 1, side] - l21 * first) / l22
+        return np.asarray(sigma * np.sqrt(np.clip(1 - sigma**2 * (first**2 + second**2), 0.0, 1.0)))
+    covariance = force_covariance(noise, linear.force)
+    along, across = covariance.side(side)
+    moved = linear.by_force[:, :, 0] * along[:, None] + linear.by_force[:, :, 1] * across[:, None]
+    first = moved[:, 0] / l11
+    second = (moved[:, 1] - l21 * first) / l22
+    before = covariance.along if side == 0 else covariance.across
+    return np.asarray(np.sqrt(np.clip(before - first**2 - second**2, 0.0, before)))
 
 
 def squared_distance(whitened: Whitened) -> Floats:

@@ -137,14 +137,13 @@ def _requirements(args: argparse.Namespace) -> Requirements:
 
 
 def _robot(args: argparse.Namespace) -> Robot:
-    from scara_kinetostatic.model.cell import Noise
     from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE
     from scara_kinetostatic.simulation.truth import truth_named
     from scara_kinetostatic.studies.design.prediction import Robot
 
     cell = cell_or_paper(args.cell)
     usual = cell.noise or TYPICAL_NOISE
-    noise = Noise(args.noise_joint or usual.joint, args.noise_force or usual.force)
+    noise = usual._replace(joint=args.noise_joint or usual.joint, force=args.noise_force or usual.force)
     return Robot.of(
         cell, cell.nominal if args.expected == 'nominal' else truth_named(args.expected, cell).parameters, noise
     )

@@ -197,13 +197,12 @@ def _plan(args: argparse.Namespace, cell: Cell) -> Plan:
 
 
 def _sensors(args: argparse.Namespace, cell: Cell) -> SensorModel:
-    from scara_kinetostatic.model.cell import Noise
     from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, SensorModel
 
     usual = cell.noise or TYPICAL_NOISE
-    noise = Noise(
-        usual.joint if args.noise_joint is None else args.noise_joint,
-        usual.force if args.noise_force is None else args.noise_force,
+    noise = usual._replace(
+        joint=usual.joint if args.noise_joint is None else args.noise_joint,
+        force=usual.force if args.noise_force is None else args.noise_force,
     )
     rates = {'joint_rate': args.joint_rate, 'wrench_rate': args.wrench_rate}
     return SensorModel(touch_noise=noise, **{name: rate for name, rate in rates.items() if rate is not None})

@@ -88,7 +88,7 @@ def _kind(name: str, observations: Observations, point: Point, noise: Noise) -> 
         by_off_normal = np.zeros((len(observations.radii), 2, 1))
         by_off_normal[:, 1, 0] = _TYPICAL_STD * observations.radii
         return whiten_matrix(outer(by_off_normal), point.whitened.root)
-    by = noise.joint * point.linear.by_joints if name == 'joint' else noise.force * point.linear.by_force
+    by = noise.joint_rms * point.linear.by_joints if name == 'joint' else noise.force_rms * point.linear.by_force
     if name == 'growing':
         magnitude = point.adjusted.state.magnitude
         by = by * (magnitude / magnitude.mean())[:, None, None]

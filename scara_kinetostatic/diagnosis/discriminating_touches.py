@@ -137,7 +137,14 @@ def _difference(one: _Predicted, other: _Predicted) -> tuple[Floats, Floats]:
     distance = np.nan_to_num(np.hypot(difference[:, 0], difference[:, 1]))
     along = np.nan_to_num(difference / np.maximum(distance, 1e-12)[:, None])
     turned = np.einsum('nij,ni->nj', one.by_joints, along)
-    return distance, np.sqrt(one.noise.force**2 + one.noise.joint**2 * (turned**2).sum(axis=1))
+    return distance, np.sqrt(_force_variance(one) + ((one.noise.joint_levels * turned) ** 2).sum(axis=1))
+
+
+def _force_variance(predicted: _Predicted) -> Floats | float:
+    """Variance of a component of each force, rms over the axes, N²."""
+    noise = predicted.noise
+    grown = noise.growth**2 * np.nan_to_num(predicted.force**2).sum(axis=1) if noise.growth else 0.0
+    return noise.force_rms**2 + grown
 
 
 def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]]:

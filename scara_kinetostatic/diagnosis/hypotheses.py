@@ -72,7 +72,7 @@ def _fit_hypotheses(c: Calibration, known: Sequence[Effect], alarm: bool, off_no
     all_used = any(found.extended and found.extended.used.all() for found in hypotheses)
     if not c.used.all() and not all_used:
         hypotheses.append(search(c, known, replace(c, used=np.ones(len(c.touches), dtype=bool))))
-    if alarm and c.noise_source == 'estimated' and not any(found.extended for found in hypotheses):
+    if alarm and c.cell.noise is None and not any(found.extended for found in hypotheses):
         hypotheses += _with_usual_noise(c, known)
     if off_normal and not any(found.extended and _is_radial(found.extended) for found in hypotheses):
         hypotheses += _with_off_normal_forces(c, known)

@@ -83,7 +83,7 @@ def _families(calibration: Calibration, point: Point) -> tuple[_Family, ...]:
         'the direction of approach': np.sign(touches.approach),
         'time': _powers(touches.time)[:, :2],
     }
-    if np.std(f) < FORCE_LEVELS * calibration.noise.force:
+    if np.std(f) < FORCE_LEVELS * calibration.noise.force_at(float(np.mean(f))):
         del smooth['the size of the force']  # its differences are noise
     one_side = [
         _Family(

@@ -29,6 +29,7 @@ from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import Shift, TouchState
 from scara_kinetostatic.model.extended_equations import extended_equations, shift_column
+from scara_kinetostatic.model.noise import Noise
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.sensor_error import along_and_across, true_force
 from scara_kinetostatic.model.touch_equations import Equations
@@ -129,7 +130,7 @@ def pose_problem(calibration: Calibration) -> Problem:
         base=base,
         left=np.empty(0),
         noise_given=c.noise_source == 'given',
-        one_level=bool(np.std(point.adjusted.state.magnitude) < FORCE_LEVELS * c.noise.force),
+        one_level=_is_one_level(point, c.noise),
         response=-identifiable @ np.linalg.pinv(jacobian),
         without_effects=np.zeros(len(NAMES)),
     )
@@ -137,6 +138,12 @@ def pose_problem(calibration: Calibration) -> Problem:
     effects = point.whitened.derivative[:, :, len(NAMES) :].reshape(len(base), -1)
     y = point.whitened.residual.ravel() - effects @ np.concatenate([np.empty(0), *amplitudes])
     return problem._replace(left=y - base @ (base.T @ y), without_effects=problem.response @ y)
+
+
+def _is_one_level(point: Point, noise: Noise) -> bool:
+    """Whether the forces differ by no more than their noise."""
+    magnitude = point.adjusted.state.magnitude
+    return bool(np.std(magnitude) < FORCE_LEVELS * noise.force_at(float(magnitude.mean())))
 
 
 def _identifiable(calibration: Calibration, observations: Observations, point: Point) -> Floats:

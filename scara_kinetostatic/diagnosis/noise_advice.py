@@ -21,22 +21,22 @@ def implausible_noise(c: Calibration) -> str:
     if c.noise_source == 'given':
         return ''
     share = c.force_error / float(np.hypot(c.force[:, 0], c.force[:, 1]).mean())
-    if c.noise.joint <= _LARGEST_JOINT_NOISE and share <= _LARGEST_ERROR_SHARE:
+    if c.noise.joint_rms <= _LARGEST_JOINT_NOISE and share <= _LARGEST_ERROR_SHARE:
         return ''
     return (
         f'the force error is {c.force_error:.2g} N, {100 * share:.0f} % of the force, which as noise would be a joint '
-        f'repeatability of {c.noise.joint:.1e} rad: this is a model error; check the positions and radii of '
+        f'repeatability of {c.noise.joint_rms:.1e} rad: this is a model error; check the positions and radii of '
         'the discs, the fixed parameters, and whether a joint lost its zero'
     )
 
 
 def large_noise(c: Calibration) -> str:
     """Message where estimated noise is large but plausible."""
-    if c.noise_source == 'given' or c.noise.joint <= _LARGE_JOINT_NOISE:
+    if c.noise_source == 'given' or c.noise.joint_rms <= _LARGE_JOINT_NOISE:
         return ''
     return (
-        f'the estimated joint repeatability is {c.noise.joint:.1e} rad; if the robot repeats better, a model error is '
-        'counted as noise here: give the noise in the cell file if it is known'
+        f'the estimated joint repeatability is {c.noise.joint_rms:.1e} rad; if the robot repeats better, a model error '
+        'is counted as noise here: give the noise in the cell file if it is known'
     )
 
 

@@ -28,7 +28,6 @@ from scara_kinetostatic.diagnosis.linear_problem import Problem
 from scara_kinetostatic.diagnosis.thresholds import INDEPENDENT_PART
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import Parameters
 
@@ -85,7 +84,7 @@ def fit_with(
         start.parameters, (*kept.effects, *start.effects), (*kept.effect_values, *start.effect_values)
     )
     share = share if latest.noise_source == 'estimated' else 1.0
-    warm_start = WarmStart(start, Noise(share * latest.noise.joint, share * latest.noise.force), latest.used)
+    warm_start = WarmStart(start, latest.noise.scaled(share), latest.used)
     found = calibrate(
         calibration.touches, calibration.cell, start.effects, fixed=calibration.fixed, warm_start=warm_start
     )

@@ -29,17 +29,16 @@ from scara_kinetostatic.files.declared_uncertainty import (
     read_uncertainty,
     uncertainty_entries,
 )
+from scara_kinetostatic.files.noise_section import parse_noise
 from scara_kinetostatic.files.yaml_section import Section, shown
 from scara_kinetostatic.files.yaml_text import parse_yaml, read_text
-from scara_kinetostatic.model.cell import Cell, Disc, GripperSign, Identification, Noise, Plate, Sensor
+from scara_kinetostatic.model.cell import Cell, Disc, GripperSign, Identification, Plate, Sensor
 from scara_kinetostatic.model.parameters import NAMES, UNITS, Parameters
 
 CELL_TOPIC = '/cell_description'
 """Topic of the cell description in a recording, `std_msgs/msg/String`."""
 
 _TOPIC = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*\Z')
-_PLAUSIBLE_NOISE = Noise(1e-15, 1e-12), Noise(1e-2, 100.0)
-"""Smallest and largest noise of one touch that is accepted: joint angle, rad, and force, N."""
 
 
 def load_cell(path: str | Path) -> Cell:
@@ -83,7 +82,7 @@ def parse_cell(text: str, where: str | Path = 'cell description') -> Cell:
         discs=_discs(top, plates),
         joint_names=_joint_names(robot),
         sensor=_sensor(top.section('sensor', (), ('joint_states', 'wrench', 'frame', 'sign'))),
-        noise=_noise(top),
+        noise=parse_noise(top),
         gripper_sign=model.choice('gripper_sign', GripperSign.PHYSICAL),
         gripper_excess=_excess(model),
         plates=plates,
@@ -113,7 +112,7 @@ def dump_cell(cell: Cell) -> str:
         f'  sign: {sensor.sign.value}',
     ]
     if cell.noise is not None:
-        lines.append(f'noise: {_flow({"joint": cell.noise.joint, "force": cell.noise.force})}')
+        lines.append(f'noise: {_flow(cell.noise.as_dict())}')
     model: dict[str, Any] = {'gripper_sign': cell.gripper_sign.value}
     if not cell.gripper.isotropic:
         model['gripper_excess'] = [list(row) for row in cell.gripper_excess]
@@ -195,18 +194,6 @@ def _sensor(section: Section) -> Sensor:
         section.choice('frame', default.frame),
         section.choice('sign', default.sign),
     )
-
-
-def _noise(top: Section) -> Noise | None:
-    if top.data.get('noise') is None:
-        return None
-    section = top.section('noise', ('joint', 'force'))
-    noise = Noise(section.positive('joint', 'rad'), section.positive('force'))
-    for key, value, least, most, unit in zip(noise._fields, noise, *_PLAUSIBLE_NOISE, ('rad', 'N'), strict=True):
-        if not least <= value <= most:
-            problem = f'expected {least:g} to {most:g} {unit}, got {value:g}'
-            raise section.error(key, problem, 'give the repeatability of one touch, or leave out noise')
-    return noise
 
 
 def _identification(section: Section) -> Identification:

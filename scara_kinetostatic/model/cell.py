@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.gripper import GripperSign as GripperSign
+from scara_kinetostatic.model.noise import Noise as Noise
 from scara_kinetostatic.model.parameters import NAMES, PAPER_NOMINAL, Parameters
 
 
@@ -112,13 +113,6 @@ class Sensor(NamedTuple):
     sign: SensorSign = SensorSign.ON_OBJECT
 
 
-class Noise(NamedTuple):
-    """Repeatability of one touch, one standard deviation: joint angle in rad, force component in N."""
-
-    joint: float
-    force: float
-
-
 class Identification(NamedTuple):
     """What was calibrated, by whom and where: what ISO/IEC 17025 (7.8) asks of a certificate.
 
@@ -215,8 +209,8 @@ class Cell:
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise ParameterError(name, f'expected a number above 0, got {value}', 'or leave it out')
-        if self.noise is not None and not all(np.isfinite(level) and level > 0 for level in self.noise):
-            raise ParameterError('noise', f'expected two levels above 0, got {tuple(self.noise)}', 'or leave it out')
+        if self.noise is not None:
+            self.noise.check()
 
     @property
     def gripper(self) -> Gripper:

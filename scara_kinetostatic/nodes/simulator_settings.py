@@ -10,7 +10,7 @@ from typing import TypeVar
 from rclpy.node import Node
 
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
+from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, UNITS, Parameters
 from scara_kinetostatic.nodes import declare
@@ -130,9 +130,9 @@ def _sensors(node: Node, cell: Cell) -> SensorModel:
         return declare.number(node, name, default, description, bounds)
 
     return SensorModel(
-        touch_noise=Noise(
-            number('noise.joint', noise.joint, 'repeatability of a joint angle from touch to touch, rad', angle),
-            number('noise.force', noise.force, 'repeatability of the force from touch to touch, N', force),
+        touch_noise=noise.with_rms(
+            number('noise.joint', noise.joint_rms, 'repeatability of a joint angle from touch to touch, rad', angle),
+            number('noise.force', noise.force_rms, 'repeatability of the force from touch to touch, N', force),
         ),
         joint_noise=number('noise.joint_sample', usual.joint_noise, 'white noise of the joint samples, rad', angle),
         force_noise=number('noise.force_sample', usual.force_noise, 'white noise of the force samples, N', force),

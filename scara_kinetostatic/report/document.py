@@ -44,7 +44,7 @@ def as_document(outcome: Outcome) -> Document:
         'covariance': _covariance(c),
         'covariance_extended': _covariance(c, c.effect_std),
         'touches': _touches(outcome),
-        'noise': {'joint': c.noise.joint, 'force': c.noise.force, 'source': c.noise_source},
+        'noise': {**c.noise.as_dict(), 'source': c.noise_source},
         **_errors(outcome),
         'fit': {
             'chi_square': _number(c.chi_square),

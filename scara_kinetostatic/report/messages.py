@@ -181,12 +181,23 @@ def fit_quality(outcome: Outcome) -> str:
 def noise(outcome: Outcome) -> str:
     """Noise levels and their source."""
     c = outcome.final
-    force = f'{c.noise.force:.3g} N per force component'
+    joint = f'{_by_axis([1e6 * level for level in c.noise.joint_levels])} µrad per joint'
+    force = f'{_by_axis(c.noise.force_levels)} N per force component'
+    grown = f', in addition {100 * c.noise.growth:.2g} % of the force' if c.noise.growth else ''
     if c.noise_source == 'given':
-        return f'{c.noise.joint * 1e6:.3g} µrad per joint and {force}, given by the cell description'
-    if c.noise.joint < _LEAST_JOINT_NOISE:
-        return f'{force}, estimated from the residuals; the joint noise is too small to be estimated'
-    return f'{c.noise.joint * 1e6:.3g} µrad per joint and {force}, estimated from the residuals'
+        return f'{joint} and {force}{grown}, given by the cell description'
+    stated = c.cell.noise
+    if stated is not None:
+        which = 'the part that grows with the force' if stated.force_relative is None and grown else 'the axes'
+        return f'{joint} and {force}{grown}; {which} estimated from the residuals, the rest given'
+    if c.noise.joint_rms < _LEAST_JOINT_NOISE:
+        return f'{force}{grown}, estimated from the residuals; the joint noise is too small to be estimated'
+    return f'{joint} and {force}{grown}, estimated from the residuals'
+
+
+def _by_axis(levels: Sequence[float]) -> str:
+    first, second = levels
+    return f'{first:.3g}' if first == second else f'{first:.3g} and {second:.3g}'
 
 
 def identifiability(outcome: Outcome) -> list[str]:

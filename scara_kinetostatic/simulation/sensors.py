@@ -61,6 +61,7 @@ class SensorModel:
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)
+            value = value.levels if isinstance(value, Noise) else value
             lowest = -np.inf if item.name == 'bias' else 0.0
             if value is not None and not np.all(np.isfinite(value) & (np.asarray(value) >= lowest)):
                 raise ParameterError(f'sensors: {item.name}', f'expected a finite value of 0 or more, got {value}')
@@ -72,11 +73,32 @@ class SensorModel:
         """Sensors without any error, both at one even rate."""
         return cls(Noise(0.0, 0.0), 0.0, 0.0, (0.0, 0.0), 0.0, rate, rate, 0.0, 0.0)
 
-    def touch_errors(self, cell: Cell, count: int, random: np.random.Generator) -> tuple[Floats, Floats]:
-        """One error of the joint angles and one of the force per touch, (count, 2) each, rad and N."""
+    def touch_errors(
+        self,
+        cell: Cell,
+        count: int,
+        random: np.random.Generator,
+        force: Floats | None = None,
+        sensor_angle: Floats | None = None,
+    ) -> tuple[Floats, Floats]:
+        """One error of the joint angles and one of the force per touch, (count, 2) each, rad and N, base frame.
+
+        Args:
+            cell: its noise is taken where the sensors have none.
+            count: of touches.
+            random: source of the errors.
+            force: in the hold, (count, 2), N; where the noise grows with it.
+            sensor_angle: of the sensor's x axis in the base frame, (count,), rad; None for 0.
+        """
         noise = self.touch_noise or cell.noise or TYPICAL_NOISE
-        joint, force = random.standard_normal((2, count, 2))
-        return noise.joint * joint, noise.force * force
+        joint, unit = random.standard_normal((2, count, 2))
+        joint_errors, force_errors = noise.joint_levels * joint, noise.force_levels * unit
+        if noise.growth and force is not None:
+            grown = noise.growth * np.hypot(force[:, 0], force[:, 1])[:, None]
+            force_errors = np.hypot(noise.force_levels, grown) * unit
+        if noise.is_plain or sensor_angle is None:
+            return joint_errors, force_errors
+        return joint_errors, rotate(force_errors, sensor_angle)
 
     def read_joints(self, state: CellState, errors: Floats, random: np.random.Generator) -> Floats:
         """Joint angles as the encoders report them, (k, 2), rad.
@@ -126,9 +148,15 @@ class SensorModel:
 
 def in_sensor_frame(cell: Cell, truth: Parameters, joints: Floats, force: Floats) -> Floats:
     """A force in the base frame, (k, 2), N, as seen from the frame the sensor reports in."""
+    angle = sensor_angle(cell, truth, joints)
+    return force if angle is None else rotate(force, -angle)
+
+
+def sensor_angle(cell: Cell, truth: Parameters, joints: Floats) -> Floats | None:
+    """Angle of the sensor's x axis in the base frame, (k,), rad; None where it is the base frame's."""
     if cell.sensor.frame is SensorFrame.BASE:
-        return force
-    return rotate(force, -(joints.sum(axis=1) + truth.theta1 + truth.theta2))
+        return None
+    return np.asarray(joints.sum(axis=1) + truth.theta1 + truth.theta2)
 
 
 def reported_force(

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise
-from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.load_history import PlannedLoads, load_histories
 from scara_kinetostatic.simulation.phases import Timing
 from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.simulation.sensors import SensorModel, reported_force
+from scara_kinetostatic.simulation.sensors import SensorModel, reported_force, sensor_angle
 from scara_kinetostatic.simulation.trajectory import Trajectory
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
@@ -47,7 +48,7 @@ def simulate_streams(
     """
     sensors = sensors or SensorModel()
     trajectory = Trajectory(cell, truth, plan, timing, repeated)
-    joint_errors, force_errors = sensors.touch_errors(cell, len(plan), np.random.default_rng([seed, 0]))
+    joint_errors, force_errors = _touch_errors(sensors, cell, truth, trajectory, seed)
     random = np.random.default_rng([seed, 1])
     joint_stamps = sensors.stamps(trajectory.duration, sensors.joint_rate, 0.0, random)
     wrench_stamps = sensors.stamps(trajectory.duration, sensors.wrench_rate, sensors.offset, random)
@@ -82,7 +83,7 @@ def simulate_touches(
     """
     trajectory = Trajectory(cell, truth, plan)
     sensors = SensorModel(touch_noise=noise)
-    joint_errors, force_errors = sensors.touch_errors(cell, len(plan), np.random.default_rng([seed, 0]))
+    joint_errors, force_errors = _touch_errors(sensors, cell, truth, trajectory, seed)
     joints = trajectory.hold_joints + joint_errors
     force = reported_force(cell, truth, trajectory.hold_joints, trajectory.hold_force, force_errors)
     beyond = np.hypot(*trajectory.peak_force.T) / np.hypot(*trajectory.hold_force.T)
@@ -99,3 +100,12 @@ def simulate_touches(
         press=trajectory.metadata.press,
         history=load_histories(loads, plan.preload > 0, cell.nominal, cell.sensor.frame).hold,
     )
+
+
+def _touch_errors(
+    sensors: SensorModel, cell: Cell, truth: ExtendedModel | Parameters, trajectory: Trajectory, seed: int
+) -> tuple[Floats, Floats]:
+    """The errors of each touch of a trajectory, base frame, (n, 2) each, rad and N."""
+    joints, force = trajectory.hold_joints, trajectory.hold_force
+    angle = sensor_angle(cell, as_model(truth).parameters, joints)
+    return sensors.touch_errors(cell, len(joints), np.random.default_rng([seed, 0]), force, angle)

@@ -104,7 +104,13 @@ names = st.text(st.characters(exclude_categories=['Cc', 'Cs', 'Zs', 'Zl', 'Zp', 
         st.sampled_from(SensorFrame),
         st.sampled_from(SensorSign),
     ),
-    noise=st.none() | st.builds(Noise, st.floats(1e-9, 1e-3), st.floats(1e-6, 10)),
+    noise=st.none()
+    | st.builds(
+        Noise,
+        st.floats(1e-9, 1e-3) | st.just((1e-5, 2e-5)),
+        st.floats(1e-6, 10) | st.just((0.3, 0.1)),
+        st.none() | st.floats(0, 0.2),
+    ),
     gripper_sign=st.sampled_from(GripperSign),
 )
 def test_round_trip(nominal, joint_names, disc_name, sensor, noise, gripper_sign) -> None:  # type: ignore[no-untyped-def]
@@ -141,6 +147,9 @@ def test_round_trip(nominal, joint_names, disc_name, sensor, noise, gripper_sign
         (changed('p1: 1.0e-5', 'p1: -1.0e-5'), 'robot.nominal.p1: expected 0 or more'),
         (changed('g2: 0.0', 'g2: -1e-9'), 'robot.nominal.g2: expected 0 or more'),
         (changed('joint: 1.0e-5', 'joint: 0'), 'noise.joint: expected a number above 0'),
+        (changed('joint: 1.0e-5', 'joint: [1.0e-5]'), 'noise.joint: expected [joint 1, joint 2], got [1e-05]'),
+        (changed('force: 0.3', 'force: [0.3, 0]'), 'noise.force: expected 1e-12 to 100 N, got 0'),
+        (changed('force: 0.3', 'force: 0.3, force_relative: 1'), 'noise.force_relative: expected 0 to 0.2, got 1'),
         (changed('force: 0.3', 'force: -1'), 'noise.force: expected a number above 0'),
         (changed('{joint: 1.0e-5, force: 0.3}', '{joint: 1.0e-5}'), "noise: the key 'force' is missing"),
         (changed('{joint: 1.0e-5, force: 0.3}', '3'), 'noise: expected a mapping'),

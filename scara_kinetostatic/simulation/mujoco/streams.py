@@ -101,7 +101,8 @@ def as_streams(
 ) -> Streams:
     """Both streams of a motion; the arguments are those of `simulate_streams`."""
     sensors = sensors or SensorModel()
-    joint_errors, force_errors = sensors.touch_errors(cell, len(motion.holds), np.random.default_rng([seed, 0]))
+    held = _as_sensed(motion, cell)[motion.holds]
+    joint_errors, force_errors = sensors.touch_errors(cell, len(held), np.random.default_rng([seed, 0]), held)
     random = np.random.default_rng([seed, 1])
     duration = float(motion.time[-1])
     joint_stamps = sensors.stamps(duration, sensors.joint_rate, 0.0, random)
@@ -134,7 +135,7 @@ def as_touches(motion: SimulatedMotion, cell: Cell, plan: Plan) -> TouchSet:
 def with_noise(touches: TouchSet, cell: Cell, noise: Noise | None = None, seed: int = 0) -> TouchSet:
     """Touches with the noise of a touch, that of the cell if None; the seed is that of `simulate_streams`."""
     random = np.random.default_rng([seed, 0])
-    joint_errors, force_errors = SensorModel(touch_noise=noise).touch_errors(cell, len(touches), random)
+    joint_errors, force_errors = SensorModel(touch_noise=noise).touch_errors(cell, len(touches), random, touches.force)
     return touches.replace(joints=touches.joints + joint_errors, force=touches.force + force_errors)
 
 

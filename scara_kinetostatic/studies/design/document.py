@@ -35,7 +35,7 @@ def design_document(design: Design) -> dict[str, Any]:
             'touches_compared': q.number,
             'seed': q.seed,
         },
-        'robot': {'parameters': robot.parameters.as_dict(), 'noise': robot.noise._asdict()},
+        'robot': {'parameters': robot.parameters.as_dict(), 'noise': robot.noise.as_dict()},
         'smallest': _designed_set(design.smallest, robot.cell),
         'one_to_spare': _designed_set(design.spare, robot.cell),
         'by_number': {

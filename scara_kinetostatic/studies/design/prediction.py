@@ -95,11 +95,11 @@ class Robot:
     noise: Noise
 
     def __post_init__(self) -> None:
-        for name, value in self.noise._asdict().items():
-            if not (np.isfinite(value) and value > 0):
-                raise ParameterError(
-                    f'noise: {name}', f'expected a value above 0, got {value}', 'give the standard deviation of a touch'
-                )
+        for name, levels in (('joint', self.noise.joint_levels), ('force', self.noise.force_levels)):
+            for value in levels:
+                if not (np.isfinite(value) and value > 0):
+                    problem, remedy = f'expected a value above 0, got {value}', 'give the standard deviation of a touch'
+                    raise ParameterError(f'noise: {name}', problem, remedy)
 
     @classmethod
     def of(cls, cell: Cell, parameters: Parameters | None = None, noise: Noise | None = None) -> Robot:

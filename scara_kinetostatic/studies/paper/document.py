@@ -25,8 +25,8 @@ def paper_document(r: Reproduction) -> dict[str, Any]:
         'three_levels': _run(r.exact_levels),
         'noise_of_table_2': [
             {
-                'joint': study.noise.joint,
-                'force': study.noise.force,
+                'joint': study.noise.joint_rms,
+                'force': study.noise.force_rms,
                 'force_error': study.force_error,
                 'force_error_std': study.force_error_std,
                 'z': _named(study.z),
@@ -35,7 +35,7 @@ def paper_document(r: Reproduction) -> dict[str, Any]:
             }
             for study in r.noises
         ],
-        'noisy': {'noise': r.noise._asdict(), **_run(r.noisy)},
+        'noisy': {'noise': {'joint': r.noise.joint_rms, 'force': r.noise.force_rms}, **_run(r.noisy)},
         'monte_carlo': {'paper': _scatter(r.monte_carlo.paper), 'weighted': _scatter(r.monte_carlo.weighted)},
         'gripper': [
             {

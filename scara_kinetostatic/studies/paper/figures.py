@@ -81,8 +81,8 @@ def noise_picture(r: Reproduction) -> Markup:
         '$e_f$ = 1.25 … 1.35 N', (1e6 * low[0][13], high[1][13]), (12, 0.35), color=SERIES[0],
         arrowprops={'arrowstyle': '-', 'color': LINE},
     )  # fmt: skip
-    axes.plot([1e6 * r.noise.joint], [r.noise.force], 'o', color=SERIES[1], ms=6)
-    axes.annotate('used', (1e6 * r.noise.joint, r.noise.force), (-42, -4), textcoords='offset points',
+    axes.plot([1e6 * r.noise.joint_rms], [r.noise.force_rms], 'o', color=SERIES[1], ms=6)
+    axes.annotate('used', (1e6 * r.noise.joint_rms, r.noise.force_rms), (-42, -4), textcoords='offset points',
                   color=SERIES[1])  # fmt: skip
     axes.set(xlabel='noise of a joint angle  [µrad]', ylabel='noise of a force component  [N]')
     axes.set_xlim(0, 65)

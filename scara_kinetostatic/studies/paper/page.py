@@ -115,8 +115,8 @@ def _noise_table(r: Reproduction) -> Table:
     """σ_q, σ_f, e_f ± standard deviation, largest |z| of the paper's noisy column, its chi-square."""
     rows = tuple(
         (
-            f'{1e6 * study.noise.joint:.1f}',
-            f'{study.noise.force:.3f}',
+            f'{1e6 * study.noise.joint_rms:.1f}',
+            f'{study.noise.force_rms:.3f}',
             f'{study.force_error:.2f} ± {study.force_error_std:.2f}',
             f'{np.abs(study.z).max():.1f}',
             NAMES[int(np.abs(study.z).argmax())],

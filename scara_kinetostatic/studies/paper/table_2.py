@@ -115,7 +115,7 @@ class LinearProblem(NamedTuple):
 
     def force_covariance(self, noise: Noise) -> Floats:
         """Covariance of F - A(Q, L̄): Σ_F + A_Q Σ_Q A_Qᵀ, (2n, 2n), N²."""
-        return noise.force**2 * np.eye(len(self.jacobian)) + noise.joint**2 * self.by_joints
+        return noise.force_rms**2 * np.eye(len(self.jacobian)) + noise.joint_rms**2 * self.by_joints
 
     def unweighted_gain(self) -> Floats:
         """J⁺ of (13) in units of `SCALES`, (12, 2n)."""
