@@ -28,7 +28,7 @@ from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.parameters import NAMES, Parameters
-from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.model.touch import LATER, TouchSet, order_of_time
 from scara_kinetostatic.pipeline import calibrate_recordings, calibrate_touches, gather_touches, left_out
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -153,7 +153,16 @@ def make_touches(
         disc = association.disc
     else:
         disc = _discs([objects] * len(q) if isinstance(objects, str) else objects, cell, len(q))
-    return TouchSet(q, f, disc, posture(cell.nominal, q), time=when - when.min(), approach=moved, press=press_of(moved))
+    return TouchSet(
+        q,
+        f,
+        disc,
+        posture(cell.nominal, q),
+        time=when - when.min(),
+        approach=moved,
+        press=press_of(moved),
+        order=order_of_time(when),
+    )
 
 
 def read_touches(paths: Paths, cell: Cell) -> TouchSet:
@@ -308,7 +317,8 @@ def predict_force(
     if objects is None:
         raise InputError('objects', 'is missing', 'name the touched objects')
     names = [objects] * len(joints) if isinstance(objects, str) else list(objects)
-    place = TouchSet(joints, np.zeros_like(joints), _discs(names, c.cell, len(joints)), posture(c.parameters, joints))
+    sides, later = posture(c.parameters, joints), np.full(len(joints), LATER)
+    place = TouchSet(joints, np.zeros_like(joints), _discs(names, c.cell, len(joints)), sides, order=later)
     o = observe(place, c.cell)
     return contact(c.model, joints, o.centers, o.radii, c.cell.gripper, metadata=o.metadata).force
 

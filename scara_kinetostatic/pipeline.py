@@ -79,7 +79,7 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress |
     found = 0
     for number, path in enumerate(paths):
         _report(progress, f'reading {path}', number / len(paths))
-        part = touches_of_file(path, cell).renumbered(found)
+        part = touches_of_file(path, cell).renumbered(found, number)
         parts.append(replace(part, warnings=tuple(_with_source(path, text, paths) for text in part.warnings)))
         found += part.found
     _report(progress, f'{found} touches found', 1.0)

@@ -77,7 +77,8 @@ def calibrate(
     start = _start(cell, effects, start, fixed)
     if warm_start is not None and warm_start.model.effects != start.effects:
         raise ParameterError('warm start', 'its effects are not those of the fit', 'give the same effects')
-    free = np.array([j for j, name in enumerate(start.names) if name not in fixed], dtype=np.intp)
+    held = start.held.union(fixed)
+    free = np.array([j for j, name in enumerate(start.names) if name not in held], dtype=np.intp)
     touches, left_out = _leave_out(touches, cell)
     check_number(len(touches), len(free), [item.reason for item in left_out])
     observations = observe(touches, cell)

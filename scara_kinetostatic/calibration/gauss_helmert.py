@@ -122,7 +122,7 @@ def first_guess(observations: Observations, model: ExtendedModel) -> Adjusted:
 
 def place_force(observations: Observations, model: ExtendedModel, joints: Floats, force: Floats, state: State) -> State:
     """The state with magnitude and base-frame direction of a force as the sensor reports it."""
-    force = true_force(model, force)
+    force = true_force(model, force, observations.metadata)
     direction = np.arctan2(force[:, 1], force[:, 0])
     if observations.frame is SensorFrame.TOOL:
         direction = direction + joints[:, 0] + joints[:, 1] + model.parameters.theta1 + model.parameters.theta2
@@ -151,8 +151,8 @@ def linearise(
     by_force[:, 0, 0], by_force[:, 1, 0] = e.normal_f, e.tangent_f
     by_force[:, 0, 1], by_force[:, 1, 1] = e.normal_d * per_force, e.tangent_d * per_force
     if has_sensor_error(model):
-        by_force = by_force @ true_force_derivative(model, adjusted.force)
-        derivative[:, :, len(NAMES) :] += sensor_error_columns(model, adjusted.force, by_force)
+        by_force = by_force @ true_force_derivative(model, adjusted.force, o.metadata)
+        derivative[:, :, len(NAMES) :] += sensor_error_columns(model, adjusted.force, by_force, o.metadata)
     misclosure = by_touch(2, len(o.joints))
     off = _off_measured(o, adjusted)
     misclosure[:, 0] = e.normal + _row_times(by_joints[:, 0], by_force[:, 0], off)
@@ -284,9 +284,9 @@ def _turned_radial(observations: Observations, model: ExtendedModel, state: Stat
     direction = np.arctan2(to_disc[:, 1], to_disc[:, 0])
     if o.frame is SensorFrame.TOOL:
         direction = direction - (o.joints[:, 0] + o.joints[:, 1] + model.parameters.theta1 + model.parameters.theta2)
-    magnitude = np.hypot(*true_force(model, o.force).T)
+    magnitude = np.hypot(*true_force(model, o.force, o.metadata).T)
     turned = np.stack([magnitude * np.cos(direction), magnitude * np.sin(direction)], axis=-1)
-    return reported_force(model, turned) if model.effects else turned
+    return reported_force(model, turned, o.metadata) if model.effects else turned
 
 
 def as_radial(observations: Observations, model: ExtendedModel, state: State) -> Adjusted:

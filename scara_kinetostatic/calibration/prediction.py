@@ -41,7 +41,7 @@ def base_force(observations: Observations, model: ExtendedModel) -> Floats:
 
     Errors of the sensor, if the model has such effects, are corrected.
     """
-    force = true_force(model, observations.force)
+    force = true_force(model, observations.force, observations.metadata)
     if observations.frame is SensorFrame.BASE:
         return force
     return rotate(force, observations.joints.sum(axis=1) + model.parameters.theta1 + model.parameters.theta2)

@@ -288,7 +288,8 @@ def _identifiability(
     found: Estimation, observations: Observations, covariance: Floats, std: Floats, fixed: Mapping[str, float]
 ) -> Identifiability:
     model = found.fit.point.model
-    free = np.array([j for j, name in enumerate(model.names) if name not in fixed], dtype=np.intp)
+    held = model.held.union(fixed)
+    free = np.array([j for j, name in enumerate(model.names) if name not in held], dtype=np.intp)
     groups = group_names(found.unidentifiable, free, std, scales_of(model), model.names)
     magnitude = float(np.hypot(observations.force[:, 0], observations.force[:, 1]).mean())
     return Identifiability(

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.discriminating_touches import DiscriminatingTouch
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
+from scara_kinetostatic.diagnosis.moments import Moment
 from scara_kinetostatic.diagnosis.refit import fitted_effects
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked
 from scara_kinetostatic.diagnosis.thresholds import DISTINCT
@@ -97,6 +98,18 @@ def fixed_parameters(c: Calibration) -> str:
     return f'fixed parameters: {names}; a wrong value appears as an effect that does not exist: estimate them, too'
 
 
+def moments(found: Sequence[Found], known: Sequence[Moment]) -> str:
+    """Between which touches something shifted; of a rival, where that is if it is the one."""
+    certain = {item.effect.label for item in found if item.in_every_model}
+    return joined(
+        *(
+            moment.text if moment.effect.label in certain else f'if it is {moment.effect.label}, {moment.text}'
+            for moment in known
+            if moment.text
+        )
+    )
+
+
 def alternative_frequencies(extended: Calibration, alternatives: Sequence[Calibration]) -> str:
     """Which other frequencies or slip torques fit as well as those of an extended model, and are not nearly the same.
 
@@ -108,7 +121,7 @@ def alternative_frequencies(extended: Calibration, alternatives: Sequence[Calibr
     sentences = []
     for same in zip(*fits, strict=True):
         effect = same[0].effect
-        if not effect.grid_parameter:
+        if not effect.grid_parameter or effect.is_stepwise:
             continue
         k = effect.grid_parameter_index
         found, least = float(same[0].values[k]), DISTINCT * float(same[0].std[k])

@@ -68,7 +68,7 @@ def fit_alternative_frequencies(extended: Calibration, in_every_model: Container
     waves = [
         k
         for k, (effect, _, _) in enumerate(fitted)
-        if effect.grid_parameter and effect.is_smooth and effect.label in in_every_model
+        if effect.grid_parameter and effect.is_smooth and not effect.is_stepwise and effect.label in in_every_model
     ]
     if not waves:
         return []

@@ -32,6 +32,7 @@ from scara_kinetostatic.diagnosis.hypotheses import select_hypothesis
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence, find_dependences
 from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.model_selection import rank_singles
+from scara_kinetostatic.diagnosis.moments import at_best_moments, find_moments, widened_by_moments
 from scara_kinetostatic.diagnosis.ranking import score_singles, significance, undetected_bias
 from scara_kinetostatic.diagnosis.refit import FittedEffect, fitted_effects
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
@@ -162,12 +163,15 @@ def _extended(
         fitted: its fit.
         known: the catalogue.
     """
+    fitted = at_best_moments(fitted)
     after = _adequacy(fitted)
     rivals = _fit_rivals(c, found, fitted)
+    moments = find_moments(fitted)
     frequencies = [*fit_alternative_frequencies(fitted, found.in_every_model), *alternative_places(fitted)]
     extended = widened_by(fitted, rivals)
     extended = widened_to_each(extended, [*fit_alternative_laws(fitted), *frequencies])
-    extended = widened_by_constants(extended, [extended, *rivals])
+    extended = widened_by_constants(widened_by_moments(extended, moments), [extended, *rivals])
+    rivals = [widened_by_moments(rival, find_moments(rival)) for rival in rivals]
     effects = _describe(extended, found.in_every_model, rivals)
     verdict = _verdict(found, effects, after)
     touches = discriminating_touches(c, rivals) if len(rivals) > 1 else None
@@ -182,6 +186,7 @@ def _extended(
         remaining_p_value=after.p_value,
         ranking=_ranking(found, c),
         advice=advice.joined(
+            advice.moments(effects, moments),
             advice.open_questions(verdict, effects, found.rivals, after.dependences, known, touches),
             advice.alternative_frequencies(fitted, frequencies),
             advice.alternative_laws(fitted, extended),
@@ -251,7 +256,9 @@ def _describe(extended: Calibration, in_every_model: Sequence[str], rivals: Sequ
         if not is_certain:
             unknown = tuple(value._replace(value=np.nan, std=np.nan) for value in values)
             values = by_label.get(effect.label, unknown)
-            if effect.grid_parameter:  # alternative frequencies of this fit were not looked for
+            if (
+                effect.grid_parameter and not effect.is_stepwise
+            ):  # alternative frequencies of this fit were not looked for
                 values = tuple(value._replace(std=np.nan) for value in values)
         items.append(Found(effect, values, is_certain))
     return tuple(items)

@@ -22,7 +22,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Noise, SensorFrame
 from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
-from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.model.touch import LATER, TouchSet
 
 _DIRECTIONS = 24
 """Touches of the pool around each disc."""
@@ -187,5 +187,6 @@ def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]
         approach=motion,
         press=motion,
         history=np.concatenate([joints - motion, peak], axis=1)[:, None],
+        order=np.full(len(disc), LATER),
     )
     return pool, angle, is_unloaded

@@ -125,7 +125,7 @@ def pose_problem(calibration: Calibration) -> Problem:
         point=point,
         equations=equations,
         touch_state=touch_state,
-        force=true_force(c.model, point.adjusted.force),
+        force=true_force(c.model, point.adjusted.force, observations.metadata),
         larger_by_noise=_with_larger_force(touch_state, noise_left(point.linear, point.whitened.root, c.noise, 0)),
         base=base,
         left=np.empty(0),

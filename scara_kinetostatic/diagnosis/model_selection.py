@@ -166,6 +166,27 @@ def _needed(scored_subsets: ScoredSubsets, subset: Subset, best: Subset) -> bool
     return more <= 0 or float(special.chdtrc(more, gain)) < STRICT_SIGNIFICANCE
 
 
+def _has_special_case(scored_subsets: ScoredSubsets, subset: Subset) -> bool:
+    """Whether a set is not significantly better than with a special case in place of one of its effects."""
+    candidates = scored_subsets.candidate_set.candidates
+    names = set(scored_subsets.labels(subset))
+    simpler = {
+        frozenset(names - {effect.label} | {case})
+        for effect in (candidates[k].effect for k in subset.members)
+        for case in effect.special_cases
+        if case not in names
+    }
+    if not simpler:
+        return False
+    for other in scored_subsets.subsets:
+        if len(other.members) == len(names) and frozenset(scored_subsets.labels(other)) in simpler:
+            gain = max(other.rest - subset.rest, 0.0) / scored_subsets.scale
+            more = scored_subsets.freedoms(subset) - scored_subsets.freedoms(other)
+            if more <= 0 or float(special.chdtrc(more, gain)) >= STRICT_SIGNIFICANCE:
+                return True
+    return False
+
+
 def _grown(best: Sequence[Subset], scorer: _SubsetScorer) -> set[tuple[int, ...]]:
     everyone = range(len(scorer.places))
     return {tuple(sorted((*subset.members, k))) for subset in best for k in everyone if k not in subset.members}
@@ -188,6 +209,7 @@ def _credible(scored_subsets: ScoredSubsets) -> tuple[Subset, ...]:
     found: list[Subset] = []
     some = [subset for subset in scored_subsets.subsets if subset.members]
     near = [e for e in some if e.score <= some[0].score + CREDIBLE and _needed(scored_subsets, e, some[0])]
+    near = [e for e in near if not _has_special_case(scored_subsets, e)]
     for subset in sorted(near, key=lambda e: (len(e.members), e.score)):
         names = set(scored_subsets.labels(subset))
         if not any(set(scored_subsets.labels(other)) <= names for other in found):

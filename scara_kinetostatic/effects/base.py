@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import Shift, TouchMetadata, TouchState
 
 LAST = 1000
 """`Effect.order` of a class that does not say."""
@@ -94,6 +94,10 @@ class Effect(ABC):
             whole statement.
         on_object: whether `Shift.place` belongs to the object rather than to the robot.
         grid_parameter: the parameter over which `trials` is a grid, such as a frequency; empty if there is none.
+        is_stepwise: whether it changes in steps along `grid_parameter`: a fit holds it at the best trial, and its
+            uncertainty is that of the choice among the trials.
+        special_cases: labels of effects that it contains: one of these is named in its place unless it explains the
+            touches significantly better.
         diverges_with_alias: whether it runs to large values beside a rival that is nearly the same, instead of
             sharing with it.
         scaled_by: names of those base parameters that the shift is proportional to.
@@ -135,6 +139,8 @@ class Effect(ABC):
     short_statement: ClassVar[str] = ''
     on_object: ClassVar[bool] = False
     grid_parameter: ClassVar[str] = ''
+    is_stepwise: ClassVar[bool] = False
+    special_cases: ClassVar[tuple[str, ...]] = ()
     diverges_with_alias: ClassVar[bool] = False
     scaled_by: ClassVar[tuple[str, ...]] = ()
     is_physical: ClassVar[bool] = True
@@ -235,6 +241,16 @@ class Effect(ABC):
         """The derivatives of `sensor_error`, one per parameter."""
         return ()
 
+    def sensor_error_of_touches(self, force: Floats, values: Floats, metadata: TouchMetadata | None) -> Floats | None:
+        """`sensor_error`, for an effect by which it is not the same in all touches; `metadata` is theirs, or None."""
+        return self.sensor_error(force, values)
+
+    def sensor_error_of_touches_derivative(
+        self, force: Floats, values: Floats, metadata: TouchMetadata | None
+    ) -> tuple[Floats, ...]:
+        """The derivatives of `sensor_error_of_touches`, one per parameter."""
+        return self.sensor_error_derivative(force, values)
+
     def amplitudes(self, values: Floats) -> Floats:
         """The values (k,), zero where they are the form of the effect, such as a phase, rather than its size: what its
         derivatives, times these, add up to is the effect to first order.
@@ -260,11 +276,16 @@ class Effect(ABC):
     def trials(self, at: TouchState, force: Floats) -> Sequence[Trial]:
         """The ways in which it may be present in these touches; `force` is in the sensor's frame, (n, 2), N."""
         values = np.array(self.start)
-        return (Trial(self.derivative(at, values), self.sensor_error_derivative(force, values)),)
+        errors = self.sensor_error_of_touches_derivative(force, values, at.metadata)
+        return (Trial(self.derivative(at, values), errors),)
 
     def finer(self, at: TouchState, trial: Trial, width: float) -> Sequence[Trial]:
         """Further trials, up to `width` steps on both sides of one of `trials`, where these are a grid."""
         return ()
+
+    def place_text(self, low: float, high: float) -> str:
+        """What is said of a found effect whose grid parameter lies between two values, a clause; empty for nothing."""
+        return ''
 
     def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
         """The touches whose residual is to be plotted, (n,): of an effect of one disc, those on it."""

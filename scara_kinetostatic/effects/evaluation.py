@@ -57,7 +57,7 @@ def _some_touches(cell: Cell) -> TouchState:
     radii = cell.radii[disc]
     centers = forward(cell.nominal, joints) + radii[:, None] * normal
     approach = np.asarray(1e-4 * np.stack([sense, -sense], axis=-1))
-    metadata = TouchMetadata(disc, np.asarray(60.0 * k), approach, posture, approach)
+    metadata = TouchMetadata(disc, np.asarray(60.0 * k), approach, posture, approach, order=number)
     state = State(joints[:, 0], joints[:, 1], np.asarray(10.0 + 5.0 * k), direction, *np.ones((2, _TOUCHES)))
     return ContactProblem(joints, centers, radii, cell.gripper, metadata).touch_state(cell.nominal, state)
 

@@ -92,6 +92,12 @@ def _from_link2(at: TouchState) -> Floats:
     return np.asarray(np.arctan2(across, along))
 
 
+def _numbers(at: TouchState) -> Floats:
+    """Place of each touch in the order of time."""
+    order = at.metadata.order
+    return np.zeros_like(at.magnitude) if order is None else order.astype(float)
+
+
 VARIABLES = MappingProxyType(
     {
         'angle': Variable('angle of joint {joint}', 'rad', _of_joint(lambda at: at.joints)),
@@ -103,6 +109,7 @@ VARIABLES = MappingProxyType(
         'place': Variable('place on the disc', 'rad', lambda at, _: _angle(-at.normal)),
         'disc': Variable('number of the disc', '', lambda at, _: at.metadata.disc.astype(float) + 1),
         'time': Variable('time', 's', lambda at, _: at.metadata.time),
+        'touch': Variable('number of the touch', '', lambda at, _: _numbers(at)),
         'approach': Variable(
             'direction of approach of joint {joint}', '', _of_joint(lambda at: np.sign(at.metadata.approach))
         ),

@@ -58,6 +58,7 @@ class TouchMetadata(NamedTuple):
         history: the load before each hold, (n, K, 4), as in `TouchSet`, in `frame`; None where nothing is known.
         frame: that of the forces of `history` and `force`.
         force: F of the hold as measured with the history, (n, 2), N; None where that is not known.
+        order: place in the order of time, over all recordings, (n,); None for touches after all others.
     """
 
     disc: Indices
@@ -68,10 +69,11 @@ class TouchMetadata(NamedTuple):
     history: Floats | None = None
     frame: SensorFrame = SensorFrame.BASE
     force: Floats | None = None
+    order: Indices | None = None
 
     @classmethod
     def plain(cls, n: int) -> TouchMetadata:
-        """Of n touches of which nothing else is known: disc 0, time 0, no motion, posture +1."""
+        """Of n touches of which nothing else is known: disc 0, time 0, no motion, posture +1, after all others."""
         still = np.zeros((n, 2))
         return cls(np.zeros(n, dtype=np.intp), np.zeros(n), still, np.ones(n, dtype=np.intp), still)
 
@@ -79,9 +81,8 @@ class TouchMetadata(NamedTuple):
     def of(cls, touches: TouchSet, frame: SensorFrame = SensorFrame.BASE) -> TouchMetadata:
         """The metadata of touches, whose forces are in a frame."""
         history = touches.history if touches.history.shape[1] else None
-        return cls(
-            touches.disc, touches.time, touches.approach, touches.posture, touches.press, history, frame, touches.force
-        )
+        t = touches
+        return cls(t.disc, t.time, t.approach, t.posture, t.press, history, frame, t.force, t.order)
 
     def select(self, which: Mask | Indices | slice) -> TouchMetadata:
         """The touches that a mask, a slice or an array of positions picks."""
@@ -95,6 +96,7 @@ class TouchMetadata(NamedTuple):
             history,
             self.frame,
             None if self.force is None else self.force[which],
+            None if self.order is None else self.order[which],
         )
 
 
@@ -193,6 +195,14 @@ class EffectLaw(Protocol):
         """Whether the shift has a derivative everywhere."""
 
     @property
+    def grid_parameter(self) -> str:
+        """Name of the parameter that is searched on a grid; empty if there is none."""
+
+    @property
+    def is_stepwise(self) -> bool:
+        """Whether the effect changes in steps along `grid_parameter`, which a fit then holds."""
+
+    @property
     def scaled_by(self) -> tuple[str, ...]:
         """Names of the parameters of L̄, such as ``p1``, that the shift is proportional to."""
 
@@ -205,8 +215,13 @@ class EffectLaw(Protocol):
     def amplitudes(self, values: Floats) -> Floats:
         """The values (k,), with zeros for those that describe the form of the effect rather than its size."""
 
-    def sensor_error(self, force: Floats, values: Floats) -> Floats | None:
-        """The error e for true forces (n, 2) in the sensor's frame, N; None for effects that do not change it."""
+    def sensor_error_of_touches(self, force: Floats, values: Floats, metadata: TouchMetadata | None) -> Floats | None:
+        """The error e for true forces (n, 2) in the sensor's frame, N; None for effects that do not change it.
 
-    def sensor_error_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
+        `metadata` is that of the touches; None where nothing is known of them.
+        """
+
+    def sensor_error_of_touches_derivative(
+        self, force: Floats, values: Floats, metadata: TouchMetadata | None
+    ) -> tuple[Floats, ...]:
         """The derivatives of e, one per parameter; empty for effects that do not change it."""

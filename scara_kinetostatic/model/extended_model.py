@@ -117,6 +117,11 @@ class ExtendedModel:
         return tuple(np.array(part) for part in self.effect_values)
 
     @property
+    def held(self) -> frozenset[str]:
+        """Those of `names` along which the model changes in steps: a fit holds them where it begins."""
+        return frozenset(f'{effect.label}.{effect.grid_parameter}' for effect in self.effects if effect.is_stepwise)
+
+    @property
     def off_normal_std(self) -> float:
         """Standard deviation of the off-normal angle of the force, rad; 0 where no effect has one."""
         return max((effect.off_normal_std for effect in self.effects), default=0.0)

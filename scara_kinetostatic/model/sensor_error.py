@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
 _PASSES = 12
@@ -26,19 +27,22 @@ def has_sensor_error(model: ExtendedModel) -> bool:
     if not model.effects:
         return False
     probe = np.ones((1, 2))
-    return any(effect.sensor_error(probe, np.ones(len(effect.parameters))) is not None for effect in model.effects)
+    return any(
+        effect.sensor_error_of_touches(probe, np.ones(len(effect.parameters)), None) is not None
+        for effect in model.effects
+    )
 
 
-def reported_force(model: ExtendedModel, force: Floats) -> Floats:
-    """F + e(F) for true forces (n, 2) in the sensor's frame, N."""
+def reported_force(model: ExtendedModel, force: Floats, metadata: TouchMetadata | None = None) -> Floats:
+    """F + e(F) for true forces (n, 2) in the sensor's frame, N; `metadata` is that of the touches."""
     total = np.zeros_like(force)
     for effect, values in zip(model.effects, model.effect_arrays, strict=True):
-        part = effect.sensor_error(force, values)
+        part = effect.sensor_error_of_touches(force, values, metadata)
         total = total if part is None else total + part
     return force + total
 
 
-def true_force(model: ExtendedModel, reported: Floats) -> Floats:
+def true_force(model: ExtendedModel, reported: Floats, metadata: TouchMetadata | None = None) -> Floats:
     """The true forces behind reported ones, (n, 2), N, in the sensor's frame; NaN where there is none.
 
     By Newton's method.
@@ -48,23 +52,25 @@ def true_force(model: ExtendedModel, reported: Floats) -> Floats:
     force, most = reported, np.abs(reported).max(initial=0.0)
     with np.errstate(all='ignore'):
         for _ in range(_PASSES):
-            off = reported_force(model, force) - reported
+            off = reported_force(model, force, metadata) - reported
             if not np.any(np.abs(off) > _ROUNDING * most):
                 break
-            force = force - np.einsum('nij,nj->ni', _true_by_reported(model, force), off)
+            force = force - np.einsum('nij,nj->ni', _true_by_reported(model, force, metadata), off)
         return np.where(np.abs(off) <= _UNSOLVED * most, force, np.nan)
 
 
-def true_force_derivative(model: ExtendedModel, reported: Floats) -> Floats:
+def true_force_derivative(model: ExtendedModel, reported: Floats, metadata: TouchMetadata | None = None) -> Floats:
     """∂F/∂(reported F) at reported forces (n, 2), each in components along and across itself, (n, 2, 2)."""
-    force = true_force(model, reported)
-    matrix = _true_by_reported(model, force)
+    force = true_force(model, reported, metadata)
+    matrix = _true_by_reported(model, force, metadata)
     unit = reported / np.hypot(reported[:, 0], reported[:, 1])[:, None]
     columns = [matrix @ unit[:, :, None], matrix @ np.stack([-unit[:, 1], unit[:, 0]], axis=-1)[:, :, None]]
     return np.stack([along_and_across(column[:, :, 0], force) for column in columns], axis=-1)
 
 
-def sensor_error_columns(model: ExtendedModel, reported: Floats, by_reported: Floats) -> Floats:
+def sensor_error_columns(
+    model: ExtendedModel, reported: Floats, by_reported: Floats, metadata: TouchMetadata | None = None
+) -> Floats:
     """The derivatives of h by the parameters of the effects through the sensor error, (n, 2, k).
 
     The true force behind a reported one changes by -∂F/∂(reported F) ∂e.
@@ -73,11 +79,12 @@ def sensor_error_columns(model: ExtendedModel, reported: Floats, by_reported: Fl
         model: with k parameters of effects.
         reported: forces, (n, 2), N.
         by_reported: ∂h by the reported force, along and across it, (n, 2, 2).
+        metadata: of the touches.
     """
-    columns, force = [], true_force(model, reported)
+    columns, force = [], true_force(model, reported, metadata)
     for effect, values in zip(model.effects, model.effect_arrays, strict=True):
         none = (np.zeros_like(force),) * len(effect.parameters)
-        for error in effect.sensor_error_derivative(force, values) or none:
+        for error in effect.sensor_error_of_touches_derivative(force, values, metadata) or none:
             columns.append(-np.einsum('nij,nj->ni', by_reported, along_and_across(error, reported)))
     return np.stack(columns, axis=-1)
 
@@ -88,11 +95,12 @@ def along_and_across(vectors: Floats, force: Floats) -> Floats:
     return np.stack([vectors[:, 0] * x + vectors[:, 1] * y, vectors[:, 1] * x - vectors[:, 0] * y], axis=-1)
 
 
-def _true_by_reported(model: ExtendedModel, force: Floats) -> Floats:
+def _true_by_reported(model: ExtendedModel, force: Floats, metadata: TouchMetadata | None) -> Floats:
     """∂F/∂(reported F) at true forces (n, 2), (n, 2, 2): the inverse of what central differences give."""
     step = _STEP * np.maximum(np.hypot(force[:, 0], force[:, 1]), 1.0)[:, None]
     columns = [
-        (reported_force(model, force + step * unit) - reported_force(model, force - step * unit)) / (2 * step)
+        (reported_force(model, force + step * unit, metadata) - reported_force(model, force - step * unit, metadata))
+        / (2 * step)
         for unit in np.eye(2)
     ]
     (a, c), (b, d) = (column.T for column in columns)

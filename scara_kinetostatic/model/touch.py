@@ -12,6 +12,9 @@ from numpy.typing import ArrayLike
 
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 
+LATER = 2**31
+"""`TouchSet.order` of a touch that is still to come."""
+
 
 @dataclass(frozen=True)
 class TouchSet:
@@ -38,6 +41,9 @@ class TouchSet:
             the frame of `force`, at the K moments at which it turned, the oldest first. Only those that a memory can
             still hold count, the nested extremes of either joint's torque; more do no harm. Fewer than K are filled up
             in front by the unloaded joints of the hold. K = 0: nothing is known, and the joints are taken as relaxed.
+        recording: number of the recording or table, 0-based, (n,).
+        order: place in the order of time, over all recordings, (n,); by default `index`, which differs from it only
+            where the rows of a table are not in the order of time.
 
     Raises:
         ValueError: shapes that do not fit, or values that are not finite.
@@ -61,6 +67,8 @@ class TouchSet:
     force_scatter: Floats = None  # type: ignore[assignment]
     samples: Indices = None  # type: ignore[assignment]
     history: Floats = None  # type: ignore[assignment]
+    recording: Indices = None  # type: ignore[assignment]
+    order: Indices = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         n = len(self.joints)
@@ -73,12 +81,14 @@ class TouchSet:
             'force_scatter': np.zeros((n, 2)),
             'samples': np.ones(n, dtype=np.intp),
             'history': np.empty((n, 0, 4)),
+            'recording': np.zeros(n, dtype=np.intp),
+            'order': np.arange(n) if self.index is None else self.index,
         }
         for item in fields(self):
             value = getattr(self, item.name)
             value = defaults[item.name] if value is None else value
             pair = item.name in ('joints', 'force', 'approach', 'press', 'joint_scatter', 'force_scatter')
-            whole = item.name in ('disc', 'posture', 'index', 'samples')
+            whole = item.name in ('disc', 'posture', 'index', 'samples', 'recording', 'order')
             array = np.array(value, dtype=np.intp if whole else float)
             expected: tuple[int, ...] = (n, 2) if pair else (n,)
             if item.name == 'history':
@@ -107,6 +117,11 @@ class TouchSet:
         longest = max(s.history.shape[1] for s in sets)
         sets = [s.replace(history=padded_history(s.history, s.joints, longest)) for s in sets]
         return cls(**{item.name: np.concatenate([getattr(s, item.name) for s in sets]) for item in fields(cls)})
+
+
+def order_of_time(time: Floats) -> Indices:
+    """Place of each touch in the order of time, (n,), for times (n,); equal times keep their order."""
+    return np.argsort(np.argsort(time, kind='stable'), kind='stable')
 
 
 def padded_history(history: Floats, joints: Floats, length: int) -> Floats:

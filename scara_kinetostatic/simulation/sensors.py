@@ -19,6 +19,7 @@ from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model import sensor_error
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame, SensorSign
+from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import Parameters
@@ -132,7 +133,8 @@ class SensorModel:
             random: source of the white noise.
         """
         error = state.relative_force[:, None] * errors[state.touch]
-        reported = reported_force(cell, truth, state.joints, state.force, error, state.relative_force)
+        touch = TouchMetadata.plain(len(error))._replace(order=state.touch)
+        reported = reported_force(cell, truth, state.joints, state.force, error, state.relative_force, touch)
         reported *= -1.0 if cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
         return reported + self.bias + self.force_noise * random.standard_normal(reported.shape)
 
@@ -166,6 +168,7 @@ def reported_force(
     force: Floats,
     error: Floats,
     relative_force: Floats | None = None,
+    metadata: TouchMetadata | None = None,
 ) -> Floats:
     """Reading of the sensor for a force on the object, without its sign and bias, (k, 2), N, in its frame.
 
@@ -176,12 +179,15 @@ def reported_force(
         force: true force, base frame, (k, 2), N.
         error: noise of the touch, base frame, (k, 2), N.
         relative_force: force over that of the hold, (k,); None in the hold.
+        metadata: of the touches of these moments, (k,).
     """
     model = as_model(truth)
     reported = in_sensor_frame(cell, model.parameters, joints, force + error)
     if model.effects:
         true = in_sensor_frame(cell, model.parameters, joints, force)
-        reported = reported + sensor_error.reported_force(model, true) - true
+        reported = reported + sensor_error.reported_force(model, true, metadata) - true
         if relative_force is not None:
-            reported -= (1.0 - relative_force)[:, None] * sensor_error.reported_force(model, np.zeros_like(true))
+            reported -= (1.0 - relative_force)[:, None] * sensor_error.reported_force(
+                model, np.zeros_like(true), metadata
+            )
     return reported

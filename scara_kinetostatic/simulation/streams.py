@@ -85,10 +85,14 @@ def simulate_touches(
     sensors = SensorModel(touch_noise=noise)
     joint_errors, force_errors = _touch_errors(sensors, cell, truth, trajectory, seed)
     joints = trajectory.hold_joints + joint_errors
-    force = reported_force(cell, truth, trajectory.hold_joints, trajectory.hold_force, force_errors)
+    force = reported_force(
+        cell, truth, trajectory.hold_joints, trajectory.hold_force, force_errors, metadata=trajectory.metadata
+    )
     beyond = np.hypot(*trajectory.peak_force.T) / np.hypot(*trajectory.hold_force.T)
     errors = beyond[:, None] * force_errors
-    peak_force = reported_force(cell, truth, trajectory.peak_joints, trajectory.peak_force, errors, beyond)
+    peak_force = reported_force(
+        cell, truth, trajectory.peak_joints, trajectory.peak_force, errors, beyond, trajectory.metadata
+    )
     loads = PlannedLoads(trajectory.peak_joints + joint_errors, peak_force, joints, force)
     return TouchSet(
         joints=joints,

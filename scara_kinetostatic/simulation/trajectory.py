@@ -202,7 +202,8 @@ class Trajectory:
 
     def _metadata(self) -> TouchMetadata:
         approach, press = (last_movement(path, self.hold_joints) for path in (self.path, self.path[1:]))
-        return TouchMetadata(self.plan.disc, self.hold_time, approach, self.plan.posture, press)
+        order = np.arange(len(self.plan))
+        return TouchMetadata(self.plan.disc, self.hold_time, approach, self.plan.posture, press, order=order)
 
     def _normal_compliance(self, force: Floats) -> Floats:
         """Displacement of the tip along the normal per force by the base model, (m,), m/N."""

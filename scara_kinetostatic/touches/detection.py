@@ -79,19 +79,22 @@ class Detection:
         """Some of the touches, numbered from 0 in the order given; `found` is their number."""
         place = {number: place for place, number in enumerate(numbers)}
         touches = self.touches.select(np.isin(self.touches.index, numbers))
+        index = np.array([place[old] for old in touches.index.tolist()], dtype=np.intp)
         return replace(
             self,
-            touches=touches.replace(index=np.array([place[old] for old in touches.index.tolist()], dtype=np.intp)),
+            touches=touches.replace(index=index, order=index),
             rejected=tuple(replace(item, index=place[item.index]) for item in self.rejected if item.index in place),
             found=len(place),
             episodes=tuple(replace(item, index=place[item.index]) for item in self.episodes if item.index in place),
         )
 
-    def renumbered(self, first: int) -> Detection:
-        """The same with the touches numbered from `first`."""
+    def renumbered(self, first: int, recording: int = 0) -> Detection:
+        """The same with the touches numbered from `first`, as those of one of several recordings."""
+        t = self.touches
+        numbers = np.full(len(t), recording)
         return replace(
             self,
-            touches=self.touches.replace(index=self.touches.index + first),
+            touches=t.replace(index=t.index + first, order=t.order + first, recording=numbers),
             rejected=tuple(replace(item, index=item.index + first) for item in self.rejected),
             episodes=tuple(replace(item, index=item.index + first) for item in self.episodes),
         )

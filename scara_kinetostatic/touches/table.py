@@ -13,7 +13,7 @@ from scara_kinetostatic.files.touch_table import TouchTable
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
 from scara_kinetostatic.model.kinematics import forward, posture
-from scara_kinetostatic.model.touch import Rejection, TouchSet
+from scara_kinetostatic.model.touch import Rejection, TouchSet, order_of_time
 from scara_kinetostatic.touches.association import Association, associate
 from scara_kinetostatic.touches.detection import Detection, Episode
 
@@ -65,6 +65,7 @@ def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
         time=table.time,
         approach=table.approach,
         press=press_of(table.approach),
+        order=order_of_time(table.time),
     )
     times = [(time, time) for time in table.time.tolist()]
     unknown = np.full(2, np.nan)

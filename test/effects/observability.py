@@ -75,8 +75,10 @@ def _cases(effect: Effect) -> Iterator[tuple[str, tuple[float, ...], int]]:
         for slip_torque in SLIP_TORQUES:
             yield f'{effect.label} {slip_torque:g} Nm', (0.0, slip_torque), 0
     else:
+        values = effect.typical if effect.is_stepwise else effect.start
         for k, label in enumerate(effect.labels):
-            yield label, effect.start, k
+            if not (effect.is_stepwise and k == effect.grid_parameter_index):
+                yield label, values, k
 
 
 def main() -> None:

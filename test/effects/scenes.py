@@ -66,6 +66,7 @@ def random_scene(seed: int, n: int = 200, parameters: Parameters = PAPER_ACTUAL)
         posture=poses.posture,
         press=rng.choice([-1.0, 1.0], (n, 2)) * rng.uniform(1e-4, 1e-3, (n, 2)),
         history=np.concatenate([rng.uniform(-2.5, 2.5, (n, 5, 2)), rng.uniform(-40, 40, (n, 5, 2))], axis=2),
+        order=rng.permutation(n),
     )
     joints, _ = inverse_kinetostatics(parameters, poses.tip, poses.force, poses.posture)
     links = inverse(parameters, poses.tip, poses.posture)
@@ -111,5 +112,5 @@ def press(effect: Effect, values: np.ndarray, parameters: Parameters = PAPER_ACT
         at = ContactProblem(joints, centers, radii, Gripper(), metadata).touch_state(parameters, state)
         shift = effect.shift(at, values)
     return rigid.replace(
-        joints=joints, force=reported_force(ExtendedModel(parameters, (effect,), (tuple(values),)), force)
+        joints=joints, force=reported_force(ExtendedModel(parameters, (effect,), (tuple(values),)), force, metadata)
     )

@@ -19,6 +19,7 @@ NAMES = {
     'contact_friction', 'sensor_rotation', 'sensor_bias', 'sensor_nonlinearity', 'encoder_gain', 'transmission_error',
     'joint_hardening', 'joint_hysteresis', 'joint_slip', 'anisotropic_gripper', 'anisotropic_backlash', 'link_bending',
     'base_compliance', 'contact_compliance', 'object_position', 'object_radius', 'thermal_drift', 'base_tilt',
+    'sensor_cross_talk', 'shift',
 }  # fmt: skip
 
 
@@ -28,7 +29,8 @@ def test_all_kinds_of_effects_are_listed():
     kinds = 'encoder_gain', 'transmission_error', 'joint_hardening', 'joint_hysteresis', 'joint_slip', 'thermal_drift'
     for kind in kinds:
         assert {f'{kind}[joint1]', f'{kind}[joint2]'} <= set(LABELS)
-    for kind in ('contact_compliance', 'object_position', 'object_radius'):
+    assert {'shift[base]', 'shift[tool]', 'shift[sensor]', 'shift[joint1]', 'shift[joint2]'} <= set(LABELS)
+    for kind in ('contact_compliance', 'object_position', 'object_radius', 'shift'):
         assert {f'{kind}[{disc.name}]' for disc in CELL.discs} <= set(LABELS)
 
 

@@ -52,7 +52,7 @@ def of(label):
 def test_touches_obey_the_extended_model_under_the_planned_force(effect, values, robot):
     truth = with_effects([effect], values, robot)
     touches = simulate_touches(CELL, truth, PLAN, EXACT)
-    true = true_force(truth, touches.force)
+    true = true_force(truth, touches.force, TouchMetadata.of(touches))
     discs = CELL.centers[PLAN.disc], CELL.radii[PLAN.disc]
     found = contact(truth, touches.joints, *discs, warm_start=true, metadata=TouchMetadata.of(touches))
     assert found.solved.all()
