@@ -22,7 +22,7 @@ from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, po
 from scara_kinetostatic.diagnosis.refit import fitted_effects, penalised_deviance, start_from, with_rejections_of
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.parameters import NAMES
 
 _ROUNDS = 3
@@ -176,7 +176,7 @@ def _moment(extended: Calibration, problem: Problem, found: list[Candidate], pla
     return Moment(effect, low, high, (recordings[0], recordings[1]), covariance)
 
 
-def _gap(acts: Floats, moments: Floats, weight: Floats) -> float:
+def _gap(acts: Floats | Indices, moments: Floats, weight: Floats) -> float:
     """Mean variance of a moment that may lie anywhere between its two touches."""
     after = np.clip(np.searchsorted(acts, moments), 1, len(acts) - 1)
     return float(np.sum(weight * (acts[after] - acts[after - 1]) ** 2 / 12) / weight.sum())

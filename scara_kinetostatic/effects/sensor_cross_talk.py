@@ -26,6 +26,7 @@ class SensorCrossTalk(SensorEffect):
         Parameter('yx', '1', 0.05, 'part of the force along x that is added to y', typical=-0.01),
     )
     statement: ClassVar[str] = 'the force sensor has cross-talk or unequal gains'
+    short_statement: ClassVar[str] = 'cross-talk of the force sensor'
     confounded_with: ClassVar[str] = (
         'all compliances, by a gain common to both axes, **always**; sensor_rotation, if the forces have few '
         'directions in the frame of the sensor'
