@@ -311,7 +311,7 @@ def predict_force(
     """
     c = _final(result)
     if isinstance(touches, TouchSet):
-        observations = observe(touches, c.cell)
+        observations = observe(touches, c.cell, c.errors)
         return np.asarray(base_force(observations, c.model) - force_residual(observations, c.model))
     joints = _pairs(touches, 'joints')
     if objects is None:
@@ -319,7 +319,7 @@ def predict_force(
     names = [objects] * len(joints) if isinstance(objects, str) else list(objects)
     sides, later = posture(c.parameters, joints), np.full(len(joints), LATER)
     place = TouchSet(joints, np.zeros_like(joints), _discs(names, c.cell, len(joints)), sides, order=later)
-    o = observe(place, c.cell)
+    o = observe(place, c.cell, c.errors)
     return contact(c.model, joints, o.centers, o.radii, c.cell.gripper, metadata=o.metadata).force
 
 

@@ -17,7 +17,7 @@ from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Observations,
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.noise_estimation import as_stated, estimate_noise, is_estimated
 from scara_kinetostatic.calibration.projection import project, turn_radial
-from scara_kinetostatic.calibration.solver import Fit, Subspace, Termination, minimise
+from scara_kinetostatic.calibration.solver import ActivePrior, Fit, Subspace, Termination, minimise
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
@@ -48,11 +48,13 @@ class WarmStart(NamedTuple):
         model: where to begin; its effects are those to be fitted.
         noise: σ_q and σ_f.
         used: touches that took part, (n,).
+        errors: declared errors of the cell, (m,); None to begin without.
     """
 
     model: ExtendedModel
     noise: Noise
     used: Mask
+    errors: Floats | None = None
 
 
 class Estimation(NamedTuple):
@@ -133,11 +135,13 @@ def estimate(
             that they determine less than half of them.
     """
     everything = Subspace.of_free(start, free, scales_of(start))
-    model, adjusted, now, iterations = _begin(observations, cell, start, everything, warm_start)
+    model, errors, adjusted, now, iterations = _begin(observations, cell, start, everything, warm_start)
     limits = 0
+    observations = observations.with_errors(errors)
     for number in range(_ROUNDS + 1):
         fit = minimise(observations, model, adjusted, now.subspace, now.noise, now.stage, now.used)
         model, adjusted, iterations = fit.point.model, fit.point.adjusted, iterations + fit.iterations
+        observations = observations.with_errors(fit.point.errors)
         distance = outliers.studentised(fit.point.whitened, covariance_of_fit(fit, now.subspace), now.used)
         at_limit = warm_start is not None and fit.termination is Termination.ITERATION_LIMIT
         limits = limits + 1 if at_limit else 0
@@ -158,17 +162,20 @@ def estimate(
 
 def _begin(
     observations: Observations, cell: Cell, start: ExtendedModel, everything: Subspace, warm_start: WarmStart | None
-) -> tuple[ExtendedModel, Adjusted, _Round, int]:
-    """The model and the adjusted observations to begin with, the first round, and the steps so far."""
+) -> tuple[ExtendedModel, Floats, Adjusted, _Round, int]:
+    """Model, declared errors and adjusted observations to begin with, the first round, and the steps so far."""
     none = np.empty((everything.basis.shape[1], 0))
     if warm_start is not None:
         noise = as_stated(warm_start.noise, cell.noise)
         first = _Round(FINAL, warm_start.used, noise, everything, none)
-        return warm_start.model, project(observations, warm_start.model, noise).adjusted, first, 0
+        errors = observations.errors if warm_start.errors is None else warm_start.errors
+        near = project(observations.with_errors(errors), warm_start.model, noise)
+        return warm_start.model, errors, near.adjusted, first, 0
     noise = cell.noise or USUAL_NOISE
     fit = minimise(observations, start, first_guess(observations, start), everything, noise, COARSE)
     first = _Round(ROBUST, np.ones(len(observations.joints), dtype=bool), noise, everything, none)
-    return fit.point.model, turn_radial(observations, fit.point), first, fit.iterations
+    radial = turn_radial(observations.with_errors(fit.point.errors), fit.point)
+    return fit.point.model, fit.point.errors, radial, first, fit.iterations
 
 
 def _next_round(
@@ -182,7 +189,9 @@ def _next_round(
     number: int,
 ) -> _Round:
     """What the fit of a round says of noise, outliers and directions; the subspace is the same object if it stays."""
-    noise = _update_noise(fit.point, now, cell.noise) if is_estimated(now.noise, cell.noise) else now.noise
+    noise = (
+        _update_noise(observations, fit.point, now, cell.noise) if is_estimated(now.noise, cell.noise) else now.noise
+    )
     good, late = outliers.find_good(distance), number >= _FREE_ROUNDS
     if late:
         good &= now.used
@@ -206,20 +215,26 @@ def _only(good: Mask, observations: Observations, point: Point) -> tuple[Observa
     return (observations, point) if good.all() else (observations.select(good), select(point, good))
 
 
-def _update_noise(point: Point, now: _Round, stated: Noise | None) -> Noise:
+def _update_noise(observations: Observations, point: Point, now: _Round, stated: Noise | None) -> Noise:
     """The noise levels by the residuals of the good touches; those that the cell states are kept."""
     good = now.used & outliers.find_good(point.distance)
     if good.sum() > now.subspace.basis.shape[1] // 2 + 1:
         point = select(point, good)
-    basis = now.subspace.basis
-    system = least_squares.compress(point.whitened.derivative @ basis, point.whitened.residual)
+    basis = now.subspace.with_errors(len(point.errors))
+    prior = ActivePrior.of(observations, now.subspace)
+    known = None if prior is None else prior.system(point)
+    system = least_squares.compress(point.whitened.jacobian, point.whitened.residual, basis=basis, prior=known)
     fitted = basis @ least_squares.covariance(system, least=1.0) @ basis.T
-    return estimate_noise(point.linear, point.whitened, fitted, now.noise, stated)
+    rows = None if known is None else known[:, :-1]
+    return estimate_noise(point.linear, point.whitened, fitted, now.noise, stated, rows)
 
 
 def covariance_of_fit(fit: Fit, subspace: Subspace) -> Floats:
-    """Covariance of all values of a model at a fit, (12 + k, 12 + k); zero along what the subspace leaves out."""
-    return subspace.basis @ least_squares.covariance(fit.system) @ subspace.basis.T
+    """Covariance of all values of a model and the declared errors at a fit, (12 + k + m, 12 + k + m); zero along what
+    the subspace leaves out.
+    """
+    basis = subspace.with_errors(len(fit.point.errors))
+    return basis @ least_squares.covariance(fit.system) @ basis.T
 
 
 def check_number(touches: int, parameters: int, left_out: Sequence[str] = ()) -> None:

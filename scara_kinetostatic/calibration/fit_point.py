@@ -7,7 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.blocks import in_blocks, pick
+from scara_kinetostatic.calibration.declared_errors import Marginal
 from scara_kinetostatic.calibration.gauss_helmert import (
+    NO_ERRORS,
     Adjusted,
     Observations,
     adjust,
@@ -20,6 +22,26 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.lever_arms import Arm
 from scara_kinetostatic.model.noise import Noise, force_covariance
 from scara_kinetostatic.model.parameters import Parameters
+
+
+def unfitted(point: Point) -> tuple[Marginal, Floats]:
+    """M of the declared errors, and the whitened residual without them, M (w - N e), (2n,)."""
+    w, rows = point.whitened, point.whitened.residual.size
+    if w.by_errors is None:
+        return Marginal.of(None, rows), w.residual.ravel()
+    columns = w.by_errors.reshape(rows, -1)
+    marginal = Marginal.of(columns, rows)
+    return marginal, marginal.apply(w.residual.ravel() - columns @ point.errors)
+
+
+def augmented(point: Point, columns: Floats) -> Floats:
+    """Whitened columns (2n, k) beside those of the declared errors, with the rows of their prior, (2n + m, m + k)."""
+    w = point.whitened
+    if w.by_errors is None:
+        return columns
+    m = w.by_errors.shape[2]
+    beside = np.concatenate([w.by_errors.reshape(len(columns), -1), columns], axis=1)
+    return np.concatenate([beside, np.eye(m, beside.shape[1])])
 
 
 class Stage(NamedTuple):
@@ -48,13 +70,28 @@ FINAL = Stage(adjusts=True, robust=False, tolerance=1e-6, per_touch=0.0, damping
 
 
 class Point(NamedTuple):
-    """The adjustment evaluated at one model."""
+    """The adjustment evaluated at one model.
+
+    Attributes:
+        model: the model.
+        adjusted: where its equations are linearised.
+        linear: the equations there.
+        whitened: the same in units of standard deviations.
+        distance: squared Mahalanobis distance of each touch, (n,).
+        errors: declared errors of the cell description, (m,).
+    """
 
     model: ExtendedModel
     adjusted: Adjusted
     linear: Linearisation
     whitened: Whitened
     distance: Floats
+    errors: Floats = NO_ERRORS
+
+    def changed(self, change: Floats) -> tuple[ExtendedModel, Floats]:
+        """Model and declared errors after a change of all values, (12 + k + m,)."""
+        values = self.model.as_array()
+        return self.model.with_array(values + change[: len(values)]), self.errors + change[len(values) :]
 
     @property
     def parameters(self) -> Parameters:
@@ -70,7 +107,7 @@ def evaluate(
     def part(where: slice) -> tuple[Linearisation, Whitened, Floats]:
         return _evaluate(observations.select(where), model, pick(adjusted, where), noise, stage)
 
-    return Point(model, adjusted, *in_blocks(len(observations.joints), part))
+    return Point(model, adjusted, *in_blocks(len(observations.joints), part), observations.errors)
 
 
 def _evaluate(
@@ -97,10 +134,10 @@ def _direction_variance(observations: Observations, noise: Noise) -> Floats:
 
 def last_step(point: Point, change: Floats) -> Point:
     """The point after a step so short that it is taken to first order, without evaluating anew."""
-    model = point.model.with_array(point.model.as_array() + change)
+    model, errors = point.changed(change)
     w = point.whitened
-    whitened = w._replace(residual=w.residual + w.derivative @ change)
-    return point._replace(model=model, whitened=whitened, distance=squared_distance(whitened))
+    whitened = w._replace(residual=w.residual + w.jacobian @ change)
+    return point._replace(model=model, whitened=whitened, distance=squared_distance(whitened), errors=errors)
 
 
 def moved(observations: Observations, point: Point, change: Floats, noise: Noise, stage: Stage, frozen: bool) -> Point:
@@ -109,15 +146,16 @@ def moved(observations: Observations, point: Point, change: Floats, noise: Noise
     Args:
         observations: the touches.
         point: before.
-        change: of all values of the model, (12 + k,).
+        change: of all values of the model and the declared errors, (12 + k + m,).
         noise: σ_q and σ_f.
         stage: which run this is.
         frozen: whether every joint stays on its flank.
     """
-    model = point.model.with_array(point.model.as_array() + change)
+    model, errors = point.changed(change)
+    observations = observations.with_errors(errors)
 
     def part(where: slice) -> tuple[Adjusted, Linearisation, Whitened, Floats]:
-        o, (_, adjusted, linear, whitened, _) = observations.select(where), _part_of(point, where)
+        o, (_, adjusted, linear, whitened, *_) = observations.select(where), _part_of(point, where)
         if stage.adjusts:
             adjusted, arm = adjust(o, model, adjusted, linear, whitened, change, noise, frozen)
         else:
@@ -125,7 +163,7 @@ def moved(observations: Observations, point: Point, change: Floats, noise: Noise
         return adjusted, *_evaluate(o, model, adjusted, noise, stage, arm)
 
     with np.errstate(all='ignore'):
-        return Point(model, *in_blocks(len(observations.joints), part))
+        return Point(model, *in_blocks(len(observations.joints), part), errors)
 
 
 def _part_of(point: Point, where: slice) -> Point:
@@ -138,6 +176,7 @@ def _part_of(point: Point, where: slice) -> Point:
         pick(point.linear, where),
         pick(point.whitened, where),
         pick(point.distance, where),
+        point.errors,
     )
 
 
@@ -158,11 +197,13 @@ def select(point: Point, which: Mask | Indices) -> Point:
             linear.by_force[which],
             linear.force[which],
             None if linear.by_off_normal is None else linear.by_off_normal[which],
+            None if linear.by_errors is None else linear.by_errors[which],
         ),
         whitened=w._replace(
             residual=w.residual[which],
             derivative=w.derivative[which],
             root=(w.root[0][which], w.root[1][which], w.root[2][which]),
+            by_errors=None if w.by_errors is None else w.by_errors[which],
         ),
         distance=point.distance[which],
     )

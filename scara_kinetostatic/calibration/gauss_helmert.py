@@ -30,6 +30,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, by_touch
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import SensorFrame
@@ -57,6 +58,8 @@ from scara_kinetostatic.model.sensor_error import (
     true_force_derivative,
 )
 
+NO_ERRORS = np.zeros(0)
+NO_ERRORS.setflags(write=False)
 _GROSS_DISTANCE = 200.0
 """A touch whose squared distance is beyond this keeps its observations as measured."""
 
@@ -72,6 +75,9 @@ class Observations(NamedTuple):
         frame: the sensor's frame.
         gripper: the form of (7).
         metadata: what effects need to know besides; None where there are no effects.
+        declared: the errors of the cell description within their uncertainties; None where all is exactly known.
+        errors: their values, (m,), for which force, centres and radii here are corrected.
+        reported: force as the sensor reported it, (n, 2), N; None without declared errors.
     """
 
     joints: Floats
@@ -81,6 +87,23 @@ class Observations(NamedTuple):
     frame: SensorFrame
     gripper: Gripper
     metadata: TouchMetadata | None = None
+    declared: DeclaredErrors | None = None
+    errors: Floats = NO_ERRORS
+    reported: Floats | None = None
+
+    def with_errors(self, errors: Floats) -> Observations:
+        """The same touches in a cell with these declared errors, (m,)."""
+        if self.declared is None:
+            return self
+        assert self.metadata is not None
+        assert self.reported is not None
+        disc = self.metadata.disc
+        return self._replace(
+            force=self.declared.true_force(self.reported, errors),
+            centers=self.declared.centers(errors)[disc],
+            radii=self.declared.radii(errors)[disc],
+            errors=errors,
+        )
 
     def select(self, which: Any) -> Observations:
         """The touches that a mask, a slice or an array of positions picks."""
@@ -91,6 +114,7 @@ class Observations(NamedTuple):
             centers=self.centers[which],
             radii=self.radii[which],
             metadata=metadata,
+            reported=None if self.reported is None else self.reported[which],
         )
 
     def contact_problem(self, joints: Floats, off_normal: Floats | None = None) -> ContactProblem:
@@ -157,13 +181,31 @@ def linearise(
     off = _off_measured(o, adjusted)
     misclosure[:, 0] = e.normal + _row_times(by_joints[:, 0], by_force[:, 0], off)
     misclosure[:, 1] = e.tangent + _row_times(by_joints[:, 1], by_force[:, 1], off)
+    by_errors = None if o.declared is None else _by_errors(o, adjusted.force, state, by_force)
     if not model.off_normal_std:
-        return Linearisation(misclosure, derivative, by_joints, by_force, adjusted.force)
+        return Linearisation(misclosure, derivative, by_joints, by_force, adjusted.force, by_errors=by_errors)
     by_off_normal = off_normal_derivative(model, contact_problem, state, e)
     if adjusted.off_normal is not None:
         misclosure -= by_off_normal * adjusted.off_normal[:, None]
     by_angle = model.off_normal_std * by_off_normal
-    return Linearisation(misclosure, derivative, by_joints, by_force, adjusted.force, by_angle)
+    return Linearisation(misclosure, derivative, by_joints, by_force, adjusted.force, by_angle, by_errors)
+
+
+def _by_errors(observations: Observations, force: Floats, state: State, by_force: Floats) -> Floats:
+    """h_e: derivatives of the equations by the declared errors, (n, 2, m), m."""
+    o = observations
+    assert o.declared is not None
+    assert o.metadata is not None
+    out = by_touch(o.declared.count, 2, len(o.joints))
+    centers, radii = (part[o.metadata.disc] for part in o.declared.by_disc(o.errors))
+    x, y = np.cos(state.direction)[:, None], np.sin(state.direction)[:, None]
+    out[:, 0] = radii - centers[:, 0] * x - centers[:, 1] * y
+    out[:, 1] = centers[:, 0] * y - centers[:, 1] * x
+    along, across = o.declared.by_force(o.errors)
+    if along.any() or across.any():
+        size = np.hypot(force[:, 0], force[:, 1])[:, None, None]
+        out += size * (by_force[:, :, :1] * along + by_force[:, :, 1:] * across)
+    return out
 
 
 def _off_measured(observations: Observations, adjusted: Adjusted) -> tuple[Floats, Floats, Floats, Floats]:
@@ -206,7 +248,7 @@ def adjust(
         adjusted: the point of linearisation.
         linear: the equations there.
         whitened: the same, whitened.
-        step: ΔL̄, (12,).
+        step: ΔL̄ and the change of the declared errors, (12 + k + m,).
         noise: σ_q and σ_f.
         frozen: whether every joint stays on its flank.
 
@@ -250,8 +292,9 @@ def _times_covariance(noise: Noise, force: Floats, along: Floats, across: Floats
 def _multiplier(whitened: Whitened, step: Floats) -> tuple[Floats, Mask]:
     """V⁻¹ (w + h_L̄ ΔL̄), (n, 2), and which touches are not grossly off, (n,)."""
     l11, l21, l22 = whitened.root
-    n, _, k = whitened.derivative.shape
-    left = whitened.residual.T + (step @ whitened.derivative.transpose(2, 1, 0).reshape(k, 2 * n)).reshape(2, n)
+    jacobian = whitened.jacobian
+    n, _, k = jacobian.shape
+    left = whitened.residual.T + (step @ jacobian.transpose(2, 1, 0).reshape(k, 2 * n)).reshape(2, n)
     close = left[0] * left[0] + left[1] * left[1] < _GROSS_DISTANCE
     multiplier = by_touch(2, n)
     multiplier[:, 1] = left[1] / l22

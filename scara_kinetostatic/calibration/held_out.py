@@ -44,9 +44,9 @@ def held_out_force_error(calibration: Calibration, folds: int = 5) -> HeldOut:
     part = np.random.default_rng(_SEED).permutation(n) % folds
     residual = np.empty((n, 2))
     for fold in range(folds):
-        kept = observe(touches.select(part != fold), c.cell)
+        kept = observe(touches.select(part != fold), c.cell, c.errors)
         start = project(kept, c.model, c.noise).adjusted
         fit = minimise(kept, c.model, start, c.subspace, c.noise, FINAL)
-        left = observe(touches.select(part == fold), c.cell)
+        left = observe(touches.select(part == fold), c.cell, fit.point.errors)
         residual[part == fold] = force_residual(left, fit.point.model)
     return HeldOut(force_error(residual), folds)

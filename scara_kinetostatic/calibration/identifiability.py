@@ -20,9 +20,10 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.blocks import pick
+from scara_kinetostatic.calibration.declared_errors import Prior
 from scara_kinetostatic.calibration.fit_point import Point, select
 from scara_kinetostatic.calibration.gauss_helmert import Observations, linearise, place_force, solve_links
-from scara_kinetostatic.calibration.least_squares import compress, upper_triangle
+from scara_kinetostatic.calibration.least_squares import Compressed, compress, upper_triangle
 from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Noise
@@ -95,7 +96,10 @@ def unidentifiable_directions(observations: Observations, point: Point, free: In
         (k, d) orthonormal columns in units of `SCALES`; d = 0 where all are identifiable.
     """
     scale = np.diag(scales_of(point.model))[:, free]
-    system = compress(point.whitened.derivative, point.whitened.residual, basis=scale)
+    if observations.declared is not None:
+        scale, system = _without_errors(observations.declared.prior, point, scale)
+    else:
+        system = compress(point.whitened.derivative, point.whitened.residual, basis=scale)
     weak = system.values < 1.0
     seen, values = system.right[:, ~weak], system.values[~weak]
     by_noise = _noise_triangle(observations, point, noise) @ scale
@@ -107,6 +111,30 @@ def unidentifiable_directions(observations: Observations, point: Point, free: In
     scaled = system.values[:, None] * system.right.T
     pure = [_purified(row, scaled, by_noise) for row in _sparse_rows(together.T)]
     return np.asarray(np.linalg.qr(np.array(pure).T)[0])
+
+
+def _without_errors(prior: Prior, point: Point, scale: Floats) -> tuple[Floats, Compressed]:
+    """What the touches and the prior say of the parameters, whatever the declared errors are.
+
+    Args:
+        prior: of errors and trusted nominal values.
+        point: the fit.
+        scale: the changes of the parameters, (12 + k, f).
+
+    Returns:
+        The same changes, each with the errors that then fit best, (12 + k + m, f); their compressed system.
+    """
+    values, changes = scale.shape
+    m = prior.errors
+    basis = np.zeros((values + m, m + changes))  # the errors first: what is left of the others is beside them
+    basis[values:, :m], basis[:values, m:] = np.eye(m), scale
+    rows = prior.rows(values)
+    flat = point.whitened.jacobian.reshape(-1, values + m)
+    triangle = upper_triangle(np.concatenate([flat, rows]) @ basis)
+    errors = -np.linalg.solve(triangle[:m, :m], triangle[:m, m:])
+    lifted = basis @ np.concatenate([errors, np.eye(changes)])
+    left = triangle[m:, m:]
+    return lifted, compress(np.stack([left, np.zeros_like(left)], axis=1), np.zeros((changes, 2)))
 
 
 def _purified(row: Floats, scaled: Floats, by_noise: Floats) -> Floats:
@@ -157,7 +185,10 @@ def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -
     state, arm = solve_links(o, model, adjusted.joints, placed, off_normal=adjusted.off_normal)
     linear = linearise(o, model, adjusted._replace(force=force, state=state), arm)
     root = (np.tile(l11, _VARIANTS), np.tile(l21, _VARIANTS), np.tile(l22, _VARIANTS))
-    columns = whiten_by(linear.derivative, root).transpose(2, 1, 0).reshape(-1, 2, _VARIANTS, n)
+    derivative = linear.derivative
+    if linear.by_errors is not None:
+        derivative = np.concatenate([derivative, linear.by_errors], axis=2)
+    columns = whiten_by(derivative, root).transpose(2, 1, 0).reshape(-1, 2, _VARIANTS, n)
     changes = (columns[:, :, 0::2] - columns[:, :, 1::2]) / 2
     return np.asarray(changes.reshape(len(columns), -1).T)
 

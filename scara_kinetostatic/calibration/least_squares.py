@@ -39,7 +39,11 @@ class Compressed(NamedTuple):
 
 
 def compress(
-    derivative: Floats, residual: Floats, weights: Floats | None = None, basis: Floats | None = None
+    derivative: Floats,
+    residual: Floats,
+    weights: Floats | None = None,
+    basis: Floats | None = None,
+    prior: Floats | None = None,
 ) -> Compressed:
     """QR of [J, -r] in blocks of rows, then SVD of the triangle.
 
@@ -48,6 +52,7 @@ def compress(
         residual: r, (n, 2).
         weights: weight of each touch in the sum of squares, (n,); None for 1.
         basis: (k, m), to use J basis instead of J; None for the identity.
+        prior: rows [J, -r] of what is known besides, (p, k + 1); None for nothing.
 
     Raises:
         LinAlgError: J is not finite.
@@ -57,6 +62,8 @@ def compress(
     triangles = []
     for part in blocks(n):
         triangles.append(_triangle(derivative[part], residual[part], None if roots is None else roots[part]))
+    if prior is not None:
+        triangles.append(prior)
     triangle = triangles[0] if len(triangles) == 1 else upper_triangle(np.concatenate(triangles))
     system = triangle[:k, :k] if basis is None else triangle[:k, :k] @ basis
     u, values, vt, trouble = lapack.dgesvd(system, full_matrices=False)

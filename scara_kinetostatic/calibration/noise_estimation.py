@@ -69,16 +69,22 @@ def as_stated(noise: Noise, stated: Noise | None) -> Noise:
 
 
 def estimate_noise(
-    linear: Linearisation, whitened: Whitened, covariance: Floats, noise: Noise, stated: Noise | None = None
+    linear: Linearisation,
+    whitened: Whitened,
+    covariance: Floats,
+    noise: Noise,
+    stated: Noise | None = None,
+    prior: Floats | None = None,
 ) -> Noise:
     """One round of REML at a fit.
 
     Args:
         linear: the equations of the used touches.
         whitened: the same, whitened with `noise`.
-        covariance: C of the parameters in the scale of `whitened.derivative`, (12, 12).
+        covariance: C of the parameters in the scale of `whitened.jacobian`, (12 + k + m, 12 + k + m).
         noise: the levels so far; its components are those that are estimated.
         stated: what the cell description says of them, which is kept; None for nothing.
+        prior: derivatives of what is known besides, with unit variances, (p, 12 + k + m); None for nothing.
 
     Returns:
         The levels that the residuals call for, each within a factor of 10 of before.
@@ -86,8 +92,8 @@ def estimate_noise(
     components = _components(linear, noise, stated)
     parts = [whiten_matrix(part.entries, whitened.root) for part in components.free]
     parts += [whiten_matrix(entries, whitened.root) for entries in components.known]
-    r, jacobian, count = whitened.residual, whitened.derivative, len(components.free)
-    freedoms = r.size - int(np.linalg.matrix_rank(covariance))
+    r, jacobian, count = whitened.residual, whitened.jacobian, len(components.free)
+    freedoms = r.size + (0 if prior is None else len(prior)) - int(np.linalg.matrix_rank(covariance))
     factor = float(np.sqrt(float((r**2).sum()) / max(freedoms, 1)))
     same_ratio = noise if stated else _bounded(noise, noise.scaled(factor))
     if freedoms < _FEWEST_FREEDOMS:
@@ -103,6 +109,8 @@ def estimate_noise(
                 np.einsum('nij,nij->', parts[k], parts[j]) - 2 * np.trace(crossed) + np.trace(normals[k] @ normals[j])
             )
     matrix, vector = matrix[:, :count], vector - matrix[:, count:].sum(axis=1)
+    if prior is not None:  # the errors that it bounds are of known size
+        vector -= [np.trace(normal @ prior.T @ prior @ covariance) for normal in normals[:count]]
     scale = np.array([part.scale for part in components.free])
     if np.linalg.eigvalsh(matrix * np.outer(scale, scale)).min() <= 0:  # some act alike: no telling them apart
         return same_ratio

@@ -31,7 +31,7 @@ def studentised(whitened: Whitened, covariance: Floats, used: Mask) -> Floats:
 
     Args:
         whitened: residuals and Jacobian of all touches, each at its adjusted observations.
-        covariance: of the parameters, in the units of the Jacobian, (12, 12).
+        covariance: of all values of the model and the declared errors, (12 + k + m, 12 + k + m).
         used: which touches took part in the fit.
     """
     return in_blocks(
@@ -40,8 +40,9 @@ def studentised(whitened: Whitened, covariance: Floats, used: Mask) -> Floats:
 
 
 def _studentised(whitened: Whitened, covariance: Floats, sign: Floats) -> Floats:
-    n, _, k = whitened.derivative.shape
-    rows = whitened.derivative.transpose(2, 1, 0).reshape(k, 2 * n)
+    jacobian = whitened.jacobian
+    n, _, k = jacobian.shape
+    rows = jacobian.transpose(2, 1, 0).reshape(k, 2 * n)
     moved, rows = (covariance @ rows).reshape(k, 2, n), rows.reshape(k, 2, n)
     s11, s21, s22 = (sign * (moved[:, i] * rows[:, j]).sum(axis=0) for i, j in ((0, 0), (1, 0), (1, 1)))
     s11, s22 = 1.0 + s11, 1.0 + s22

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from scara_kinetostatic.calibration.blocks import in_blocks
-from scara_kinetostatic.calibration.gauss_helmert import Observations, first_guess
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
+from scara_kinetostatic.calibration.gauss_helmert import NO_ERRORS, Observations, first_guess
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorFrame
@@ -17,15 +18,21 @@ from scara_kinetostatic.model.sensor_error import true_force
 from scara_kinetostatic.model.touch import TouchSet
 
 
-def observe(touches: TouchSet, cell: Cell) -> Observations:
+def observe(touches: TouchSet, cell: Cell, errors: Floats | None = None) -> Observations:
     """The touches as the adjustment takes them.
+
+    Args:
+        touches: what was measured.
+        cell: the cell as stated.
+        errors: its declared errors (`Calibration.errors`), (m,); None for none.
 
     Raises:
         ParameterError: a touch names a disc that the cell does not have.
     """
     if len(touches) and not (touches.disc.min() >= 0 and touches.disc.max() < len(cell.discs)):
         raise ParameterError('touches: disc', f'expected 0 to {len(cell.discs) - 1}, the discs of the cell')
-    return Observations(
+    declared = DeclaredErrors.of(cell)
+    stated = Observations(
         touches.joints,
         touches.force,
         cell.centers[touches.disc],
@@ -33,7 +40,11 @@ def observe(touches: TouchSet, cell: Cell) -> Observations:
         cell.sensor.frame,
         cell.gripper,
         TouchMetadata.of(touches, cell.sensor.frame),
+        declared,
+        NO_ERRORS if declared is None else np.zeros(declared.count),
+        None if declared is None else touches.force,
     )
+    return stated if errors is None else stated.with_errors(errors)
 
 
 def base_force(observations: Observations, model: ExtendedModel) -> Floats:

@@ -46,6 +46,6 @@ def project(observations: Observations, model: ExtendedModel, noise: Noise) -> P
             if number >= _ROUNDS and not np.any(np.abs(point.distance - before) > _CONVERGED * (1 + point.distance)):
                 return point
             before = point.distance
-            still = np.zeros(point.whitened.derivative.shape[2])
+            still = np.zeros(point.whitened.derivative.shape[2] + len(observations.errors))
             adjusted, _ = adjust(observations, model, point.adjusted, point.linear, point.whitened, still, noise)
         return evaluate(observations, model, adjusted, noise)

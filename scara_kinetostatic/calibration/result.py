@@ -23,7 +23,7 @@ from scara_kinetostatic.calibration.identifiability import (
 )
 from scara_kinetostatic.calibration.noise_estimation import is_estimated
 from scara_kinetostatic.calibration.prediction import base_force, force_error, force_residual, observe
-from scara_kinetostatic.calibration.solver import Subspace, Termination
+from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination
 from scara_kinetostatic.model.arrays import Floats, Mask, read_only
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -59,6 +59,27 @@ class Estimate(NamedTuple):
         return cls(value, std, unit, 'confounded' if np.isnan(std) else 'estimated', nominal)
 
 
+class Contribution(NamedTuple):
+    """What one source of uncertainty contributes to the covariance of a fit (GUM, 5.2 and annex H).
+
+    Attributes:
+        label: ``noise`` (type A), that of a declared source (type B), such as ``object_position[disc_1]``, or
+            ``alternative_models``.
+        declared: its declared standard uncertainty; None for noise.
+        unit: of `declared`.
+        covariance: its part of the covariance of all values of the model, (12 + k, 12 + k).
+    """
+
+    label: str
+    declared: float | None
+    unit: str
+    covariance: Floats
+
+
+ALTERNATIVES = 'alternative_models'
+"""Label of what the choice among credible models contributes."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
     """The calibrated model with its uncertainty, and the residual of every touch. Its arrays are read-only.
@@ -76,6 +97,8 @@ class Calibration:
             zero rows where fixed, not meaningful where confounded.
         std: standard uncertainties of L̄, (12,): 0 where fixed, NaN where confounded.
         effect_std: the same of the effects' parameters, (k,).
+        errors: estimates of the declared errors of the cell, in units of their standard uncertainties, (m,).
+        contributions: what each source contributes to `covariance`, type A and type B; they add up to it.
         status: of each parameter of L̄ by name, ``estimated``, ``fixed`` or ``confounded``.
         touches: all touches, used or not.
         used: which took part in the fit, (n,).
@@ -84,8 +107,10 @@ class Calibration:
         noise_source: ``given``, or ``estimated`` where any part of it is.
         force: measured force on the object in the base frame, (n, 2), N.
         standardized: studentised distance of each touch from the model, (n,).
-        chi_square: sum of squared distances of the used touches.
-        degrees_of_freedom: two per used touch less the number of identifiable directions.
+        prior_cost: sum of squares of the declared errors and of trusted nominal values, in standard uncertainties.
+        chi_square: sum of squared distances of the used touches, and `prior_cost`.
+        degrees_of_freedom: two per used touch, and one per trusted nominal value, less the number of identifiable
+            directions.
         identifiability: what the data determine and what not.
         iterations: solver steps, all stages together.
         termination: how the last stage ended.
@@ -109,6 +134,8 @@ class Calibration:
     covariance: Floats
     std: Floats
     effect_std: Floats
+    errors: Floats
+    contributions: tuple[Contribution, ...]
     status: Mapping[str, str]
     touches: TouchSet
     used: Mask
@@ -117,6 +144,7 @@ class Calibration:
     noise_source: str
     force: Floats
     standardized: Floats
+    prior_cost: float
     chi_square: float
     degrees_of_freedom: int
     identifiability: Identifiability
@@ -125,7 +153,7 @@ class Calibration:
     history: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        for name in ('covariance', 'std', 'effect_std', 'used', 'force', 'standardized'):
+        for name in ('covariance', 'std', 'effect_std', 'errors', 'used', 'force', 'standardized'):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def __repr__(self) -> str:
@@ -166,6 +194,16 @@ class Calibration:
         }
 
     @property
+    def trusted(self) -> int:
+        """How many nominal values are trusted (`Cell.uncertainty.nominal`) and free."""
+        return sum(name not in self.fixed for name in self.cell.uncertainty.nominal)
+
+    @property
+    def std_noise(self) -> Floats:
+        """The part of `std` that noise contributes, (12,): standard uncertainty if all that is declared were exact."""
+        return np.asarray(np.sqrt(np.clip(np.diag(self.contributions[0].covariance)[: len(NAMES)], 0.0, None)))
+
+    @property
     def effect_stds(self) -> list[Floats]:
         """`effect_std` as one array per effect."""
         return self.model.split(self.effect_std)
@@ -173,7 +211,7 @@ class Calibration:
     @cached_property
     def residual(self) -> Floats:
         """F - A(Q, L̄), (n, 2), N."""
-        return read_only(force_residual(observe(self.touches, self.cell), self.model))
+        return read_only(force_residual(observe(self.touches, self.cell, self.errors), self.model))
 
     @cached_property
     def nominal_residual(self) -> Floats:
@@ -228,7 +266,9 @@ def build_result(
     """
     fit, used = found.fit, found.used
     model = fit.point.model
-    covariance, chi_square, freedoms = _covariance(found)
+    observations = observations.with_errors(fit.point.errors)
+    contributions, chi_square, freedoms = _contributions(found, observations)
+    covariance = np.sum([part.covariance for part in contributions], axis=0)
     std = np.sqrt(np.diag(covariance))
     identifiability = _identifiability(found, observations, covariance, std, fixed)
     confounded = {name for group in identifiability.confounded for name in group}
@@ -243,6 +283,8 @@ def build_result(
         covariance=covariance,
         std=std[: len(NAMES)],
         effect_std=std[len(NAMES) :],
+        errors=fit.point.errors,
+        contributions=contributions,
         status=status,
         touches=touches,
         used=used,
@@ -251,6 +293,7 @@ def build_result(
         noise_source='estimated' if is_estimated(found.noise, cell.noise) else 'given',
         force=base_force(observations, model),
         standardized=np.sqrt(found.distance),
+        prior_cost=fit.prior_cost,
         chi_square=chi_square,
         degrees_of_freedom=freedoms,
         identifiability=identifiability,
@@ -260,13 +303,29 @@ def build_result(
     )
 
 
-def _covariance(found: Estimation) -> tuple[Floats, float, int]:
-    """Covariance, enlarged where the stated noise does not cover the residuals; chi-square; degrees of freedom."""
-    chi_square = float(found.fit.point.distance[found.used].sum())
+def _contributions(found: Estimation, observations: Observations) -> tuple[tuple[Contribution, ...], float, int]:
+    """What noise and each declared source contribute to the covariance, chi-square, degrees of freedom.
+
+    With C the covariance of the fit and P the rows of the prior, the estimate moves by -C P_sᵀ e_s with the true errors
+    e_s of a source, so that this contributes C P_sᵀ P_s C, and noise the rest. Where the residuals are larger than
+    noise and declared errors can be, all are enlarged alike.
+    """
+    fit, values = found.fit, len(found.subspace.origin)
+    covariance = covariance_of_fit(fit, found.subspace)
+    prior = ActivePrior.of(observations, found.subspace)
+    chi_square = float(fit.point.distance[found.used].sum()) + fit.prior_cost
     freedoms = 2 * int(found.used.sum()) - found.subspace.basis.shape[1]
-    covariance = covariance_of_fit(found.fit, found.subspace)
-    enlarged = chdtrc(freedoms, chi_square) < _MISFIT
-    return covariance * (chi_square / freedoms if enlarged else 1.0), chi_square, freedoms
+    parts = []
+    if prior is not None:
+        freedoms += int(prior.active.sum()) - prior.prior.errors
+        moved = covariance[:values] @ prior.prior.rows(values).T
+        for source, where in prior.prior.by_source():
+            part = moved[:, where]
+            parts.append(Contribution(source.label, source.std, source.unit, part @ part.T))
+    noise = covariance[:values, :values] - np.sum([part.covariance for part in parts], axis=0) if parts else covariance
+    enlarged = chi_square / freedoms if chdtrc(freedoms, chi_square) < _MISFIT else 1.0
+    every = (Contribution('noise', None, '', noise), *parts)
+    return tuple(part._replace(covariance=enlarged * part.covariance) for part in every), chi_square, freedoms
 
 
 def _rejections(

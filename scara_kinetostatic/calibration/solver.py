@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration import least_squares
+from scara_kinetostatic.calibration.declared_errors import Prior
 from scara_kinetostatic.calibration.fit_point import Point, Stage, evaluate, last_step, moved
 from scara_kinetostatic.calibration.gauss_helmert import (
     Adjusted,
@@ -77,13 +78,23 @@ class Subspace(NamedTuple):
         y = np.linalg.lstsq(self.basis, model.as_array() - self.origin, rcond=None)[0]
         return model.with_array(self.origin + self.basis @ y)
 
+    def with_errors(self, count: int) -> Floats:
+        """The basis beside that of as many declared errors, which are always free, (12 + k + count, m + count)."""
+        if not count:
+            return self.basis
+        values, changes = self.basis.shape
+        basis = np.zeros((values + count, changes + count))
+        basis[:values, :changes], basis[values:, changes:] = self.basis, np.eye(count)
+        return basis
+
 
 class Fit(NamedTuple):
     """Where a run ended, and how.
 
     Attributes:
         point: the last accepted point.
-        system: the compressed system there, in y.
+        system: the compressed system there, in y and the declared errors.
+        prior_cost: squared residuals of what is known beforehand, together.
         iterations: steps tried.
         history: robust or plain cost after each step.
         termination: how it ended.
@@ -94,13 +105,14 @@ class Fit(NamedTuple):
     iterations: int
     history: tuple[float, ...]
     termination: Termination
+    prior_cost: float = 0.0
 
 
 class _Step(NamedTuple):
     """A step of the descent.
 
     Attributes:
-        change: of all values of the model, (12 + k,).
+        change: of all values of the model and the declared errors, (12 + k + m,).
         shift: by how many standard deviations it moves the predictions, all touches together.
         length: its largest component in scaled parameters.
     """
@@ -110,35 +122,77 @@ class _Step(NamedTuple):
     length: float
 
 
-def _descend(system: least_squares.Compressed, subspace: Subspace, damping: float) -> _Step:
+def _descend(system: least_squares.Compressed, basis: Floats, damping: float) -> _Step:
     """The damped Gauss–Newton step of a linearised system."""
     y = least_squares.damped_step(system, damping)
     shift, length = least_squares.predicted_shift(system, y), float(np.abs(y).max(initial=0.0))
-    return _Step(subspace.basis @ y, shift, length)
+    return _Step(basis @ y, shift, length)
+
+
+class ActivePrior(NamedTuple):
+    """The rows of the prior that a subspace does not leave constant.
+
+    Attributes:
+        prior: of the cell.
+        active: which of its rows, (p + m,).
+    """
+
+    prior: Prior
+    active: Mask
+
+    @classmethod
+    def of(cls, observations: Observations, subspace: Subspace) -> ActivePrior | None:
+        """The prior of touches; None where everything counts as exactly known."""
+        if observations.declared is None:
+            return None
+        prior = observations.declared.prior
+        rows = prior.rows(len(subspace.origin)) @ subspace.with_errors(prior.errors)
+        return cls(prior, np.asarray(np.abs(rows).max(axis=1, initial=0.0) > 0))
+
+    def rows(self, values: int) -> Floats:
+        """Derivatives of the residuals, (p, values + m)."""
+        return self.prior.rows(values)[self.active]
+
+    def residual(self, point: Point) -> Floats:
+        """Residuals at a point, (p,), in standard uncertainties."""
+        return self.prior.residual(point.model.as_array(), point.errors)[self.active]
+
+    def system(self, point: Point) -> Floats:
+        """The rows [J, -r] at a point."""
+        residual = self.residual(point)
+        rows = self.rows(point.whitened.derivative.shape[2])
+        return np.concatenate([rows, -residual[:, None]], axis=1)
+
+    def cost(self, point: Point) -> float:
+        """Sum of the squared residuals."""
+        return float((self.residual(point) ** 2).sum())
 
 
 class _Loss(NamedTuple):
-    """What a run minimises over the used touches; None for all.
+    """What a run minimises over the used touches, None for all, and what is known beforehand.
 
     The scale of Cauchy's loss follows the residuals of the point it was last linearised at.
     """
 
     robust: bool
     used: Mask | None
+    prior: ActivePrior | None
 
-    def system(self, point: Point, subspace: Subspace) -> tuple[least_squares.Compressed, float]:
+    def system(self, point: Point, basis: Floats) -> tuple[least_squares.Compressed, float]:
         """The linear least-squares problem at a point, and the scale of the loss there."""
         scale, weights = 1.0, None if self.used is None else self.used.astype(float)
         if self.robust:
             scale = least_squares.typical_scale(self._of_used(point))
             weights = least_squares.robust_weights(point.distance, scale) * (1.0 if weights is None else weights)
         w = point.whitened
-        return least_squares.compress(w.derivative, w.residual, weights, subspace.basis), scale
+        prior = None if self.prior is None else self.prior.system(point)
+        return least_squares.compress(w.jacobian, w.residual, weights, basis, prior), scale
 
     def cost(self, point: Point, scale: float) -> float:
         """The loss at a point."""
         distance = self._of_used(point)
-        return least_squares.robust_cost(distance, scale) if self.robust else float(distance.sum())
+        touches = least_squares.robust_cost(distance, scale) if self.robust else float(distance.sum())
+        return touches + (0.0 if self.prior is None else self.prior.cost(point))
 
     def _of_used(self, point: Point) -> Floats:
         return point.distance if self.used is None else point.distance[self.used]
@@ -246,7 +300,7 @@ def minimise(
     """Find the model of least cost in a subspace.
 
     Args:
-        observations: the touches.
+        observations: the touches, with the declared errors to start from.
         start: the model to start from.
         adjusted: adjusted observations to start from (`first_guess`, or those of an earlier run).
         subspace: the changes allowed.
@@ -258,18 +312,20 @@ def minimise(
     Returns:
         The fit; how it ended is in `termination`, nothing is raised.
     """
-    loss = _Loss(stage.robust, None if used is None or used.all() else used)
+    loss = _Loss(stage.robust, None if used is None or used.all() else used, ActivePrior.of(observations, subspace))
+    basis = subspace.with_errors(len(observations.errors))
     convergence = _Convergence.of(stage, len(observations.joints), start)
     acceptance = _Acceptance(stage.damping)
     point = evaluate(observations, start, adjusted, noise, stage)
-    system, scale = loss.system(point, subspace)
+    system, scale = loss.system(point, basis)
     damping, history, least = stage.damping, list[float](), list[float]()
 
     def ended(iterations: int, termination: Termination) -> Fit:
-        return Fit(point, system, iterations, tuple(history), termination)
+        known = 0.0 if loss.prior is None else loss.prior.cost(point)
+        return Fit(point, system, iterations, tuple(history), termination, known)
 
     for iteration in range(1, max_iterations + 1):
-        step = _descend(system, subspace, damping)
+        step = _descend(system, basis, damping)
         last, undamped = convergence.is_reached(step), damping == stage.damping
         if (last and not stage.adjusts) or (undamped and convergence.is_negligible(step, history)):
             point = last_step(point, step.change)
@@ -280,7 +336,7 @@ def minimise(
         if (last and np.isfinite(cost)) or acceptance.accepts(step, loss.cost(point, scale), cost):
             point, damping = trial, acceptance.lowered(damping)
             history.append(cost)
-            system, scale = loss.system(point, subspace)
+            system, scale = loss.system(point, basis)
             if last:
                 return ended(iteration, Termination.CONVERGED)
         else:

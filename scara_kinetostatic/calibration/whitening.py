@@ -20,6 +20,7 @@ class Linearisation(NamedTuple):
         by_force: h_F in radial and tangential components of F̂, (n, 2, 2), m/N.
         force: F̂ in the sensor's frame, (n, 2), N.
         by_off_normal: h_α times the standard deviation of the off-normal angle, (n, 2), m; None without.
+        by_errors: h_e by the declared errors of the cell, (n, 2, m), m; None without.
     """
 
     misclosure: Floats
@@ -28,6 +29,7 @@ class Linearisation(NamedTuple):
     by_force: Floats
     force: Floats
     by_off_normal: Floats | None = None
+    by_errors: Floats | None = None
 
 
 class Whitened(NamedTuple):
@@ -37,11 +39,23 @@ class Whitened(NamedTuple):
         residual: (n, 2).
         derivative: (n, 2, 12 + k).
         root: lower Cholesky factor of V, as (l11, l21, l22), (n,) each.
+        by_errors: (n, 2, m); None without declared errors.
     """
 
     residual: Floats
     derivative: Floats
     root: tuple[Floats, Floats, Floats]
+    by_errors: Floats | None = None
+
+    @property
+    def jacobian(self) -> Floats:
+        """The derivatives by all values of the model and the declared errors, (n, 2, 12 + k + m)."""
+        if self.by_errors is None:
+            return self.derivative
+        n, _, k = self.derivative.shape
+        both = by_touch(k + self.by_errors.shape[2], 2, n)
+        both[:, :, :k], both[:, :, k:] = self.derivative, self.by_errors
+        return both
 
 
 def by_touch(*shape: int) -> Floats:
@@ -102,7 +116,8 @@ def whiten(linear: Linearisation, noise: Noise, extra: Floats | float = 0.0) -> 
     l21 = v21 / l11
     l22 = np.sqrt(np.maximum(v22 - l21 * l21, 1e-12 * v22))
     root = (l11, l21, l22)
-    return Whitened(whiten_by(linear.misclosure, root), whiten_by(linear.derivative, root), root)
+    by_errors = None if linear.by_errors is None else whiten_by(linear.by_errors, root)
+    return Whitened(whiten_by(linear.misclosure, root), whiten_by(linear.derivative, root), root, by_errors)
 
 
 def whiten_by(array: Floats, root: tuple[Floats, Floats, Floats]) -> Floats:

@@ -16,7 +16,7 @@ import numpy as np
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
-from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.result import ALTERNATIVES, Calibration, Contribution
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.candidates import (
     Candidate,
@@ -163,7 +163,7 @@ def _fit_variants(extended: Calibration, variants: Sequence[ExtendedModel]) -> l
 
 def _fit_variant(extended: Calibration, start: ExtendedModel) -> Calibration | None:
     c = extended
-    warm_start = WarmStart(start, c.noise, c.used)
+    warm_start = WarmStart(start, c.noise, c.used, c.errors)
     try:
         fit = calibrate(c.touches, c.cell, start.effects, fixed=c.fixed, warm_start=warm_start)
     except UnsupportedDataError:
@@ -215,7 +215,21 @@ def widened_by(extended: Calibration, others: Sequence[Calibration]) -> Calibrat
     std = np.sqrt(np.diag(covariance))
     known = np.concatenate([extended.std, extended.effect_std])
     std = np.where(known > 0, std, known)
-    return replace(extended, covariance=covariance, std=std[: len(NAMES)], effect_std=std[len(NAMES) :])
+    contributions = _with_alternatives(extended, covariance)
+    return replace(
+        extended,
+        covariance=covariance,
+        contributions=contributions,
+        std=std[: len(NAMES)],
+        effect_std=std[len(NAMES) :],
+    )
+
+
+def _with_alternatives(extended: Calibration, covariance: Floats) -> tuple[Contribution, ...]:
+    """The contributions to a covariance that has grown, what it has grown by as that of other credible models."""
+    known = [part for part in extended.contributions if part.label != ALTERNATIVES]
+    rest = covariance - np.sum([part.covariance for part in known], axis=0)
+    return (*known, Contribution(ALTERNATIVES, None, '', rest))
 
 
 def widened_by_constants(extended: Calibration, fits: Sequence[Calibration]) -> Calibration:
@@ -242,4 +256,6 @@ def widened_by_constants(extended: Calibration, fits: Sequence[Calibration]) -> 
         place = NAMES.index(name)
         covariance[place, place] += size**2 if extended.std[place] > 0 else 0.0
     std = np.where(extended.std > 0, np.sqrt(np.diag(covariance)[: len(NAMES)]), extended.std)
-    return replace(extended, covariance=covariance, std=std)
+    if not largest:
+        return extended
+    return replace(extended, covariance=covariance, contributions=_with_alternatives(extended, covariance), std=std)

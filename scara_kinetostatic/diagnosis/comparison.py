@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.fit_point import Point
+from scara_kinetostatic.calibration.fit_point import Point, augmented
 from scara_kinetostatic.calibration.gauss_helmert import Observations
 from scara_kinetostatic.calibration.prediction import force_error, observe
 from scara_kinetostatic.calibration.projection import project
@@ -135,17 +135,18 @@ def compare(base: Calibration, final: Calibration, held_out: float, final_held_o
 def _errors(c: Calibration, final: Calibration, held_out: float) -> ModelErrors:
     """One model in the noise of the final one."""
     n = int(c.used.sum())
-    observations = observe(c.touches.select(c.used), c.cell)
+    observations = observe(c.touches.select(c.used), c.cell, c.errors)
     point = project(observations, c.model, final.noise)
-    base = orthonormal((point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1))
-    chi_square = c.chi_square if c is final else float(point.distance.sum())
+    base = orthonormal(augmented(point, (point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1)))[: 2 * n]
+    chi_square = c.chi_square if c is final else float(point.distance.sum()) + c.prior_cost
+    freedoms = 2 * n + c.trusted - c.subspace.basis.shape[1]
     across_circle = _whitened_normal(observations, point)
     tip = TipError(
         rms((point.whitened.residual * across_circle).sum(axis=1)),
         rms((_left_out(base, point.whitened.residual) * across_circle).sum(axis=1)),
         rms(across_circle.ravel()) * 2**0.5,
     )
-    return ModelErrors(force_error(c.residual[c.used]), held_out, chi_square / (2 * n - c.subspace.basis.shape[1]), tip)
+    return ModelErrors(force_error(c.residual[c.used]), held_out, chi_square / freedoms, tip)
 
 
 def _whitened_normal(observations: Observations, point: Point) -> Floats:

@@ -15,7 +15,7 @@ from scipy import special
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
-from scara_kinetostatic.calibration.fit_point import Point
+from scara_kinetostatic.calibration.fit_point import Point, augmented
 from scara_kinetostatic.calibration.gauss_helmert import Observations
 from scara_kinetostatic.calibration.noise_estimation import whiten_matrix
 from scara_kinetostatic.calibration.prediction import observe
@@ -63,10 +63,10 @@ def growing_p_value(calibration: Calibration) -> float:
 def _excess(calibration: Calibration, kind: str, beside: tuple[str, ...]) -> float:
     """P-value of "there is no variance of this kind", with those of other kinds of any size."""
     c = calibration
-    observations = observe(c.touches.select(c.used), c.cell)
+    observations = observe(c.touches.select(c.used), c.cell, c.errors)
     point = project(observations, c.model, c.noise)
     jacobian = (point.whitened.derivative @ c.subspace.basis).reshape(2 * len(point.distance), -1)
-    base = orthonormal(jacobian)
+    base = orthonormal(augmented(point, jacobian)[: len(jacobian)])  # whatever the declared errors are
     residual = point.whitened.residual.ravel()
     left = residual - base @ (base.T @ residual)
     size = max(float(left @ left) / max(len(left) - base.shape[1], 1), _LEAST_VARIANCE)
@@ -105,7 +105,7 @@ def fit_with_off_normal(calibration: Calibration) -> Calibration:
     off_normal, used, latest = _FIRST_STD, np.ones(len(c.touches), dtype=bool), c
     for _ in range(_ROUNDS):
         effects = (OffNormalForce(off_normal=off_normal), *others)
-        warm_start = WarmStart(latest.model.with_effects(effects), latest.noise, used)
+        warm_start = WarmStart(latest.model.with_effects(effects), latest.noise, used, latest.errors)
         latest = calibrate(c.touches, c.cell, effects, fixed=c.fixed, warm_start=warm_start)
         used, before = latest.used, off_normal
         off_normal = max(_updated(latest, off_normal), _LEAST_STD)
@@ -128,7 +128,7 @@ def with_free_off_normal_angles(calibration: Calibration) -> Calibration:
 
 def _updated(c: Calibration, off_normal: float) -> float:
     """One step of expectation and maximisation."""
-    point = project(observe(c.touches.select(c.used), c.cell), c.model, c.noise)
+    point = project(observe(c.touches.select(c.used), c.cell, c.errors), c.model, c.noise)
     assert point.linear.by_off_normal is not None
     assert point.adjusted.off_normal is not None
     shrunk = whiten_by(point.linear.by_off_normal, point.whitened.root)

@@ -75,7 +75,7 @@ def _with_estimated_noise(calibration: Calibration) -> Calibration:
     """The same fit with the noise estimated from its touches; itself where that has no fit."""
     c = calibration
     try:
-        warm_start = WarmStart(c.model, c.noise, c.used)
+        warm_start = WarmStart(c.model, c.noise, c.used, c.errors)
         return calibrate(c.touches, replace(c.cell, noise=None), fixed=c.fixed, warm_start=warm_start)
     except UnsupportedDataError:
         return c

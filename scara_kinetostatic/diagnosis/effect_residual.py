@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
+from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.base import at_joint
 from scara_kinetostatic.model.arrays import Floats
@@ -113,7 +113,7 @@ def _residual(models: _Models, item: Found) -> EffectResidual:
     channels = _channels(problem, item)
     which = int(np.argmax([float(np.linalg.norm(_moved(problem, each))) for each in channels]))
     channel = channels[which]
-    unit = problem.column(channel.shift, channel.sensor_error).reshape(-1, 2)
+    unit = problem.change(channel.shift, channel.sensor_error).reshape(-1, 2)
     weight = np.linalg.norm(unit, axis=1)
     kept = item.effect.acts_on(problem.touch_state) & (weight > np.median(weight) / _UNCLEAR)
     x_label, x = _variable(problem, item)
@@ -123,7 +123,9 @@ def _residual(models: _Models, item: Found) -> EffectResidual:
     old = unit
     if is_only_effect:
         there = _channels(models.before, item)[which]
-        before, old = models.before.left, models.before.column(there.shift, there.sensor_error).reshape(-1, 2)
+        alone = models.before
+        before = alone.refitted(alone.point.whitened.residual.ravel(), alone.point.errors)
+        old = alone.change(there.shift, there.sensor_error).reshape(-1, 2)
 
     def deviation(column: Floats, residual: Floats) -> Floats:
         scale = np.maximum((column**2).sum(axis=1), 1e-300)
@@ -151,9 +153,9 @@ def _taken_out(models: _Models, item: Found) -> tuple[Floats, bool]:
     amplitudes = [effect.amplitudes(part) for effect, part in zip(final.model.effects, parts, strict=True)]
     out = [other.effect == item.effect or not (other.in_every_model or item.in_every_model) for other in models.found]
     gone = np.repeat(out, [len(part) for part in parts])
-    base = problem.base if gone.all() else orthonormal(np.concatenate([problem.base, columns[:, ~gone]], axis=1))
     lost = columns[:, gone] @ np.concatenate(amplitudes)[gone]
-    return -(lost - base @ (base.T @ lost)).reshape(-1, 2), bool(gone.all())
+    left = problem.refitted(lost, beside=None if gone.all() else columns[:, ~gone])
+    return -left.reshape(-1, 2), bool(gone.all())
 
 
 def _off_normal_residual(models: _Models, item: Found) -> EffectResidual:
@@ -179,7 +181,7 @@ def _off_normal_residual(models: _Models, item: Found) -> EffectResidual:
 
 
 def _moved(problem: Problem, channel: _Channel) -> Floats:
-    column = problem.column(channel.shift, channel.sensor_error).reshape(-1, 2)
+    column = problem.change(channel.shift, channel.sensor_error).reshape(-1, 2)
     return np.asarray(channel.size[:, None] * column)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from scara_kinetostatic.calibration.fit_point import Point
+from scara_kinetostatic.calibration.fit_point import Point, unfitted
 from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
@@ -160,17 +160,18 @@ def find_dependences(calibration: Calibration) -> tuple[Dependence, ...]:
         One test per family that is independent of the fitted parameters, the most significant first.
     """
     c = calibration
-    observations = observe(c.touches.select(c.used), c.cell)
+    observations = observe(c.touches.select(c.used), c.cell, c.errors)
     point = project(observations, c.model, c.noise)
     n = len(point.distance)
     uninformative = n if c.model.off_normal_std else 0
-    jacobian = (point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1)
+    marginal, unprojected = unfitted(point)
+    jacobian = marginal.apply((point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1))
     base = np.linalg.qr(jacobian)[0]
-    residual = point.whitened.residual.ravel() - base @ (base.T @ point.whitened.residual.ravel())
+    residual = unprojected - base @ (base.T @ unprojected)
     dependences = []
     for family in _families(c, point):
         noise = None if family.noise is None else family.noise.reshape(2 * n, -1)
-        dependence = _test(residual, base, family.columns.reshape(2 * n, -1), noise, uninformative)
+        dependence = _test(residual, base, marginal.apply(family.columns.reshape(2 * n, -1)), noise, uninformative)
         if dependence is not None:
             dependences.append(Dependence(family.name, *dependence))
     return tuple(sorted(dependences, key=lambda dependence: dependence.p_value))

@@ -7,6 +7,9 @@ At a fit, the whitened misclosures of the used touches are linear in what is add
 with J the derivatives by L̄ and X those by the parameters of effects. Where the fit already has effects, y is
 what it would be without them, to first order. So all effects, those already fitted included, are compared alike;
 fitting them only improves the point of linearisation and the noise.
+
+Where the cell description declares uncertainties, y is what it would be without such errors, and all rows are
+multiplied by M (`calibration.declared_errors.Marginal`): an effect has to exceed what was declared.
 """
 
 from __future__ import annotations
@@ -16,7 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.fit_point import Point
+from scara_kinetostatic.calibration.declared_errors import Marginal
+from scara_kinetostatic.calibration.fit_point import Point, augmented, unfitted
 from scara_kinetostatic.calibration.gauss_helmert import Observations
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.prediction import observe
@@ -49,12 +53,14 @@ class Problem(NamedTuple):
         touch_state: what effects depend on, for each touch.
         force: true forces in the sensor's frame, (n, 2), N.
         larger_by_noise: the same touches, each force larger by one standard deviation of the noise left in it.
+        marginal: M, by which whitened rows are multiplied for what declared errors add to their covariance.
         base: orthonormal basis of J, (2n, r).
         left: y projected off J, (2n,).
         noise_given: whether s is known to be 1.
         one_level: whether all forces are the same but for their noise, so that their differences are noise.
         response: derivative of L̄ by y, (12, 2n).
         without_effects: change of L̄ where the effects of the fit are left out, to first order, (12,).
+        jacobian: the whitened derivatives by what the touches determine of L̄, (2n, r), not multiplied by M.
     """
 
     point: Point
@@ -62,12 +68,14 @@ class Problem(NamedTuple):
     touch_state: TouchState
     force: Floats
     larger_by_noise: TouchState
+    marginal: Marginal
     base: Floats
     left: Floats
     noise_given: bool
     one_level: bool
     response: Floats
     without_effects: Floats
+    jacobian: Floats
 
     @property
     def freedoms(self) -> int:
@@ -89,12 +97,32 @@ class Problem(NamedTuple):
         return self.columns(changed) - self.columns(trial)
 
     def column(self, shift: Shift, sensor_error: Floats | None = None) -> Floats:
-        """Change of the whitened misclosures by a shift and an error of the sensor, (2n,)."""
+        """Column of X by a shift and an error of the sensor, (2n,)."""
+        return self.marginal.apply(self.change(shift, sensor_error))
+
+    def change(self, shift: Shift, sensor_error: Floats | None = None) -> Floats:
+        """Change of the whitened misclosures by a shift and an error of the sensor, touch by touch, (2n,)."""
         h = shift_column(shift, self.point.adjusted.state, self.equations)
         if sensor_error is not None:
             off = along_and_across(sensor_error, self.point.adjusted.force)
             h = h - np.einsum('nij,nj->ni', self.point.linear.by_force, off)
         return whiten_by(h, self.point.whitened.root).ravel()
+
+    def refitted(self, change: Floats, errors: Floats | None = None, beside: Floats | None = None) -> Floats:
+        """What is left of changes of the whitened misclosures after another fit.
+
+        Args:
+            change: (2n,).
+            errors: change of the declared errors, (m,); None for none.
+            beside: columns that are fitted as well, (2n, k); None for L̄ and the declared errors alone.
+        """
+        fitted = self.jacobian if beside is None else np.concatenate([self.jacobian, beside], axis=1)
+        basis = orthonormal(augmented(self.point, fitted))
+        rows = np.zeros(len(basis))
+        rows[: len(change)] = change
+        if errors is not None:
+            rows[len(change) :] = errors
+        return np.asarray((rows - basis @ (basis.T @ rows))[: len(change)])
 
 
 def pose_problem(calibration: Calibration) -> Problem:
@@ -105,7 +133,7 @@ def pose_problem(calibration: Calibration) -> Problem:
     """
     c = calibration
     touches = c.touches.select(_some(c.used))
-    observations = observe(touches, c.cell)
+    observations = observe(touches, c.cell, c.errors)
     point = project(observations, c.model, c.noise)
     identifiable = _identifiable(c, observations, point) if c.model.effects else c.subspace.basis
     contact_problem = observations.contact_problem(point.adjusted.joints, point.adjusted.off_normal)
@@ -120,23 +148,27 @@ def pose_problem(calibration: Calibration) -> Problem:
     ).items():  # the effects are to be taken out, and this with them
         by_base[:, :, NAMES.index(name)] -= whiten_by(shift_column(shift, state, equations), point.whitened.root)
     jacobian = (by_base @ identifiable).reshape(2 * len(touches), -1)
-    base = orthonormal(jacobian)
+    marginal, unprojected = unfitted(point)
+    whitened = marginal.apply(jacobian)
+    base = orthonormal(whitened)
     problem = Problem(
         point=point,
         equations=equations,
         touch_state=touch_state,
         force=true_force(c.model, point.adjusted.force, observations.metadata),
         larger_by_noise=_with_larger_force(touch_state, noise_left(point.linear, point.whitened.root, c.noise, 0)),
+        marginal=marginal,
         base=base,
         left=np.empty(0),
         noise_given=c.noise_source == 'given',
         one_level=_is_one_level(point, c.noise),
-        response=-identifiable @ np.linalg.pinv(jacobian),
+        response=-identifiable @ np.linalg.pinv(whitened),
         without_effects=np.zeros(len(NAMES)),
+        jacobian=jacobian,
     )
     amplitudes = [effect.amplitudes(part) for effect, part in zip(c.model.effects, c.model.effect_arrays, strict=True)]
     effects = point.whitened.derivative[:, :, len(NAMES) :].reshape(len(base), -1)
-    y = point.whitened.residual.ravel() - effects @ np.concatenate([np.empty(0), *amplitudes])
+    y = unprojected - marginal.apply(effects @ np.concatenate([np.empty(0), *amplitudes]))
     return problem._replace(left=y - base @ (base.T @ y), without_effects=problem.response @ y)
 
 

@@ -4,7 +4,7 @@ Fits may differ in their effects and in the touches that they reject: an effect 
 a displaced disc of which there are few, or a gain that matters at long reach only. So a rejected touch has a penalty,
 too, the squared distance d² beyond which touches are rejected. Over all touches,
 
-    D = Σ_used d² / s² + Σ_rejected d²_rejection + Σ ln det V + penalty of the effects,
+    D = Σ_used d² / s² + Σ_declared e² / s² + Σ_rejected d²_rejection + Σ ln det V + penalty of the effects,
 
 and the smaller D is the likelier model.
 """
@@ -84,7 +84,7 @@ def fit_with(
         start.parameters, (*kept.effects, *start.effects), (*kept.effect_values, *start.effect_values)
     )
     share = share if latest.noise_source == 'estimated' else 1.0
-    warm_start = WarmStart(start, latest.noise.scaled(share), latest.used)
+    warm_start = WarmStart(start, latest.noise.scaled(share), latest.used, latest.errors)
     found = calibrate(
         calibration.touches, calibration.cell, start.effects, fixed=calibration.fixed, warm_start=warm_start
     )
@@ -107,11 +107,11 @@ def penalised_deviance(calibration: Calibration, penalty: float, scale: float) -
         scale: s², the variance in units of which squared distances are counted.
     """
     c = calibration
-    point = project(observe(c.touches, c.cell), c.model, c.noise)
+    point = project(observe(c.touches, c.cell, c.errors), c.model, c.noise)
     l11, _, l22 = point.whitened.root
     rejection = -2 * np.log(FALSE_REJECTIONS / len(c.touches))
     distance = np.where(c.used, point.distance / scale, rejection)
-    return float(np.sum(distance + 2 * np.log(l11 * l22))) + penalty
+    return float(np.sum(distance + 2 * np.log(l11 * l22))) + c.prior_cost / scale + penalty
 
 
 class FittedEffect(NamedTuple):

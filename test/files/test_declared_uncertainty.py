@@ -49,7 +49,7 @@ def test_what_is_absent_is_exactly_known() -> None:
 @pytest.mark.parametrize(
     ('old', 'new', 'message'),
     [
-        ('plate: a', 'plate: b', "objects[0].plate: no plate is named 'b' (the plates are a)"),
+        ('plate: a', 'plate: b', "objects[0].plate: no plate is named 'b'; the plates are a"),
         ('radius: 5.0e-6}', 'radius: -5.0e-6}', 'objects[0].uncertainty.radius: expected 0 or more'),
         ('center: 1.5e-5', 'centre: 1.5e-5', "objects[0].uncertainty: unknown key 'centre'"),
         ('center: 1.0e-3', 'center: 1.0', 'plates[0].uncertainty.center: expected a standard uncertainty of at most'),

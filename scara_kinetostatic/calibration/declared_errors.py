@@ -1,0 +1,235 @@
+"""Errors of the cell description within their declared uncertainties: nuisance parameters with a prior.
+
+The true places of the discs, their radii, gain and rotation of the force sensor differ from the stated ones by unknown
+errors that are the same in all touches. Each is a parameter of the fit, in units of its declared standard uncertainty,
+so that its prior is the standard normal distribution: the fit minimises
+
+    Σ_touches wᵀ V⁻¹ w + Σ_k e_k² + Σ_j ((L_j - L_n,j) / u_j)²,
+
+the last sum over the nominal values that are trusted (`Cell.uncertainty.nominal`). What is an exact alias, such as an
+error of all radii and g_ee, is thereby as uncertain as it was declared. Nothing is needed for it besides.
+
+With e the errors, R(·) a rotation and s the stated values, a disc on a plate with origin o has the centre
+o + t + R(ω) (s + δ - o) and the radius s + ρ + ρ_common; the force is R(-β) F_reported / (1 + γ).
+
+To first order and with w whitened to w + J ΔL + N e, e is eliminated (`Marginal`): its covariance is then I + N Nᵀ.
+
+Sources: GUM (JCGM 100:2008), 4.3 (type B) and F.1.2.4 (correlation by a common error); Mikhail and Ackermann,
+Observations and Least Squares (1976), on parameters observed directly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.parameters import NAMES, UNITS
+
+
+class Source(NamedTuple):
+    """A source of uncertainty that the cell description declares.
+
+    Attributes:
+        label: ``object_position[disc_1]``, ``object_radius[disc_1]``, ``plate_position[a]``, ``plate_angle[a]``,
+            ``radius`` (common to all), ``force_gain``, ``force_rotation``, ``nominal[l1]``, and so on.
+        std: its standard uncertainty; of a place that of each coordinate.
+        unit: of `std`; ``1`` for a pure number.
+        components: how many errors it is: 2 for a place, else 1.
+    """
+
+    label: str
+    std: float
+    unit: str
+    components: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class DeclaredErrors:
+    """The errors e of a cell description, (m,), in units of their standard uncertainties, and what they do.
+
+    Attributes:
+        cell: as stated.
+        sources: of the errors, in their order.
+    """
+
+    cell: Cell
+    sources: tuple[Source, ...]
+
+    @classmethod
+    def of(cls, cell: Cell) -> DeclaredErrors | None:
+        """The declared errors of a cell; None where everything counts as exactly known."""
+        u = cell.uncertainty
+        sources = [
+            *(Source(f'object_position[{d.name}]', d.center_std, 'm', 2) for d in cell.discs),
+            *(Source(f'object_radius[{d.name}]', d.radius_std, 'm') for d in cell.discs),
+            *(Source(f'plate_position[{p.name}]', p.center_std, 'm', 2) for p in cell.plates),
+            *(Source(f'plate_angle[{p.name}]', p.angle_std, 'rad') for p in cell.plates),
+            Source('radius', u.radius, 'm'),
+            Source('force_gain', u.force_gain, '1'),
+            Source('force_rotation', u.force_rotation, 'rad'),
+        ]
+        stated = tuple(source for source in sources if source.std > 0)
+        return cls(cell, stated) if stated or u.nominal else None
+
+    @cached_property
+    def count(self) -> int:
+        """How many errors there are, m."""
+        return sum(source.components for source in self.sources)
+
+    @cached_property
+    def places(self) -> dict[str, Indices]:
+        """Positions of the errors of each source, by label."""
+        ends = np.cumsum([source.components for source in self.sources]).tolist()
+        return {s.label: np.arange(end - s.components, end) for s, end in zip(self.sources, ends, strict=True)}
+
+    def _sizes(self, label: str, errors: Floats, components: int = 1) -> Floats:
+        """Errors of one source in its unit, zero where it is not declared."""
+        if label not in self.places:
+            return np.zeros(components)
+        return errors[self.places[label]] * self._std[label]
+
+    @cached_property
+    def _std(self) -> dict[str, float]:
+        return {source.label: source.std for source in self.sources}
+
+    def centers(self, errors: Floats) -> Floats:
+        """Centres of the discs, (D, 2), m."""
+        return np.array([self._on_plate(number, errors)[0] for number in range(len(self.cell.discs))])
+
+    def radii(self, errors: Floats) -> Floats:
+        """Radii of the discs, (D,), m."""
+        common = self._sizes('radius', errors)[0]
+        own = [self._sizes(f'object_radius[{disc.name}]', errors)[0] for disc in self.cell.discs]
+        return np.asarray(self.cell.radii + own + common)
+
+    def true_force(self, reported: Floats, errors: Floats) -> Floats:
+        """Reported forces (n, 2) in N without the errors of gain and rotation."""
+        gain, angle = self._sizes('force_gain', errors)[0], self._sizes('force_rotation', errors)[0]
+        if gain == 0 and angle == 0:
+            return reported
+        c, s = np.cos(angle) / (1 + gain), np.sin(angle) / (1 + gain)
+        return np.asarray(reported @ np.array([[c, -s], [s, c]]))
+
+    def _on_plate(self, number: int, errors: Floats) -> tuple[Floats, Floats, Floats]:
+        """Centre of a disc, (2,); the rotation of its plate, (2, 2); its derivative by the plate's angle, (2,)."""
+        disc = self.cell.discs[number]
+        stated = np.array([disc.x, disc.y])
+        moved = stated + self._sizes(f'object_position[{disc.name}]', errors, 2)
+        if not disc.plate:
+            return moved, np.eye(2), np.zeros(2)
+        plate = next(plate for plate in self.cell.plates if plate.name == disc.plate)
+        angle = self._sizes(f'plate_angle[{plate.name}]', errors)[0]
+        c, s = np.cos(angle), np.sin(angle)
+        turn, origin = np.array([[c, -s], [s, c]]), np.array([plate.x, plate.y])
+        arm = turn @ (moved - origin)
+        return origin + self._sizes(f'plate_position[{plate.name}]', errors, 2) + arm, turn, np.array([-arm[1], arm[0]])
+
+    def by_disc(self, errors: Floats) -> tuple[Floats, Floats]:
+        """Derivatives of the centres, (D, 2, m), and of the radii, (D, m), by the errors, m."""
+        centers = np.zeros((len(self.cell.discs), 2, self.count))
+        radii = np.zeros((len(self.cell.discs), self.count))
+        for number, disc in enumerate(self.cell.discs):
+            _, turn, by_angle = self._on_plate(number, errors)
+            parts = {
+                f'object_position[{disc.name}]': turn,
+                f'plate_position[{disc.plate}]': np.eye(2),
+                f'plate_angle[{disc.plate}]': by_angle[:, None],
+            }
+            for label, part in parts.items():
+                if label in self.places:
+                    centers[number][:, self.places[label]] = part * self._std[label]
+            for label in (f'object_radius[{disc.name}]', 'radius'):
+                if label in self.places:
+                    radii[number, self.places[label]] = self._std[label]
+        return centers, radii
+
+    def by_force(self, errors: Floats) -> tuple[Floats, Floats]:
+        """Relative change of a force along itself, and across, by the errors, (m,) each."""
+        along, across = np.zeros(self.count), np.zeros(self.count)
+        if 'force_gain' in self.places:
+            gain = self._sizes('force_gain', errors)[0]
+            along[self.places['force_gain']] = -self._std['force_gain'] / (1 + gain)
+        if 'force_rotation' in self.places:
+            across[self.places['force_rotation']] = -self._std['force_rotation']
+        return along, across
+
+    @cached_property
+    def prior(self) -> Prior:
+        """The prior of errors and trusted nominal values."""
+        nominal = self.cell.uncertainty.nominal
+        trusted = [name for name in NAMES if name in nominal]
+        mean = np.array([getattr(self.cell.nominal, name) for name in trusted])
+        stds = np.array([nominal[name] for name in trusted])
+        trusted_sources = [Source(f'nominal[{name}]', nominal[name], UNITS[name]) for name in trusted]
+        return Prior(
+            sources=(*trusted_sources, *self.sources),
+            trusted=np.array([NAMES.index(name) for name in trusted], dtype=np.intp),
+            mean=mean,
+            std=stds,
+            errors=self.count,
+        )
+
+
+class Prior(NamedTuple):
+    """What is known before the fit: rows of a least-squares problem in all values of the model and the errors.
+
+    Attributes:
+        sources: of the rows; a place has two rows.
+        trusted: positions of the trusted nominal values, (p,).
+        mean: these values, (p,), in their units.
+        std: their standard uncertainties, (p,).
+        errors: how many errors there are, m.
+    """
+
+    sources: tuple[Source, ...]
+    trusted: Indices
+    mean: Floats
+    std: Floats
+    errors: int
+
+    def rows(self, values: int) -> Floats:
+        """Derivatives of the residuals by all values of a model and the errors, (p + m, values + m)."""
+        rows = np.zeros((len(self.trusted) + self.errors, values + self.errors))
+        rows[np.arange(len(self.trusted)), self.trusted] = 1 / self.std
+        rows[len(self.trusted) :, values:] = np.eye(self.errors)
+        return rows
+
+    def by_source(self) -> list[tuple[Source, Indices]]:
+        """The sources with the positions of their rows."""
+        ends = np.cumsum([source.components for source in self.sources]).tolist()
+        return [(s, np.arange(end - s.components, end)) for s, end in zip(self.sources, ends, strict=True)]
+
+    def residual(self, values: Floats, errors: Floats) -> Floats:
+        """Residuals, (p + m,), in standard uncertainties."""
+        return np.concatenate([(values[self.trusted] - self.mean) / self.std, errors])
+
+
+class Marginal(NamedTuple):
+    """M = (I + N Nᵀ)^(-1/2): whitened rows, once more whitened for what unknown errors add to their covariance.
+
+    Attributes:
+        basis: orthonormal basis of the columns of N, (2n, r).
+        shrink: eigenvalues of M in it less 1, (r,).
+    """
+
+    basis: Floats
+    shrink: Floats
+
+    @classmethod
+    def of(cls, columns: Floats | None, rows: int) -> Marginal:
+        """M of N, (2n, m), in units of the standard uncertainties; the identity where N is None."""
+        if columns is None or not columns.shape[1]:
+            return cls(np.zeros((rows, 0)), np.zeros(0))
+        basis, singular, _ = np.linalg.svd(columns, full_matrices=False)
+        return cls(basis, 1 / np.sqrt(1 + singular**2) - 1)
+
+    def apply(self, rows: Floats) -> Floats:
+        """M times a vector (2n,) or columns (2n, k)."""
+        if not self.shrink.size:
+            return rows
+        return np.asarray(rows + (self.basis * self.shrink) @ (self.basis.T @ rows))
