@@ -7,6 +7,10 @@ from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 
+import numpy as np
+
+from scara_kinetostatic.assessment.mistake_hypotheses import Origin
+from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, find_mistake
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.bags.messages import reading
 from scara_kinetostatic.bags.reader import read_streams
@@ -16,7 +20,7 @@ from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.result import Diagnosis
-from scara_kinetostatic.errors import CellError, UnsupportedDataError
+from scara_kinetostatic.errors import CellError, InputError, ParameterError, UnsupportedDataError
 from scara_kinetostatic.files.checksum import recording_checksum
 from scara_kinetostatic.files.touch_table import is_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import Cell
@@ -24,6 +28,14 @@ from scara_kinetostatic.model.touch import Rejection, TouchSet, common_reason
 from scara_kinetostatic.touches.detection import Detection, find_touches
 from scara_kinetostatic.touches.table import cell_of_files, touches_of_table
 
+_OTHER_UNITS = (
+    (1e3, 1.0, 'the forces are in kN, not in N'),
+    (1.0, float(np.deg2rad(1.0)), 'the joint angles are in degrees, not in rad'),
+    (1e3, float(np.deg2rad(1.0)), 'the forces are in kN, not in N, and the joint angles in degrees, not in rad'),
+)
+"""Factors of forces and joint angles, with words for each."""
+_MOSTLY = 0.5
+"""Such a unit is right if with it at least this part of the contacts are touches of known objects."""
 Progress = Callable[[str, float], None]
 """Called with the step that begins and the part of the work that is done, 0 to 1."""
 
@@ -53,6 +65,8 @@ def calibrate_recordings(
     tables = [path for path in paths if is_touch_table(path)]
     cell = cell_of_files(cell, tables, [path for path in paths if path not in tables])
     detection = gather_touches(paths, cell, progress)
+    if len(detection.held) < FEWEST_TOUCHES:
+        _check_units(paths, cell)
     recordings = tuple(_recording(path, start) for path, start in zip(paths, detection.starts, strict=True))
     outcome = calibrate_touches(detection, cell, fixed=fixed, sources=paths, progress=progress)
     return replace(outcome, recordings=recordings)
@@ -89,6 +103,7 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress |
         found=found,
         warnings=(*(text for part in parts for text in part.warnings), *_unknown_histories(paths, parts)),
         episodes=tuple(item for part in parts for item in part.episodes),
+        elsewhere=TouchSet.concatenate([part.elsewhere for part in parts]),
         start=parts[0].start,
         starts=tuple(part.start for part in parts),
         contradiction=next((part.contradiction for part in parts if part.contradiction), ''),
@@ -150,6 +165,35 @@ def calibrate_touches(
     """
     detection = Detection(touches, found=len(touches)) if isinstance(touches, TouchSet) else touches
     names = ', '.join(map(str, sources)) or 'these touches'
+    mistake = find_mistake(detection.held, cell, fixed=fixed, origin=_origin(sources))
+    if mistake is not None and mistake.is_gross and calibration is None:
+        raise mistake.error(names)
+    try:
+        return _calibrate_touches(detection, cell, calibration, fixed, sources, names, progress)
+    except ParameterError:
+        raise
+    except (UnsupportedDataError, InputError) as error:
+        if mistake is None:
+            raise
+        raise mistake.error(names) from error
+
+
+def _origin(sources: Sequence[str | Path]) -> Origin:
+    if not sources:
+        return Origin.ARRAYS
+    return Origin.TABLE if all(map(is_touch_table, sources)) else Origin.RECORDING
+
+
+def _calibrate_touches(
+    detection: Detection,
+    cell: Cell,
+    calibration: Calibration | None,
+    fixed: Mapping[str, float] | None,
+    sources: Sequence[str | Path],
+    names: str,
+    progress: Progress | None,
+) -> Outcome:
+    """`calibrate_touches` without a name for the mistake behind a failure."""
     if detection.contradiction:
         keys, problem = detection.contradiction.split(': ', 1)
         raise CellError(keys, problem, 'correct it')
@@ -182,6 +226,24 @@ def calibrate_touches(
 def left_out(calibration: Calibration) -> tuple[Rejection, ...]:
     """The touches that were rejected before the fit: they are not in `Calibration.touches`."""
     return tuple(item for item in calibration.rejected if item.index not in calibration.touches.index)
+
+
+def _check_units(paths: Sequence[str | Path], cell: Cell) -> None:
+    """Check that recordings without touches would not have them with forces in kN, or joint angles in degrees.
+
+    Raises:
+        InputError: they would.
+    """
+    recordings = [path for path in paths if not is_touch_table(path)]
+    for force, angle, what in _OTHER_UNITS if recordings else ():
+        streams = read_streams(recordings[0], cell)
+        joints = replace(streams.joints, position=angle * streams.joints.position)
+        wrench = replace(streams.wrench, force=force * streams.wrench.force)
+        found = find_touches(replace(streams, joints=joints, wrench=wrench), cell)
+        if len(found.touches) >= max(FEWEST_TOUCHES, _MOSTLY * found.found):
+            size = float(np.median(np.hypot(*found.touches.force.T)))
+            problem = f'{what}: then {len(found.touches)} touches are found, of {size:.2g} N (median), else none'
+            raise InputError(recordings[0], problem, 'let the drivers publish rad and N')
 
 
 def _fit_and_diagnose(

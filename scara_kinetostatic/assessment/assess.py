@@ -10,6 +10,7 @@ from scara_kinetostatic.assessment import thresholds
 from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark
 from scara_kinetostatic.assessment.leverage import leverages
+from scara_kinetostatic.assessment.mistakes import find_mistake
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.model.parameters import NAMES
 
@@ -36,6 +37,13 @@ def _nothing_against(evidence: Evidence) -> str:
 
 def _judged_without(evidence: Evidence) -> Iterator[str]:
     yield 'the cell declares no uncertainties and no tolerance: discs and sensor count as exact'
+
+
+def _mistake(evidence: Evidence) -> Iterator[Remark]:
+    """A mistake in the cell description or the touches that explains what is odd."""
+    mistake = find_mistake(evidence.final.touches, evidence.final.cell, evidence.final)
+    if mistake is not None:
+        yield Remark(Grade.UNFIT, mistake.text, mistake.action)
 
 
 def _convergence(evidence: Evidence) -> Iterator[Remark]:
@@ -98,5 +106,5 @@ def _verdict(evidence: Evidence) -> Iterator[Remark]:
         yield Remark(Grade.CAUTION, f'the model is not complete (verdict {evidence.diagnosis.verdict})')
 
 
-CRITERIA = (_convergence, _held_out, _leverage, _values, _undetermined, _verdict)
+CRITERIA = (_mistake, _convergence, _held_out, _leverage, _values, _undetermined, _verdict)
 """In the order in which equally grave reasons are given."""

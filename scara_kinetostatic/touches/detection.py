@@ -63,6 +63,7 @@ class Detection:
         contradiction: a sentence where most touches meet no disc but would with another frame or sign of the sensor;
             empty otherwise.
         memories: what the joints remember of the load after each contact, in the order of time.
+        elsewhere: touches that are rejected because no object is there, each with the nearest one.
     """
 
     touches: TouchSet
@@ -74,15 +75,29 @@ class Detection:
     starts: tuple[int, ...] = ()
     contradiction: str = ''
     memories: tuple[LoadMemory, ...] = field(default=(), repr=False)
+    elsewhere: TouchSet = field(default_factory=lambda: no_touches(), repr=False)
+
+    @property
+    def held(self) -> TouchSet:
+        """All touches with a steady force, those that seem to meet no object as well."""
+        if not len(self.elsewhere):
+            return self.touches
+        held = TouchSet.concatenate([self.touches, self.elsewhere])
+        return held.select(np.argsort(held.index))
 
     def part(self, numbers: Sequence[int]) -> Detection:
         """Some of the touches, numbered from 0 in the order given; `found` is their number."""
         place = {number: place for place, number in enumerate(numbers)}
-        touches = self.touches.select(np.isin(self.touches.index, numbers))
-        index = np.array([place[old] for old in touches.index.tolist()], dtype=np.intp)
+
+        def numbered(touches: TouchSet) -> TouchSet:
+            kept = touches.select(np.isin(touches.index, numbers))
+            index = np.array([place[old] for old in kept.index.tolist()], dtype=np.intp)
+            return kept.replace(index=index, order=index)
+
         return replace(
             self,
-            touches=touches.replace(index=index, order=index),
+            touches=numbered(self.touches),
+            elsewhere=numbered(self.elsewhere),
             rejected=tuple(replace(item, index=place[item.index]) for item in self.rejected if item.index in place),
             found=len(place),
             episodes=tuple(replace(item, index=place[item.index]) for item in self.episodes if item.index in place),
@@ -90,11 +105,14 @@ class Detection:
 
     def renumbered(self, first: int, recording: int = 0) -> Detection:
         """The same with the touches numbered from `first`, as those of one of several recordings."""
-        t = self.touches
-        numbers = np.full(len(t), recording)
+
+        def numbered(t: TouchSet) -> TouchSet:
+            return t.replace(index=t.index + first, order=t.order + first, recording=np.full(len(t), recording))
+
         return replace(
             self,
-            touches=t.replace(index=t.index + first, order=t.order + first, recording=numbers),
+            touches=numbered(self.touches),
+            elsewhere=numbered(self.elsewhere),
             rejected=tuple(replace(item, index=item.index + first) for item in self.rejected),
             episodes=tuple(replace(item, index=item.index + first) for item in self.episodes),
         )
@@ -129,6 +147,7 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
         start=signals.start,
         contradiction=advice[0] if advice else '',
         memories=history.memories,
+        elsewhere=_elsewhere(candidates, cell),
     )
 
 
@@ -182,6 +201,18 @@ def _touch_set(signals: Signals, candidates: list[TouchCandidate], cell: Cell) -
         force_scatter=np.array([p.force_scatter for p in holds]),
         samples=np.array([p.samples for p in holds]),
     )
+
+
+def _elsewhere(candidates: list[TouchCandidate], cell: Cell) -> TouchSet:
+    """The candidates that meet no object."""
+    index = [number for number, candidate in enumerate(candidates) if candidate.reason and candidate.disc >= 0]
+    if not index:
+        return no_touches()
+    lost = [candidates[number] for number in index]
+    joints, force = _means(lost, cell)
+    disc, sides = (np.array([getattr(candidate, name) for candidate in lost]) for name in ('disc', 'posture'))
+    samples = np.array([candidate.hold.samples for candidate in lost if candidate.hold is not None])
+    return TouchSet(joints, force, disc, sides, index=np.array(index), samples=samples)
 
 
 def _approaches(signals: Signals, kept: list[TouchCandidate], candidates: list[TouchCandidate]) -> list[Approach]:

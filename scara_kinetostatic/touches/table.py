@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from scara_kinetostatic.assessment.mistake_hypotheses import Origin
+from scara_kinetostatic.assessment.mistakes import find_mistake
 from scara_kinetostatic.errors import InputError, RecordingError
 from scara_kinetostatic.files.touch_table import TouchTable
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
@@ -19,6 +21,8 @@ from scara_kinetostatic.touches.detection import Detection, Episode
 
 _OPPOSED = -0.5
 """Median cosine between force and the direction to the named disc below which the sign is wrong."""
+_LOST = 0.1
+"""If more than this part of the touches meets no object, a mistake is looked for."""
 _MOSTLY = 0.9
 """The sign is wrong, too, if with the other one at least this part of the touches belongs to discs."""
 
@@ -37,6 +41,7 @@ def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
 
     Raises:
         RecordingError: a row names an object that the cell does not have, or the forces are in another frame or sign.
+        InputError: most touches meet no object, and a mistake explains why.
     """
     cell = in_base_frame(cell)
     names = [disc.name for disc in cell.discs]
@@ -48,15 +53,6 @@ def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
     named = np.array([bool(name) for name in table.objects])
     given = np.array([names.index(name) if name else 0 for name in table.objects], dtype=np.intp)
     disc, known = np.where(named, given, association.disc), named | association.known
-    _check_sign(table, cell, disc, named, association)
-    lost = int(np.sum(~known))
-    if lost and association.advice:
-        problem = f'{lost} of {len(disc)} touches have no object: {association.advice}'
-        raise RecordingError(table.source, problem, 'give the force on the object, in the base frame')
-    reasons = [
-        '' if known[k] else f'no object there; the nearest, {names[disc[k]]!r}, is {1e3 * miss:.0f} mm away'
-        for k, miss in enumerate(association.miss)
-    ]
     touches = TouchSet(
         joints=table.joints,
         force=table.force,
@@ -67,6 +63,19 @@ def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
         press=press_of(table.approach),
         order=order_of_time(table.time),
     )
+    lost = int(np.sum(~known))
+    if lost > _LOST * len(disc):
+        mistake = find_mistake(touches, cell, origin=Origin.TABLE)
+        if mistake is not None:
+            raise mistake.error(table.source)
+    _check_sign(table, cell, disc, named, association)
+    if lost and association.advice:
+        problem = f'{lost} of {len(disc)} touches have no object: {association.advice}'
+        raise RecordingError(table.source, problem, 'give the force on the object, in the base frame')
+    reasons = [
+        '' if known[k] else f'no object there; the nearest, {names[disc[k]]!r}, is {1e3 * miss:.0f} mm away'
+        for k, miss in enumerate(association.miss)
+    ]
     times = [(time, time) for time in table.time.tolist()]
     unknown = np.full(2, np.nan)
     return Detection(
@@ -75,6 +84,7 @@ def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
         found=len(disc),
         warnings=table.notes,
         episodes=tuple(Episode(k, time, time, unknown, reasons[k]) for k, time in enumerate(times)),
+        elsewhere=touches.select(~known),
     )
 
 
