@@ -1,8 +1,8 @@
 """How well touches agree with a description of the cell: a coarse, robust fit of many descriptions at once.
 
-Each statement (`Statements`) is one way to read the touches and the cell. With the link angles that the measured torques
-give, Q* = Q - p c - g sign(c), c = JᵀF, every touch puts the rigid tip at S* = H(Q*), and of the touched disc two
-numbers have to vanish,
+Each statement (`Statements`) is one way to read the touches and the cell. With the link angles that the measured
+torques give, Q* = Q - p c - g sign(c), c = JᵀF, every touch puts the rigid tip at S* = H(Q*), and of the touched disc
+two numbers have to vanish,
 
     d = |c_d - S*| - (r_d - p_ee f - g_ee),        the distance from the circle of contact (5) (7), m,
     a = angle(F) - angle(c_d - S*) + φ,            the off-normal angle of the force, rad,

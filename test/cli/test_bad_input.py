@@ -155,7 +155,8 @@ def test_wrong_sensor(run: Run, recordings: Path, tmp_path: Path, key: str, righ
     (tmp_path / 'cell.yaml').write_text(text.replace(f'{key}: {right}', f'{key}: {wrong}'))
     other = {'sign': 'frame', 'frame': 'sign'}[key]
     result = run('calibrate', recordings / 'good', '--cell', 'cell.yaml')
-    check(result, 2, f"sensor.{key}: with '{wrong}' ", f"touches meet no disc, with '{right}' all 36 meet one")
+    check(result, 2, f"cell.yaml: sensor.{key}: the {key} of the sensor is '{right}', not '{wrong}'")
+    check(result, 2, f'set sensor.{key} to {right}')
     assert f'sensor.{other}' not in result.err
 
 

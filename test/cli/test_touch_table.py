@@ -153,13 +153,13 @@ def test_a_touch_of_nothing_is_rejected_and_stands_among_the_residuals(folder, t
     ('change', 'status', 'message'),
     [
         (lambda table: table._replace(objects=('disc_9', *table.objects[1:])), 2, "the cell has no object 'disc_9'"),
-        (lambda table: table._replace(objects=('',) * 108, force=-table.force), 2, 'change the signs of fx_N and fy_N'),
+        (lambda table: table._replace(objects=('',) * 108, force=-table.force), 2, 'change the signs of fx and fy'),
         (lambda table: table._replace(force=-table.force), 2, 'change the signs of fx_N and fy_N'),
         (lambda table: table._replace(objects=(*table.objects[:9], *[''] * 99), force=-table.force), 2, 'the signs'),
         (lambda table: table._replace(objects=('',) * 108, joints=table.joints + 9), 3, 'no object there'),
-        (lambda table: table._replace(force=1e-3 * table.force), 3, '108 of 108 touches were left out, the first: '),
-        (lambda table: table._replace(force=1e-3 * table.force), 3, 'check the units and the order of joint angles'),
-        (lambda table: table._replace(objects=('',) * 108, joints=table.joints[:, ::-1]), 3, 'check the units and the'),
+        (lambda table: table._replace(force=1e-3 * table.force), 2, 'the forces are in kN, not in N'),
+        (lambda table: table._replace(force=0.02 * table.force), 3, 'check the units and the order of joint angles'),
+        (lambda table: table._replace(objects=('',) * 108, joints=table.joints[:, ::-1]), 2, 'in the wrong order'),
         (lambda table: TouchTable(*(part[:3] if len(part) else part for part in table)), 3, 'touches'),
     ],
 )  # fmt: skip

@@ -11,7 +11,7 @@ from scara_kinetostatic import pipeline
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.effects.registry import find
-from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.errors import CellError, UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
@@ -26,7 +26,7 @@ def test_a_mirrored_sensor_gives_no_result(tmp_path):
     streams = simulate_streams(CELL, PAPER_ACTUAL, default_plan(CELL), seed=3)
     mirrored = replace(streams.wrench, force=streams.wrench.force * [1, -1])
     write_streams(tmp_path / 'mirror.mcap', replace(streams, wrench=mirrored), CELL)
-    with pytest.raises(UnsupportedDataError, match=r'mirror\.mcap: the fit does not converge'):
+    with pytest.raises(CellError, match=r'^sensor: y of the force has the wrong sign .*; let the driver of the sensor'):
         calibrate_recordings([tmp_path / 'mirror.mcap'], CELL)
 
 
