@@ -19,11 +19,13 @@ import numpy as np
 
 from scara_kinetostatic.calibration.fit_point import Point, augmented
 from scara_kinetostatic.calibration.gauss_helmert import Observations
-from scara_kinetostatic.calibration.prediction import force_error, observe
+from scara_kinetostatic.calibration.prediction import base_force, force_error, observe
 from scara_kinetostatic.calibration.projection import project
+from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
 from scara_kinetostatic.model.arrays import Floats, rms
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import NAMES
 
@@ -93,6 +95,8 @@ class Comparison(NamedTuple):
 
     Attributes:
         nominal: e_f with the nominal parameters, N.
+        nominal_tip: distance of the tip predicted by the nominal parameters from the circle it touches, root mean square
+            over the touches, m.
         base: the base model.
         extended: the extended model; the same where nothing was found.
         tip_bias: displacement of the tip H(L̄, Q) by the bias of base, offsets and link lengths: root mean square over
@@ -102,6 +106,7 @@ class Comparison(NamedTuple):
     """
 
     nominal: float
+    nominal_tip: float
     base: ModelErrors
     extended: ModelErrors
     tip_bias: float
@@ -124,12 +129,20 @@ def compare(base: Calibration, final: Calibration, held_out: float, final_held_o
     moved = np.linalg.norm(forward(base.parameters, joints) - forward(final.parameters, joints), axis=1)
     return Comparison(
         nominal=force_error(base.nominal_residual[final.used]),
+        nominal_tip=_nominal_tip(final),
         base=extended if final is base else _errors(before, final, held_out),
         extended=extended,
         tip_bias=float(np.sqrt(np.mean(moved**2))),
         largest_tip_bias=float(moved.max()),
         biases=tuple(_bias(name, base, final) for name in NAMES),
     )
+
+
+def _nominal_tip(c: Calibration) -> float:
+    """Root mean square of the distance of H̄(L̄n, Q, F) from the circle of contact over the used touches, m."""
+    o, nominal = observe(c.touches.select(c.used), c.cell), ExtendedModel(c.cell.nominal)
+    tip, _ = tip_under_force(nominal, o.joints, base_force(o, nominal), o.gripper)
+    return rms(np.linalg.norm(tip - o.centers, axis=1) - o.radii)
 
 
 def _errors(c: Calibration, final: Calibration, held_out: float) -> ModelErrors:

@@ -60,6 +60,10 @@ class ContactCompliance(LinearEffect):
         return [cls(), *(cls.of(number, disc.name) for number, disc in discs)]
 
     @property
+    def title(self) -> str:
+        return super().title if self.target else 'surface of the discs yields'
+
+    @property
     def finding(self) -> str:
         """One disc that yields, or all."""
         return super().finding if self.target else 'the surface of the discs yields under the force'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 
@@ -29,7 +30,12 @@ SCALES = {
     'g1': _MICRO_RADIAN,
     'g2': _MICRO_RADIAN,
 }
-"""The unit in which each of the twelve parameters is shown."""
+"""The unit in which each of the twelve parameters is shown on a terminal."""
+_DEGREE = Scale('°', 180 / math.pi)
+PAGE_SCALES = SCALES | dict.fromkeys(('theta1', 'theta2', 'g1', 'g2'), _DEGREE) | {'g_ee': _MILLI_METRE}
+"""The same on a page: lengths in millimetres, angles in degrees."""
+PAGE_UNITS = {'m': _MILLI_METRE, 'rad': _DEGREE}
+"""Fixed units of a page by SI unit; others have the prefix that fits."""
 
 
 class Shown(NamedTuple):
@@ -51,8 +57,15 @@ _PER_MILLION = 1e-3
 """Pure numbers below this are shown in millionths."""
 
 
-def shown(value: float, std: float, unit: str) -> Shown:
-    """A value in any SI unit with a prefix that fits, and the digits its uncertainty allows."""
+def shown(value: float, std: float, unit: str, units: Mapping[str, Scale] | None = None) -> Shown:
+    """A value in any SI unit with a prefix that fits, and the digits its uncertainty allows.
+
+    Args:
+        value: the value.
+        std: its standard deviation; NaN or 0 where there is none.
+        unit: of both, SI.
+        units: by SI unit, what is shown in a fixed unit instead.
+    """
     size = max(abs(value), std if math.isfinite(std) else 0.0)
     scale = Scale('' if unit == '1' else unit, 1.0)
     if unit.partition('/')[0] in _PREFIXED and size > 0:
@@ -60,6 +73,7 @@ def shown(value: float, std: float, unit: str) -> Shown:
         scale = Scale(prefix + unit, factor)
     elif unit.partition('/')[0] == '1' and 0 < size < _PER_MILLION:
         scale = Scale(f'ppm{unit[1:]}', 1e6)
+    scale = (units or {}).get(unit, scale)
     digits = decimals(std * scale.per_si)
     if digits is None:
         return Shown(f'{value * scale.per_si:.3g}', '', scale.unit)

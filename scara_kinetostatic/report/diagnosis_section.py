@@ -11,7 +11,7 @@ from scara_kinetostatic.diagnosis.comparison import Bias, Comparison, ModelError
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked
 from scara_kinetostatic.effects.registry import catalogue
-from scara_kinetostatic.render.quantities import SCALES, chance, decimals, p_equals, shown
+from scara_kinetostatic.render.quantities import PAGE_SCALES, PAGE_UNITS, chance, decimals, p_equals, shown
 from scara_kinetostatic.render.table import Table
 from scara_kinetostatic.report import messages
 from scara_kinetostatic.report.effect_figures import NOTABLE, bias_picture, residual_picture
@@ -41,6 +41,7 @@ class _EffectEntry(NamedTuple):
 
     Attributes:
         name: its title.
+        label: as in the files; empty of a fitted curve.
         in_every_model: whether it is in every credible model; else it has rivals.
         values: name, value and meaning of each parameter.
         note: in words; empty if none.
@@ -48,6 +49,7 @@ class _EffectEntry(NamedTuple):
     """
 
     name: str
+    label: str
     in_every_model: bool
     values: list[tuple[str, str, str]]
     note: str
@@ -104,7 +106,8 @@ def _entries(outcome: Outcome) -> list[_EffectEntry]:
         drawn = number < _MOST_PICTURES
         picture = residual_picture(outcome.effect_residuals[number], f'effect{number}', titles) if drawn else None
         note = _OFF_NORMAL if item.effect.off_normal_std else ''
-        entries.append(_EffectEntry(item.effect.title, item.in_every_model, _values(item), note, picture))
+        label = item.effect.label if item.effect.is_physical else ''
+        entries.append(_EffectEntry(item.effect.title, label, item.in_every_model, _values(item), note, picture))
     return entries
 
 
@@ -112,7 +115,7 @@ def _values(item: Found) -> list[tuple[str, str, str]]:
     """Name, value and meaning of each parameter; none of a fitted curve, whose coefficients have no meaning."""
     if not item.effect.is_physical:
         return []
-    return [(v.name, shown(v.value, v.std, v.unit).text.replace('-', '−', 1), v.meaning) for v in item.values]
+    return [(v.name, shown(v.value, v.std, v.unit, PAGE_UNITS).text.replace('-', '−', 1), v.meaning) for v in item.values]
 
 
 def _candidates(d: Diagnosis) -> list[_CandidateRow]:
@@ -177,7 +180,7 @@ def _side(side: ModelErrors) -> tuple[str, str, str, str, str]:
 
 
 def _bias(row: Bias) -> dict[str, str]:
-    unit, per_si = SCALES[row.name]
+    unit, per_si = PAGE_SCALES[row.name]
     digits = decimals(row.std * per_si)
     places = 3 if digits is None else digits
     known = digits is not None
@@ -209,7 +212,7 @@ def _dependences(found: Sequence[Dependence]) -> Table | None:
 def _unidentifiable(d: Diagnosis) -> Table | None:
     """The physical effects that these touches cannot show at all; None if there are none."""
     effects = [item.effect for item in d.ranking if item.role == 'unidentifiable' and item.effect.is_physical]
-    rows = tuple((effect.label, effect.confounded_with, effect.identified_by) for effect in effects)
+    rows = tuple((effect.title, effect.confounded_with, effect.identified_by) for effect in effects)
     return Table(('effect', 'confounded with', 'identified by'), ('',) * 3, rows) if rows else None
 
 
@@ -224,9 +227,9 @@ def _detection_limits(outcome: Outcome) -> Table | None:
     items.sort(key=lambda item: -item.undetected_bias)
     rows = []
     for item in items[:_MOST_LIMITS]:
-        unit, per_si = SCALES[item.biased_parameter]
+        unit, per_si = PAGE_SCALES[item.biased_parameter]
         bias = item.undetected_bias * c.std_of(item.biased_parameter) * per_si
         size = f'{float(f"{bias:.2g}"):g}' if math.isfinite(bias) else ''
-        rows.append((item.effect.label, item.biased_parameter, f'{item.undetected_bias:.1f}', size, unit))
+        rows.append((item.effect.title, item.biased_parameter, f'{item.undetected_bias:.1f}', size, unit))
     heading = ('undetected effect', 'parameter', 'bias up to [σ]', 'bias up to', '')
     return Table(heading, ('',) * 5, tuple(rows)) if rows else None

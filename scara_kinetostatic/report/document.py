@@ -101,6 +101,7 @@ def _errors(outcome: Outcome) -> Document:
             'extended': _number(extended.reduced_chi_square),
         },
         'tip_error': {
+            'nominal': _number(compared.nominal_tip),
             'calibrated': _number(base.tip.fitted),
             'extended': _number(extended.tip.fitted),
             'held_out': {'calibrated': _number(base.tip.held_out), 'extended': _number(extended.tip.held_out)},

@@ -31,7 +31,9 @@ def cell_picture(c: Calibration) -> Markup:
     _draw_discs(axes, c)
     _draw_arms(axes, c, tip, elbow, base, arm)
     _draw_touches(axes, c, tip, arm)
-    axes.set(xlabel='x  [m]', ylabel='y  [m]', aspect='equal')
+    axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal')
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(lambda value, _: f'{1e3 * value:.0f}'.replace('-', '−'))
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     return as_svg(figure, 'cell', 'the cell from above with its discs, the arm and the touches')

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from scara_kinetostatic.calibration.identifiability import Combination
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.model.parameters import UNITS
-from scara_kinetostatic.render.quantities import SCALES, count, decimals, p_equals
+from scara_kinetostatic.render.quantities import SCALES, Scale, count, decimals, p_equals
 from scara_kinetostatic.report.parameter_rows import base_rank
 
 
@@ -200,7 +200,7 @@ def _by_axis(levels: Sequence[float]) -> str:
     return f'{first:.3g}' if first == second else f'{first:.3g} and {second:.3g}'
 
 
-def identifiability(outcome: Outcome) -> list[str]:
+def identifiability(outcome: Outcome, scales: Mapping[str, Scale] = SCALES) -> list[str]:
     """Which parameters the data determine; the verdict says which touches would determine the others."""
     c, found = outcome.final, outcome.final.identifiability
     free = sum(status != 'fixed' for status in c.status.values())
@@ -208,12 +208,12 @@ def identifiability(outcome: Outcome) -> list[str]:
     for group in found.confounded:
         values = 'the value shown is near the nominal one' if len(group) == 1 else 'other values fit as well'
         lines.append(f'Not determined: {" and ".join(group)}; {values}.')
-    return lines + [_combination(item) for item in found.combinations]
+    return lines + [_combination(item, scales) for item in found.combinations]
 
 
-def _combination(item: Combination) -> str:
+def _combination(item: Combination, scales: Mapping[str, Scale]) -> str:
     first, sign, factor, second = item.text.split()
-    unit, per_si = SCALES[first]
+    unit, per_si = scales[first]
     value, std = item.value * per_si, item.std * per_si
     digits = decimals(std) or 0
     combination = f'{first} {sign} {factor} {_unit_of_ratio(UNITS[first], UNITS[second])}{second}'

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from scara_kinetostatic import __version__
+from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.render.figure import COLOURS, mark, style
 from scara_kinetostatic.render.page import page_template
-from scara_kinetostatic.render.quantities import count
-from scara_kinetostatic.report import messages
+from scara_kinetostatic.render.quantities import PAGE_SCALES, count
+from scara_kinetostatic.report import head, messages
 from scara_kinetostatic.report.diagnosis_section import diagnosis_context
 from scara_kinetostatic.report.figures import (
     cell_picture,
@@ -23,60 +24,61 @@ from scara_kinetostatic.report.figures import (
     residual_picture,
 )
 from scara_kinetostatic.report.parameter_rows import STATUS, parameter_rows
+from scara_kinetostatic.report.tip_maps import maps_context
 
 NAME = 'report.html'
 _TEMPLATE = Path(__file__).parent / 'page.html.j2'
 
 
+_LEVELS = {Grade.FIT: 'good', Grade.CAUTION: 'caution', Grade.UNFIT: 'bad'}
+"""Colour of each grade, by the class of the stylesheet."""
+
+
 def html_text(outcome: Outcome) -> str:
     """The page as HTML."""
-    c = outcome.final
+    c, assessment = outcome.final, outcome.assessment
     with style():
         diagnosis = diagnosis_context(outcome)
+        maps = maps_context(outcome)
         pictures = {
             'cell': cell_picture(c),
             'errors': error_picture(c),
             'residuals': residual_picture(c),
             'quantiles': quantile_picture(c),
             'correlations': correlation_picture(c),
+            'uncertainty': maps.uncertainty,
+            'deviation': maps.deviation,
         }
+    determined, *combinations = messages.identifiability(outcome, PAGE_SCALES)
     return page_template(_TEMPLATE).render(
         outcome=outcome,
         c=c,
         version=__version__,
+        entries=head.entries(outcome),
+        recordings=head.recordings(outcome),
+        answer=messages.ANSWERS[assessment.grade],
+        level=_LEVELS[assessment.grade],
+        reasons=[messages.sentence(text) for text in assessment.reasons],
+        actions=[messages.sentence(text) for text in assessment.actions],
+        numbers=head.numbers(outcome),
         verdict=messages.verdict(outcome),
-        rows=parameter_rows(c),
+        rows=parameter_rows(c, PAGE_SCALES),
         status=STATUS,
-        facts=_facts(outcome),
-        identifiability=messages.identifiability(outcome),
+        identifiability=[determined, *combinations],
+        combinations=combinations,
+        uncertainty_caption=maps.uncertainty_caption,
+        deviation_caption=maps.deviation_caption,
         never_identifiable=messages.NEVER_IDENTIFIABLE,
         noise=messages.noise(outcome),
         fit_quality=messages.fit_quality(outcome),
         legend=_legend(c),
+        used=int(c.used.sum()),
         iterations=count(c.iterations, 'solver iteration'),
         largest_force=f'{np.hypot(c.force[:, 0], c.force[:, 1]).max():.1f}',
         touches=_touches(c),
         pictures=pictures,
         **diagnosis,
     )
-
-
-def _facts(outcome: Outcome) -> list[tuple[str, str, str]]:
-    """The four numbers at the top: value, unit, what it is."""
-    c, compared = outcome.final, outcome.comparison
-    base, extended = compared.base, compared.extended
-    errors, held_out = [compared.nominal, base.force_error], [base.held_out]
-    chi_square, steps = [base.reduced_chi_square], 'nominal → calibrated'
-    if c is not outcome.calibration:
-        errors, held_out = [*errors, extended.force_error], [*held_out, extended.held_out]
-        chi_square, steps = [*chi_square, extended.reduced_chi_square], 'nominal → base model → extended'
-    folds = outcome.extended_held_out.folds
-    return [
-        (' → '.join(f'{value:.3g}' for value in errors), 'N', f'mean force error, {steps}'),
-        (' → '.join(f'{value:.3g}' for value in held_out), 'N', f'force error on held-out touches, {folds} folds'),
-        (' → '.join(f'{value:.2f}' for value in chi_square), '', 'reduced chi-square, expected 1'),
-        (f'{int(c.used.sum())} / {outcome.found}', '', 'touches used / found'),
-    ]
 
 
 def _legend(c: Calibration) -> list[tuple[str, str, str]]:
@@ -99,7 +101,7 @@ def _touches(c: Calibration) -> list[dict[str, Any]]:
             'disc': c.cell.discs[t.disc[k]].name,
             'posture': 'left' if t.posture[k] > 0 else 'right',
             'force': f'{magnitude[k]:.2f}',
-            'direction': f'{angle[k]:.1f}',
+            'direction': f'{angle[k]:.1f}'.replace('-', '−'),
             'residual': f'{residual[k]:.2f}',
             'distance': f'{c.standardized[k]:.1f}',
             'used': bool(c.used[k]),

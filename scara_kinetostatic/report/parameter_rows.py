@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
-from scara_kinetostatic.render.quantities import SCALES, decimals
+from scara_kinetostatic.render.quantities import SCALES, Scale, decimals
 
 STATUS = {'estimated': '', 'fixed': 'fixed', 'confounded': 'not determined by these data'}
 """Notes on the status of a parameter."""
@@ -34,14 +35,14 @@ class Row(NamedTuple):
     description: str
 
 
-def parameter_rows(c: Calibration) -> list[Row]:
-    """The twelve parameters in their order."""
+def parameter_rows(c: Calibration, scales: Mapping[str, Scale] = SCALES) -> list[Row]:
+    """The twelve parameters in their order, in units by name."""
     nominal, values = c.cell.nominal.as_dict(), c.parameters.as_dict()
-    return [_row(name, nominal[name], values[name], c.std_of(name), c.status[name]) for name in NAMES]
+    return [_row(name, nominal[name], values[name], c.std_of(name), c.status[name], scales[name]) for name in NAMES]
 
 
-def _row(name: str, nominal: float, value: float, std: float, status: str) -> Row:
-    unit, per_si = SCALES[name]
+def _row(name: str, nominal: float, value: float, std: float, status: str, scale: Scale) -> Row:
+    unit, per_si = scale
     digits = decimals(std * per_si)
     undetermined = f'({value * per_si:.2g})' if status == 'confounded' else f'{value * per_si:.6g}'
     return Row(
