@@ -95,8 +95,8 @@ class Comparison(NamedTuple):
 
     Attributes:
         nominal: e_f with the nominal parameters, N.
-        nominal_tip: distance of the tip predicted by the nominal parameters from the circle it touches, root mean square
-            over the touches, m.
+        nominal_tip: root mean square over the touches of the distance of the tip from the circle it touches, as the
+            nominal parameters predict it, m.
         base: the base model.
         extended: the extended model; the same where nothing was found.
         tip_bias: displacement of the tip H(L̄, Q) by the bias of base, offsets and link lengths: root mean square over

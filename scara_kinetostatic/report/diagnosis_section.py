@@ -115,7 +115,9 @@ def _values(item: Found) -> list[tuple[str, str, str]]:
     """Name, value and meaning of each parameter; none of a fitted curve, whose coefficients have no meaning."""
     if not item.effect.is_physical:
         return []
-    return [(v.name, shown(v.value, v.std, v.unit, PAGE_UNITS).text.replace('-', '−', 1), v.meaning) for v in item.values]
+    return [
+        (v.name, shown(v.value, v.std, v.unit, PAGE_UNITS).text.replace('-', '−', 1), v.meaning) for v in item.values
+    ]
 
 
 def _candidates(d: Diagnosis) -> list[_CandidateRow]:

@@ -80,7 +80,8 @@ def numbers(outcome: Outcome) -> list[Number]:
         'Tip error, before → after',
         f'{_mm(compared.nominal_tip)} → {_mm(final.tip.fitted)}',
         'mm',
-        f'rms distance from the touched circles, nominal → calibrated; {_mm(final.tip.noise)} mm is expected from noise',
+        'rms distance from the touched circles, nominal → calibrated; '
+        f'{_mm(final.tip.noise)} mm is expected from noise',
     )
     held_out = Number(
         'Force error on held-out touches',

@@ -79,6 +79,14 @@ def verdict(outcome: Outcome) -> Verdict:
     return Verdict(level, headline, tuple(sentences))
 
 
+def model_verdict(outcome: Outcome) -> Verdict:
+    """The verdict on the model alone: whether it is complete, and what was found; the assessment says the rest."""
+    d = outcome.diagnosis
+    level, headline, sentences = _model(d)
+    advice = [sentence(d.advice)] if d.advice else []
+    return Verdict(level, headline, (*sentences, f'Verdict: {d.verdict}.', *advice))
+
+
 def _model(d: Diagnosis) -> tuple[str, str, list[str]]:
     """Level, headline and sentences on whether the model is complete."""
     p = p_equals(d.p_value)

@@ -23,7 +23,7 @@ from scara_kinetostatic.report.figures import (
     quantile_picture,
     residual_picture,
 )
-from scara_kinetostatic.report.parameter_rows import STATUS, parameter_rows
+from scara_kinetostatic.report.parameter_rows import parameter_rows
 from scara_kinetostatic.report.tip_maps import maps_context
 
 NAME = 'report.html'
@@ -61,9 +61,9 @@ def html_text(outcome: Outcome) -> str:
         reasons=[messages.sentence(text) for text in assessment.reasons],
         actions=[messages.sentence(text) for text in assessment.actions],
         numbers=head.numbers(outcome),
-        verdict=messages.verdict(outcome),
+        verdict=messages.model_verdict(outcome),
         rows=parameter_rows(c, PAGE_SCALES),
-        status=STATUS,
+        status={'estimated': '', 'fixed': 'fixed', 'confounded': 'not determined'},
         identifiability=[determined, *combinations],
         combinations=combinations,
         uncertainty_caption=maps.uncertainty_caption,

@@ -44,7 +44,7 @@ def parameter_rows(c: Calibration, scales: Mapping[str, Scale] = SCALES) -> list
 def _row(name: str, nominal: float, value: float, std: float, status: str, scale: Scale) -> Row:
     unit, per_si = scale
     digits = decimals(std * per_si)
-    undetermined = f'({value * per_si:.2g})' if status == 'confounded' else f'{value * per_si:.6g}'
+    undetermined = f'({_short(value * per_si)})' if status == 'confounded' else f'{value * per_si:.6g}'
     return Row(
         name=name,
         nominal=f'{nominal * per_si:.6g}',
@@ -54,6 +54,11 @@ def _row(name: str, nominal: float, value: float, std: float, status: str, scale
         status=status,
         description=DESCRIPTIONS[name],
     )
+
+
+def _short(value: float) -> str:
+    """Three digits, without a power of ten where the number is of a usual size."""
+    return f'{value:.0f}' if 100 <= abs(value) < 1e6 else f'{value:.3g}'
 
 
 def base_rank(c: Calibration) -> int:

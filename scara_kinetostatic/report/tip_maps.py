@@ -35,8 +35,8 @@ _ARROWS = 9
 """Arrows along the longer side."""
 _DIRECTIONS = 12
 """Of the force, over which the largest deviation is taken."""
-_NEARLY_STRETCHED = 0.985
-"""Of the reach: beyond, the arm is nearly stretched, and no map is drawn."""
+_NEARLY_FOLDED = 0.2
+"""Sine of the angle between the links: below, the arm is nearly stretched or folded, and no map is drawn."""
 _AROUND = 0.12
 """Of the arm's length, around touches and discs."""
 _PER_SIDE = 12
@@ -105,10 +105,11 @@ def _deviation_caption(found: list[Deviation]) -> str:
     if not found:
         return ''
     longest = max(float(np.nanmax(np.linalg.norm(each.unloaded, axis=-1))) for each in found)
+    size, force = f'{_MILLI * longest:.3g} mm', f'{found[0].force:.3g} N'
     return (
-        'Where the tip is, less where the nominal parameters put it, at the same joint angles. Arrows: without load, the longest '
-        f'{_MILLI * longest:.3g} mm. Lines: largest deviation under {found[0].force:.3g} N, the mean force of the touches, in any '
-        f'direction, mm. {_FADED}'
+        'Where the tip is, less where the nominal parameters put it, at the same joint angles. Arrows: without load, '
+        f'the longest {size}. Lines: largest deviation under {force}, the mean force of the touches, in any direction, '
+        f'mm. {_FADED}'
     )
 
 
@@ -119,13 +120,12 @@ def tip_maps(c: Calibration) -> list[TipMap]:
     size = (high - low) / max(high - low)
     x, y = (np.linspace(low[k], high[k], max(3, round(_GRID * size[k]))) for k in (0, 1))
     tip = np.stack(np.meshgrid(x, y), axis=-1)
-    away = np.linalg.norm(tip - (nominal.x0, nominal.y0), axis=-1)
-    near = away < _NEARLY_STRETCHED * (nominal.l1 + nominal.l2)
     maps = []
     for posture in (1, -1):
         members = touches.joints[touches.posture == posture]
         if len(members):
-            joints = inverse(nominal, np.where(near[..., None], tip, np.nan), posture)
+            joints = inverse(nominal, tip, posture)
+            joints[np.abs(np.sin(joints[..., 1] + nominal.theta2)) < _NEARLY_FOLDED] = np.nan
             maps.append(TipMap(posture, x, y, joints, forward(nominal, _hull(members))))
     return maps
 
@@ -147,7 +147,9 @@ def _hull(members: Floats) -> Floats:
     except (QhullError, ValueError):
         return np.empty((0, 2))
     part = np.linspace(0.0, 1.0, _PER_SIDE, endpoint=False)[:, None]
-    sides = [first + part * (second - first) for first, second in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
+    sides = [
+        first + part * (second - first) for first, second in zip(corners, np.roll(corners, -1, axis=0), strict=True)
+    ]
     return np.concatenate(sides)
 
 
@@ -210,7 +212,7 @@ def _draw_map(c: Calibration, places: TipMap, values: Floats) -> Axes:
     margins = Margins(left=52, bottom=44, top=26)
     inner = _WIDTH - margins.left - margins.right
     total = inner * float(np.clip(height / width, 0.5, 1.3)) + margins.bottom + margins.top
-    figure, (axes,) = new_figure(_WIDTH, total, margins=margins)
+    _, (axes,) = new_figure(_WIDTH, total, margins=margins)
     shown = values * _MILLI
     ends = np.nanmin(shown), np.nanmax(shown)
     levels = MaxNLocator(_LEVELS, steps=[1, 2, 5, 10]).tick_values(*ends) if ends[1] > ends[0] else np.array([])
