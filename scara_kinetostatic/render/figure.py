@@ -69,7 +69,7 @@ _STYLE: dict[Any, Any] = {
     'lines.linewidth': 1.2,
 }
 _NUMBERED = re.compile(r' id="(figure|axes|patch|line2d|text|matplotlib\.axis|xtick|ytick|legend)[^"]*"', re.IGNORECASE)
-_COLLECTIONS = re.compile(r' id="[A-Za-z]*Collection_\d+"')
+_COLLECTIONS = re.compile(r' id="(?:[A-Za-z]*Collection|QuadContourSet|Quiver)_\d+"')
 
 
 class Mark(NamedTuple):

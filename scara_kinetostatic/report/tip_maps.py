@@ -15,6 +15,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
 from matplotlib.patches import Circle, PathPatch
 from matplotlib.path import Path
 from matplotlib.ticker import MaxNLocator
@@ -181,7 +182,7 @@ def _moved(c: Calibration, joints: Floats, force: Floats) -> Floats:
 def deviation_picture(c: Calibration, found: Deviation) -> Markup:
     """Lines of equal deviation under the mean force, and arrows of that without load."""
     places = found.places
-    axes = _draw_map(c, places, found.loaded)
+    figure, axes = _draw_map(c, places, found.loaded)
     step = max(1, round(max(found.loaded.shape) / _ARROWS))
     rows, columns = (slice(step // 2, None, step) for _ in range(2))
     u, v = np.moveaxis(found.unloaded[rows, columns] * _MILLI, -1, 0)
@@ -191,28 +192,28 @@ def deviation_picture(c: Calibration, found: Deviation) -> Markup:
         per_mm = 0.9 * step * (places.x[1] - places.x[0]) * _MILLI / largest
         axes.quiver(x, y, u, v, angles='xy', scale_units='xy', scale=1 / per_mm, color=INK, width=0.0045, zorder=4)
     text = f'deviation of the tip, nominal to calibrated, posture {places.name}'
-    return as_svg(axes.figure, f'deviation_{places.name}', text)
+    return as_svg(figure, f'deviation_{places.name}', text)
 
 
 def uncertainty_picture(c: Calibration, places: TipMap, uncertainty: Floats, tolerance: float | None = None) -> Markup:
     """Lines of equal expanded uncertainty of the tip, (m, k), m; a thick one at the tolerance."""
-    axes = _draw_map(c, places, uncertainty)
+    figure, axes = _draw_map(c, places, uncertainty)
     if tolerance is not None and np.nanmin(uncertainty) < tolerance < np.nanmax(uncertainty):
         axes.contour(*_grid(places), uncertainty, levels=[tolerance], colors=[INK], linewidths=2.2)
-    return as_svg(axes.figure, f'uncertainty_{places.name}', f'uncertainty of the tip, posture {places.name}')
+    return as_svg(figure, f'uncertainty_{places.name}', f'uncertainty of the tip, posture {places.name}')
 
 
 def _grid(places: TipMap) -> tuple[Floats, Floats]:
     return places.x * _MILLI, places.y * _MILLI
 
 
-def _draw_map(c: Calibration, places: TipMap, values: Floats) -> Axes:
+def _draw_map(c: Calibration, places: TipMap, values: Floats) -> tuple[Figure, Axes]:
     """Filled lines of equal value with labels in mm, the discs and touches, the extrapolated part faded."""
     width, height = np.ptp(places.x), np.ptp(places.y)
     margins = Margins(left=52, bottom=44, top=26)
     inner = _WIDTH - margins.left - margins.right
     total = inner * float(np.clip(height / width, 0.5, 1.3)) + margins.bottom + margins.top
-    _, (axes,) = new_figure(_WIDTH, total, margins=margins)
+    figure, (axes,) = new_figure(_WIDTH, total, margins=margins)
     shown = values * _MILLI
     ends = np.nanmin(shown), np.nanmax(shown)
     levels = MaxNLocator(_LEVELS, steps=[1, 2, 5, 10]).tick_values(*ends) if ends[1] > ends[0] else np.array([])
@@ -227,7 +228,7 @@ def _draw_map(c: Calibration, places: TipMap, values: Floats) -> Axes:
     axes.set_xlim(places.x[0] * _MILLI, places.x[-1] * _MILLI)
     axes.set_ylim(places.y[0] * _MILLI, places.y[-1] * _MILLI)
     axes.grid(visible=False)
-    return axes
+    return figure, axes
 
 
 def _fade(axes: Axes, places: TipMap) -> None:

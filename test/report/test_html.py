@@ -107,11 +107,13 @@ def test_everything_is_said(page: str, nasty: Outcome) -> None:
     text = words_of(page)
     c = nasty.calibration
     assert 'The base model explains these touches' in text
-    assert f'{c.force_error_nominal:.3g} → {c.force_error:.3g} N' in text
+    assert f'{c.force_error:.3g} N in the fit, {c.force_error_nominal:.3g} N with nominal parameters' in text
+    compared = nasty.comparison
+    assert f'{1e3 * compared.nominal_tip:.3g} → {1e3 * compared.extended.tip.fitted:.3g} mm' in text
     assert '2 of 37 touches were not used' in text
     assert 'disagrees with the other touches' in text
     assert nasty.warnings[0] in text
-    assert page.count('<svg') == 5
+    assert page.count('<svg') == 5 + 2
     assert len(re.findall(r'<tr[^>]*><td class="n">', page)) == 2 + len(c.touches)
     assert 'nan' not in text.lower().split()
 
@@ -119,8 +121,8 @@ def test_everything_is_said(page: str, nasty: Outcome) -> None:
 def test_what_is_not_determined_is_marked(confounded: Outcome) -> None:
     page = html_text(confounded)
     text = words_of(page)
-    assert 'these data do not determine every parameter' in text
-    assert re.search(r'Only the combination g_ee \+ [\d.]+ N · p_ee = .* µm is determined', text)
+    assert 'The touches do not determine p_ee and g_ee' in text
+    assert re.search(r'Only the combination g_ee \+ [\d.]+ N · p_ee = .* mm is determined', text)
     assert page.count('class="confounded') == 2
     assert page.count('class="fixed') == 1
 
@@ -131,7 +133,7 @@ def test_the_same_outcome_gives_the_same_page(page: str, nasty: Outcome) -> None
 
 def test_nothing_missing_is_said_with_what_was_tested(page: str) -> None:
     text = words_of(page)
-    assert 'Is the model complete? No model error detected: p = ' in text
+    assert 'The base model explains these touches. No model error detected (p = ' in text
     assert 'Effects that these touches cannot identify' in text
     assert 'bending of link 2 is always part of p2' in text
     assert 'Errors of both models' not in text
@@ -142,14 +144,14 @@ def test_an_effect_is_shown_with_all_about_it(extended_pages: dict[str, str], gr
     check_pictures(page)
     assert 'script' not in parse(page).metadata
     (item,) = grown.diagnosis.found
-    assert item.effect.label in text
+    assert f'{item.effect.title} {item.effect.label}' in text
     compared = grown.comparison
     for side in (compared.base, compared.extended):
         cells = (f'{side.force_error:.3g}', f'{side.held_out:.3g}', f'{1e3 * side.tip.fitted:.3g}')
         assert ''.join(f'<td class="n">{cell}</td>' for cell in cells) in page
-    assert f'{1e6 * item.values[0].value:.1f} ± {1e6 * item.values[0].std:.1f} µm' in text
-    assert page.count('<svg') == 5 + 2
-    assert re.search(r'<tr class="found"><td>object_radius', page)
+    assert f'{1e3 * item.values[0].value:.4f} ± {1e3 * item.values[0].std:.4f} mm' in text
+    assert page.count('<svg') == 5 + 2 + 2
+    assert re.search(r'<tr class="found"><td>[^<]* of another radius', page)
     assert re.search(r'<tr class="rejected"><td>', page)
     (l2,) = (bias for bias in compared.biases if bias.name == 'l2')
     assert f'{l2.in_std:+.1f}'.replace('-', '−') in text
@@ -161,7 +163,7 @@ def test_rivals_stand_side_by_side(extended_pages: dict[str, str]) -> None:
     assert 'these data cannot distinguish its possible causes' in text
     assert 'the twelve parameters are valid whichever is present' in text
     assert text.count('one of several possible causes') == 2
-    assert 'These touches cannot distinguish: sensor_rotation, contact_friction' in text
+    assert 'These touches cannot distinguish: force sensor turned, friction at the contact' in text
     assert page.count('<tr class="rival">') == 2
     assert page.count('<tr class="found">') == 0
 
