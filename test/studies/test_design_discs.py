@@ -20,7 +20,7 @@ from scara_kinetostatic.studies.design.workspace import Region, free_tip, make_w
 
 ROBOT = Robot.of(Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3)))
 TIP = free_tip(ROBOT, make_workspace(ROBOT, radii=3, angles=12))
-LAYOUT = np.array([disc[1:] for disc in PAPER_DISCS])
+LAYOUT = np.array([disc[1:4] for disc in PAPER_DISCS])
 
 
 def values(layout):
@@ -56,7 +56,7 @@ def test_discs_placed_anew_are_better_and_repeat():
     assert first == again
     assert first is not None
     assert first.largest < 0.6 * values(LAYOUT)
-    assert overlap(ROBOT, np.array([[disc[1:] for disc in first.discs]]))[0] < 2e-3
+    assert overlap(ROBOT, np.array([[disc[1:4] for disc in first.discs]]))[0] < 2e-3
     assert all(isinstance(disc, Disc) and 0.05 <= disc.radius <= 0.15 for disc in first.discs)
 
 

@@ -120,7 +120,7 @@ def study_discs(
     radius_rows = []
     for scaling in _RADIUS_FACTORS:
         scaled = tuple(disc._replace(radius=scaling * disc.radius) for disc in discs)
-        layout = np.array([disc[1:] for disc in scaled])[None]
+        layout = np.array([[disc.x, disc.y, disc.radius] for disc in scaled])[None]
         if scaling <= 1 or overlap(robot, layout)[0] <= 0:
             row = row_of_discs(robot, tips, f'radii × {scaling:g}', scaled, levels, postures, number)
             radius_rows.append(row)
