@@ -90,11 +90,13 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress |
         RecordingError: a recording cannot be read.
     """
     parts: list[Detection] = []
+    first_touches: list[int] = []
     found = 0
     for number, path in enumerate(paths):
         _report(progress, f'reading {path}', number / len(paths))
         part = touches_of_file(path, cell).renumbered(found, number)
         parts.append(replace(part, warnings=tuple(_with_source(path, text, paths) for text in part.warnings)))
+        first_touches.append(found)
         found += part.found
     _report(progress, f'{found} touches found', 1.0)
     return Detection(
@@ -106,6 +108,7 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress |
         elsewhere=TouchSet.concatenate([part.elsewhere for part in parts]),
         start=parts[0].start,
         starts=tuple(part.start for part in parts),
+        first_touches=tuple(first_touches),
         contradiction=next((part.contradiction for part in parts if part.contradiction), ''),
     )
 
@@ -220,6 +223,7 @@ def _calibrate_touches(
         rejected=tuple(rejected[index] for index in sorted(rejected)),
         sources=tuple(map(str, sources)),
         warnings=detection.warnings,
+        first_touches=detection.first_touches,
     )
 
 

@@ -43,7 +43,7 @@ ORDER = (
 """The packages from the ground up: each imports from those before it alone."""
 ANYWHERE = {'numpy'}
 KEPT_IN = {
-    'scipy': ('calibration', 'diagnosis', 'report', 'studies'),
+    'scipy': ('assessment', 'calibration', 'diagnosis', 'report', 'studies'),
     'yaml': ('files', 'simulation'),
     'matplotlib': ('render', 'report', 'studies'),
     'markupsafe': ('render', 'report', 'studies'),

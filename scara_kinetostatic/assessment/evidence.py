@@ -2,27 +2,55 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
+import numpy as np
+
+from scara_kinetostatic.assessment.leverage import leverages
+from scara_kinetostatic.assessment.mistakes import Mistake, find_mistake
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.comparison import Comparison
 from scara_kinetostatic.diagnosis.result import Diagnosis
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.touch import Rejection
 
 
-class Evidence(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Evidence:
     """A calibration with all that speaks for or against its use.
 
     Attributes:
+        base: the base model.
         final: the calibration to use.
         diagnosis: whether the model is complete.
         comparison: errors, fitted and held out.
         found: touches in the recordings, rejected ones included.
         rejected: all that were not used.
+        first_touches: number of the first touch of each recording.
     """
 
+    base: Calibration
     final: Calibration
     diagnosis: Diagnosis
     comparison: Comparison
     found: int
     rejected: tuple[Rejection, ...]
+    first_touches: tuple[int, ...] = (0,)
+
+    @cached_property
+    def leverages(self) -> Floats:
+        """Of the used touches, (n,)."""
+        return leverages(self.final)
+
+    @cached_property
+    def mistake(self) -> Mistake | None:
+        """A mistake in the cell description or in the touches that explains what is odd."""
+        return find_mistake(self.final.touches, self.final.cell, self.final)
+
+    @cached_property
+    def unusable(self) -> list[tuple[int, int]]:
+        """How many touches of each recording are not used, and how many were found in it."""
+        edges = [*self.first_touches, max(self.found, self.first_touches[-1])]
+        numbers = np.array([item.index for item in self.rejected], dtype=np.intp)
+        return list(zip(np.histogram(numbers, edges)[0].tolist(), np.diff(edges).tolist(), strict=True))

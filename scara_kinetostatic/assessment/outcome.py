@@ -54,6 +54,7 @@ class Outcome:
         warnings: irregularities of the recordings, one sentence each.
         recordings: the files that the touches come from; empty where they come from elsewhere.
         created: when the calibration was calculated, UTC, whole seconds.
+        first_touches: number of the first touch of each recording.
 
     Example:
         >>> import scara_kinetostatic as sk
@@ -77,6 +78,7 @@ class Outcome:
     warnings: tuple[str, ...]
     recordings: tuple[Recording, ...] = ()
     created: datetime = field(default_factory=_now)
+    first_touches: tuple[int, ...] = (0,)
 
     def __repr__(self) -> str:
         found = ' '.join(item.effect.label for item in self.diagnosis.found) or 'none'
@@ -133,4 +135,14 @@ class Outcome:
     @cached_property
     def assessment(self) -> Assessment:
         """Whether the result may be used, why, and what to do."""
-        return assess(Evidence(self.final, self.diagnosis, self.comparison, self.found, self.rejected))
+        return assess(
+            Evidence(
+                base=self.calibration,
+                final=self.final,
+                diagnosis=self.diagnosis,
+                comparison=self.comparison,
+                found=self.found,
+                rejected=self.rejected,
+                first_touches=self.first_touches,
+            )
+        )

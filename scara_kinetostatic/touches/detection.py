@@ -60,6 +60,7 @@ class Detection:
         episodes: where each touch lies in the recording, accepted or not.
         start: first stamp of the recording, ns; 0 where unknown. Of several recordings, of the first.
         starts: first stamp of each recording, ns; empty for one.
+        first_touches: number of the first touch of each recording.
         contradiction: a sentence where most touches meet no disc but would with another frame or sign of the sensor;
             empty otherwise.
         memories: what the joints remember of the load after each contact, in the order of time.
@@ -73,6 +74,7 @@ class Detection:
     episodes: tuple[Episode, ...] = field(default=(), repr=False)
     start: int = 0
     starts: tuple[int, ...] = ()
+    first_touches: tuple[int, ...] = (0,)
     contradiction: str = ''
     memories: tuple[LoadMemory, ...] = field(default=(), repr=False)
     elsewhere: TouchSet = field(default_factory=lambda: no_touches(), repr=False)

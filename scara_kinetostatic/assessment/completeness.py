@@ -1,0 +1,125 @@
+"""Whether what the model lacks, or the noise, matters for the use of the result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from scara_kinetostatic.assessment import thresholds
+from scara_kinetostatic.assessment.evidence import Evidence
+from scara_kinetostatic.assessment.grade import Grade, Remark, quantity
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
+from scara_kinetostatic.diagnosis.noise_advice import implausible_noise, large_noise
+from scara_kinetostatic.diagnosis.result import Diagnosis
+from scara_kinetostatic.effects.base import Effect
+
+_MOST_NAMED = 4
+"""So many rivals are named."""
+
+
+def ambiguous(evidence: Evidence) -> Iterator[Remark]:
+    """Rivals: the values hold whichever is there, the effects do not."""
+    d = evidence.diagnosis
+    if d.verdict != 'ambiguous':
+        return
+    groups = '; '.join(_one_of(d, group) for group in d.rivals)
+    yield Remark(
+        Grade.CAUTION,
+        f'a model error was corrected, but its cause is open: {groups}; the twelve parameters and their uncertainties '
+        'hold whichever it is, the effects do not',
+        _to_discriminate(d),
+    )
+
+
+def _one_of(d: Diagnosis, group: Sequence[str]) -> str:
+    titles = [d.effects_by_label()[label].title if label in d.effects_by_label() else label for label in group]
+    left = len(titles) - _MOST_NAMED
+    return ' or '.join([*titles[:_MOST_NAMED], *([f'one of {left} more'] if left > 0 else [])])
+
+
+def _to_discriminate(d: Diagnosis) -> str:
+    effects = d.effects_by_label()
+    labels = [label for group in d.rivals for label in group[:_MOST_NAMED] if label in effects]
+    touches = dict.fromkeys(effects[label].identified_by for label in labels)
+    return f'to tell the causes apart, record {"; or ".join(touches)}' if touches else ''
+
+
+def unexplained(evidence: Evidence) -> Iterator[Remark]:
+    """A model error that no effect explains: what it does to the tip decides."""
+    d, c = evidence.diagnosis, evidence.final
+    if d.verdict != 'unexplained':
+        return
+    implausible = implausible_noise(c)
+    if implausible:
+        problem, _, action = implausible.partition('; ')
+        yield Remark(Grade.UNFIT, problem, action)
+        return
+    curves = [item.effect for item in d.found if not item.effect.is_physical]
+    if curves and not d.remaining:
+        yield _about_curve(curves[0], evidence.base.fixed)
+    elif d.remaining:
+        yield _about_dependence(d.remaining[0], evidence)
+    else:
+        yield _about_noise(c)
+
+
+def _about_curve(curve: Effect, fixed: Iterable[str]) -> Remark:
+    """A fitted curve; a wrong value of a fixed parameter needs one."""
+    held = ', '.join(fixed)
+    return Remark(
+        Grade.CAUTION,
+        f'a model error of unknown cause is corrected by a fitted curve ({curve.description}): it holds where the '
+        'touches are, and may not elsewhere',
+        f'estimate {held} as well: a wrong value looks like this'
+        if held
+        else f'to identify the cause, record {curve.identified_by}',
+    )
+
+
+def _about_dependence(dependence: Dependence, evidence: Evidence) -> Remark:
+    """Unfit where the error is larger than the noise."""
+    c, tip = evidence.final, evidence.comparison.extended.tip
+    if c.noise_source == 'given':
+        small = c.reduced_chi_square <= thresholds.MODEL_ERROR_UNFIT
+    else:
+        small = dependence.share <= thresholds.MODEL_ERROR_SHARE
+    return Remark(
+        Grade.CAUTION if small else Grade.UNFIT,
+        f'a model error is not explained; it depends on {dependence.name}: the touches are '
+        f'{quantity(tip.fitted, "m")} off (rms), {quantity(tip.noise, "m")} by noise; the stated uncertainties do not '
+        'cover its bias',
+        'look in the report at what the residuals depend on, mend it, and record again',
+    )
+
+
+def _about_noise(c: Calibration) -> Remark:
+    """Residuals that are larger than the noise, or distributed otherwise, without a pattern."""
+    factor = c.reduced_chi_square**0.5
+    if c.noise_source == 'estimated':
+        reason = 'the residuals are not distributed like noise, without a pattern: some touches are bad'
+        return Remark(Grade.CAUTION, reason, 'record more touches')
+    return Remark(
+        Grade.CAUTION if factor <= thresholds.NOISE_FACTOR else Grade.UNFIT,
+        f'the residuals are {factor:.2g} times the stated noise, without a pattern; the uncertainties are enlarged by '
+        'that',
+        'leave the noise out of the cell description to have it estimated',
+    )
+
+
+def noise(evidence: Evidence) -> Iterator[Remark]:
+    """Noise that no robot has, or that the touches contradict."""
+    c = evidence.final
+    if large_noise(c) and evidence.diagnosis.verdict != 'unexplained':
+        yield Remark(
+            Grade.CAUTION,
+            f'the joints seem to repeat no better than {1e6 * c.noise.joint_rms:.0f} µrad: a model error may be '
+            'counted as noise',
+            'give the noise in the cell description if it is known',
+        )
+    factor = c.reduced_chi_square**0.5
+    if c.noise_source == 'given' and factor < thresholds.NOISE_OVERSTATED:
+        yield Remark(
+            Grade.CAUTION,
+            f'the residuals are {factor:.2g} times the stated noise: the uncertainties are stated too large by that',
+            'leave the noise out of the cell description to have it estimated',
+        )
