@@ -207,6 +207,7 @@ def _calibrate_touches(
     else:
         _report(progress, 'diagnosing the model', 0.3)
         diagnosis = diagnose(calibration)
+    calibration = diagnosis.refitted or calibration
     _report(progress, 'predicting held-out touches', 0.8)
     final = diagnosis.extended or calibration
     _check_converged(final, names)

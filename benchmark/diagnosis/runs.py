@@ -132,6 +132,7 @@ def diagnosed(record: Record, setup: Setup, simulated: SimulatedEffects, touches
         began = process_time()
         found = diagnose(before)
         record.cpu = process_time() - began
+        before = found.refitted or before
         _record_naming(record, found, before)
         _record_errors(record, setup, cell, simulated, (before, found))
     except (ScaraKinetostaticError, ArithmeticError, ValueError, AssertionError, LookupError) as error:

@@ -11,33 +11,23 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy import special
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
-from scara_kinetostatic.calibration.fit_point import Point, augmented
-from scara_kinetostatic.calibration.gauss_helmert import Observations
-from scara_kinetostatic.calibration.noise_estimation import whiten_matrix
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.whitening import outer, whiten_by
-from scara_kinetostatic.diagnosis.linear_problem import orthonormal
+from scara_kinetostatic.calibration.whitening import whiten_by
 from scara_kinetostatic.diagnosis.refit import fitted_effects, with_rejections_of
+from scara_kinetostatic.diagnosis.variance_components import FORCE, GROWING, JOINT, OFF_NORMAL, excess_p_value
 from scara_kinetostatic.effects.off_normal_force import OffNormalForce
-from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Noise
 
 _UNCONSTRAINED_STD = 10.0
 """A standard deviation of α that leaves it free, rad."""
 _FIRST_STD = 0.03
 """Where the estimation of σ_α begins, rad."""
-_TYPICAL_STD = 0.01
-"""Scale of the variance component in the score test, rad; the p-value does not depend on it."""
 _LEAST_STD = 1e-4
 """Lower limit of σ_α, rad: no sensor resolves less."""
-_LEAST_VARIANCE = 1e-12
-"""Lower limit of the residual variance by which the scores are scaled; keeps exact data solvable."""
 _ROUNDS = 8
 _CONVERGED = 0.02
 """Relative change of σ_α at which the estimation ends."""
@@ -52,47 +42,13 @@ def off_normal_p_value(calibration: Calibration, beside_growing: bool = False) -
         calibration: with or without effects, none of them with an off-normal angle.
         beside_growing: whether the noise of the force may grow with it, which acts along the force as well as across.
     """
-    return _excess(calibration, 'off_normal', ('joint', 'force', 'growing') if beside_growing else ('joint', 'force'))
+    beside = (JOINT, FORCE, GROWING) if beside_growing else (JOINT, FORCE)
+    return excess_p_value(calibration, OFF_NORMAL, beside)
 
 
 def growing_p_value(calibration: Calibration) -> float:
     """P-value of "the noise of the force is the same at all forces", one-sided against noise that grows with it."""
-    return _excess(calibration, 'growing', ('joint', 'force', 'off_normal'))
-
-
-def _excess(calibration: Calibration, kind: str, beside: tuple[str, ...]) -> float:
-    """P-value of "there is no variance of this kind", with those of other kinds of any size."""
-    c = calibration
-    observations = observe(c.touches.select(c.used), c.cell, c.errors)
-    point = project(observations, c.model, c.noise)
-    jacobian = (point.whitened.derivative @ c.subspace.basis).reshape(2 * len(point.distance), -1)
-    base = orthonormal(augmented(point, jacobian)[: len(jacobian)])  # whatever the declared errors are
-    residual = point.whitened.residual.ravel()
-    left = residual - base @ (base.T @ residual)
-    size = max(float(left @ left) / max(len(left) - base.shape[1], 1), _LEAST_VARIANCE)
-    kinds = [_kind(name, observations, point, c.noise) for name in (*beside, kind)]
-    rows = base.reshape(-1, 2, base.shape[1])
-    kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
-    e = (left / np.sqrt(size)).reshape(-1, 2)
-    score = np.array([np.einsum('ni,nij,nj->', e, part, e) - np.einsum('nij,nji->', part, kept) for part in kinds])
-    half = [np.einsum('nij,njk->nik', part, kept) for part in kinds]
-    information = 2 * np.array([[np.einsum('nij,nji->', first, second) for second in half] for first in half])
-    weights = np.linalg.lstsq(information[:-1, :-1], information[:-1, -1], rcond=1e-9)[0]
-    value, variance = score[-1] - weights @ score[:-1], information[-1, -1] - weights @ information[:-1, -1]
-    return float(special.ndtr(-value / np.sqrt(variance))) if variance > 0 else 1.0
-
-
-def _kind(name: str, observations: Observations, point: Point, noise: Noise) -> Floats:
-    """One kind of variance of each touch, whitened, (n, 2, 2)."""
-    if name == 'off_normal':
-        by_off_normal = np.zeros((len(observations.radii), 2, 1))
-        by_off_normal[:, 1, 0] = _TYPICAL_STD * observations.radii
-        return whiten_matrix(outer(by_off_normal), point.whitened.root)
-    by = noise.joint_rms * point.linear.by_joints if name == 'joint' else noise.force_rms * point.linear.by_force
-    if name == 'growing':
-        magnitude = point.adjusted.state.magnitude
-        by = by * (magnitude / magnitude.mean())[:, None, None]
-    return whiten_matrix(outer(by), point.whitened.root)
+    return excess_p_value(calibration, GROWING, (JOINT, FORCE, OFF_NORMAL))
 
 
 def fit_with_off_normal(calibration: Calibration) -> Calibration:

@@ -33,6 +33,7 @@ from scara_kinetostatic.diagnosis.lack_of_fit import Dependence, find_dependence
 from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.model_selection import rank_singles
 from scara_kinetostatic.diagnosis.moments import at_best_moments, find_moments, widened_by_moments
+from scara_kinetostatic.diagnosis.noise_structure import likelier, noise_candidates
 from scara_kinetostatic.diagnosis.ranking import score_singles, significance, undetected_bias
 from scara_kinetostatic.diagnosis.refit import FittedEffect, fitted_effects
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
@@ -49,13 +50,23 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
 
     Assumes Gaussian noise and independent touches. The p-value is Bonferroni-corrected over all tests: the F-tests of
     `find_dependences` and of every effect, the score test of off-normal angles, and, where the noise was given, the
-    chi-square test of the residual. Where the stated noise is too large, the noise is estimated.
+    chi-square test of the residual. Where the stated noise is too large, the noise is estimated; where the touches
+    show noise that grows with the force or differs from axis to axis (`noise_structure`), with these components.
 
     Args:
         calibration: the base model.
         effects: the catalogue; None for all that `effects.registry` lists.
     """
     known = tuple(catalogue(calibration.cell) if effects is None else effects)
+    found = _diagnose_with_noise(calibration, known)
+    for refitted in noise_candidates(calibration, found):
+        other = _diagnose_with_noise(refitted, known)
+        found = likelier(found, found.refitted or calibration, other, refitted)
+    return found
+
+
+def _diagnose_with_noise(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
+    """The diagnosis with the noise of a calibration, or with estimated noise where it is stated too large."""
     overstated = noise_advice.overstated_noise(calibration)
     found = _diagnose(_with_estimated_noise(calibration) if overstated else calibration, known)
     if not overstated and found.extended is not None:
@@ -63,12 +74,15 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
         if overstated:
             found = _diagnose(_with_estimated_noise(calibration), known)
     final = found.extended or calibration
-    growing = '' if final.model.off_normal_std else noise_advice.growing_noise(growing_p_value(final))
+    noise = noise_advice.noise_found(final)
+    growing = '' if noise or final.model.off_normal_std else noise_advice.growing_noise(growing_p_value(final))
     fixed = advice.fixed_parameters(calibration) if found.verdict != 'none' else ''
     negative = advice.negative_backlash(final)
     unknown = advice.unknown_history(calibration.touches, found)
     premises = advice.premises(found)
-    return replace(found, advice=advice.joined(overstated, found.advice, fixed, growing, negative, unknown, premises))
+    return replace(
+        found, advice=advice.joined(overstated, noise, found.advice, fixed, growing, negative, unknown, premises)
+    )
 
 
 def _with_estimated_noise(calibration: Calibration) -> Calibration:

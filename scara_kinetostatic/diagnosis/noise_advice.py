@@ -1,4 +1,4 @@
-"""Messages of a diagnosis about the noise: too large, too small, growing with the force."""
+"""Messages of a diagnosis about the noise: too large, too small, growing with the force, different axes."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from scipy import special
 
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.thresholds import STRICT_SIGNIFICANCE
+from scara_kinetostatic.model.noise import Noise
 
 _LARGEST_JOINT_NOISE = 2e-4
 """Estimated repeatability of a joint beyond which it is a model error, rad."""
@@ -18,7 +19,7 @@ _LARGE_JOINT_NOISE = 5e-5
 
 def implausible_noise(c: Calibration) -> str:
     """Why estimated noise is too large to be noise, such as a gross model error makes it; empty if it is not."""
-    if c.noise_source == 'given':
+    if c.cell.noise is not None:
         return ''
     share = c.force_error / float(np.hypot(c.force[:, 0], c.force[:, 1]).mean())
     if c.noise.joint_rms <= _LARGEST_JOINT_NOISE and share <= _LARGEST_ERROR_SHARE:
@@ -32,12 +33,41 @@ def implausible_noise(c: Calibration) -> str:
 
 def large_noise(c: Calibration) -> str:
     """Message where estimated noise is large but plausible."""
-    if c.noise_source == 'given' or c.noise.joint_rms <= _LARGE_JOINT_NOISE:
+    if c.cell.noise is not None or c.noise.joint_rms <= _LARGE_JOINT_NOISE:
         return ''
     return (
         f'the estimated joint repeatability is {c.noise.joint_rms:.1e} rad; if the robot repeats better, a model error '
         'is counted as noise here: give the noise in the cell file if it is known'
     )
+
+
+def noise_found(c: Calibration) -> str:
+    """What the touches have shown of the noise that the cell description does not state, and how to state it."""
+    stated = c.cell.noise or Noise(0.0, 0.0)
+    parts = []
+    if stated.force_relative is None and c.noise.growth:
+        parts.append(f'grows with the force, by {100 * c.noise.growth:.2g} % of it')
+    for text, level, given, unit in (
+        ('of the joints differs', c.noise.joint, stated.joint, 'rad'),
+        ('of the force differs between x and y', c.noise.force, stated.force, 'N'),
+    ):
+        if isinstance(level, tuple) and not isinstance(given, tuple):
+            parts.append(f'{text}: {level[0]:.2g} and {level[1]:.2g} {unit}')
+    if not parts:
+        return ''
+    entries = {key: _rounded(value) for key, value in c.noise.as_dict().items()}
+    line = ', '.join(f'{key}: {value}' for key, value in entries.items())
+    return (
+        f'the noise of the touches {"; it ".join(parts)} (estimated, and used for all standard deviations); '
+        f'if that is so, state it in the cell file: noise: {{{line}}}'
+    )
+
+
+def _rounded(value: float | list[float]) -> str:
+    """Two digits, as YAML."""
+    if isinstance(value, list):
+        return f'[{", ".join(map(_rounded, value))}]'
+    return f'{value:.1e}' if value < 1e-3 else f'{value:.2g}'
 
 
 def growing_noise(p_value: float) -> str:

@@ -79,6 +79,8 @@ class Diagnosis:
         remaining_p_value: of "the extended model is complete"; that of the base model if there is none.
         ranking: the whole catalogue, the best first.
         advice: what to do next; empty if nothing.
+        refitted: the base model with the noise that the touches ask for, which is to be used; None where the noise
+            is as stated, or of two levels.
     """
 
     verdict: str
@@ -91,6 +93,7 @@ class Diagnosis:
     remaining_p_value: float = 1.0
     ranking: tuple[Ranked, ...] = ()
     advice: str = ''
+    refitted: Calibration | None = None
 
     def effects_by_label(self) -> dict[str, Effect]:
         """All effects in the ranking and in the extended model, by label."""

@@ -92,4 +92,7 @@ def test_noise_that_grows_with_the_force_is_no_friction():
         assert growing_p_value(fit) < 1e-3 < off_normal_p_value(fit, beside_growing=True)
         found = diagnose(fit)
         assert not any(item.in_every_model and item.effect.name == 'contact_friction' for item in found.found)
-        assert 'increases with the force' in found.advice
+        assert found.verdict == 'none'
+        assert found.refitted is not None
+        assert 0.03 < found.refitted.noise.growth < 0.05
+        assert 'grows with the force' in found.advice

@@ -1,0 +1,166 @@
+"""Noise that is not the same for both axes or at all forces: found where the touches ask for it.
+
+The cell description states levels, or nothing. What it leaves open (a part that grows with the force; different levels
+of two axes where it states one, which is then their root mean square) is estimated only where the scatter of the
+touches shows it:
+
+- where the diagnosis finds nothing missing, or what is missing, by a score test (`variance_components`) at the last
+  fit, at a false alarm rate well below 1 %, confirmed by the deviance of the fit with it;
+- where the residuals are larger than stated, or unlike noise, by the deviance alone: then noise that grows competes
+  with contact friction and with a lack of fit.
+
+In both cases the touches are diagnosed anew with the noise found, and the likelier of the two diagnoses is kept. A
+model error is no noise: it depends on something, so the F-tests find it whatever the weights are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.estimate import WarmStart
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.refit import penalised_deviance, with_rejections_of
+from scara_kinetostatic.diagnosis.result import Diagnosis
+from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, STRICT_SIGNIFICANCE
+from scara_kinetostatic.diagnosis.variance_components import (
+    FORCE,
+    FORCE_AXES,
+    GROWING,
+    JOINT,
+    JOINT_AXES,
+    OFF_NORMAL,
+    excess_p_value,
+)
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.noise import Noise
+
+_PENALTY = 6.0
+"""Decrease of the deviance that a component of the noise must bring where the residuals are larger than noise."""
+_FIRST_GROWTH = 0.01
+"""Where the estimation of the part that grows with the force begins."""
+_LARGEST_GROWTH = 0.05
+"""A larger part is a model error."""
+_FEWEST_FREEDOMS = 30
+"""Degrees of freedom below which the scatter does not show what it depends on."""
+
+
+def noise_candidates(calibration: Calibration, found: Diagnosis) -> list[Calibration]:
+    """The base model refitted with the noise that the touches ask for: at the base model, at the extended one.
+
+    Args:
+        calibration: the base model.
+        found: its diagnosis; where it leaves nothing to ask for, there is no candidate.
+    """
+    c, extended = calibration, found.extended
+    if not _open_kinds(c) or c.degrees_of_freedom < _FEWEST_FREEDOMS:
+        return []
+    is_friction = extended is not None and bool(extended.model.off_normal_std)
+    suspicious = found.verdict == 'unexplained' or is_friction
+    fits = [c] if extended is None or is_friction else [c, extended] if suspicious else [extended]
+    candidates: list[Calibration] = []
+    for fit in fits:
+        noise = _noise_of(fit, suspicious)
+        if noise is None or any(_same_components(noise, other.noise) for other in candidates):
+            continue
+        refitted = _refitted(c, noise)
+        candidates += [] if refitted is None else [refitted]
+    return candidates
+
+
+def likelier(one: Diagnosis, before: Calibration, other: Diagnosis, refitted: Calibration) -> Diagnosis:
+    """The likelier of two diagnoses of the same touches.
+
+    Args:
+        one: with the noise as stated or of two levels.
+        before: its base model.
+        other: with further components of the noise.
+        refitted: its base model.
+    """
+    if other.verdict == 'unexplained' and one.verdict != 'unexplained':
+        return one
+    components = sum(kind not in _open_kinds(refitted) for kind in _open_kinds(before))
+    gain = _deviance(one, before) - _deviance(other, refitted) - _PENALTY * components
+    return replace(other, refitted=refitted) if gain > 0 else one
+
+
+def _deviance(found: Diagnosis, base: Calibration) -> float:
+    """The penalised deviance of the final model: ln n per parameter of an effect, and that of a choice for each."""
+    final = found.extended or base
+    choices = 2 * np.log(max(len(found.ranking), 1))
+    parameters = sum(max(len(effect.parameters), 1) for effect in final.model.effects)
+    penalty = parameters * np.log(len(final.touches)) + choices * len(final.model.effects)
+    return penalised_deviance(final, float(penalty), 1.0)
+
+
+def _open_kinds(c: Calibration) -> list[str]:
+    """The components that neither the cell description states nor the fit has."""
+    stated, kinds = c.cell.noise, []
+    if c.noise.force_relative is None:
+        kinds.append(GROWING)
+    for kind, level, given in (
+        (JOINT_AXES, c.noise.joint, stated and stated.joint),
+        (FORCE_AXES, c.noise.force, stated and stated.force),
+    ):
+        if not isinstance(level, tuple) and not isinstance(given, tuple):
+            kinds.append(kind)
+    return kinds
+
+
+def _noise_of(c: Calibration, suspicious: bool) -> Noise | None:
+    """The noise of a fit with the components that its residuals ask for, one after the other; None where none is."""
+    if not suspicious and not _is_significant(c):
+        return None
+    needed = _PENALTY if suspicious else CREDIBLE
+    best, least = c, penalised_deviance(c, 0.0, 1.0)
+    while kinds := _open_kinds(best):
+        fits = [fit for kind in kinds if (fit := _refitted(best, _with_component(best.noise, kind))) is not None]
+        deviances = [penalised_deviance(fit, 0.0, 1.0) for fit in fits]
+        if not fits or min(deviances) > least - needed:
+            break
+        best, least = fits[int(np.argmin(deviances))], min(deviances)
+    if best is c or best.noise.growth > _LARGEST_GROWTH or _is_understated(c, least):
+        return None
+    return best.noise
+
+
+def _is_significant(c: Calibration) -> bool:
+    """Whether a score test asks for a component, with the others of any size."""
+    kinds = _open_kinds(c)
+    beside = (JOINT, FORCE, OFF_NORMAL) if c.model.off_normal_std else (JOINT, FORCE)
+    return any(excess_p_value(c, kind, beside) * len(kinds) < STRICT_SIGNIFICANCE for kind in kinds)
+
+
+def _is_understated(c: Calibration, deviance: float) -> bool:
+    """Whether stated levels that are all too small explain the touches clearly better than further components do."""
+    if c.cell.noise is None:
+        return False
+    free = _refitted(replace(c, cell=replace(c.cell, noise=None)), c.noise._replace(force_relative=None))
+    return free is not None and penalised_deviance(free, 0.0, 1.0) < deviance - CREDIBLE
+
+
+def _refitted(c: Calibration, noise: Noise) -> Calibration | None:
+    """The model of a calibration fitted with the components of a noise; None where it has no fit."""
+    try:
+        warm_start = WarmStart(c.model, noise, c.used, c.errors)
+        found = calibrate(c.touches, c.cell, c.model.effects, start=c.start, fixed=c.fixed, warm_start=warm_start)
+    except UnsupportedDataError:
+        return None
+    return with_rejections_of(found, c)
+
+
+def _with_component(noise: Noise, kind: str) -> Noise:
+    """A noise with one component more, to begin with."""
+    if kind == GROWING:
+        return noise._replace(force_relative=_FIRST_GROWTH)
+    if kind == JOINT_AXES:
+        return noise._replace(joint=noise.joint_levels)
+    return noise._replace(force=noise.force_levels)
+
+
+def _same_components(one: Noise, other: Noise) -> bool:
+    return [isinstance(level, tuple) for level in one] == [isinstance(level, tuple) for level in other] and (
+        one.force_relative is None
+    ) == (other.force_relative is None)
