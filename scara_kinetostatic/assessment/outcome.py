@@ -12,6 +12,8 @@ from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import Assessment
 from scara_kinetostatic.calibration.held_out import HeldOut
 from scara_kinetostatic.calibration.result import Calibration, Estimate
+from scara_kinetostatic.calibration.tip_uncertainty import TipUncertainty, tip_uncertainty
+from scara_kinetostatic.calibration.uncertainty_budget import Item, uncertainty_budget
 from scara_kinetostatic.diagnosis.comparison import Comparison, compare
 from scara_kinetostatic.diagnosis.effect_residual import EffectResidual, effect_residuals
 from scara_kinetostatic.diagnosis.result import Diagnosis
@@ -131,6 +133,16 @@ class Outcome:
     def effect_residuals(self) -> tuple[EffectResidual, ...]:
         """The residual of each effect of the extended model, in the order of `diagnosis.found`."""
         return effect_residuals(self.calibration, self.final, self.diagnosis.found)
+
+    @cached_property
+    def tip_uncertainty(self) -> TipUncertainty:
+        """Expanded uncertainty of the tip over the workspace."""
+        return tip_uncertainty(self.final)
+
+    @cached_property
+    def budget(self) -> tuple[Item, ...]:
+        """What each source of uncertainty contributes to the final model's parameters and to the tip."""
+        return uncertainty_budget(self.final, self.tip_uncertainty)
 
     @cached_property
     def assessment(self) -> Assessment:

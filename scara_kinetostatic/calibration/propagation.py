@@ -196,7 +196,7 @@ def _propagate(c: Calibration, law: Law, rows: Indices) -> tuple[Floats, Floats,
         up, down = np.where(np.isfinite(up), up, found), np.where(np.isfinite(down), down, found)
         with np.errstate(invalid='ignore'):  # out of reach with either
             jacobian[..., k] = (up - down) / (sides * step[k])
-    undetermined = scales[:, None] * _undetermined(c, free, scales)
+    undetermined = undetermined_directions(c)
     of_value, of_torques = (_covariance(c, part, undetermined) for part in (jacobian[:, :2], jacobian[:, 2:]))
     return found[:, :2].copy(), found[:, 2:].copy(), of_value, of_torques
 
@@ -208,11 +208,14 @@ def _covariance(c: Calibration, jacobian: Floats, undetermined: Floats) -> Float
     return np.where((change > _DEPENDS * total)[:, None, None], np.nan, covariance)
 
 
-def _undetermined(calibration: Calibration, free: Mask, scales: Floats) -> Floats:
-    """Orthonormal directions of the free values, in their plausible ranges, that the fit kept, (12 + k, u)."""
+def undetermined_directions(calibration: Calibration) -> Floats:
+    """Directions of the free values that the fit kept where they were, each by its plausible range, (12 + k, u)."""
+    scales = scales_of(calibration.model)
+    held = calibration.model.held.union(calibration.fixed)
+    free = np.array([name not in held for name in calibration.model.names])
     basis = (calibration.subspace.basis / scales[:, None])[free]
     u, singular, _ = np.linalg.svd(basis, full_matrices=True)
     rank = int(np.sum(singular > _DETERMINED * singular.max(initial=0.0)))
     found = np.zeros((len(free), u.shape[0] - rank))
     found[free] = u[:, rank:]
-    return found
+    return np.asarray(scales[:, None] * found)

@@ -95,6 +95,8 @@ class Calibration:
         model: the calibrated model.
         covariance: of all values of the model, (12 + k, 12 + k), in their units and in the order of `model.names`;
             zero rows where fixed, not meaningful where confounded.
+        covariance_with_errors: of all values of the model and the declared errors, (12 + k + m, 12 + k + m), without
+            that of credible rival models; the errors in units of their standard uncertainties.
         std: standard uncertainties of L̄, (12,): 0 where fixed, NaN where confounded.
         effect_std: the same of the effects' parameters, (k,).
         errors: estimates of the declared errors of the cell, in units of their standard uncertainties, (m,).
@@ -132,6 +134,7 @@ class Calibration:
     start: ExtendedModel
     model: ExtendedModel
     covariance: Floats
+    covariance_with_errors: Floats
     std: Floats
     effect_std: Floats
     errors: Floats
@@ -153,7 +156,8 @@ class Calibration:
     history: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        for name in ('covariance', 'std', 'effect_std', 'errors', 'used', 'force', 'standardized'):
+        covariances = ('covariance', 'covariance_with_errors')
+        for name in (*covariances, 'std', 'effect_std', 'errors', 'used', 'force', 'standardized'):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def __repr__(self) -> str:
@@ -239,6 +243,11 @@ class Calibration:
         """Chi-square per degree of freedom; its expectation is 1 if model and noise are right."""
         return self.chi_square / self.degrees_of_freedom
 
+    @property
+    def is_enlarged(self) -> bool:
+        """Whether the covariance was enlarged because the stated noise does not cover the residuals."""
+        return _enlargement(self.chi_square, self.degrees_of_freedom) > 1
+
     def std_of(self, name: str) -> float:
         """Standard uncertainty of a parameter of the base model by name, in its unit."""
         return float(self.std[NAMES.index(name)])
@@ -267,7 +276,8 @@ def build_result(
     fit, used = found.fit, found.used
     model = fit.point.model
     observations = observations.with_errors(fit.point.errors)
-    contributions, chi_square, freedoms = _contributions(found, observations)
+    everything = covariance_of_fit(fit, found.subspace)
+    contributions, chi_square, freedoms = _contributions(found, observations, everything)
     covariance = np.sum([part.covariance for part in contributions], axis=0)
     std = np.sqrt(np.diag(covariance))
     identifiability = _identifiability(found, observations, covariance, std, fixed)
@@ -281,6 +291,7 @@ def build_result(
         start=start,
         model=model,
         covariance=covariance,
+        covariance_with_errors=_enlargement(chi_square, freedoms) * everything,
         std=std[: len(NAMES)],
         effect_std=std[len(NAMES) :],
         errors=fit.point.errors,
@@ -303,7 +314,9 @@ def build_result(
     )
 
 
-def _contributions(found: Estimation, observations: Observations) -> tuple[tuple[Contribution, ...], float, int]:
+def _contributions(
+    found: Estimation, observations: Observations, covariance: Floats
+) -> tuple[tuple[Contribution, ...], float, int]:
     """What noise and each declared source contribute to the covariance, chi-square, degrees of freedom.
 
     With C the covariance of the fit and P the rows of the prior, the estimate moves by -C P_sᵀ e_s with the true errors
@@ -311,7 +324,6 @@ def _contributions(found: Estimation, observations: Observations) -> tuple[tuple
     noise and declared errors can be, all are enlarged alike.
     """
     fit, values = found.fit, len(found.subspace.origin)
-    covariance = covariance_of_fit(fit, found.subspace)
     prior = ActivePrior.of(observations, found.subspace)
     chi_square = float(fit.point.distance[found.used].sum()) + fit.prior_cost
     freedoms = 2 * int(found.used.sum()) - found.subspace.basis.shape[1]
@@ -323,9 +335,14 @@ def _contributions(found: Estimation, observations: Observations) -> tuple[tuple
             part = moved[:, where]
             parts.append(Contribution(source.label, source.std, source.unit, part @ part.T))
     noise = covariance[:values, :values] - np.sum([part.covariance for part in parts], axis=0) if parts else covariance
-    enlarged = chi_square / freedoms if chdtrc(freedoms, chi_square) < _MISFIT else 1.0
+    enlarged = _enlargement(chi_square, freedoms)
     every = (Contribution('noise', None, '', noise), *parts)
     return tuple(part._replace(covariance=enlarged * part.covariance) for part in every), chi_square, freedoms
+
+
+def _enlargement(chi_square: float, freedoms: int) -> float:
+    """By what a covariance is enlarged: where the stated noise does not cover the residuals, reduced chi-square."""
+    return chi_square / freedoms if chdtrc(freedoms, chi_square) < _MISFIT else 1.0
 
 
 def _rejections(

@@ -12,6 +12,7 @@ from scara_kinetostatic import __version__
 from scara_kinetostatic.assessment.grade import Assessment
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.effects.base import Effect
@@ -54,7 +55,46 @@ def as_document(outcome: Outcome) -> Document:
         },
         'identifiability': _identifiability(c),
         'diagnosis': _diagnosis(outcome.diagnosis),
+        'budget': _budget(outcome),
+        'tip_uncertainty': _tip_uncertainty(outcome),
         'assessment': _assessment(outcome.assessment),
+    }
+
+
+def _budget(outcome: Outcome) -> list[Document]:
+    """What each source contributes to every parameter and to the tip where its uncertainty is largest."""
+    return [
+        {
+            'source': item.label,
+            **({} if item.declared is None else {'declared': item.declared, 'unit': item.unit}),
+            'contribution': {
+                **{name: _number(std) for name, std in zip(NAMES, item.parameters.tolist(), strict=True)},
+                'tip': _number(item.tip),
+            },
+        }
+        for item in outcome.budget
+    ]
+
+
+def _tip_uncertainty(outcome: Outcome) -> Document:
+    tip = outcome.tip_uncertainty
+    at = tip.at
+    return {
+        'median': _number(tip.median),
+        'worst': _number(tip.worst),
+        'at': None if at is None else at.tip.tolist(),
+        'region': 'workspace',
+        'coverage_factor': COVERAGE_FACTOR,
+        'tolerance': outcome.final.cell.tolerance,
+        'worst_pose': None
+        if at is None
+        else {
+            'elbow': 'left' if at.posture > 0 else 'right',
+            'joints': at.joints.tolist(),
+            'force': at.force.tolist(),
+            'direction': at.direction.tolist(),
+        },
+        'between_touches': {'median': _number(tip.median_touched), 'worst': _number(tip.worst_touched)},
     }
 
 
@@ -125,11 +165,13 @@ def _cell(cell: Cell) -> Document:
 def _parameters(outcome: Outcome) -> Document:
     c = outcome.final
     nominal = c.cell.nominal.as_dict()
+    stds = np.where(np.isnan(c.std), np.nan, c.std_noise).tolist()
     return {
         bias.name: {
             'nominal': nominal[bias.name],
             'value': bias.value,
             'std': _number(bias.std),
+            'std_noise': _number(noise),
             'unit': UNITS[bias.name],
             'status': c.status[bias.name],
             'base_model': {
@@ -139,7 +181,7 @@ def _parameters(outcome: Outcome) -> Document:
                 'bias_in_std': _number(bias.in_std),
             },
         }
-        for bias in outcome.comparison.biases
+        for bias, noise in zip(outcome.comparison.biases, stds, strict=True)
     }
 
 

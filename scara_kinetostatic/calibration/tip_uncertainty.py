@@ -1,0 +1,349 @@
+"""Expanded uncertainty of the tip over the workspace (GUM, JCGM 100, 5.2 and 6.2).
+
+The tip that the calibrated model gives for joint angles Q and a force F has the covariance J Σ Jᵀ with J = ∂S/∂L̄ at
+fixed Q and F and Σ the covariance of the calibration. Its standard uncertainty is that in the worst direction, the root
+of the largest eigenvalue. From (5) to (8), with Q* = Q - p c - g sign(c), column by column
+
+    ∂S/∂(x0, y0) = I,          ∂S/∂theta_i = J_i,         ∂S/∂l_i = the unit vector of link i,
+    ∂S/∂p_i = -J_i c_i,        ∂S/∂g_i = -J_i sign(c_i),  ∂S/∂p_ee = ∓F,   ∂S/∂g_ee = -F/‖F‖,
+
+J_i the columns of J (2) at Q*. What these leave out, the change of the torques along with the parameters, is smaller by
+the deflection over the length of the arm, about one part in a thousand. An effect with the shift δ of the joints and d
+of the tip adds d - J δ.
+
+The **workspace** is where the calibrated arm reaches in the elbow postures that were touched, all round, up to
+`NEARLY_STRETCHED` of its length: without load, and under the mean force of the touches in `DIRECTIONS` directions, of
+which the worst counts. J is bounded everywhere: H̄ needs no inverse, unlike Ḡ where the arm is stretched. Places whose
+joint angles are not between those of the touches are extrapolated; the map says which.
+
+The play of a joint without load is not part of it: this is a property of the arm, not of the calibration
+(`TipUncertainty.lost_motion`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from scara_kinetostatic.calibration.propagation import undetermined_directions
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.contact_state import State
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_equations import ContactProblem
+from scara_kinetostatic.model.kinematics import forward, inverse, jacobian, link_vectors, quarter_turn, wrap
+from scara_kinetostatic.model.kinetostatics import joint_deflection, joint_torques
+from scara_kinetostatic.model.parameters import NAMES
+
+COVERAGE_FACTOR = 2.0
+"""k of the expanded uncertainty U = k u: about 95 % of a normal distribution."""
+NEARLY_STRETCHED = 0.985
+"""Of the arm's length: the workspace ends there, and as near to where the arm is folded."""
+GRID = 33
+"""Places along each side of the square around the workspace."""
+DIRECTIONS = 12
+"""Directions of the force."""
+_STEP = 1e-3
+"""Step of the difference over a value of an effect, in plausible sizes."""
+_DEPENDS = 1.0
+"""A change of the tip by the plausible range of what is undetermined that counts, in standard uncertainties."""
+_DISC_RADIUS = 0.1
+"""Radius of the disc that effects are given as the touched one, m."""
+
+
+class Poses(NamedTuple):
+    """Poses of the arm.
+
+    Attributes:
+        joints: Q, (n, 2), rad.
+        posture: +1 or -1, (n,).
+        force: F on the object, base frame, (n, 2), N.
+    """
+
+    joints: Floats
+    posture: Indices
+    force: Floats
+
+
+class UncertaintyMap(NamedTuple):
+    """Expanded uncertainty of the tip in one elbow posture, on a grid of its places.
+
+    Attributes:
+        posture: +1 for left, -1 for right.
+        x: of the columns, (k,), m.
+        y: of the rows, (m,), m.
+        expanded: U, the largest of all forces, (m, k), m; NaN where the arm does not reach or U is not determined.
+        touched: whether the joint angles are between those of the touches, (m, k); elsewhere it is extrapolated.
+    """
+
+    posture: int
+    x: Floats
+    y: Floats
+    expanded: Floats
+    touched: Mask
+
+
+class WorstPose(NamedTuple):
+    """Where the uncertainty of the tip is largest.
+
+    Attributes:
+        tip: place of the tip, (2,), m.
+        joints: Q, (2,), rad.
+        posture: +1 or -1.
+        force: F on the object, (2,), N.
+        direction: of the largest uncertainty, a unit vector, (2,).
+        gradient: change of the tip along it by each value of the model, (12 + k,).
+    """
+
+    tip: Floats
+    joints: Floats
+    posture: int
+    force: Floats
+    direction: Floats
+    gradient: Floats
+
+
+class TipUncertainty(NamedTuple):
+    """Expanded uncertainty (k = 2) of the tip over the workspace.
+
+    Attributes:
+        median: over the places of the workspace, m; NaN where the data do not determine it.
+        worst: the largest, m.
+        at: where that is; None where nothing is determined.
+        median_touched: the median where the joint angles are between those of the touches, m.
+        worst_touched: the largest there, m.
+        undetermined: part of the places where the data do not determine it, 0 to 1.
+        lost_motion: the largest distance of the tip from the middle of the joints' dead bands without load, m; not contained.
+        maps: of each posture that was touched.
+    """
+
+    median: float
+    worst: float
+    at: WorstPose | None
+    median_touched: float
+    worst_touched: float
+    undetermined: float
+    lost_motion: float
+    maps: tuple[UncertaintyMap, ...]
+
+
+class Workspace(NamedTuple):
+    """The poses of the workspace, and how the tip changes there with the values of the model.
+
+    Attributes:
+        x: of the columns of the grid, (k,), m.
+        y: of its rows, (m,), m.
+        reached: which places of the grid the arm reaches, (m, k).
+        postures: that were touched.
+        poses: P places posture by posture, each under all forces: (P · forces,).
+        touched: whether a place is between the touches, (P,).
+        derivative: of the tip by the values of the model, (P · forces, 2, 12 + k).
+        dependent: change of the tip by what is undetermined, (P · forces,), m.
+    """
+
+    x: Floats
+    y: Floats
+    reached: Mask
+    postures: tuple[int, ...]
+    poses: Poses
+    touched: Mask
+    derivative: Floats
+    dependent: Floats
+
+    @property
+    def places(self) -> int:
+        """How many places there are, in all postures."""
+        return len(self.touched)
+
+    def std(self, covariance: Floats) -> Floats:
+        """Standard uncertainty of the tip in the worst direction and under the worst force, (P,), m."""
+        return np.asarray(np.sqrt(self._variances(covariance).max(axis=1)))
+
+    def _variances(self, covariance: Floats) -> Floats:
+        """In the worst direction, place by place and force by force, (P, forces), m²; NaN where undetermined."""
+        every = tip_covariance(self.derivative, covariance)
+        half, off = (every[:, 0, 0] - every[:, 1, 1]) / 2, every[:, 0, 1]
+        mean = (every[:, 0, 0] + every[:, 1, 1]) / 2
+        undetermined = self.dependent > _DEPENDS * np.sqrt(2 * mean)
+        return np.where(undetermined, np.nan, mean + np.hypot(half, off)).reshape(self.places, -1)
+
+    def worst(self, covariance: Floats) -> int | None:
+        """Number of the pose with the largest variance."""
+        variances = self._variances(covariance)
+        return None if np.isnan(variances).all() else int(np.nanargmax(variances))
+
+
+def tip_covariance(derivative: Floats, covariance: Floats) -> Floats:
+    """J Σ Jᵀ of n poses, (n, 2, 2), m²."""
+    return np.asarray((derivative @ covariance) @ derivative.swapaxes(1, 2))
+
+
+def tip_derivative(c: Calibration, poses: Poses) -> Floats:
+    """∂S/∂(values of the model) at fixed joint angles and forces, (n, 2, 12 + k)."""
+    p, force = c.parameters, poses.force
+    links = poses.joints - joint_deflection(p, joint_torques(p, poses.joints, force))
+    torques = joint_torques(p, links, force)
+    link1, link2 = link_vectors(p, links)
+    turns = jacobian(p, links)
+    magnitude = np.hypot(*force.T)[:, None]
+    unit = force / np.where(magnitude > 0, magnitude, 1.0)
+    columns = {
+        'x0': np.broadcast_to([1.0, 0.0], link1.shape),
+        'y0': np.broadcast_to([0.0, 1.0], link1.shape),
+        'theta1': quarter_turn(link1 + link2),
+        'l1': link1 / p.l1,
+        'theta2': quarter_turn(link2),
+        'l2': link2 / p.l2,
+        'p_ee': c.cell.gripper.factor * force,
+        'p1': -turns[..., 0] * torques[:, :1],
+        'p2': -turns[..., 1] * torques[:, 1:],
+        'g_ee': -unit,
+        'g1': -turns[..., 0] * np.sign(torques[:, :1]),
+        'g2': -turns[..., 1] * np.sign(torques[:, 1:]),
+    }
+    base = np.stack([columns[name] for name in NAMES], axis=-1)
+    if not c.model.effects:
+        return base
+    return np.concatenate([base, _by_effects(c, poses, links, torques, turns)], axis=-1)
+
+
+def _by_effects(c: Calibration, poses: Poses, links: Floats, torques: Floats, turns: Floats) -> Floats:
+    """∂S/∂(values of the effects), (n, 2, k), by differences of d - J δ."""
+    n, values = len(links), c.model.as_array()
+    magnitude, direction = np.hypot(*poses.force.T), np.arctan2(poses.force[:, 1], poses.force[:, 0])
+    normal = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
+    metadata = TouchMetadata.plain(n)._replace(posture=poses.posture)
+    centers = forward(c.parameters, links) + _DISC_RADIUS * normal
+    problem = ContactProblem(poses.joints, centers, np.full(n, _DISC_RADIUS), c.cell.gripper, metadata)
+    at = problem.touch_state(c.parameters, State(links[:, 0], links[:, 1], magnitude, direction, *np.sign(torques).T))
+    found = np.zeros((n, 2, len(values) - len(NAMES)))
+    for k, scale in enumerate(c.model.effect_scales):
+        change = _STEP * scale * (np.arange(len(values)) == len(NAMES) + k)
+        ends = [c.model.with_array(values + sign * change).shift(at, robot_only=True) for sign in (1, -1)]
+        joints, place = ((up - down) / (2 * _STEP * scale) for up, down in zip(*ends, strict=True))
+        found[..., k] = place - np.einsum('nij,nj->ni', turns, joints)
+    return found
+
+
+def workspace(c: Calibration) -> Workspace:
+    """The workspace of a calibrated arm."""
+    p, touches = c.parameters, c.touches.select(c.used)
+    length, shortest = p.l1 + p.l2, abs(p.l1 - p.l2)
+    reach = NEARLY_STRETCHED * length
+    x, y = (origin + np.linspace(-reach, reach, GRID) for origin in (p.x0, p.y0))
+    grid = np.stack(np.meshgrid(x, y), axis=-1)
+    away = np.hypot(grid[..., 0] - p.x0, grid[..., 1] - p.y0)
+    reached = (away <= reach * (1 + 1e-9)) & (away >= shortest + (1 - NEARLY_STRETCHED) * length)
+    postures = tuple(sign for sign in (1, -1) if np.any(touches.posture == sign))
+    joints = np.concatenate([inverse(p, grid[reached], sign) for sign in postures])
+    posture = np.repeat(postures, int(reached.sum()))
+    touched = np.concatenate(
+        [_is_between(joints[posture == sign], touches.joints[touches.posture == sign]) for sign in postures]
+    )
+    forces = _forces(c)
+    poses = Poses(
+        np.repeat(joints, len(forces), axis=0), np.repeat(posture, len(forces)), np.tile(forces, (len(joints), 1))
+    )
+    derivative = tip_derivative(c, poses)
+    dependent = np.linalg.norm(derivative @ undetermined_directions(c), axis=(1, 2))
+    return Workspace(x, y, reached, postures, poses, touched, derivative, dependent)
+
+
+def _forces(c: Calibration) -> Floats:
+    """No force, and the mean force of the used touches in all directions, (1 + DIRECTIONS, 2), N."""
+    mean = float(np.hypot(*c.force[c.used].T).mean())
+    angles = 2 * np.pi * (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS
+    return np.concatenate([np.zeros((1, 2)), mean * np.stack([np.cos(angles), np.sin(angles)], axis=-1)])
+
+
+def _is_between(joints: Floats, touched: Floats) -> Mask:
+    """Whether joint angles, (n, 2), are in the convex hull of those of touches, (m, 2); none where m is below 3."""
+    centre = touched.mean(axis=0)
+    points, hull = wrap(joints - centre), wrap(touched - centre)
+    inside = np.ones(len(points), dtype=bool)
+    if len(hull) < 3:
+        return ~inside
+    # a point is outside where in some direction it is beyond all of the hull; edges are such directions
+    ordered = _hull(hull)
+    for first, second in zip(ordered, np.roll(ordered, -1, axis=0), strict=True):
+        edge, to = second - first, points - first
+        inside &= edge[0] * to[:, 1] - edge[1] * to[:, 0] >= 0
+    return inside if len(ordered) > 2 else ~inside
+
+
+def _hull(points: Floats) -> Floats:
+    """Corners of the convex hull, counter-clockwise (Andrew's monotone chain), (h, 2)."""
+    ordered = np.unique(points, axis=0)
+
+    def half(rows: Floats) -> list[Floats]:
+        chain: list[Floats] = []
+        for point in rows:
+            while len(chain) > 1 and np.linalg.det([chain[-1] - chain[-2], point - chain[-1]]) <= 0:
+                chain.pop()
+            chain.append(point)
+        return chain[:-1]
+
+    return np.array(half(ordered) + half(ordered[::-1]))
+
+
+def tip_uncertainty(c: Calibration, area: Workspace | None = None) -> TipUncertainty:
+    """Expanded uncertainty of the tip over the workspace.
+
+    Args:
+        c: the calibration.
+        area: its workspace, where there is one.
+    """
+    area = workspace(c) if area is None else area
+    expanded = COVERAGE_FACTOR * area.std(c.covariance)
+    known = np.isfinite(expanded)
+    return TipUncertainty(
+        median=_statistic(np.median, expanded[known]),
+        worst=_statistic(np.max, expanded[known]),
+        at=_worst_pose(c, area),
+        median_touched=_statistic(np.median, expanded[known & area.touched]),
+        worst_touched=_statistic(np.max, expanded[known & area.touched]),
+        undetermined=float(np.mean(~known)),
+        lost_motion=_lost_motion(c, area),
+        maps=_maps(area, expanded),
+    )
+
+
+def _statistic(function: Callable[[Floats], Any], values: Floats) -> float:
+    return float(function(values)) if len(values) else float('nan')
+
+
+def _worst_pose(c: Calibration, area: Workspace) -> WorstPose | None:
+    number = area.worst(c.covariance)
+    if number is None:
+        return None
+    derivative = area.derivative[number]
+    direction = np.linalg.eigh(derivative @ c.covariance @ derivative.T)[1][:, -1]
+    joints = area.poses.joints[number]
+    return WorstPose(
+        tip=forward(c.parameters, joints),
+        joints=joints,
+        posture=int(area.poses.posture[number]),
+        force=area.poses.force[number],
+        direction=direction,
+        gradient=direction @ derivative,
+    )
+
+
+def _lost_motion(c: Calibration, area: Workspace) -> float:
+    """The largest ‖±J_1 g1 ± J_2 g2‖ over the workspace, m."""
+    turns = jacobian(c.parameters, area.poses.joints)
+    first, second = turns[..., 0] * abs(c.parameters.g1), turns[..., 1] * abs(c.parameters.g2)
+    return float(np.max([np.hypot(*(first + second).T), np.hypot(*(first - second).T)]))
+
+
+def _maps(area: Workspace, expanded: Floats) -> tuple[UncertaintyMap, ...]:
+    count = int(area.reached.sum())
+    found = []
+    for number, posture in enumerate(area.postures):
+        rows = slice(number * count, (number + 1) * count)
+        values, touched = np.full(area.reached.shape, np.nan), np.zeros(area.reached.shape, dtype=bool)
+        values[area.reached], touched[area.reached] = expanded[rows], area.touched[rows]
+        found.append(UncertaintyMap(posture, area.x, area.y, values, touched))
+    return tuple(found)
