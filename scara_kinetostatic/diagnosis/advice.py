@@ -100,7 +100,7 @@ def fixed_parameters(c: Calibration) -> str:
 
 def moments(found: Sequence[Found], known: Sequence[Moment]) -> str:
     """Between which touches something shifted; of a rival, where that is if it is the one."""
-    certain = {item.effect.label for item in found if item.in_every_model}
+    certain = {item.effect.label for item in found if item.is_found}
     return joined(
         *(
             moment.text if moment.effect.label in certain else f'if it is {moment.effect.label}, {moment.text}'
@@ -210,11 +210,14 @@ def _remaining(verdict: str, found: Sequence[Found], remaining: Sequence[Depende
     """The lack of fit of the extended model, if any."""
     if verdict != 'unexplained':
         return ''
+    possible = [item.effect.title for item in found if item.is_possible]
+    doubt = f'; what was added, {_enumerated(possible)}, is possible but not proved: something else is missing, and '
+    doubt = f'{doubt}may be the cause instead' if possible else ''
     if remaining:
-        return f'a significant lack of fit remains: the residual is correlated with {_first_names(remaining)}'
+        return f'a significant lack of fit remains: the residual is correlated with {_first_names(remaining)}{doubt}'
     if all(item.effect.is_physical for item in found):
-        return 'the residuals remain larger than the stated noise, without a pattern'
-    return ''
+        return f'the residuals remain larger than the stated noise, without a pattern{doubt}'
+    return f'the model is not complete without a fitted curve{doubt}' if possible else ''
 
 
 def negative_backlash(c: Calibration) -> str:

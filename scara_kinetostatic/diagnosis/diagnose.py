@@ -188,6 +188,7 @@ def _extended(
     rivals = [widened_by_moments(rival, find_moments(rival)) for rival in rivals]
     effects = _describe(extended, found.in_every_model, rivals)
     verdict = _verdict(found, effects, after)
+    effects = tuple(_as_suspicion(item) for item in effects) if verdict == 'unexplained' else effects
     touches = discriminating_touches(c, rivals) if len(rivals) > 1 else None
     return Diagnosis(
         verdict=verdict,
@@ -198,7 +199,7 @@ def _extended(
         dependences=tests.dependences,
         remaining=after.dependences,
         remaining_p_value=after.p_value,
-        ranking=_ranking(found, c),
+        ranking=_ranking(found, c, tuple(item.effect.label for item in effects if item.is_possible)),
         advice=advice.joined(
             advice.moments(effects, moments),
             advice.open_questions(verdict, effects, found.rivals, after.dependences, known, touches),
@@ -255,9 +256,18 @@ def _adequacy(
 
 
 def _verdict(found: Search, effects: Sequence[Found], after: _Adequacy) -> str:
-    if after.p_value < SIGNIFICANCE or any(not item.effect.is_physical and item.in_every_model for item in effects):
+    """``unexplained`` where a lack of fit remains, or where every credible model has a fitted curve in it."""
+    curves = {c.effect.label for c in found.scored_subsets.candidate_set.candidates if not c.effect.is_physical}
+    curves |= {item.effect.label for item in effects if not item.effect.is_physical}
+    is_described = bool(curves & set(found.in_every_model)) or any(set(group) <= curves for group in found.rivals)
+    if after.p_value < SIGNIFICANCE or is_described:
         return 'unexplained'
     return 'ambiguous' if found.rivals else 'explained'
+
+
+def _as_suspicion(item: Found) -> Found:
+    """An effect beside which something is missing: its name is no more than possible; a fitted curve names nothing."""
+    return item._replace(is_possible=item.effect.is_physical)
 
 
 def _describe(extended: Calibration, in_every_model: Sequence[str], rivals: Sequence[Calibration]) -> tuple[Found, ...]:
@@ -290,14 +300,15 @@ def _values(item: FittedEffect, calibration: Calibration) -> tuple[Value, ...]:
     )
 
 
-def _ranking(found: Search, calibration: Calibration) -> tuple[Ranked, ...]:
-    """Every effect by itself: its scores and its role."""
+def _ranking(found: Search, calibration: Calibration, possible: Sequence[str] = ()) -> tuple[Ranked, ...]:
+    """Every effect by itself: its scores and its role; `possible` are the labels of suspicions."""
     rivals = {label for group in found.rivals for label in group}
     std = (found.extended or calibration).std
     ranked = []
     for score in score_singles(found.problem, found.scored_subsets):
         label = score.candidate.effect.label
         role = 'found' if label in found.in_every_model else 'rival' if label in rivals else 'rejected'
+        role = 'possible' if role == 'found' and label in possible else role
         bias, place = undetected_bias(found.problem, score.candidate, std)
         scores = score.p_value, score.share, score.gain, score.held_out
         ranked.append(Ranked(score.candidate.effect, role, *scores, score.independent_part, bias, NAMES[place]))

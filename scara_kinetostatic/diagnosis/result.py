@@ -29,11 +29,18 @@ class Found(NamedTuple):
         effect: the effect.
         values: its parameters; of a rival, what they are if it is this one.
         in_every_model: whether it is in every credible model; else it has rivals.
+        is_possible: whether it is a suspicion only, as the model with it is still incomplete.
     """
 
     effect: Effect
     values: tuple[Value, ...]
     in_every_model: bool
+    is_possible: bool = False
+
+    @property
+    def is_found(self) -> bool:
+        """Whether it is stated as found: in every credible model, and what is left is noise; or a fitted curve."""
+        return self.in_every_model and not self.is_possible
 
 
 class Ranked(NamedTuple):
@@ -41,7 +48,7 @@ class Ranked(NamedTuple):
 
     Attributes:
         effect: the effect.
-        role: ``found``, ``rival``, ``rejected`` or ``unidentifiable``.
+        role: ``found``, ``possible``, ``rival``, ``rejected`` or ``unidentifiable``.
         p_value: of "it is not there", corrected for the search over its frequencies; NaN if it is not identifiable.
         share: part of the residual's sum of squares that it explains.
         gain: decrease of the penalised deviance by it.

@@ -135,9 +135,10 @@ def one_line(outcome: Outcome) -> str:
 def _verdict(outcome: Outcome) -> str:
     """The verdict and the effects behind it; rivals in brackets."""
     d = outcome.diagnosis
-    in_every_model = [item.effect.label for item in d.found if item.in_every_model]
+    found = [item.effect.label for item in d.found if item.is_found]
+    possible = [f'possible: {item.effect.label}' for item in d.found if item.in_every_model and item.is_possible]
     open_ones = [f'one of ({", ".join(group)})' for group in d.rivals]
-    return ', '.join([d.verdict, *in_every_model, *open_ones])
+    return ', '.join([d.verdict, *found, *possible, *open_ones])
 
 
 def details(outcome: Outcome) -> dict[str, str]:
@@ -161,7 +162,8 @@ def details(outcome: Outcome) -> dict[str, str]:
         'rank': str(base_rank(result)),
         'confounded': ', '.join(' '.join(group) for group in result.identifiability.confounded) or 'none',
         'verdict': outcome.diagnosis.verdict,
-        'effects': ', '.join(item.effect.label for item in found if item.in_every_model) or 'none',
+        'effects': ', '.join(item.effect.label for item in found if item.is_found) or 'none',
+        'possible effects': ', '.join(item.effect.label for item in found if item.is_possible) or 'none',
         'rivals': '; '.join(', '.join(group) for group in outcome.diagnosis.rivals) or 'none',
         'sources': ', '.join(outcome.sources),
     }

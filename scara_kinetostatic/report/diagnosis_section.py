@@ -42,7 +42,7 @@ class _EffectEntry(NamedTuple):
     Attributes:
         name: its title.
         label: as in the files; empty of a fitted curve.
-        in_every_model: whether it is in every credible model; else it has rivals.
+        tag: what is said beside the name of one that is not proved; empty for one that is found.
         values: name, value and meaning of each parameter.
         note: in words; empty if none.
         picture: its residual before and after; None if it is not drawn.
@@ -50,7 +50,7 @@ class _EffectEntry(NamedTuple):
 
     name: str
     label: str
-    in_every_model: bool
+    tag: str
     values: list[tuple[str, str, str]]
     note: str
     picture: Any
@@ -107,7 +107,9 @@ def _entries(outcome: Outcome) -> list[_EffectEntry]:
         picture = residual_picture(outcome.effect_residuals[number], f'effect{number}', titles) if drawn else None
         note = _OFF_NORMAL if item.effect.off_normal_std else ''
         label = item.effect.label if item.effect.is_physical else ''
-        entries.append(_EffectEntry(item.effect.title, label, item.in_every_model, _values(item), note, picture))
+        tag = 'possible, not proved' if item.is_possible else ''
+        tag = tag if item.in_every_model else 'one of several possible causes'
+        entries.append(_EffectEntry(item.effect.title, label, tag, _values(item), note, picture))
     return entries
 
 
@@ -129,7 +131,7 @@ def _candidates(d: Diagnosis) -> list[_CandidateRow]:
         curves += curve
         if not curve or curves <= _MOST_CURVES:
             chosen.append(item)
-    chosen.sort(key=lambda item: d.role_of(item) != 'found')
+    chosen.sort(key=lambda item: d.role_of(item) not in ('found', 'possible'))
     return [_candidate(item, d.role_of(item), largest) for item in chosen]
 
 

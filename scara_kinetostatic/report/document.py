@@ -246,7 +246,8 @@ def _diagnosis(d: Diagnosis) -> Document:
     return {
         'verdict': d.verdict,
         'p_value': _number(d.p_value),
-        'effects': [_found(item) for item in d.found if item.in_every_model],
+        'effects': [_found(item) for item in d.found if item.is_found],
+        'possible': [_found(item) for item in d.found if item.in_every_model and item.is_possible],
         'rivals': [[_name_and_target(effects, label)['name'] for label in group] for group in d.rivals],
         'rival_effects': [[_rival(d, effects, label) for label in group] for group in d.rivals],
         'remaining_p_value': _number(d.remaining_p_value),

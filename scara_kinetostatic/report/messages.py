@@ -107,7 +107,7 @@ def _model(d: Diagnosis) -> tuple[str, str, list[str]]:
     return (
         'bad',
         f'Model error found, {rest}',
-        [f'{lack}. Added to the model: {_names(d.found)}.', *_rivals_in_model(d)],
+        [f'{lack}. {_added(d.found)}', *_rivals_in_model(d)],
     )
 
 
@@ -125,6 +125,15 @@ def _rivals_in_model(d: Diagnosis) -> list[str]:
         'The extended model contains one or some of them; the standard deviations of the twelve parameters cover the '
         'others as well, those of the effects do not.'
     ]
+
+
+def _added(found: Sequence[Found]) -> str:
+    """What an incomplete model contains: suspicions and fitted curves."""
+    possible = [item for item in found if item.is_possible]
+    curves = [item for item in found if not item.is_possible]
+    suspected = f'Possible, but not proved, and in the model: {_names(possible)}.' if possible else ''
+    described = f'Added to the model: {_names(curves)}.' if curves else ''
+    return ' '.join(text for text in (suspected, described) if text)
 
 
 def _names(found: Sequence[Found]) -> str:

@@ -53,7 +53,10 @@ def effect_parameters(found: Sequence[Found]) -> list[EffectParameter]:
             number += 1
             place = (name, f'{target}_{number}')
         taken.add(place)
-        rows += [EffectParameter((*place, _word(v.name)), v.value, v.std, v.unit, v.meaning) for v in item.values]
+        doubt = ' (possible, not proved)' if item.is_possible else ''
+        rows += [
+            EffectParameter((*place, _word(v.name)), v.value, v.std, v.unit, v.meaning + doubt) for v in item.values
+        ]
     return rows
 
 

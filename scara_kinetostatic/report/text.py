@@ -59,7 +59,8 @@ def _effects(found: Sequence[Found]) -> list[str]:
     """The effects of the extended model with their values; those of a fitted curve have no meaning by themselves."""
     lines = ['', 'added to the base model'] if found else []
     for item in found:
-        note = '' if item.in_every_model else ' (one of several possible causes)'
+        note = ' (possible, not proved)' if item.is_possible else ''
+        note = note if item.in_every_model else ' (one of several possible causes)'
         label = f'  {item.effect.label}' if item.effect.is_physical else ''
         lines += _wrapped([item.effect.title + note + label], '  ')
         if item.effect.is_physical and item.values:
