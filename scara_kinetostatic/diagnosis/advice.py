@@ -211,8 +211,9 @@ def _remaining(verdict: str, found: Sequence[Found], remaining: Sequence[Depende
     if verdict != 'unexplained':
         return ''
     possible = [item.effect.title for item in found if item.is_possible]
-    doubt = f'; what was added, {_enumerated(possible)}, is possible but not proved: something else is missing, and '
-    doubt = f'{doubt}may be the cause instead' if possible else ''
+    doubt = ''
+    if possible:
+        doubt = f'; what was added, {_enumerated(possible)}, is possible but not proved: what is missing may be the cause'
     if remaining:
         return f'a significant lack of fit remains: the residual is correlated with {_first_names(remaining)}{doubt}'
     if all(item.effect.is_physical for item in found):
