@@ -211,9 +211,8 @@ def _remaining(verdict: str, found: Sequence[Found], remaining: Sequence[Depende
     if verdict != 'unexplained':
         return ''
     possible = [item.effect.title for item in found if item.is_possible]
-    doubt = ''
-    if possible:
-        doubt = f'; what was added, {_enumerated(possible)}, is possible but not proved: what is missing may be the cause'
+    added = f'; what was added, {_enumerated(possible)}, ' if possible else ''
+    doubt = f'{added}is possible but not proved: what is missing may be the cause' if possible else ''
     if remaining:
         return f'a significant lack of fit remains: the residual is correlated with {_first_names(remaining)}{doubt}'
     if all(item.effect.is_physical for item in found):
