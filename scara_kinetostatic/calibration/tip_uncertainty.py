@@ -115,8 +115,8 @@ class TipUncertainty(NamedTuple):
         median_touched: the median where the joint angles are between those of the touches, m.
         worst_touched: the largest there, m.
         undetermined: part of the places where the data do not determine it, 0 to 1.
-        lost_motion: the largest distance of the tip from the middle of the joints' dead bands without load, m; it is not
-            contained.
+        lost_motion: the largest distance of the tip from the middle of the joints' dead bands without load, m; it is
+            not contained.
         maps: of each posture that was touched.
     """
 
