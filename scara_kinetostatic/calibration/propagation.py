@@ -39,6 +39,10 @@ _PASSES = 20
 """Newton steps to the link angles at most; three or four suffice."""
 _ROUNDING = 1e-15
 """Change of the link angles at which they are found, rad."""
+_SETTLED = 1e-12
+"""Change of the link angles by one more step that is only rounding, rad."""
+_STARTS = ((1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0))
+"""Flanks of both joints from which the link angles are sought, in turn."""
 _SIGN_KNOWN = 3.0
 """Standard uncertainties from zero at which the sign of a torque, or the direction of a force, is known."""
 Law = Callable[[ExtendedModel, Indices], tuple[Floats, Floats]]
@@ -165,16 +169,38 @@ def tip_under_force(
 
 
 def _links(model: ExtendedModel, joints: Floats, force: Floats, gripper: Gripper) -> Floats:
-    """Q* of joints under a force, (n, 2), by Newton's method."""
-    n = len(joints)
+    """Q* of joints under a force, (n, 2), by Newton's method.
+
+    Where a link is nearly in line with a force that compresses it, the floating joint is unstable, and the flanks
+    alternate from one start: then the others are tried.
+    """
+    links, settled = _links_from(_STARTS[0], model, joints, force, gripper)
+    wrong = np.flatnonzero(~settled)
+    for start in _STARTS[1:]:
+        if not len(wrong):
+            break
+        found, settled = _links_from(start, model, joints[wrong], force[wrong], gripper)
+        links[wrong[settled]] = found[settled]
+        wrong = wrong[~settled]
+    return links
+
+
+def _links_from(
+    start: tuple[float, float], model: ExtendedModel, joints: Floats, force: Floats, gripper: Gripper
+) -> tuple[Floats, Mask]:
+    """Q* from flanks to start on, (n, 2), and whether links and flanks agree, (n,)."""
     magnitude, direction = np.hypot(force[:, 0], force[:, 1]), np.arctan2(force[:, 1], force[:, 0])
-    state = State(joints[:, 0], joints[:, 1], magnitude, direction, np.ones(n), np.ones(n))
+    flanks = (np.full(len(joints), each) for each in start)
+    state = State(joints[:, 0], joints[:, 1], magnitude, direction, *flanks)
     for _ in range(_PASSES):
         before = state
         state = solve_link_angles(model.parameters, joints, state, gripper, again=True).state
         if not np.any(np.abs([state.link1 - before.link1, state.link2 - before.link2]) > _ROUNDING):
             break
-    return np.stack([state.link1, state.link2], axis=-1)
+    next_one = solve_link_angles(model.parameters, joints, state, gripper).state
+    moved = np.abs([state.link1 - next_one.link1, state.link2 - next_one.link2]).max(axis=0)
+    settled = (moved < _SETTLED) & (state.mode1 == next_one.mode1) & (state.mode2 == next_one.mode2)
+    return np.stack([state.link1, state.link2], axis=-1), np.asarray(settled)
 
 
 def _propagate(c: Calibration, law: Law, rows: Indices) -> tuple[Floats, Floats, Floats, Floats]:
