@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from scara_kinetostatic.assessment import completeness, coverage, redundancy, rejections, values
+from scara_kinetostatic.assessment import completeness, coverage, redundancy, rejections, tolerance, values
 from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark, quantity
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.effects.object_position import ObjectPosition
 from scara_kinetostatic.effects.object_radius import ObjectRadius
 
@@ -23,9 +24,11 @@ CRITERIA: tuple[Callable[[Evidence], Iterator[Remark]], ...] = (
     redundancy.freedoms,
     completeness.unexplained,
     completeness.ambiguous,
+    completeness.shifted,
     completeness.noise,
     rejections.unusable,
     values.large_backlash,
+    tolerance.conformity,
     coverage.postures,
     coverage.forces,
     coverage.places,
@@ -74,4 +77,10 @@ def _notes(evidence: Evidence) -> Iterator[str]:
     c = evidence.final
     if c.fixed:
         yield f'held at given values, which count as exact: {", ".join(c.fixed)}'
-    yield 'the cell description declares no uncertainties (discs, radii and sensor count as exact) and no tolerance'
+    missing = []
+    if DeclaredErrors.of(c.cell) is None:
+        missing.append('no uncertainties (discs, radii and sensor count as exact)')
+    if c.cell.tolerance is None:
+        missing.append('no tolerance')
+    if missing:
+        yield f'the cell description declares {" and ".join(missing)}'

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
+import numpy as np
+
 from scara_kinetostatic.assessment import thresholds
 from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import Grade, Remark, quantity
+from scara_kinetostatic.assessment.rejections import between, displacement
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.noise_advice import implausible_noise, large_noise
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.effects.shift import DiscShift
+from scara_kinetostatic.model.touch import TouchSet
 
 _MOST_NAMED = 4
 """So many rivals are named."""
@@ -42,6 +47,32 @@ def _to_discriminate(d: Diagnosis) -> str:
     labels = [label for group in d.rivals for label in group[:_MOST_NAMED] if label in effects]
     touches = dict.fromkeys(effects[label].identified_by for label in labels)
     return f'to tell the causes apart, record {"; or ".join(touches)}' if touches else ''
+
+
+def shifted(evidence: Evidence) -> Iterator[Remark]:
+    """Something that shifted at a moment: corrected, but a cell in which things move."""
+    for item in evidence.diagnosis.found:
+        effect, values = item.effect, {value.name: value.value for value in item.values}
+        if not (effect.is_stepwise and item.in_every_model):
+            continue
+        moment = _moment(evidence.final.touches, values.get('moment', np.nan), effect)
+        if effect.on_object:
+            what = f'{effect.target} has moved {moment}, {displacement(values["x"], values["y"])}: corrected'
+            yield Remark(Grade.CAUTION, what, f'fasten {effect.target}, measure its place again, and record again')
+        else:
+            what = f'{effect.finding} {moment}: corrected; the result is that of after it'
+            yield Remark(Grade.CAUTION, what, f'find out why {effect.finding}, and record again without that')
+
+
+def _moment(touches: TouchSet, moment: float, effect: Effect) -> str:
+    """The two touches between which a moment lies; of a disc, two of its own."""
+    own = touches.disc == effect.disc if isinstance(effect, DiscShift) else np.ones(len(touches), dtype=bool)
+    before, after = own & (touches.order < moment), own & (touches.order > moment)
+    if not (before.any() and after.any()):
+        return 'at a moment'
+    last = int(np.flatnonzero(before)[np.argmax(touches.order[before])])
+    first = int(np.flatnonzero(after)[np.argmin(touches.order[after])])
+    return between(touches, last, first)
 
 
 def unexplained(evidence: Evidence) -> Iterator[Remark]:

@@ -13,15 +13,23 @@ import numpy as np
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
 from scara_kinetostatic.model.arrays import Floats, read_only
 
 
 def leverages(calibration: Calibration) -> Floats:
-    """The largest eigenvalue of each used touch's block of the hat matrix, 0 to 1, (n,)."""
+    """The largest eigenvalue of each used touch's block of the hat matrix, 0 to 1, (n,).
+
+    What the cell description declares is estimated along, with rows of its own: they count in Σ, but are no touches.
+    """
     c = calibration
-    point = project(observe(c.touches.select(c.used), c.cell), c.model, c.noise)
-    n = len(point.distance)
-    basis = orthonormal((point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1))
-    rows = basis.reshape(n, 2, basis.shape[1])
-    return read_only(np.clip(np.linalg.eigvalsh(np.einsum('nik,njk->nij', rows, rows))[:, -1], 0.0, 1.0))
+    observations = observe(c.touches.select(c.used), c.cell, c.errors)
+    point = project(observations, c.model, c.noise)
+    n, basis = len(point.distance), c.subspace.with_errors(len(c.errors))
+    rows = point.whitened.jacobian.reshape(2 * n, -1) @ basis
+    prior = ActivePrior.of(observations, c.subspace)
+    if prior is not None:
+        rows = np.concatenate([rows, prior.rows(len(c.subspace.origin)) @ basis])
+    blocks = orthonormal(rows)[: 2 * n].reshape(n, 2, -1)
+    return read_only(np.clip(np.linalg.eigvalsh(np.einsum('nik,njk->nij', blocks, blocks))[:, -1], 0.0, 1.0))

@@ -21,6 +21,7 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.effects.object_position import ObjectPosition
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arrays import Mask
+from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
 
@@ -70,7 +71,7 @@ def find_moved_object(c: Calibration, disc: int) -> MovedObject | None:
 def _fit_displaced(c: Calibration, disc: int, there: Mask) -> Calibration | None:
     """The fit of used and rejected touches, these on a displaced copy of their object; None where there is none."""
     stated = c.cell.discs[disc]
-    copy = stated._replace(name=f'{stated.name} displaced')
+    copy = Disc(f'{stated.name} displaced', stated.x, stated.y, stated.radius)
     cell = replace(c.cell, discs=(*c.cell.discs, copy), noise=c.noise)
     number = len(c.cell.discs)
     touches = c.touches.replace(disc=np.where(there, number, c.touches.disc)).select(c.used | there)
@@ -88,6 +89,6 @@ def _not_there(fit: Calibration, c: Calibration, disc: int) -> Mask:
     moved = np.zeros(len(c.used), dtype=bool)
     if len(places):
         touches = c.touches.select(places).replace(disc=np.full(len(places), len(fit.cell.discs) - 1))
-        point = project(observe(touches, fit.cell), fit.model, fit.noise)
+        point = project(observe(touches, fit.cell, fit.errors), fit.model, fit.noise)
         moved[places] = special.chdtrc(2, point.distance) < CONSISTENT
     return moved

@@ -75,11 +75,12 @@ def _when(touches: TouchSet, moved: MovedObject) -> str:
         return 'is not where the cell description says'
     for earlier, later in ((stated, there), (there, stated)):
         if touches.order[earlier[-1]] < touches.order[later[0]]:
-            return f'has moved {_between(touches, int(earlier[-1]), int(later[0]))}'
+            return f'has moved {between(touches, int(earlier[-1]), int(later[0]))}'
     return f'was displaced at times from touch {touches.index[there[0]]} to touch {touches.index[there[-1]]}'
 
 
-def _between(touches: TouchSet, before: int, after: int) -> str:
+def between(touches: TouchSet, before: int, after: int) -> str:
+    """The time between two touches in words; they are given by their places."""
     first, second = (int(touches.recording[k]) + 1 for k in (before, after))
     if first != second:
         return f'between recording {first} and {second}'
