@@ -20,6 +20,8 @@ _RIDGE = 1e-6
 """Of the largest trace of a Gram matrix: keeps the trials solvable whose columns are parallel."""
 _FINEST = 4
 """Grids, each finer than the one before, on which the best trial is looked for."""
+_SAME_STEP = 4.0
+"""Touches between which steps are compared as one; the fit refines the moment."""
 _NEGLIGIBLE_GAIN = 0.3
 """Part of the residual variance that a finer grid must explain to be followed by another one."""
 
@@ -66,6 +68,8 @@ class Scan(NamedTuple):
         columns: of all trials, projected off the base model, (2n, t, m).
         tried: how many trials the effect has in all.
         independent_part: largest part of a column that is independent of the base model.
+        gram: inner products of the columns of each trial, (t, m, m).
+        projected: inner products of the columns with y, (t, m).
     """
 
     effect: Effect
@@ -73,6 +77,8 @@ class Scan(NamedTuple):
     columns: Floats
     tried: int
     independent_part: float
+    gram: Floats
+    projected: Floats
 
 
 class CandidateSet(NamedTuple):
@@ -133,10 +139,20 @@ def gather(
         beside = [_best_trial(problem, scan, partner.unit) for partner in partners if partner.effect != scan.effect]
         if scan.effect.label in fitted:
             beside.append(as_fitted(problem, scan.effect, fitted[scan.effect.label], scan.tried))
-        found += list({id(c.trial): c for c in (first, *beside)}.values())
+        found += _distinct([first, *beside])
     labels = {candidate.effect.label for candidate in found}
     others = {item.effect.label: item for item in unidentifiable if item.effect.label not in labels}
     return CandidateSet(tuple(found), tuple(others.values()))
+
+
+def _distinct(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """One effect at several trials, each once; of steps that are a few touches apart only the first."""
+    kept: dict[float, Candidate] = {}
+    for candidate in candidates:
+        trial = candidate.trial
+        key = float(round(trial.place / _SAME_STEP)) if candidate.effect.is_stepwise else float(id(trial))
+        kept.setdefault(key, candidate)
+    return list(kept.values())
 
 
 def as_fitted(problem: Problem, effect: Effect, values: Floats, tried: int) -> Candidate:
@@ -216,14 +232,13 @@ def refined(problem: Problem, scan: Scan, k: int, beside: Floats | None = None) 
 
 def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
     """Decrease of the sum of squares by each trial beside an orthonormal basis (2n, r), (t,)."""
-    left, columns = problem.left, scan.columns
-    if beside is not None:
-        left = left - beside @ (beside.T @ left)
-        columns = columns - np.einsum('rk,ktm->rtm', beside, np.einsum('rk,rtm->ktm', beside, columns))
-    gram = np.einsum('rtm,rtk->tmk', columns, columns)
-    projected = np.einsum('r,rtm->tm', left, columns)
+    gram, projected = scan.gram, scan.projected
+    if beside is not None and beside.size:
+        part = (beside.T @ scan.columns.reshape(len(beside), -1)).reshape(-1, *projected.shape)
+        gram = gram - np.einsum('ktm,ktl->tml', part, part)
+        projected = projected - np.einsum('k,ktm->tm', beside.T @ problem.left, part)
     size = np.trace(gram, axis1=1, axis2=2)
-    ridge = (_RIDGE * size.max())[..., None, None] * np.eye(columns.shape[2])
+    ridge = (_RIDGE * size.max())[..., None, None] * np.eye(projected.shape[1])
     coefficients = np.linalg.solve(gram + ridge, projected[..., None])[..., 0]
     return np.einsum('tm,tm->t', projected, coefficients)
 
@@ -240,4 +255,7 @@ def scan_trials(problem: Problem, effect: Effect, trials: Sequence[Trial], tried
     part = np.divide(np.linalg.norm(flat, axis=0), size, out=np.zeros_like(size), where=size > 0)
     if columns.shape[2] == 1:
         flat = flat * (part > _least_independent_part(problem))
-    return Scan(effect, trials, flat.reshape(columns.shape), tried, float(min(1.0, part.max())))
+    projected, by_trial = flat.reshape(columns.shape), flat.reshape(columns.shape).transpose(1, 2, 0)
+    gram = by_trial @ by_trial.transpose(0, 2, 1)
+    left = (problem.left @ flat).reshape(columns.shape[1:])
+    return Scan(effect, trials, projected, tried, float(min(1.0, part.max())), gram, left)
