@@ -136,11 +136,17 @@ class _BaseTests(NamedTuple):
 
 
 def _test_base_model(c: Calibration, known: tuple[Effect, ...]) -> _BaseTests:
+    """The tests of the base model.
+
+    Where uncertainties are declared, half of the false alarms that are accepted are those of tests of what they are
+    about (weighted Bonferroni: Genovese, Roeder and Wasserman, Biometrika 93 (2006) 509).
+    """
     problem = pose_problem(c)
     candidate_set = all_candidates(c, problem, known, together=False)
     fit = _adequacy(c, problem, candidate_set)
     off_normal = off_normal_p_value(c)
-    p_value = min(1.0, 2 * min(fit.p_value, off_normal))
+    halves = 2 if fit.declared_p_value is not None else 1
+    p_value = min(1.0, 2 * halves * min(fit.p_value, off_normal), halves * (fit.declared_p_value or 1.0))
     return _BaseTests(problem, candidate_set, p_value, fit.dependences, off_normal, noise_advice.implausible_noise(c))
 
 
@@ -222,12 +228,14 @@ class _Adequacy(NamedTuple):
     """The test of a model.
 
     Attributes:
-        p_value: of "it is complete", Bonferroni-corrected over all tests.
+        p_value: of "it is complete", Bonferroni-corrected over all tests but those of the next.
         dependences: what the residual depends on, significant ones only, the most significant first.
+        declared_p_value: of "nothing exceeds its declared uncertainty", Bonferroni-corrected; None where none is tested.
     """
 
     p_value: float
     dependences: tuple[Dependence, ...]
+    declared_p_value: float | None = None
 
 
 def _adequacy(
@@ -241,18 +249,23 @@ def _adequacy(
         candidate_set: effects to test as well; None for none.
     """
     c = calibration
-    dependences = list(find_dependences(with_free_off_normal_angles(c)))
+    dependences, declared = list(find_dependences(with_free_off_normal_angles(c))), list[Dependence]()
     if problem is not None and candidate_set is not None:
         best_first = {candidate.effect.label: candidate for candidate in reversed(candidate_set.candidates)}
-        dependences += [
-            Dependence(candidate.effect.title, *significance(problem, candidate)) for candidate in best_first.values()
-        ]
+        for candidate in best_first.values():
+            tested = Dependence(candidate.effect.title, *significance(problem, candidate))
+            (declared if problem.is_declared(candidate.effect) else dependences).append(tested)
     given = c.noise_source == 'given'
     size = float(special.chdtrc(c.degrees_of_freedom, c.chi_square)) if given else 1.0
     tests = max(len(dependences) + given, 1)
-    smallest = min([size, *(dependence.p_value for dependence in dependences)])
-    significant = [dependence for dependence in dependences if dependence.p_value * tests < SIGNIFICANCE]
-    return _Adequacy(min(1.0, smallest * tests), tuple(sorted(significant, key=lambda item: item.p_value)))
+    smallest = tests * min([size, *(item.p_value for item in dependences)])
+    counted = [(item, tests) for item in dependences] + [(item, len(declared)) for item in declared]
+    significant = [item for item, number in counted if item.p_value * number < SIGNIFICANCE]
+    return _Adequacy(
+        min(1.0, smallest),
+        tuple(sorted(significant, key=lambda item: item.p_value)),
+        len(declared) * min(item.p_value for item in declared) if declared else None,
+    )
 
 
 def _verdict(found: Search, effects: Sequence[Found], after: _Adequacy) -> str:

@@ -61,6 +61,7 @@ class Problem(NamedTuple):
         response: derivative of L̄ by y, (12, 2n).
         without_effects: change of L̄ where the effects of the fit are left out, to first order, (12,).
         jacobian: the whitened derivatives by what the touches determine of L̄, (2n, r), not multiplied by M.
+        declared: labels of the sources of uncertainty that the cell description declares.
     """
 
     point: Point
@@ -76,11 +77,16 @@ class Problem(NamedTuple):
     response: Floats
     without_effects: Floats
     jacobian: Floats
+    declared: frozenset[str]
 
     @property
     def freedoms(self) -> int:
         """Degrees of freedom: rows less the rank of J."""
         return len(self.left) - self.base.shape[1]
+
+    def is_declared(self, effect: Effect) -> bool:
+        """Whether an effect is the error of something whose uncertainty is declared: it is then larger than stated."""
+        return (effect.declared_as or effect.label) in self.declared
 
     def columns(self, trial: Trial) -> Floats:
         """X of a trial, whitened, (2n, m); m may be 0, as random off-normal angles have no column."""
@@ -151,6 +157,7 @@ def pose_problem(calibration: Calibration) -> Problem:
     marginal, unprojected = unfitted(point)
     whitened = marginal.apply(jacobian)
     base = orthonormal(whitened)
+    declared = observations.declared
     problem = Problem(
         point=point,
         equations=equations,
@@ -165,6 +172,7 @@ def pose_problem(calibration: Calibration) -> Problem:
         response=-identifiable @ np.linalg.pinv(whitened),
         without_effects=np.zeros(len(NAMES)),
         jacobian=jacobian,
+        declared=frozenset(() if declared is None else (source.label for source in declared.sources)),
     )
     amplitudes = [effect.amplitudes(part) for effect, part in zip(c.model.effects, c.model.effect_arrays, strict=True)]
     effects = point.whitened.derivative[:, :, len(NAMES) :].reshape(len(base), -1)

@@ -7,8 +7,10 @@ A set of effects is scored by its deviance and a penalty per effect,
 with m parameters of the effect, n touches, M candidate effects and t trials of this one: the extended Bayesian
 information criterion, whose prior takes every number of effects for equally likely (Chen and Chen, Biometrika 95
 (2008) 759). A fitted curve, which can take any shape, is accepted only where it is clearly better than every physical
-effect: its penalty is larger by `CREDIBLE`. The deviance is χ² where the noise is given (divided by s² where no set of
-effects reduces it to that noise), and ν ln RSS where it is estimated.
+effect: its penalty is larger by `CREDIBLE`. What is declared to be uncertain is the first to be wrong: where a set has
+an effect by which something exceeds its declared uncertainty, the penalty of the set is smaller by `CREDIBLE`, and M
+counts such effects only. The deviance is χ² where the noise is given (divided by s² where no set of effects reduces it
+to that noise), and ν ln RSS where it is estimated.
 
 Sets whose score is within `CREDIBLE` of the best are credible, too. An effect that is in every credible set is found;
 those that replace each other are rivals.
@@ -16,7 +18,7 @@ those that replace each other are rivals.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -42,7 +44,7 @@ class Subset(NamedTuple):
         members: indices of the candidates, ascending.
         rest: residual sum of squares.
         rank: columns that the set adds.
-        penalty: Σ (m ln n + 2 ln (M t)).
+        penalty: of its effects.
         score: deviance and penalty; lower is better.
     """
 
@@ -61,12 +63,14 @@ class ScoredSubsets(NamedTuple):
         subsets: all sets scored, the best first; the empty one is among them.
         credible: those, except the empty one, that the data do not rule out, the best first.
         scale: s², the variance in units of which deviances are counted.
+        penalty: of a set, from the indices of its candidates.
     """
 
     candidate_set: CandidateSet
     subsets: tuple[Subset, ...]
     credible: tuple[Subset, ...]
     scale: float
+    penalty: Callable[[Sequence[int]], float]
 
     def labels(self, subset: Subset) -> tuple[str, ...]:
         """Labels of the effects of a set."""
@@ -95,7 +99,7 @@ def score_subsets(problem: Problem, candidate_set: CandidateSet) -> ScoredSubset
         layer = scorer.score([members for members in sets if scorer.allows(members)])
     scale = _scale(problem, subsets)
     ranked = sorted((_scored(problem, subset, scale) for subset in subsets), key=lambda subset: subset.score)
-    scored_subsets = ScoredSubsets(candidate_set, tuple(ranked), (), scale)
+    scored_subsets = ScoredSubsets(candidate_set, tuple(ranked), (), scale, scorer.penalty)
     empty = next(subset for subset in ranked if not subset.members)
     if ranked[0].score > empty.score - CREDIBLE:
         return scored_subsets
@@ -108,7 +112,7 @@ def rank_singles(problem: Problem, candidate_set: CandidateSet) -> ScoredSubsets
     subsets = scorer.score([(), *((k,) for k in range(len(candidate_set.candidates)))])
     scale = _scale(problem, subsets)
     ranked = sorted((_scored(problem, subset, scale) for subset in subsets), key=lambda subset: subset.score)
-    return ScoredSubsets(candidate_set, tuple(ranked), (), scale)
+    return ScoredSubsets(candidate_set, tuple(ranked), (), scale, scorer.penalty)
 
 
 class _SubsetScorer:
@@ -123,11 +127,22 @@ class _SubsetScorer:
         self.total = float(problem.left @ problem.left)
         self.touches = len(problem.left) // 2
         self.names = [c.effect.label for c in candidates]
-        self.penalties = [self._penalty(c, candidate_set.number) for c in candidates]
+        declared = [c.effect.label for c in candidates if problem.is_declared(c.effect)]
+        self.declared = [c.effect.label in declared for c in candidates]
+        self.penalties = [
+            self._penalty(c, len(set(declared)), 0.0)
+            if c.effect.label in declared
+            else self._penalty(c, candidate_set.number, 0.0 if c.effect.is_physical else CREDIBLE)
+            for c in candidates
+        ]
 
-    def _penalty(self, candidate: Candidate, number: int) -> float:
-        penalty = candidate.freedoms * np.log(self.touches) + 2 * np.log(number * candidate.tried)
-        return float(penalty) + (0.0 if candidate.effect.is_physical else CREDIBLE)
+    def _penalty(self, candidate: Candidate, number: int, more: float) -> float:
+        return float(candidate.freedoms * np.log(self.touches) + 2 * np.log(number * candidate.tried)) + more
+
+    def penalty(self, members: Sequence[int]) -> float:
+        """Penalty of a set."""
+        less = CREDIBLE if any(self.declared[k] for k in members) else 0.0
+        return sum(self.penalties[k] for k in members) - less
 
     def allows(self, members: Sequence[int]) -> bool:
         """Whether no effect is in a set twice."""
@@ -147,7 +162,7 @@ class _SubsetScorer:
             explained[alike] = np.sum(np.where(kept, part**2 / np.where(kept, values, 1.0), 0.0), axis=1)
             rank[alike] = kept.sum(axis=1)
         return [
-            Subset(members, self.total - float(gain), int(r), sum(self.penalties[k] for k in members))
+            Subset(members, self.total - float(gain), int(r), self.penalty(members))
             for members, gain, r in zip(sets, explained, rank, strict=True)
         ]
 

@@ -246,19 +246,18 @@ def _fit_smaller(selection: _Selection, fitted: Calibration) -> Calibration | No
 
     Where the residuals are large, the linear problem may select an effect only to make up for its second-order error.
     """
-    subsets = selection.scored_subsets.subsets
+    penalty = selection.scored_subsets.penalty
     best = selection.scored_subsets.credible[0]
     if len(best.members) < 2:
         return None
-    penalty = {subset.members[0]: subset.penalty for subset in subsets if len(subset.members) == 1}
     scale = max(1.0, fitted.reduced_chi_square)
-    least, smaller = penalised_deviance(fitted, sum(penalty[k] for k in best.members), scale), None
+    least, smaller = penalised_deviance(fitted, penalty(best.members), scale), None
     for out in best.members:
         kept = tuple(k for k in best.members if k != out)
         fit = selection.fit(selection.members(best._replace(members=kept)))
         if fit is None:
             continue
-        total = penalised_deviance(fit, sum(penalty[k] for k in kept), scale)
+        total = penalised_deviance(fit, penalty(kept), scale)
         if total < least:
             least, smaller = total, fit
     return smaller

@@ -105,6 +105,7 @@ class Effect(ABC):
         is_linear: whether the shift is linear in the parameters.
         is_smooth: whether the shift has a derivative everywhere, over the state of a touch and over the parameters.
         premise: what its values suppose that the touches do not show, a clause; empty if nothing.
+        declared_as: label of the source of uncertainty that the effect exceeds, where it is not the effect's own.
         order: place in the catalogue, the smallest first; equal ones by module and class name.
 
     Raises:
@@ -147,6 +148,7 @@ class Effect(ABC):
     is_linear: ClassVar[bool] = False
     is_smooth: ClassVar[bool] = True
     premise: ClassVar[str] = ''
+    declared_as: ClassVar[str] = ''
     order: ClassVar[int] = LAST
 
     def __init_subclass__(cls, **options: Any) -> None:

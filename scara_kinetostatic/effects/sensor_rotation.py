@@ -24,6 +24,7 @@ class SensorRotation(SensorEffect):
     confounded_with: ClassVar[str] = 'contact friction, if the tip slides the same way in all touches'
     identified_by: ClassVar[str] = 'touches that slide in both directions: preload every other touch'
     plot_variable: ClassVar[str] = 'direction'
+    declared_as: ClassVar[str] = 'force_rotation'
     order: ClassVar[int] = 2
 
     def sensor_error(self, force: Floats, values: Floats) -> Floats:
