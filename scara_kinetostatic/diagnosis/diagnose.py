@@ -230,7 +230,7 @@ class _Adequacy(NamedTuple):
     Attributes:
         p_value: of "it is complete", Bonferroni-corrected over all tests but those of the next.
         dependences: what the residual depends on, significant ones only, the most significant first.
-        declared_p_value: of "nothing exceeds its declared uncertainty", Bonferroni-corrected; None where none is tested.
+        declared_p_value: of "nothing exceeds its declared uncertainty", Bonferroni-corrected; None without any.
     """
 
     p_value: float
