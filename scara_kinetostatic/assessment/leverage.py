@@ -30,6 +30,6 @@ def leverages(calibration: Calibration) -> Floats:
     rows = point.whitened.jacobian.reshape(2 * n, -1) @ basis
     prior = ActivePrior.of(observations, c.subspace)
     if prior is not None:
-        rows = np.concatenate([rows, prior.rows(len(c.subspace.origin)) @ basis])
+        rows = np.concatenate([rows, prior.rows @ basis])
     blocks = orthonormal(rows)[: 2 * n].reshape(n, 2, -1)
     return read_only(np.clip(np.linalg.eigvalsh(np.einsum('nik,njk->nij', blocks, blocks))[:, -1], 0.0, 1.0))

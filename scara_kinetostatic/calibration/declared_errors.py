@@ -87,72 +87,88 @@ class DeclaredErrors:
         ends = np.cumsum([source.components for source in self.sources]).tolist()
         return {s.label: np.arange(end - s.components, end) for s, end in zip(self.sources, ends, strict=True)}
 
-    def _sizes(self, label: str, errors: Floats, components: int = 1) -> Floats:
-        """Errors of one source in its unit, zero where it is not declared."""
-        if label not in self.places:
-            return np.zeros(components)
-        return errors[self.places[label]] * self._std[label]
+    def _size(self, label: str, errors: Floats) -> float:
+        """The error of one source in its unit, zero where it is not declared."""
+        return float(errors[self.places[label][0]] * self._std[label]) if label in self.places else 0.0
 
     @cached_property
     def _std(self) -> dict[str, float]:
         return {source.label: source.std for source in self.sources}
 
+    @cached_property
+    def _by_disc(self) -> _ByDisc:
+        discs, plates = self.cell.discs, {plate.name: plate for plate in self.cell.plates}
+        own, carried = np.zeros((2, len(discs), 2, self.count))
+        angle, radius = np.zeros((2, len(discs), self.count))
+        parts: list[tuple[str, Floats]] = []
+        for number, disc in enumerate(discs):
+            parts += [
+                (f'object_position[{disc.name}]', own[number]),
+                (f'plate_position[{disc.plate}]', carried[number]),
+                (f'plate_angle[{disc.plate}]', angle[number]),
+                (f'object_radius[{disc.name}]', radius[number]),
+                ('radius', radius[number]),
+            ]
+        for label, part in parts:
+            if label in self.places:
+                part[..., self.places[label]] = self._std[label] * (np.eye(2) if part.ndim == 2 else 1.0)
+        origins = [(plates[disc.plate].x, plates[disc.plate].y) if disc.plate else (0.0, 0.0) for disc in discs]
+        return _ByDisc(np.array(origins), own, carried, angle, radius)
+
     def centers(self, errors: Floats) -> Floats:
         """Centres of the discs, (D, 2), m."""
-        return np.array([self._on_plate(number, errors)[0] for number in range(len(self.cell.discs))])
+        if self._is_linear:
+            return np.asarray(self.cell.centers + self._unturned @ errors)
+        d, (cosine, sine) = self._by_disc, self._turns(errors)
+        return d.origin + d.carried @ errors + _turned(cosine, sine, self._from_origin(errors))
+
+    @cached_property
+    def _is_linear(self) -> bool:
+        """Whether no plate's rotation is uncertain."""
+        return not self._by_disc.angle.any()
+
+    @cached_property
+    def _unturned(self) -> Floats:
+        """Derivatives of the centres where no plate is turned, (D, 2, m), m."""
+        return self._by_disc.own + self._by_disc.carried
 
     def radii(self, errors: Floats) -> Floats:
         """Radii of the discs, (D,), m."""
-        common = self._sizes('radius', errors)[0]
-        own = [self._sizes(f'object_radius[{disc.name}]', errors)[0] for disc in self.cell.discs]
-        return np.asarray(self.cell.radii + own + common)
+        return np.asarray(self.cell.radii + self._by_disc.radius @ errors)
+
+    def _turns(self, errors: Floats) -> tuple[Floats, Floats]:
+        """Cosine and sine of the rotation of each disc's plate, (D,)."""
+        angle = self._by_disc.angle @ errors
+        return np.cos(angle), np.sin(angle)
+
+    def _from_origin(self, errors: Floats) -> Floats:
+        """Centres relative to the origins of the plates before these are turned, (D, 2), m."""
+        return np.asarray(self.cell.centers - self._by_disc.origin + self._by_disc.own @ errors)
 
     def true_force(self, reported: Floats, errors: Floats) -> Floats:
         """Reported forces (n, 2) in N without the errors of gain and rotation."""
-        gain, angle = self._sizes('force_gain', errors)[0], self._sizes('force_rotation', errors)[0]
+        gain, angle = self._size('force_gain', errors), self._size('force_rotation', errors)
         if gain == 0 and angle == 0:
             return reported
         c, s = np.cos(angle) / (1 + gain), np.sin(angle) / (1 + gain)
         return np.asarray(reported @ np.array([[c, -s], [s, c]]))
 
-    def _on_plate(self, number: int, errors: Floats) -> tuple[Floats, Floats, Floats]:
-        """Centre of a disc, (2,); the rotation of its plate, (2, 2); its derivative by the plate's angle, (2,)."""
-        disc = self.cell.discs[number]
-        stated = np.array([disc.x, disc.y])
-        moved = stated + self._sizes(f'object_position[{disc.name}]', errors, 2)
-        if not disc.plate:
-            return moved, np.eye(2), np.zeros(2)
-        plate = next(plate for plate in self.cell.plates if plate.name == disc.plate)
-        angle = self._sizes(f'plate_angle[{plate.name}]', errors)[0]
-        c, s = np.cos(angle), np.sin(angle)
-        turn, origin = np.array([[c, -s], [s, c]]), np.array([plate.x, plate.y])
-        arm = turn @ (moved - origin)
-        return origin + self._sizes(f'plate_position[{plate.name}]', errors, 2) + arm, turn, np.array([-arm[1], arm[0]])
-
     def by_disc(self, errors: Floats) -> tuple[Floats, Floats]:
         """Derivatives of the centres, (D, 2, m), and of the radii, (D, m), by the errors, m."""
-        centers = np.zeros((len(self.cell.discs), 2, self.count))
-        radii = np.zeros((len(self.cell.discs), self.count))
-        for number, disc in enumerate(self.cell.discs):
-            _, turn, by_angle = self._on_plate(number, errors)
-            parts = {
-                f'object_position[{disc.name}]': turn,
-                f'plate_position[{disc.plate}]': np.eye(2),
-                f'plate_angle[{disc.plate}]': by_angle[:, None],
-            }
-            for label, part in parts.items():
-                if label in self.places:
-                    centers[number][:, self.places[label]] = part * self._std[label]
-            for label in (f'object_radius[{disc.name}]', 'radius'):
-                if label in self.places:
-                    radii[number, self.places[label]] = self._std[label]
-        return centers, radii
+        d = self._by_disc
+        if self._is_linear:
+            return self._unturned, d.radius
+        cosine, sine = self._turns(errors)
+        turned = _turned(cosine[:, None], sine[:, None], d.own.swapaxes(1, 2)).swapaxes(1, 2)
+        arm = _turned(cosine, sine, self._from_origin(errors))
+        across = np.stack([-arm[:, 1], arm[:, 0]], axis=1)
+        return turned + d.carried + across[:, :, None] * d.angle[:, None, :], d.radius
 
     def by_force(self, errors: Floats) -> tuple[Floats, Floats]:
         """Relative change of a force along itself, and across, by the errors, (m,) each."""
         along, across = np.zeros(self.count), np.zeros(self.count)
         if 'force_gain' in self.places:
-            gain = self._sizes('force_gain', errors)[0]
+            gain = self._size('force_gain', errors)
             along[self.places['force_gain']] = -self._std['force_gain'] / (1 + gain)
         if 'force_rotation' in self.places:
             across[self.places['force_rotation']] = -self._std['force_rotation']
@@ -173,6 +189,30 @@ class DeclaredErrors:
             std=stds,
             errors=self.count,
         )
+
+
+class _ByDisc(NamedTuple):
+    """What each unit error does to each of D discs; zero where it has nothing to do with it.
+
+    Attributes:
+        origin: of its plate, (D, 2), m; zero where there is none.
+        own: displacement on the plate, (D, 2, m), m.
+        carried: displacement of the plate, (D, 2, m), m.
+        angle: rotation of the plate, (D, m), rad.
+        radius: change of the radius, (D, m), m.
+    """
+
+    origin: Floats
+    own: Floats
+    carried: Floats
+    angle: Floats
+    radius: Floats
+
+
+def _turned(cosine: Floats, sine: Floats, vectors: Floats) -> Floats:
+    """Vectors (…, 2) turned by angles."""
+    x, y = vectors[..., 0], vectors[..., 1]
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
 
 
 class Prior(NamedTuple):

@@ -172,10 +172,10 @@ def _begin(
         near = project(observations.with_errors(errors), warm_start.model, noise)
         return warm_start.model, errors, near.adjusted, first, 0
     noise = cell.noise or USUAL_NOISE
-    fit = minimise(observations, start, first_guess(observations, start), everything, noise, COARSE)
+    stated = observations.as_stated()
+    fit = minimise(stated, start, first_guess(stated, start), everything, noise, COARSE)
     first = _Round(ROBUST, np.ones(len(observations.joints), dtype=bool), noise, everything, none)
-    radial = turn_radial(observations.with_errors(fit.point.errors), fit.point)
-    return fit.point.model, fit.point.errors, radial, first, fit.iterations
+    return fit.point.model, observations.errors, turn_radial(observations, fit.point), first, fit.iterations
 
 
 def _next_round(

@@ -105,6 +105,10 @@ class Observations(NamedTuple):
             errors=errors,
         )
 
+    def as_stated(self) -> Observations:
+        """The same touches where all that the cell description says counts as exactly known."""
+        return self._replace(declared=None, errors=NO_ERRORS, reported=None)
+
     def select(self, which: Any) -> Observations:
         """The touches that a mask, a slice or an array of positions picks."""
         metadata = None if self.metadata is None else self.metadata.select(which)
@@ -196,16 +200,17 @@ def _by_errors(observations: Observations, force: Floats, state: State, by_force
     o = observations
     assert o.declared is not None
     assert o.metadata is not None
-    out = by_touch(o.declared.count, 2, len(o.joints))
-    centers, radii = (part[o.metadata.disc] for part in o.declared.by_disc(o.errors))
-    x, y = np.cos(state.direction)[:, None], np.sin(state.direction)[:, None]
-    out[:, 0] = radii - centers[:, 0] * x - centers[:, 1] * y
-    out[:, 1] = centers[:, 0] * y - centers[:, 1] * x
+    centers, radii = o.declared.by_disc(o.errors)
+    by_x, by_y = centers.transpose(1, 2, 0).take(o.metadata.disc, axis=2)
+    x, y = np.cos(state.direction), np.sin(state.direction)
+    out = np.empty((o.declared.count, 2, len(o.joints)))  # the touches last
+    np.subtract(radii.T.take(o.metadata.disc, axis=1), by_x * x + by_y * y, out=out[:, 0])
+    np.subtract(by_x * y, by_y * x, out=out[:, 1])
     along, across = o.declared.by_force(o.errors)
-    if along.any() or across.any():
-        size = np.hypot(force[:, 0], force[:, 1])[:, None, None]
-        out += size * (by_force[:, :, :1] * along + by_force[:, :, 1:] * across)
-    return out
+    for changes, by in ((along, by_force[:, :, 0]), (across, by_force[:, :, 1])):
+        for k in np.flatnonzero(changes):
+            out[k] += changes[k] * np.hypot(force[:, 0], force[:, 1]) * by.T
+    return out.transpose()
 
 
 def _off_measured(observations: Observations, adjusted: Adjusted) -> tuple[Floats, Floats, Floats, Floats]:

@@ -135,10 +135,12 @@ class ActivePrior(NamedTuple):
     Attributes:
         prior: of the cell.
         active: which of its rows, (p + m,).
+        rows: derivatives of the residuals by all values of the model and the errors, (p, 12 + k + m).
     """
 
     prior: Prior
     active: Mask
+    rows: Floats
 
     @classmethod
     def of(cls, observations: Observations, subspace: Subspace) -> ActivePrior | None:
@@ -146,12 +148,9 @@ class ActivePrior(NamedTuple):
         if observations.declared is None:
             return None
         prior = observations.declared.prior
-        rows = prior.rows(len(subspace.origin)) @ subspace.with_errors(prior.errors)
-        return cls(prior, np.asarray(np.abs(rows).max(axis=1, initial=0.0) > 0))
-
-    def rows(self, values: int) -> Floats:
-        """Derivatives of the residuals, (p, values + m)."""
-        return self.prior.rows(values)[self.active]
+        rows = prior.rows(len(subspace.origin))
+        active = np.abs(rows @ subspace.with_errors(prior.errors)).max(axis=1, initial=0.0) > 0
+        return cls(prior, np.asarray(active), rows[active])
 
     def residual(self, point: Point) -> Floats:
         """Residuals at a point, (p,), in standard uncertainties."""
@@ -159,9 +158,7 @@ class ActivePrior(NamedTuple):
 
     def system(self, point: Point) -> Floats:
         """The rows [J, -r] at a point."""
-        residual = self.residual(point)
-        rows = self.rows(point.whitened.derivative.shape[2])
-        return np.concatenate([rows, -residual[:, None]], axis=1)
+        return np.concatenate([self.rows, -self.residual(point)[:, None]], axis=1)
 
     def cost(self, point: Point) -> float:
         """Sum of the squared residuals."""
