@@ -33,7 +33,7 @@ from scara_kinetostatic.diagnosis.lack_of_fit import Dependence, find_dependence
 from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.model_selection import rank_singles
 from scara_kinetostatic.diagnosis.moments import at_best_moments, find_moments, widened_by_moments
-from scara_kinetostatic.diagnosis.noise_structure import likelier, noise_candidates
+from scara_kinetostatic.diagnosis.noise_structure import likelier, noise_candidate
 from scara_kinetostatic.diagnosis.ranking import score_singles, significance, undetected_bias
 from scara_kinetostatic.diagnosis.refit import FittedEffect, fitted_effects
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
@@ -59,10 +59,10 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
     """
     known = tuple(catalogue(calibration.cell) if effects is None else effects)
     found = _diagnose_with_noise(calibration, known)
-    for refitted in noise_candidates(calibration, found):
-        other = _diagnose_with_noise(refitted, known)
-        found = likelier(found, found.refitted or calibration, other, refitted)
-    return found
+    refitted = noise_candidate(calibration, found)
+    if refitted is None:
+        return found
+    return likelier(found, calibration, _diagnose_with_noise(refitted, known), refitted)
 
 
 def _diagnose_with_noise(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:

@@ -47,8 +47,8 @@ _FEWEST_FREEDOMS = 30
 """Degrees of freedom below which the scatter does not show what it depends on."""
 
 
-def noise_candidates(calibration: Calibration, found: Diagnosis) -> list[Calibration]:
-    """The base model refitted with the noise that the touches ask for: at the base model, at the extended one.
+def noise_candidate(calibration: Calibration, found: Diagnosis) -> Calibration | None:
+    """The base model refitted with the noise that the touches ask for, at the extended model or else at the base model.
 
     Args:
         calibration: the base model.
@@ -56,18 +56,15 @@ def noise_candidates(calibration: Calibration, found: Diagnosis) -> list[Calibra
     """
     c, extended = calibration, found.extended
     if not _open_kinds(c) or c.degrees_of_freedom < _FEWEST_FREEDOMS:
-        return []
+        return None
     is_friction = extended is not None and bool(extended.model.off_normal_std)
     suspicious = found.verdict == 'unexplained' or is_friction
-    fits = [c] if extended is None or is_friction else [c, extended] if suspicious else [extended]
-    candidates: list[Calibration] = []
+    fits = [c] if extended is None or is_friction else [extended, c] if suspicious else [extended]
     for fit in fits:
         noise = _noise_of(fit, suspicious)
-        if noise is None or any(_same_components(noise, other.noise) for other in candidates):
-            continue
-        refitted = _refitted(c, noise)
-        candidates += [] if refitted is None else [refitted]
-    return candidates
+        if noise is not None:
+            return _refitted(c, noise)
+    return None
 
 
 def likelier(one: Diagnosis, before: Calibration, other: Diagnosis, refitted: Calibration) -> Diagnosis:
@@ -114,13 +111,15 @@ def _noise_of(c: Calibration, suspicious: bool) -> Noise | None:
     if not suspicious and not _is_significant(c):
         return None
     needed = _PENALTY if suspicious else CREDIBLE
-    best, least = c, penalised_deviance(c, 0.0, 1.0)
-    while kinds := _open_kinds(best):
-        fits = [fit for kind in kinds if (fit := _refitted(best, _with_component(best.noise, kind))) is not None]
-        deviances = [penalised_deviance(fit, 0.0, 1.0) for fit in fits]
-        if not fits or min(deviances) > least - needed:
+    best, least, kinds = c, penalised_deviance(c, 0.0, 1.0), _open_kinds(c)
+    while kinds:
+        fits = {kind: fit for kind in kinds if (fit := _refitted(best, _with_component(best.noise, kind))) is not None}
+        gains = {kind: least - penalised_deviance(fit, 0.0, 1.0) for kind, fit in fits.items()}
+        chosen = max(gains, key=lambda kind: gains[kind], default='')
+        if not chosen or gains[chosen] < needed:
             break
-        best, least = fits[int(np.argmin(deviances))], min(deviances)
+        best, least = fits[chosen], least - gains[chosen]
+        kinds = [kind for kind, gain in gains.items() if kind != chosen and gain > needed / 2]
     if best is c or best.noise.growth > _LARGEST_GROWTH or _is_understated(c, least):
         return None
     return best.noise
@@ -158,9 +157,3 @@ def _with_component(noise: Noise, kind: str) -> Noise:
     if kind == JOINT_AXES:
         return noise._replace(joint=noise.joint_levels)
     return noise._replace(force=noise.force_levels)
-
-
-def _same_components(one: Noise, other: Noise) -> bool:
-    return [isinstance(level, tuple) for level in one] == [isinstance(level, tuple) for level in other] and (
-        one.force_relative is None
-    ) == (other.force_relative is None)

@@ -1,0 +1,87 @@
+"""Noise that grows with the force, or differs from axis to axis, is found where the touches show it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis.simulated import CELL, NOISE, PLAN, UNKNOWN_NOISE, deviations, effect, simulate
+
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.diagnosis.diagnose import diagnose
+from scara_kinetostatic.files.cell_file import dump_cell, parse_cell
+from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.simulation.streams import simulate_touches
+
+GROWING = Noise(1e-5, 0.3, 0.015)
+BY_AXIS = Noise((0.4e-5, 1.36e-5), (0.41, 0.103))
+"""Levels four times apart, root mean square those of `NOISE`."""
+
+
+def with_noise(noise, seed, *effects):
+    laws, values = tuple(law for law, _ in effects), tuple(part for _, part in effects)
+    return simulate_touches(CELL, ExtendedModel(PAPER_ACTUAL, laws, values), PLAN, noise, seed)
+
+
+def test_noise_that_grows_is_found_beside_stated_levels_and_said():
+    fit = calibrate(with_noise(GROWING, 3), CELL)
+    found = diagnose(fit)
+    assert found.verdict == 'none'
+    final = found.refitted
+    assert final is not None
+    assert final.noise[:2] == NOISE[:2]
+    assert final.noise.growth == pytest.approx(0.015, rel=0.3)
+    assert (fit.noise_source, final.noise_source) == ('given', 'estimated')
+    assert np.abs(deviations(final)).max() < 4
+    line = re.search(r'noise: \{.*?\}', found.advice)
+    assert line is not None
+    stated = parse_cell(dump_cell(replace(CELL, noise=None)) + line[0]).noise
+    np.testing.assert_allclose(stated.levels, final.noise.levels, rtol=0.06)
+
+
+@pytest.mark.parametrize('cell', [CELL, UNKNOWN_NOISE], ids=['noise known', 'noise unknown'])
+def test_axes_that_differ_are_found(cell):
+    found = diagnose(calibrate(with_noise(BY_AXIS, 4), cell))
+    assert found.verdict == 'none'
+    noise = found.refitted.noise
+    assert noise.force_levels[0] / noise.force_levels[1] == pytest.approx(4, rel=0.4)
+    if cell is CELL:
+        assert noise.force_rms == pytest.approx(NOISE.force_rms)
+        assert noise.joint_rms == pytest.approx(NOISE.joint_rms)
+
+
+@pytest.mark.parametrize('cell', [CELL, UNKNOWN_NOISE], ids=['noise known', 'noise unknown'])
+def test_plain_noise_stays_plain(cell):
+    for seed in (21, 22):
+        fit = calibrate(simulate(seed=seed), cell)
+        found = diagnose(fit)
+        assert (found.verdict, found.refitted) == ('none', None)
+        assert fit.noise.is_plain
+
+
+def test_what_is_stated_is_kept():
+    stated = BY_AXIS._replace(force_relative=0.0)
+    found = diagnose(calibrate(with_noise(BY_AXIS, 4), replace(CELL, noise=stated)))
+    assert (found.verdict, found.refitted) == ('none', None)
+
+
+def test_noise_that_grows_hides_no_disc_of_another_radius():
+    law, values = effect('object_radius[disc_2]'), (6e-5,)
+    for cell in (CELL, UNKNOWN_NOISE):
+        found = diagnose(calibrate(with_noise(GROWING, 5, (law, values)), cell))
+        assert [item.effect.label for item in found.found] == [law.label]
+        z = [(value.value - true) / value.std for value, true in zip(found.found[0].values, values, strict=True)]
+        assert np.abs(z).max() < 4
+        assert np.abs(deviations(found.extended)).max() < 4.5
+
+
+def test_a_disc_of_another_radius_is_no_noise():
+    law, values = effect('object_radius[disc_2]'), (6e-5,)
+    for cell in (CELL, UNKNOWN_NOISE):
+        found = diagnose(calibrate(simulate((law, values), seed=6), cell))
+        assert [item.effect.label for item in found.found] == [law.label]
+        assert found.refitted is None
