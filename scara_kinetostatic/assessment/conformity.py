@@ -70,7 +70,7 @@ def conformity(c: Calibration, tip: TipUncertainty) -> Conformity | None:
         The comparison; None where the cell states no tolerance, or the uncertainty is not determined.
     """
     tolerance = c.cell.tolerance
-    if tolerance is None or tip.at is None:
+    if tolerance is None or tip.at is None or not np.isfinite(tip.worst):
         return None
     u = tip.worst / COVERAGE_FACTOR
     noise = min(float(tip.at.gradient @ c.contributions[0].covariance @ tip.at.gradient), u**2)

@@ -77,7 +77,7 @@ def detection_limit(c: Calibration, ranking: Sequence[Ranked]) -> str:
     name, sigmas = worst.biased_parameter, worst.undetected_bias
     others = _other_limits(len(large) - 1)
     return (
-        f'detection limit: an undetected {worst.effect.label} could bias {name} by up to '
+        f'detection limit: undetected, “{worst.effect.title}” could bias {name} by up to '
         f'{_with_prefix(sigmas * c.std_of(name), UNITS[name])} ({sigmas:.0f} σ){others}'
     )
 

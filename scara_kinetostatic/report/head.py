@@ -5,7 +5,11 @@ from __future__ import annotations
 from datetime import datetime, timezone
 from typing import NamedTuple
 
+import numpy as np
+
+from scara_kinetostatic.assessment.conformity import Decision, conformity
 from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.render.quantities import count
 
 _NOT_STATED = 'not stated'
@@ -14,6 +18,12 @@ _ALWAYS = ('robot', 'cell', 'sensor', 'operator')
 _PARTS = {'robot': 'serial_number', 'sensor': 'sensor_serial_number'}
 """A thing and its serial number share a line."""
 _TITLES = {'laboratory': 'Laboratory', 'location': 'Place', 'certificate': 'Certificate No.', 'sensor': 'Force sensor'}
+_DECISIONS = {
+    Decision.CONFORMS: 'shown',
+    Decision.UNDECIDED: 'neither shown nor excluded',
+    Decision.DOES_NOT_CONFORM: 'excluded',
+}
+"""What is decided about the tolerance (ISO 14253-1), in words."""
 _YEAR_OF_CLOCKS = 2001
 """A recording that starts before has stamps of a simulated clock."""
 
@@ -90,7 +100,29 @@ def numbers(outcome: Outcome) -> list[Number]:
         f'touches not used in the fit, {count(folds, "fold")}; {final.force_error:.3g} N in the fit, '
         f'{compared.nominal:.3g} N with nominal parameters',
     )
-    return [tip, held_out]
+    return [tip, _uncertainty(outcome), held_out]
+
+
+def _uncertainty(outcome: Outcome) -> Number:
+    """The largest expanded uncertainty of the tip against the tolerance, and whether it conforms."""
+    c, tip = outcome.final, outcome.tip_uncertainty
+    found, tolerance = conformity(c, tip), c.cell.tolerance
+    title = 'Tip uncertainty' if tolerance is None else 'Tip uncertainty against tolerance'
+    allowed = 'no tolerance is stated' if tolerance is None else f'tolerance {_mm(tolerance)} mm'
+    if not np.isfinite(tip.worst):
+        return Number(title, 'not determined', '', f'by these touches; {allowed}')
+    parts = [f'largest expanded uncertainty (k = {COVERAGE_FACTOR:g}) in the workspace']
+    if np.isfinite(tip.worst_touched):
+        parts[0] += f', {_mm(tip.worst_touched)} mm between the touches'
+    if tip.undetermined > 0:
+        parts.append(f'not determined in {100 * tip.undetermined:.0f} % of it')
+    value = _mm(tip.worst)
+    if found is None:
+        parts.append(allowed)
+    else:
+        value = f'{value} of {_mm(found.tolerance)}'
+        parts.append(f'conformity {_DECISIONS[found.decision]}')
+    return Number(title, value, 'mm', '; '.join(parts))
 
 
 def _mm(metres: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from scara_kinetostatic.render.figure import COLOURS, mark, style
 from scara_kinetostatic.render.page import page_template
 from scara_kinetostatic.render.quantities import PAGE_SCALES, count
 from scara_kinetostatic.report import head, messages
+from scara_kinetostatic.report.budget_table import parameter_budget, tip_budget
 from scara_kinetostatic.report.diagnosis_section import diagnosis_context
 from scara_kinetostatic.report.figures import (
     cell_picture,
@@ -58,12 +60,14 @@ def html_text(outcome: Outcome) -> str:
         recordings=head.recordings(outcome),
         answer=messages.ANSWERS[assessment.grade],
         level=_LEVELS[assessment.grade],
-        reasons=[messages.sentence(text) for text in assessment.reasons],
-        actions=[messages.sentence(text) for text in assessment.actions],
+        reasons=[_bound(messages.sentence(text)) for text in assessment.reasons],
+        actions=[_bound(messages.sentence(text)) for text in assessment.actions],
         numbers=head.numbers(outcome),
         verdict=messages.model_verdict(outcome),
         rows=parameter_rows(c, PAGE_SCALES),
         status={'estimated': '', 'fixed': 'fixed', 'confounded': 'not determined'},
+        tip_budget=tip_budget(outcome),
+        parameter_budget=parameter_budget(outcome),
         identifiability=[determined, *combinations],
         combinations=combinations,
         uncertainty_caption=maps.uncertainty_caption,
@@ -79,6 +83,14 @@ def html_text(outcome: Outcome) -> str:
         pictures=pictures,
         **diagnosis,
     )
+
+
+_BEFORE_UNIT = re.compile(r'(?<=\d) (?=(N|mm|µm|m|°|mrad|µrad|σ|%)(\b|\W|$))')
+
+
+def _bound(text: str) -> str:
+    """Numbers bound to their units, so that no line ends between them."""
+    return _BEFORE_UNIT.sub('\u00a0', text)
 
 
 def _legend(c: Calibration) -> list[tuple[str, str, str]]:

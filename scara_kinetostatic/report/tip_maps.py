@@ -24,22 +24,28 @@ from scipy.spatial import ConvexHull, QhullError
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.tip_uncertainty import (
+    COVERAGE_FACTOR,
+    NEARLY_STRETCHED,
+    TipUncertainty,
+    UncertaintyMap,
+)
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward, inverse, wrap
-from scara_kinetostatic.render.figure import FAINT, INK, PAPER, SERIES, Margins, as_svg, mark, new_figure
+from scara_kinetostatic.render.figure import FAINT, INK, PAPER, SERIES, WARN, Margins, as_svg, mark, new_figure
 
 _WIDTH = 450.0
 _GRID = 45
-"""Places along the longer side of a map."""
-_ARROWS = 9
-"""Arrows along the longer side."""
+"""Places along the longer side."""
+_NEAR_BASE = 5.0
+"""Around the base, where the arm is folded, nothing is drawn: so many times what is left out at the reach."""
+_AROUND = 0.1
+"""Of the arm's length, around touches and discs."""
+_ARROWS = 11
+"""Arrows along a side."""
 _DIRECTIONS = 12
 """Of the force, over which the largest deviation is taken."""
-_NEARLY_FOLDED = 0.2
-"""Sine of the angle between the links: below, the arm is nearly stretched or folded, and no map is drawn."""
-_AROUND = 0.12
-"""Of the arm's length, around touches and discs."""
 _PER_SIDE = 12
 """Points on each side of the hull."""
 _LEVELS = 6
@@ -97,14 +103,47 @@ class Maps(NamedTuple):
 
 def maps_context(outcome: Outcome) -> Maps:
     """All maps of an outcome; to be called within `render.figure.style`."""
-    c = outcome.final
-    found = [deviation(c, places) for places in tip_maps(c)]
-    return Maps([], '', [deviation_picture(c, each) for each in found], _deviation_caption(found))
+    c, tip = outcome.final, outcome.tip_uncertainty
+    places = [_tip_map(c, each.posture) for each in tip.maps]
+    found = [deviation(c, each) for each in places]
+    tolerance = c.cell.tolerance
+    uncertain = [
+        uncertainty_picture(c, where, each, tolerance)
+        for where, each in zip(places, tip.maps, strict=True)
+        if np.isfinite(each.expanded).any()
+    ]
+    return Maps(
+        uncertainty=uncertain,
+        uncertainty_caption=_uncertainty_caption(tip, tolerance) if uncertain else '',
+        deviation=[deviation_picture(c, each) for each in found],
+        deviation_caption=_deviation_caption(found),
+    )
+
+
+def _uncertainty_caption(tip: TipUncertainty, tolerance: float | None) -> str:
+    parts = [
+        f'Expanded uncertainty (k = {COVERAGE_FACTOR:g}) of the tip in the worst direction, without load or under the '
+        f'mean force of the touches in any direction, mm; median {_MILLI * tip.median:.3g} mm'
+        f'{_largest(tip)}.'
+    ]
+    if tolerance is not None:
+        parts.append(f'Thick line: the tolerance, {_MILLI * tolerance:.3g} mm.')
+    if tip.undetermined > 0:
+        parts.append(f'Not determined by these touches in {100 * tip.undetermined:.0f} % of the workspace.')
+    play = f'{_MILLI * tip.lost_motion:.3g} mm'
+    parts.append(f'The play of the joints without load, up to {play}, is not contained. {_FADED}')
+    return ' '.join(parts)
+
+
+def _largest(tip: TipUncertainty) -> str:
+    """The largest uncertainty and its place, which may be outside the picture."""
+    if tip.at is None:
+        return ''
+    x, y = _MILLI * tip.at.tip
+    return f', largest {_MILLI * tip.worst:.3g} mm at x {x:.0f} mm, y {y:.0f} mm'.replace('-', '−')
 
 
 def _deviation_caption(found: list[Deviation]) -> str:
-    if not found:
-        return ''
     longest = max(float(np.nanmax(np.linalg.norm(each.unloaded, axis=-1))) for each in found)
     size, force = f'{_MILLI * longest:.3g} mm', f'{found[0].force:.3g} N'
     return (
@@ -114,27 +153,27 @@ def _deviation_caption(found: list[Deviation]) -> str:
     )
 
 
-def tip_maps(c: Calibration) -> list[TipMap]:
-    """The places of each posture that was touched."""
-    touches, nominal = c.touches.select(c.used), c.cell.nominal
+def _tip_map(c: Calibration, posture: int) -> TipMap:
+    """The places of one posture around its touches and the base."""
+    nominal, p, touches = c.cell.nominal, c.parameters, c.touches.select(c.used)
     low, high = _extent(c)
     size = (high - low) / max(high - low)
     x, y = (np.linspace(low[k], high[k], max(3, round(_GRID * size[k]))) for k in (0, 1))
     tip = np.stack(np.meshgrid(x, y), axis=-1)
-    maps = []
-    for posture in (1, -1):
-        members = touches.joints[touches.posture == posture]
-        if len(members):
-            joints = inverse(nominal, tip, posture)
-            joints[np.abs(np.sin(joints[..., 1] + nominal.theta2)) < _NEARLY_FOLDED] = np.nan
-            maps.append(TipMap(posture, x, y, joints, forward(nominal, _hull(members))))
-    return maps
+    away = np.hypot(tip[..., 0] - p.x0, tip[..., 1] - p.y0)
+    ends = (1 - NEARLY_STRETCHED) * (p.l1 + p.l2)
+    reached = (away >= abs(p.l1 - p.l2) + _NEAR_BASE * ends) & (away <= p.l1 + p.l2 - ends)
+    joints = inverse(nominal, np.where(reached[..., None], tip, np.nan), posture)
+    members = touches.joints[touches.posture == posture]
+    return TipMap(posture, x, y, joints, forward(p, _hull(members)))
 
 
 def _extent(c: Calibration) -> tuple[Floats, Floats]:
-    """Around all touches and the base."""
-    p = c.parameters
-    points = np.concatenate([forward(p, c.touches.joints[c.used]), [[p.x0, p.y0]]])
+    """Around all discs, touches and the base."""
+    p, radii = c.parameters, c.cell.radii[:, None]
+    discs = np.unique(c.touches.disc)
+    round_discs = [c.cell.centers[discs] + sign * radii[discs] for sign in (1, -1)]
+    points = np.concatenate([forward(p, c.touches.joints[c.used]), [[p.x0, p.y0]], *round_discs])
     margin = _AROUND * (p.l1 + p.l2)
     return points.min(axis=0) - margin, points.max(axis=0) + margin
 
@@ -182,7 +221,8 @@ def _moved(c: Calibration, joints: Floats, force: Floats) -> Floats:
 def deviation_picture(c: Calibration, found: Deviation) -> Markup:
     """Lines of equal deviation under the mean force, and arrows of that without load."""
     places = found.places
-    figure, axes = _draw_map(c, places, found.loaded)
+    grid = (places.x * _MILLI, places.y * _MILLI)
+    figure, axes = _draw_map(c, places, grid, found.loaded * _MILLI)
     step = max(1, round(max(found.loaded.shape) / _ARROWS))
     rows, columns = (slice(step // 2, None, step) for _ in range(2))
     u, v = np.moveaxis(found.unloaded[rows, columns] * _MILLI, -1, 0)
@@ -195,32 +235,28 @@ def deviation_picture(c: Calibration, found: Deviation) -> Markup:
     return as_svg(figure, f'deviation_{places.name}', text)
 
 
-def uncertainty_picture(c: Calibration, places: TipMap, uncertainty: Floats, tolerance: float | None = None) -> Markup:
-    """Lines of equal expanded uncertainty of the tip, (m, k), m; a thick one at the tolerance."""
-    figure, axes = _draw_map(c, places, uncertainty)
-    if tolerance is not None and np.nanmin(uncertainty) < tolerance < np.nanmax(uncertainty):
-        axes.contour(*_grid(places), uncertainty, levels=[tolerance], colors=[INK], linewidths=2.2)
+def uncertainty_picture(c: Calibration, places: TipMap, drawn: UncertaintyMap, tolerance: float | None) -> Markup:
+    """Lines of equal expanded uncertainty of the tip; a thick one at the tolerance."""
+    grid, shown = (drawn.x * _MILLI, drawn.y * _MILLI), drawn.expanded * _MILLI
+    figure, axes = _draw_map(c, places, grid, shown)
+    if tolerance is not None and np.nanmin(shown) < _MILLI * tolerance < np.nanmax(shown):
+        axes.contour(*grid, shown, levels=[_MILLI * tolerance], colors=[WARN], linewidths=2.2)
     return as_svg(figure, f'uncertainty_{places.name}', f'uncertainty of the tip, posture {places.name}')
 
 
-def _grid(places: TipMap) -> tuple[Floats, Floats]:
-    return places.x * _MILLI, places.y * _MILLI
-
-
-def _draw_map(c: Calibration, places: TipMap, values: Floats) -> tuple[Figure, Axes]:
-    """Filled lines of equal value with labels in mm, the discs and touches, the extrapolated part faded."""
+def _draw_map(c: Calibration, places: TipMap, grid: tuple[Floats, Floats], shown: Floats) -> tuple[Figure, Axes]:
+    """Filled lines of equal value with labels, the discs and touches, the extrapolated part faded; all in mm."""
     width, height = np.ptp(places.x), np.ptp(places.y)
-    margins = Margins(left=52, bottom=44, top=26)
+    margins = Margins(left=60, bottom=44, top=26)
     inner = _WIDTH - margins.left - margins.right
     total = inner * float(np.clip(height / width, 0.5, 1.3)) + margins.bottom + margins.top
     figure, (axes,) = new_figure(_WIDTH, total, margins=margins)
-    shown = values * _MILLI
     ends = np.nanmin(shown), np.nanmax(shown)
     levels = MaxNLocator(_LEVELS, steps=[1, 2, 5, 10]).tick_values(*ends) if ends[1] > ends[0] else np.array([])
     if len(levels) > 1:
         fills = [to_rgba(SERIES[0], 0.05 + 0.5 * k / len(levels)) for k in range(len(levels) - 1)]
-        axes.contourf(*_grid(places), shown, levels=levels, colors=fills)
-        lines = axes.contour(*_grid(places), shown, levels=levels, colors=[SERIES[0]], linewidths=0.8)
+        axes.contourf(*grid, shown, levels=levels, colors=fills)
+        lines = axes.contour(*grid, shown, levels=levels, colors=[SERIES[0]], linewidths=0.8)
         axes.clabel(lines, fontsize=10, colors=[INK], inline=True, fmt=lambda value: f'{value:.3g}')
     _fade(axes, places)
     _draw_cell(axes, c, places.posture)
@@ -255,6 +291,8 @@ def _draw_cell(axes: Axes, c: Calibration, posture: int) -> None:
         look, chosen = mark(number), (touches.disc == number) & (touches.posture == posture)
         centre = (disc.x * _MILLI, disc.y * _MILLI)
         axes.add_patch(Circle(centre, disc.radius * _MILLI, fill=False, edgecolor=look.colour, lw=1.3, zorder=3))
+        name = axes.text(*centre, disc.name, ha='center', va='center', fontsize=9.5, color=INK, zorder=5, clip_on=True)
+        name.set_parse_math(False)
         axes.plot(*tip[chosen].T, look.shape, ls='none', ms=3.2, color=look.colour, mew=0, zorder=3)
     axes.plot(p.x0 * _MILLI, p.y0 * _MILLI, 'o', ms=8, mfc=PAPER, mec=INK, mew=1.5, zorder=4)
     axes.plot(p.x0 * _MILLI, p.y0 * _MILLI, 'o', ms=2.4, color=INK, zorder=5)

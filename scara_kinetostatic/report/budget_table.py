@@ -1,0 +1,64 @@
+"""The uncertainty budget as tables: what each source contributes to the tip, and what dominates each parameter."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.calibration.uncertainty_budget import NOISE, Item
+from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.render.quantities import PAGE_SCALES, PAGE_UNITS, Scale, shown
+from scara_kinetostatic.render.table import NOT_DETERMINED, Table
+
+
+def tip_budget(outcome: Outcome) -> Table | None:
+    """Contributions to the tip where its uncertainty is largest, the largest first; None where it is not determined."""
+    items = outcome.budget
+    total = math.sqrt(sum(item.tip**2 for item in items)) if items else math.nan
+    if not total > 0:
+        return None
+    ordered = sorted(items, key=lambda item: -item.tip)
+    rows = [
+        (item.title, item.evaluation, _declared(item), f'{1e3 * item.tip:.3g}', _percent((item.tip / total) ** 2))
+        for item in ordered
+    ]
+    rows.append(('combined standard uncertainty', '', '', f'{1e3 * total:.3g}', '100 %'))
+    heading = ('source', 'type', 'declared', 'contribution', 'share of the variance')
+    return Table(heading, ('', '', '', 'mm', ''), tuple(rows))
+
+
+def parameter_budget(outcome: Outcome) -> Table | None:
+    """Noise and the largest declared source of each parameter; None where nothing is declared."""
+    items = outcome.budget
+    declared = [item for item in items if item.label != NOISE]
+    if not declared:
+        return None
+    rows = []
+    for place, name in enumerate(NAMES):
+        parts = np.array([item.parameters[place] for item in items])
+        variance = float(np.sum(parts**2))
+        if not variance > 0:
+            rows.append((name, NOT_DETERMINED, '', '', '', ''))
+            continue
+        largest = max(declared, key=lambda item, at=place: item.parameters[at])  # type: ignore[misc]
+        noise = sum(float(item.parameters[place]) ** 2 for item in items if item.label == NOISE)
+        share = float(largest.parameters[place]) ** 2 / variance
+        scale = PAGE_SCALES[name]
+        of_noise = _short(math.sqrt(noise), scale)
+        rows.append((name, _short(math.sqrt(variance), scale), of_noise, scale.unit, largest.title, _percent(share)))
+    heading = ('parameter', 'std. uncertainty', 'by noise', '', 'largest declared source', 'its share of the variance')
+    return Table(heading, ('',) * 6, tuple(rows))
+
+
+def _short(value: float, scale: Scale) -> str:
+    return f'{value * scale.per_si:.2g}'
+
+
+def _declared(item: Item) -> str:
+    return '' if item.declared is None else shown(item.declared, math.nan, item.unit, PAGE_UNITS).text
+
+
+def _percent(share: float) -> str:
+    return f'{100 * share:.0f} %' if share >= 0.005 or share == 0 else 'below 1 %'
