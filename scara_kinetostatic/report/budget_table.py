@@ -17,7 +17,7 @@ def tip_budget(outcome: Outcome) -> Table | None:
     """Contributions to the tip where its uncertainty is largest, the largest first; None where it is not determined."""
     items = outcome.budget
     total = math.sqrt(sum(item.tip**2 for item in items)) if items else math.nan
-    if not total > 0:
+    if not total > 0 or not math.isfinite(outcome.tip_uncertainty.worst):
         return None
     ordered = sorted(items, key=lambda item: -item.tip)
     rows = [
@@ -33,7 +33,7 @@ def parameter_budget(outcome: Outcome) -> Table | None:
     """Noise and the largest declared source of each parameter; None where nothing is declared."""
     items = outcome.budget
     declared = [item for item in items if item.label != NOISE]
-    if not declared:
+    if not declared or np.isnan(outcome.final.std).all():
         return None
     rows = []
     for place, name in enumerate(NAMES):

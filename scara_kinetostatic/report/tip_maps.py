@@ -126,7 +126,7 @@ def _uncertainty_caption(tip: TipUncertainty, tolerance: float | None) -> str:
         f'mean force of the touches in any direction, mm; median {_MILLI * tip.median:.3g} mm'
         f'{_largest(tip)}.'
     ]
-    if tolerance is not None:
+    if tolerance is not None and tip.worst > tolerance:
         parts.append(f'Thick line: the tolerance, {_MILLI * tolerance:.3g} mm.')
     if tip.undetermined > 0:
         parts.append(f'Not determined by these touches in {100 * tip.undetermined:.0f} % of the workspace.')
