@@ -11,12 +11,22 @@ nodes into a failed service answer; nothing else catches the root.
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from pathlib import Path
 
 
 def one_line(text: str) -> str:
     """The text on one line, with a mark for everything that would disturb a terminal; damaged files hold anything."""
     return ''.join(letter if letter.isprintable() else '\ufffd' for letter in ' '.join(text.split()))
+
+
+def did_you_mean(name: object, names: Iterable[str], otherwise: str = 'the names are') -> str:
+    """The remedy for an unknown name: the one among `names` that resembles it, or all of them."""
+    listed = list(dict.fromkeys(names))
+    lower = {known.lower(): known for known in listed}
+    close = difflib.get_close_matches(str(name).lower(), lower, 1)
+    return f'did you mean {lower[close[0]]!r}?' if close else f'{otherwise} {" ".join(listed)}'
 
 
 class ScaraKinetostaticError(Exception):
@@ -61,6 +71,16 @@ class OutputError(InputError):
 
 class ParameterError(InputError):
     """A parameter name or value that makes no sense."""
+
+
+def expect(value: object, kind: type, name: str, remedy: str = '') -> None:
+    """Check the type of an argument.
+
+    Raises:
+        ParameterError: it has another one.
+    """
+    if not isinstance(value, kind):
+        raise ParameterError(name, f'expected {kind.__name__}, got {type(value).__name__}', remedy)
 
 
 class UnsupportedDataError(ScaraKinetostaticError):

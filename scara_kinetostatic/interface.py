@@ -19,7 +19,7 @@ from scara_kinetostatic.calibration.estimate import USUAL_NOISE
 from scara_kinetostatic.calibration.prediction import base_force, force_residual, observe
 from scara_kinetostatic.calibration.propagation import Prediction, compensate_joints, locate_tip, tip_under_force
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError
+from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError, did_you_mean, expect
 from scara_kinetostatic.files.touch_table import is_touch_table
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, SensorFrame
@@ -138,7 +138,7 @@ def make_touches(
         >>> [cell.discs[number].name for number in touches.disc]
         ['disc_1', 'disc_1']
     """
-    _expect(cell, Cell, 'cell', _LOAD)
+    expect(cell, Cell, 'cell', _LOAD)
     q = _pairs(joints, 'joints')
     f = _pairs(force, 'force')
     if len(f) != len(q):
@@ -152,7 +152,7 @@ def make_touches(
             raise InputError(f'touch {k}', f'no object there; {nearest}', association.advice or 'leave it out')
         disc = association.disc
     else:
-        disc = _discs([objects] * len(q) if isinstance(objects, str) else objects, cell, len(q))
+        disc = _discs(objects, cell, len(q))
     return TouchSet(
         q,
         f,
@@ -182,7 +182,7 @@ def read_touches(paths: Paths, cell: Cell) -> TouchSet:
         >>> len(sk.read_touches(['touches.csv', 'recording.mcap'], cell))
         144
     """
-    _expect(cell, Cell, 'cell', _LOAD)
+    expect(cell, Cell, 'cell', _LOAD)
     listed = _listed(paths)
     tables = [path for path in listed if is_touch_table(path)]
     if tables and cell.sensor.frame is SensorFrame.TOOL:
@@ -228,14 +228,18 @@ def simulate(
         >>> touches.joints.shape
         (72, 2)
     """
-    _expect(cell, Cell, 'cell', _LOAD)
+    expect(cell, Cell, 'cell', _LOAD)
     if not isinstance(truth, Parameters):
-        _expect(truth, Mapping, 'truth', "give the parameters by name, such as {'l1': 0.3302}")
+        expect(truth, Mapping, 'truth', "give the parameters by name, such as {'l1': 0.3302}")
         unknown = [name for name in truth if name not in NAMES]
         if unknown:
-            raise ParameterError('truth', f'unknown parameter {unknown[0]!r}', f'the names are {" ".join(NAMES)}')
+            raise ParameterError('truth', f'unknown parameter {unknown[0]!r}', did_you_mean(unknown[0], NAMES))
         truth = cell.nominal.replace(**truth)
-    effects = [effects] if isinstance(effects, str) else effects
+    effects = _words(effects, 'effects', "give text such as 'object_radius[disc_2]:radius=6e-5'")
+    _whole(seed, 'seed', 0)
+    _whole(per_disc, 'per_disc', 1)
+    if isinstance(preload, bool) or not isinstance(preload, (int, float)):
+        raise ParameterError('preload', f'expected a number, got {preload!r:.40}')
     robot = with_effects(truth, [parse_effect(text, cell) for text in effects])
     return simulate_touches(cell, robot, default_plan(cell, per_disc, preload=preload), cell.noise or USUAL_NOISE, seed)
 
@@ -248,7 +252,8 @@ def diagnose(
     Args:
         source: touches, or the recordings and touch tables that hold them, or a calibration of the base model.
         cell: the cell; not with a calibration, which has its own.
-        fixed: parameters to hold, by name, at these values; not with a calibration.
+        fixed: parameters to hold, by name, at these values; not with a calibration. Those of an effect, by label and
+            name, all of them: the effect is in the model with these values, and is not looked for.
 
     Returns:
         ``outcome.verdict``; ``outcome['l1'].value``, ``.std``, ``.unit`` of the twelve parameters, and
@@ -272,7 +277,7 @@ def diagnose(
         for name, given in (('cell', cell), ('fixed', fixed)):
             if given is not None:
                 raise InputError(name, 'a calibration has its own', 'leave it out, or give the touches')
-        if source.model.effects:
+        if any(effect.label not in source.held_effects for effect in source.model.effects):
             problem = 'expected a calibration of the base model, got one with effects'
             raise InputError('source', problem, 'give its touches and its cell')
         early = left_out(source)
@@ -280,7 +285,7 @@ def diagnose(
         return calibrate_touches(detection, source.cell, calibration=source)
     if cell is None:
         raise InputError('cell', 'is missing', _LOAD)
-    _expect(cell, Cell, 'cell', _LOAD)
+    expect(cell, Cell, 'cell', _LOAD)
     if isinstance(source, TouchSet):
         return calibrate_touches(source, cell, fixed=fixed)
     return calibrate_recordings(_listed(source), cell, fixed=fixed)
@@ -316,9 +321,9 @@ def predict_force(
     joints = _pairs(touches, 'joints')
     if objects is None:
         raise InputError('objects', 'is missing', 'name the touched objects')
-    names = [objects] * len(joints) if isinstance(objects, str) else list(objects)
+    disc = _discs(objects, c.cell, len(joints))
     sides, later = posture(c.parameters, joints), np.full(len(joints), LATER)
-    place = TouchSet(joints, np.zeros_like(joints), _discs(names, c.cell, len(joints)), sides, order=later)
+    place = TouchSet(joints, np.zeros_like(joints), disc, sides, order=later)
     o = observe(place, c.cell, c.errors)
     return contact(c.model, joints, o.centers, o.radii, c.cell.gripper, metadata=o.metadata).force
 
@@ -416,7 +421,8 @@ def compensate(
     c = _final(result)
     tip = _pairs(position, 'position')
     f = _rows(force, 'force', len(tip))
-    sides = np.array([_side(name) for name in ([elbow] * len(tip) if isinstance(elbow, str) else elbow)])
+    elbows = _words(elbow, 'elbow', "give 'left' or 'right'")
+    sides = np.array([_side(name) for name in (elbows * len(tip) if isinstance(elbow, str) else elbows)])
     if len(sides) != len(tip):
         raise InputError('elbow', f'expected one, or {len(tip)}, got {len(sides)}')
     metadata = _metadata(c, sides, time, approach)
@@ -466,16 +472,6 @@ def _status(found: Prediction) -> NDArray[np.str_]:
     return np.select([~reached, undetermined, ~found.loaded], ['out_of_reach', 'undetermined', 'unloaded'], 'ok')
 
 
-def _expect(value: object, kind: type, name: str, remedy: str) -> None:
-    """Check the type of an argument.
-
-    Raises:
-        InputError: it has another one.
-    """
-    if not isinstance(value, kind):
-        raise InputError(name, f'expected {kind.__name__}, got {type(value).__name__}', remedy)
-
-
 def _final(result: Outcome | Calibration) -> Calibration:
     if isinstance(result, Outcome):
         return result.final
@@ -485,10 +481,24 @@ def _final(result: Outcome | Calibration) -> Calibration:
 
 
 def _listed(paths: Paths) -> list[str | Path]:
-    listed: list[str | Path] = [paths] if isinstance(paths, (str, Path)) else list(paths)
+    listed: list[str | Path] = [paths] if isinstance(paths, (str, Path)) else _several(paths)
     if not listed:
         raise InputError('paths', 'expected one or more files, got none')
     return listed
+
+
+def _several(paths: object) -> list[str | Path]:
+    """A list of paths.
+
+    Raises:
+        InputError: it is none, such as an array.
+    """
+    items: list[Any] = list(paths) if isinstance(paths, (list, tuple)) else [paths]
+    wrong = [item for item in items if not isinstance(item, (str, Path))]
+    if wrong:
+        problem = f'expected touches of read_touches or make_touches, or files, got {type(wrong[0]).__name__}'
+        raise InputError('source', problem, 'make touches of arrays by make_touches(joints, force, cell)')
+    return items
 
 
 def _rows(values: ArrayLike, name: str, n: int) -> Floats:
@@ -518,13 +528,19 @@ def _pairs(values: ArrayLike, name: str) -> Floats:
 
 
 def _finite(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Floats:
-    array = np.array(values, dtype=float)
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(name, f'expected numbers of shape {shape}, got {values!r:.60}') from error
     if array.shape != shape or not np.isfinite(array).all():
         raise InputError(name, f'expected finite numbers of shape {shape}, got shape {array.shape}')
     return array
 
 
-def _discs(names: Sequence[str], cell: Cell, n: int) -> Indices:
+def _discs(objects: str | Sequence[str], cell: Cell, n: int) -> Indices:
+    """The discs of n touches, by one name for all or n."""
+    names = _words(objects, 'objects', 'give names of objects of the cell')
+    names = names * n if isinstance(objects, str) else names
     known = [disc.name for disc in cell.discs]
     unknown = [name for name in names if name not in known]
     if unknown:
@@ -538,6 +554,29 @@ def _side(elbow: str) -> int:
     if elbow not in ELBOWS:
         raise InputError('elbow', f"expected 'left' or 'right', got {elbow!r}")
     return ELBOWS[elbow]
+
+
+def _words(values: object, name: str, remedy: str) -> list[str]:
+    """One text or several as a list.
+
+    Raises:
+        ParameterError: something else.
+    """
+    listed: list[Any] = [values] if isinstance(values, str) or not isinstance(values, Iterable) else list(values)
+    for value in listed:
+        if not isinstance(value, str):
+            raise ParameterError(name, f'expected text, got {value!r:.40}', remedy)
+    return listed
+
+
+def _whole(value: object, name: str, least: int) -> None:
+    """Check a whole number.
+
+    Raises:
+        ParameterError: it is none, or below `least`.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise ParameterError(name, f'expected a whole number of {least} or more, got {value!r:.40}')
 
 
 def _std(covariance: Floats) -> Floats:

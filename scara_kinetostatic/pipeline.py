@@ -16,6 +16,7 @@ from scara_kinetostatic.bags.messages import reading
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import USUAL_NOISE
+from scara_kinetostatic.calibration.fixed import check_units, fixed_effects
 from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.diagnose import diagnose
@@ -168,6 +169,8 @@ def calibrate_touches(
     """
     detection = Detection(touches, found=len(touches)) if isinstance(touches, TouchSet) else touches
     names = ', '.join(map(str, sources)) or 'these touches'
+    if fixed:
+        check_units(fixed, cell.nominal)
     mistake = find_mistake(detection.held, cell, fixed=fixed, origin=_origin(sources))
     if mistake is not None and mistake.is_gross and calibration is None:
         raise mistake.error(names)
@@ -260,8 +263,9 @@ def _fit_and_diagnose(
     the base model is fitted with the usual noise, and that fit is kept if the diagnosis explains it.
     """
     _report(progress, f'fitting {len(detection.touches)} touches', 0.0)
+    effects = fixed_effects(fixed or {}, cell)
     try:
-        calibration = calibrate(detection.touches, cell, fixed=fixed)
+        calibration = calibrate(detection.touches, cell, effects, fixed=fixed)
     except UnsupportedDataError as error:
         unsupported = _with_rejections(error, detection, names)
         if cell.noise is not None:
@@ -270,7 +274,7 @@ def _fit_and_diagnose(
         _report(progress, 'diagnosing the model', 0.3)
         return calibration, diagnose(calibration)
     try:
-        usual = calibrate(detection.touches, replace(cell, noise=USUAL_NOISE), fixed=fixed)
+        usual = calibrate(detection.touches, replace(cell, noise=USUAL_NOISE), effects, fixed=fixed)
     except UnsupportedDataError:
         raise unsupported from None
     calibration = replace(usual, cell=replace(usual.cell, noise=None))

@@ -297,17 +297,17 @@ def listed(names: Sequence[str]) -> str:
 def _nominal(r: Reading, source: Source) -> Iterator[Hypothesis]:
     """Offsets of joints and lengths of links in the nominal parameters."""
     angles = [j for j in (THETA1, THETA2) if abs(r.nominal[j]) > _SMALL_ANGLE]
-    if angles:
+    if angles and r.free[angles].all():
         where = ', '.join(f'robot.nominal.{NAMES[j]}' for j in angles)
         nominal = r.nominal.copy()
         nominal[angles] = np.deg2rad(nominal[angles])
         yield Hypothesis(where, 'the angle is in degrees, not in rad', 'give it in rad', r._replace(nominal=nominal))
-    if abs(r.nominal[L1] - r.nominal[L2]) > _ALIKE:
+    if abs(r.nominal[L1] - r.nominal[L2]) > _ALIKE and r.free[[L1, L2]].all():
         nominal = r.nominal.copy()
         nominal[[L1, L2]] = nominal[[L2, L1]]
         statement = 'the lengths of the two links are swapped'
         yield Hypothesis('robot.nominal: l1, l2', statement, 'exchange them', r._replace(nominal=nominal))
-    for j in (THETA1, THETA2):
+    for j in (THETA1, THETA2) if r.free[[THETA1, THETA2]].all() else ():
         for degrees in range(_STEP, 360, _STEP):
             nominal = r.nominal.copy()
             nominal[j] += np.deg2rad(degrees)

@@ -10,7 +10,14 @@ from scara_kinetostatic.calibration.estimate import WarmStart, check_number, est
 from scara_kinetostatic.calibration.gauss_helmert import Observations
 from scara_kinetostatic.calibration.prediction import base_force, observe
 from scara_kinetostatic.calibration.result import Calibration, build_result
-from scara_kinetostatic.errors import CellError, InputError, ParameterError, UnsupportedDataError
+from scara_kinetostatic.errors import (
+    CellError,
+    InputError,
+    ParameterError,
+    UnsupportedDataError,
+    did_you_mean,
+    expect,
+)
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
 from scara_kinetostatic.model.effect_law import EffectLaw
@@ -46,7 +53,8 @@ def calibrate(
         effects: effects that extend the base model.
         start: where to begin, its effects being those of the fit; by default the nominal values and the start values
             of `effects`.
-        fixed: parameters to hold, by name, at these values.
+        fixed: parameters to hold, by name, at these values; those of `effects` by label and name, such as
+            ``encoder_gain[joint1].gain``.
         warm_start: an earlier fit of the same touches close to this one, with the same effects; the coarse stage is
             then left out.
 
@@ -73,10 +81,14 @@ def calibrate(
         >>> bool(abs(calibration['l1'].value - 0.3302) < 4 * calibration['l1'].std)
         True
     """
-    fixed = dict(fixed or {})
-    start = _start(cell, effects, start, fixed)
-    if warm_start is not None and warm_start.model.effects != start.effects:
-        raise ParameterError('warm start', 'its effects are not those of the fit', 'give the same effects')
+    expect(touches, TouchSet, 'touches', "read them by read_touches('touches.csv', cell), or give the file to diagnose")
+    expect(cell, Cell, 'cell', "read it by load_cell('cell.yaml')")
+    fixed = _checked(fixed)
+    start = _start(cell, _expect_effects(effects), start, fixed)
+    if warm_start is not None:
+        if warm_start.model.effects != start.effects:
+            raise ParameterError('warm start', 'its effects are not those of the fit', 'give the same effects')
+        warm_start = warm_start._replace(model=_with_fixed(warm_start.model, fixed))
     held = start.held.union(fixed)
     free = np.array([j for j, name in enumerate(start.names) if name not in held], dtype=np.intp)
     touches, left_out = _leave_out(touches, cell)
@@ -94,21 +106,58 @@ def calibrate(
 def _start(
     cell: Cell, effects: Sequence[EffectLaw], start: ExtendedModel | None, fixed: Mapping[str, float]
 ) -> ExtendedModel:
-    for name in fixed:
-        if name not in NAMES:
-            raise ParameterError(f'fixed parameter {name!r}', 'no such parameter', f'the names are {" ".join(NAMES)}')
-        implausible = implausible_size(fixed[name], UNITS[name])
-        if implausible:
-            raise ParameterError(f'fixed parameter {name}={fixed[name]:g}', *implausible)
-    if len(fixed) == len(NAMES):
-        raise ParameterError('fixed parameters', 'all twelve are fixed', 'leave one free at least')
     if start is None:
         start = ExtendedModel.at_start(cell.nominal, effects)
     elif effects and start.effects != tuple(effects):
         raise ParameterError('start', 'its effects are not those of the fit', 'give the same effects')
-    start = start.replace(**fixed)
+    for name in fixed:
+        if name not in start.names:
+            remedy = did_you_mean(name, start.names)
+            raise ParameterError(f'fixed parameter {name!r}', 'no such parameter', remedy)
+    if all(name in fixed for name in NAMES):
+        raise ParameterError('fixed parameters', 'all twelve are fixed', 'leave one free at least')
+    start = _with_fixed(start, fixed)
     start.parameters.check_physical('fixed parameters' if fixed else 'nominal')
     return start
+
+
+def _with_fixed(model: ExtendedModel, fixed: Mapping[str, float]) -> ExtendedModel:
+    if not fixed:
+        return model
+    pairs = zip(model.names, model.as_array().tolist(), strict=True)
+    return model.with_array([fixed.get(name, value) for name, value in pairs])
+
+
+def _checked(fixed: Mapping[str, float] | None) -> dict[str, float]:
+    """Parameters to hold, each with a number of a plausible size.
+
+    Raises:
+        ParameterError: one has not.
+    """
+    expect(fixed or {}, Mapping, 'fixed', "give values by name, such as {'l1': 0.3302}")
+    values = dict(fixed or {})
+    for name, value in values.items():
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
+            raise ParameterError(f'fixed parameter {name}', f'expected a number, got {value!r:.40}')
+        if not np.isfinite(value):
+            raise ParameterError(f'fixed parameter {name}', f'expected a finite number, got {value}')
+        implausible = implausible_size(value, UNITS.get(name, ''))
+        if implausible:
+            raise ParameterError(f'fixed parameter {name}={value:g}', *implausible)
+    return values
+
+
+def _expect_effects(effects: Sequence[EffectLaw]) -> Sequence[EffectLaw]:
+    """The effects, where they are.
+
+    Raises:
+        ParameterError: something else is among them.
+    """
+    wrong = [item for item in effects if not hasattr(item, 'parameters')]
+    if wrong:
+        remedy = 'take it from catalogue(cell), by its label'
+        raise ParameterError('effects', f'expected effects, got {wrong[0]!r:.60}', remedy)
+    return effects
 
 
 def _leave_out(touches: TouchSet, cell: Cell) -> tuple[TouchSet, list[Rejection]]:

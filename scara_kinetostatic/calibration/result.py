@@ -189,13 +189,26 @@ class Calibration:
         stds = [part.tolist() for part in self.effect_stds]
         return {
             effect.label: {
-                p.name: Estimate.of_effect(value, std, p.unit, start)
+                p.name: self._estimate_of_effect(f'{effect.label}.{p.name}', value, std, p.unit, start)
                 for p, value, std, start in zip(effect.parameters, *columns, strict=True)
             }
             for effect, *columns in zip(
                 self.model.effects, self.model.effect_values, stds, self.start.effect_values, strict=True
             )
         }
+
+    def _estimate_of_effect(self, name: str, value: float, std: float, unit: str, start: float) -> Estimate:
+        estimate = Estimate.of_effect(value, std, unit, start)
+        return estimate._replace(status='fixed') if name in self.fixed else estimate
+
+    @property
+    def held_effects(self) -> frozenset[str]:
+        """Labels of the effects whose parameters are all held at given values."""
+        return frozenset(
+            effect.label
+            for effect in self.model.effects
+            if effect.parameters and all(f'{effect.label}.{p.name}' in self.fixed for p in effect.parameters)
+        )
 
     @property
     def trusted(self) -> int:

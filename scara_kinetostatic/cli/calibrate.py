@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from scara_kinetostatic.cli.arguments import Subparsers, add_cell, add_verb, cell_or_recorded, check_different
 from scara_kinetostatic.cli.output import progress
-from scara_kinetostatic.errors import CellError, InputError, ParameterError, UnsupportedDataError
+from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.model.cell import Cell
@@ -63,9 +62,9 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         '--fix',
         action='append',
         default=[],
-        type=_fixed,
         metavar='NAME[=VALUE]',
-        help='hold a parameter at VALUE in SI units, or at its nominal value; may be given several times',
+        help='hold a parameter at VALUE in SI units, or at its nominal value; of an effect, such as '
+        'object_radius[disc_2].radius=0, it is in the model with VALUE, or absent; may be given several times',
     )
     parser.add_argument('--residuals', type=Path, metavar='FILE.csv', help='write residuals.csv there as well')
     parser.add_argument(
@@ -86,6 +85,7 @@ def run(args: argparse.Namespace) -> int:
     """
     check_different(args.bags)
     from scara_kinetostatic.assessment.grade import Grade
+    from scara_kinetostatic.calibration.fixed import fixed_values, parse_fixed
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.pipeline import calibrate_recordings
     from scara_kinetostatic.report import residuals
@@ -94,11 +94,12 @@ def run(args: argparse.Namespace) -> int:
 
     inputs = [*args.bags, *([args.cell] if args.cell else [])]
     _check_results(args.out, RESULTS, inputs)
+    for text in args.fix:
+        parse_fixed(text, '--fix')
     if args.residuals:
         _check_residuals(args.residuals, inputs, args.out, RESULTS)
     cell = cell_or_recorded(args.cell, args.bags)
-    nominal = cell.nominal.as_dict()
-    fixed = {name: nominal[name] if value is None else value for name, value in args.fix}
+    fixed = fixed_values(args.fix, cell.nominal, '--fix')
     with progress() as show_progress:
         try:
             outcome = calibrate_recordings(args.bags, cell, fixed=fixed, progress=show_progress)
@@ -172,23 +173,3 @@ def _check_residuals(path: Path, inputs: Sequence[Path], out: Path, results: Seq
     others = (out / name for name in results if not name.endswith('.csv'))
     if place in (out, *out.parents, *others):
         raise InputError(path, 'is a result and would be replaced', remedy)
-
-
-def _fixed(text: str) -> tuple[str, float | None]:
-    from scara_kinetostatic.model.parameters import NAMES, UNITS, implausible_size
-
-    name, sign, value = text.partition('=')
-    if name not in NAMES:
-        raise argparse.ArgumentTypeError(f'expected one of {" ".join(NAMES)}, got {name!r}')
-    if not sign:
-        return name, None
-    try:
-        number = float(value)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f'{name}: expected a number, got {value!r}') from None
-    if not math.isfinite(number):
-        raise argparse.ArgumentTypeError(f'{name}: expected a finite number, got {value}')
-    implausible = implausible_size(number, UNITS[name])
-    if implausible:
-        raise ParameterError(f'--fix {name}={value}', *implausible)
-    return name, number

@@ -57,7 +57,8 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
         calibration: the base model.
         effects: the catalogue; None for all that `effects.registry` lists.
     """
-    known = tuple(catalogue(calibration.cell) if effects is None else effects)
+    offered = catalogue(calibration.cell) if effects is None else effects
+    known = tuple(effect for effect in offered if effect.label not in calibration.held_effects)
     found = _diagnose_with_noise(calibration, known)
     refitted = noise_candidate(calibration, found)
     if refitted is None:
@@ -220,7 +221,8 @@ def _fit_rivals(c: Calibration, found: Search, fitted: Calibration) -> list[Cali
     """The touches fitted with each credible set by itself, where there are several; off-normal angles stay."""
     if not found.rivals:
         return []
-    kept = tuple(effect for effect in fitted.model.effects if effect.off_normal_std)
+    held = fitted.held_effects
+    kept = tuple(effect for effect in fitted.model.effects if effect.off_normal_std or effect.label in held)
     return found.fit_rivals(replace(c, model=c.model.with_effects(kept)))
 
 
@@ -289,6 +291,8 @@ def _describe(extended: Calibration, in_every_model: Sequence[str], rivals: Sequ
     by_label = dict(alone)
     items = []
     for item in fitted_effects(extended):
+        if item.effect.label in extended.held_effects:
+            continue
         effect, values, is_certain = item.effect, _values(item, extended), item.effect.label in in_every_model
         if not is_certain:
             unknown = tuple(value._replace(value=np.nan, std=np.nan) for value in values)

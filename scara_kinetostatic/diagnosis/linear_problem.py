@@ -135,7 +135,7 @@ def pose_problem(calibration: Calibration) -> Problem:
     """The linear problem of a calibration with or without effects.
 
     Args:
-        calibration: the fit.
+        calibration: the fit; effects whose parameters are all held are a part of the base model.
     """
     c = calibration
     touches = c.touches.select(_some(c.used))
@@ -174,7 +174,10 @@ def pose_problem(calibration: Calibration) -> Problem:
         jacobian=jacobian,
         declared=frozenset(() if declared is None else (source.label for source in declared.sources)),
     )
-    amplitudes = [effect.amplitudes(part) for effect, part in zip(c.model.effects, c.model.effect_arrays, strict=True)]
+    amplitudes = [
+        0.0 * part if effect.label in c.held_effects else effect.amplitudes(part)
+        for effect, part in zip(c.model.effects, c.model.effect_arrays, strict=True)
+    ]
     effects = point.whitened.derivative[:, :, len(NAMES) :].reshape(len(base), -1)
     y = unprojected - marginal.apply(effects @ np.concatenate([np.empty(0), *amplitudes]))
     return problem._replace(left=y - base @ (base.T @ y), without_effects=problem.response @ y)

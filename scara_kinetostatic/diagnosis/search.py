@@ -157,7 +157,8 @@ class _Selection(NamedTuple):
 
     def without_effects(self, penalty: float = 0.0) -> Search:
         """The result where no effect was fitted: no extended model, unless the search began with one."""
-        extended = self.calibration if self.calibration.model.effects else None
+        c = self.calibration
+        extended = c if any(effect.label not in c.held_effects for effect in c.model.effects) else None
         return Search(self.problem, self.scored_subsets, extended, penalty)
 
 

@@ -30,7 +30,7 @@ from typing import NamedTuple, TypeVar
 
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.evaluation import evaluate_once
-from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.errors import ParameterError, expect
 from scara_kinetostatic.model.cell import Cell
 
 Factory = Callable[[Cell], Iterable[Effect]]
@@ -40,6 +40,8 @@ Result = TypeVar('Result')
 
 GROUP = 'scara_kinetostatic.effects'
 """Entry points of this group offer effects."""
+_FEW = 3
+"""Of no more targets all are named."""
 _EXPECTED = 'expected a class derived from Effect or a function from a cell to effects'
 _LOG = logging.getLogger('scara_kinetostatic')
 _registered: list[Factory | type[Effect]] = []
@@ -98,6 +100,7 @@ def catalogue(cell: Cell) -> tuple[Effect, ...]:
         >>> [effect.label for effect in sk.catalogue(cell)][:4]
         ['contact_friction', 'sensor_rotation', 'sensor_bias', 'sensor_nonlinearity']
     """
+    expect(cell, Cell, 'cell', "read it by load_cell('cell.yaml')")
     effects = {effect.label: effect for kind in built_in() for effect in kind.instances(cell)}
     for plugin in _plugins():
         effects |= _offered(plugin, cell, effects)
@@ -128,6 +131,9 @@ def find(cell: Cell, label: str) -> Effect:
         raise ParameterError(f'effect {label!r}', f'{name} has no target', f'give {name}')
     if same:
         problem = f'{name} has no target {target.removesuffix("]")!r} in this cell'
+        close = difflib.get_close_matches(label, same, 1, cutoff=0.8) if len(same) > _FEW else []
+        if close:
+            raise ParameterError(f'effect {label!r}', problem, f'did you mean {close[0]}?')
         raise ParameterError(f'effect {label!r}', problem, f'give {" or ".join(same)}')
     close = difflib.get_close_matches(name, dict.fromkeys(effect.name for effect in effects.values()), 1)
     known = [effect.label for effect in effects.values() if effect.name in close]

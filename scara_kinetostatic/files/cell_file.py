@@ -58,6 +58,8 @@ def load_cell(path: str | Path) -> Cell:
         >>> cell.nominal.l1
         0.33
     """
+    if not isinstance(path, (str, Path)):
+        raise CellError('path', f'expected the path of a file, got {type(path).__name__}', 'give such as cell.yaml')
     return parse_cell(read_text(path, CellError), path)
 
 

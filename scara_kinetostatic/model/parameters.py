@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.errors import ParameterError, did_you_mean
 
 UNITS = {
     'x0': 'm',
@@ -104,7 +104,7 @@ class Parameters:
         unknown = [str(name) for name in values if name not in UNITS]
         missing = [name for name in NAMES if name not in values]
         if unknown:
-            raise ParameterError(where, f'unknown parameter {unknown[0]!r}', f'the names are {" ".join(NAMES)}')
+            raise ParameterError(where, f'unknown parameter {unknown[0]!r}', did_you_mean(unknown[0], NAMES))
         if missing:
             raise ParameterError(where, f'parameter {missing[0]!r} is missing', 'give all twelve')
         return cls(**{name: values[name] for name in NAMES})

@@ -25,6 +25,7 @@ from std_srvs.srv import Trigger
 
 from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.bags.reader import embedded_cell
+from scara_kinetostatic.calibration.fixed import fixed_values, parse_fixed
 from scara_kinetostatic.errors import ParameterError, ScaraKinetostaticError
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.cell import Cell
@@ -63,6 +64,8 @@ class Calibrator(Node):
         declare.text(self, 'recording', '', recording, read_only=False)
         output = 'folder for the results; empty: beside the recording, with _calibration after its name'
         declare.text(self, 'output', '', output, read_only=False)
+        fixed = 'parameters to hold, such as l1=0.3302, g_ee (at its nominal value) or object_radius[disc_2].radius=0'
+        declare.texts(self, 'fixed', fixed, read_only=False)
         self._results = ResultParameters(self)
         self.add_on_set_parameters_callback(_check_parameters)
         self._announced = ''
@@ -127,7 +130,9 @@ class Calibrator(Node):
 
         recording = self._recording()
         self._condition = Condition(WARN, f'calibrating from {recording}', {})
-        outcome = calibrate_recordings([recording], self._cell(recording), progress=self._progress)
+        cell = self._cell(recording)
+        fixed = fixed_values(self._texts('fixed'), cell.nominal, 'parameter fixed:')
+        outcome = calibrate_recordings([recording], cell, fixed=fixed, progress=self._progress)
         files = write_results(outcome, self._output(recording))
         final, effects = outcome.final, effect_parameters(outcome.diagnosis.found)
         self._results.publish(list(final.parameters.as_dict().values()), final.std, effects)
@@ -148,6 +153,9 @@ class Calibrator(Node):
                 'parameter recording', 'no recording is named, and no collector has announced one', 'set it'
             )
         return declare.place('recording', named)
+
+    def _texts(self, name: str) -> list[str]:
+        return [str(text) for text in self.get_parameter(name).value or [] if str(text).strip()]
 
     def _cell(self, recording: Path) -> Cell:
         named = str(self.get_parameter('cell').value)
@@ -176,6 +184,9 @@ def _check_parameters(parameters: list[Parameter]) -> SetParametersResult:
         for parameter in parameters:
             if parameter.name == 'cell':
                 _check_cell(str(parameter.value))
+            if parameter.name == 'fixed':
+                for text in (str(item) for item in parameter.value or [] if str(item).strip()):
+                    parse_fixed(text, 'parameter fixed:')
     except ScaraKinetostaticError as error:
         return SetParametersResult(successful=False, reason=str(error))
     return SetParametersResult(successful=True)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.errors import ParameterError, expect
 from scara_kinetostatic.files.atomic import write_texts, writing
 from scara_kinetostatic.render.json_file import json_text
 from scara_kinetostatic.report import document as json_file
@@ -65,6 +66,7 @@ def write_results(outcome: Outcome, folder: str | Path) -> WrittenFiles:
 
     Raises:
         OutputError: the folder cannot be written.
+        ParameterError: `outcome` is none, or `folder` no path.
 
     Example:
         >>> import scara_kinetostatic as sk
@@ -73,6 +75,9 @@ def write_results(outcome: Outcome, folder: str | Path) -> WrittenFiles:
         >>> files.document.name, files.report.name
         ('calibration.json', 'report.html')
     """
+    expect(outcome, Outcome, 'outcome', 'give what diagnose returns')
+    if not isinstance(folder, (str, Path)):
+        raise ParameterError('folder', f'expected a path, got {type(folder).__name__}')
     folder = Path(folder)
     contents = (
         parameter_file.parameter_text(outcome),

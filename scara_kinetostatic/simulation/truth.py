@@ -12,6 +12,7 @@ A file that holds nothing but the twelve parameters by name is accepted as well.
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterable, Mapping
 from math import isfinite
 from pathlib import Path
@@ -135,7 +136,9 @@ def load_truth(path: str | Path, cell: Cell) -> ExtendedModel:
         data = {'parameters': data}
     unknown = [key for key in data if key not in ('schema', 'seed', 'parameters', 'effects')]
     if unknown:
-        raise ParameterError(where, f'unknown key {unknown[0]!r}', _FORM)
+        close = difflib.get_close_matches(str(unknown[0]), ('seed', 'parameters', 'effects'), 1)
+        remedy = f'did you mean {close[0]!r}?' if close else _FORM
+        raise ParameterError(where, f'unknown key {unknown[0]!r}', remedy)
     base, listed = data['parameters'], data.get('effects') or []
     if not isinstance(base, dict) or not isinstance(listed, list):
         raise ParameterError(where, 'expected parameters by name and a list of effects', _FORM)
@@ -159,7 +162,9 @@ def _with_values(effect: Effect, given: Mapping[str, float], where: str) -> True
     names = [parameter.name for parameter in effect.parameters]
     for name in given:
         if name not in names:
-            raise ParameterError(where, f'unknown parameter {name!r}', parameter_list(effect))
+            close = difflib.get_close_matches(name, names, 1)
+            remedy = f'did you mean {close[0]!r}? ' if close else ''
+            raise ParameterError(where, f'unknown parameter {name!r}', f'{remedy}{parameter_list(effect)}')
     for name in names:
         if name not in given:
             raise ParameterError(where, f'parameter {name!r} is missing', parameter_list(effect))

@@ -1,0 +1,102 @@
+"""Parameters that are held: of the base model, and of effects that are in the model with a known value."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import scara_kinetostatic as sk
+from scara_kinetostatic.calibration.fixed import check_units, fixed_effects, fixed_values, parse_fixed
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.cell import PAPER_CELL
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+
+NAME = 'object_radius[disc_2].radius'
+
+
+def test_texts_give_names_and_values():
+    assert fixed_values(['l1=0.3302', 'p1', NAME], PAPER_NOMINAL) == {'l1': 0.3302, 'p1': 1e-5, NAME: 0.0}
+    assert parse_fixed('l1') == ('l1', None)
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('theta_1=0', "did you mean 'theta1'"),
+        ('l1=long', "expected a number, got 'long'"),
+        ('l1=nan', 'expected a finite number'),
+        ('l1=330', 'lengths are in m, not mm'),
+        ('g1=16', 'angles are in rad, not degrees'),
+        ('object_radius[disc_2]=0', 'such as object_radius'),
+    ],
+)
+def test_wrong_texts(text, message):
+    with pytest.raises(ParameterError, match=message):
+        parse_fixed(text)
+
+
+@pytest.mark.parametrize(
+    ('fixed', 'message'),
+    [
+        ({'x0': 2.5}, 'lengths are in m, not mm: give 0.0025'),
+        ({'theta1': 2.0}, 'angles are in rad, not degrees: give 0.0349066'),
+        ({'g_ee': 0.095}, 'lengths are in m, not mm: give 9.5e-05'),
+        ({'g1': 0.29}, 'angles are in rad, not mrad: give 0.00029'),
+        ({'p1': 0.11}, 'compliances are in rad/Nm, not mrad/Nm'),
+    ],
+)
+def test_values_in_other_units(fixed, message):
+    with pytest.raises(ParameterError, match=message):
+        check_units(fixed, PAPER_NOMINAL)
+
+
+@pytest.mark.parametrize('fixed', [{'x0': 0.05}, {'l1': 0.4}, {'theta1': -0.2}, {'g_ee': 0.0}, {'p1': 1e-3}, {NAME: 1}])
+def test_usual_values_have_the_right_unit(fixed):
+    check_units(fixed, PAPER_NOMINAL)
+
+
+@pytest.mark.parametrize(
+    ('fixed', 'message'),
+    [
+        ({'object_radius[disc_2].raduis': 0.0}, "did you mean 'object_radius"),
+        ({'objct_radius[disc_2].radius': 0.0}, r'did you mean object_radius\[disc_1\]'),
+        ({'transmission_error[joint1].cycles': 3.0}, r'amplitude is free: an effect is held by all of its parameters'),
+    ],
+)
+def test_wrong_effects(fixed, message):
+    with pytest.raises(ParameterError, match=message):
+        fixed_effects(fixed, PAPER_CELL)
+
+
+@pytest.mark.parametrize(
+    ('text', 'fixed'),
+    [
+        ('object_radius[disc_2]:radius=2e-4', {NAME: 2e-4}),
+        ('encoder_gain[joint2]:gain=2e-3', {'encoder_gain[joint2].gain': 2e-3}),
+        ('sensor_rotation:angle=0.02', {'sensor_rotation.angle': 0.02}),
+    ],
+)
+def test_an_effect_with_a_known_value_is_in_the_model_and_not_found(text, fixed):
+    touches = sk.simulate(PAPER_CELL, PAPER_ACTUAL, effects=text, per_disc=8, seed=2)
+    outcome = sk.diagnose(touches, PAPER_CELL, fixed=fixed)
+    assert outcome.verdict == 'none'
+    ((label, parameters),) = outcome.final.effects.items()
+    for name, estimate in parameters.items():
+        assert (estimate.value, estimate.status, estimate.std) == (fixed[f'{label}.{name}'], 'fixed', 0.0)
+    off = outcome.final.parameters.as_array() - PAPER_ACTUAL.as_array()
+    assert np.abs(off / outcome.final.std).max() < 4
+
+
+def test_another_effect_is_found_beside_one_that_is_held():
+    effects = ['object_radius[disc_2]:radius=2e-4', 'encoder_gain[joint2]:gain=2e-3']
+    touches = sk.simulate(PAPER_CELL, PAPER_ACTUAL, effects=effects, per_disc=8, seed=2)
+    outcome = sk.diagnose(touches, PAPER_CELL, fixed={NAME: 2e-4})
+    assert list(outcome.effects) == ['encoder_gain[joint2]']
+    assert outcome.final.effects['object_radius[disc_2]']['radius'].value == 2e-4
+    off = outcome.final.parameters.as_array() - PAPER_ACTUAL.as_array()
+    assert np.abs(off / outcome.final.std).max() < 4
+
+
+def test_an_effect_held_at_zero_is_not_found():
+    touches = sk.simulate(PAPER_CELL, PAPER_ACTUAL, effects='object_radius[disc_2]:radius=2e-4', per_disc=8, seed=2)
+    assert 'object_radius[disc_2]' not in sk.diagnose(touches, PAPER_CELL, fixed={NAME: 0.0}).effects
