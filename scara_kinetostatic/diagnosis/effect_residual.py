@@ -28,7 +28,8 @@ from scara_kinetostatic.model.effect_law import Shift, TouchState
 from scara_kinetostatic.model.parameters import NAMES
 
 _UNCLEAR = 4.0
-"""A touch whose sensitivity |u| to the deviation is so many times smaller than the median one is left out."""
+"""A touch whose sensitivity |u| to the deviation is so many times smaller than the median one of those on which the
+effect acts is left out."""
 
 
 class _Channel(NamedTuple):
@@ -115,7 +116,8 @@ def _residual(models: _Models, item: Found) -> EffectResidual:
     channel = channels[which]
     unit = problem.change(channel.shift, channel.sensor_error).reshape(-1, 2)
     weight = np.linalg.norm(unit, axis=1)
-    kept = item.effect.acts_on(problem.touch_state) & (weight > np.median(weight) / _UNCLEAR)
+    acts = item.effect.acts_on(problem.touch_state)
+    kept = acts & (weight > (np.median(weight[acts]) if acts.any() else 0.0) / _UNCLEAR)
     x_label, x = _variable(problem, item)
     metadata, left = problem.touch_state.metadata, problem.point.whitened.residual
     taken_out, is_only_effect = _taken_out(models, item)

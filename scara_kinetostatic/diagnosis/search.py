@@ -147,8 +147,7 @@ class _Selection(NamedTuple):
             fitted = fit_with(self.calibration, self.latest, self.problem, members)
         except UnsupportedDataError:
             return None
-        plausible = all(effect.is_plausible(values) for effect, values, _ in fitted_effects(fitted))
-        return fitted if fitted.is_result and plausible else None
+        return fitted if fitted.is_result and _is_plausible(fitted) else None
 
     def result(self, extended: Calibration, best: Subset) -> Search:
         """The result with the fit of all selected effects."""
@@ -160,6 +159,20 @@ class _Selection(NamedTuple):
         c = self.calibration
         extended = c if any(effect.label not in c.held_effects for effect in c.model.effects) else None
         return Search(self.problem, self.scored_subsets, extended, penalty)
+
+
+def _is_plausible(fitted: Calibration) -> bool:
+    """Whether each effect has values that it can have, and the used touches determine one of its parameters at least.
+
+    They do not where all touches on which it acts are rejected.
+    """
+    groups = [set(group) for group in fitted.identifiability.confounded]
+    for effect, values, _ in fitted_effects(fitted):
+        own = set(effect.labels)
+        alone = {label for group in groups if group <= own for label in group}
+        if not effect.is_plausible(values) or (own and alone >= own - fitted.model.held):
+            return False
+    return True
 
 
 def _next_state(calibration: Calibration, effects: Sequence[Effect], state: _State) -> _State:

@@ -73,6 +73,8 @@ def residual_picture(found: EffectResidual, name: str, titles: tuple[str, str] =
 def _largest(found: EffectResidual) -> float:
     """The end of the y axis: single outliers do not change it."""
     size = np.abs(np.concatenate([found.before, found.after, found.expected]))
+    if not size.size:
+        return 1.0
     usual = float(np.quantile(size, _WITHIN))
     return max(1.1 * min(float(size.max()), 1.6 * usual), 1e-9)
 
