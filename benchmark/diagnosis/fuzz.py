@@ -174,15 +174,16 @@ def main() -> int:
             trial = run(number, number % chosen.render == 0)
         trials.append(trial)
         if trial.internal or trial.cpu > LONGEST:
-            print(f'{number}: {trial.cpu:.1f} s, {trial.touches} touches, noise {trial.noise}, {trial.effects}, '
-                  f'{trial.verdict} {trial.message}', flush=True)
+            about = f'{trial.touches} touches, noise {trial.noise}, {", ".join(trial.effects)}'
+            print(f'{number}: {trial.cpu:.1f} s, {about}: {trial.verdict} {trial.message}', flush=True)
         if (len(trials) % 50) == 0:
             print(f'... {number + 1}', file=sys.stderr, flush=True)
             save(chosen.json, [asdict(each) for each in trials])
     save(chosen.json, [asdict(each) for each in trials])
     cpu = np.array([trial.cpu for trial in trials])
-    print(f'{len(trials)} sets: {sum(trial.internal for trial in trials)} internal errors, '
-          f'{int((cpu > LONGEST).sum())} over {LONGEST:g} s (CPU); median {np.median(cpu):.2f} s, most {cpu.max():.1f} s')
+    internal, slow = sum(trial.internal for trial in trials), int((cpu > LONGEST).sum())
+    print(f'{len(trials)} sets: {internal} internal errors, {slow} over {LONGEST:g} s')
+    print(f'CPU time: median {np.median(cpu):.2f} s, longest {cpu.max():.1f} s')
     print(dict(Counter(trial.verdict for trial in trials)))
     return 0
 
