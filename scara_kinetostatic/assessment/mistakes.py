@@ -91,7 +91,7 @@ class Mistake:
         """The mistake as an error; `source` names where the touches come from."""
         if self.in_cell:
             return CellError(self.where, self.text, self.action)
-        return InputError(f'{source}: {self.where}', self.text, self.action)
+        return InputError(source, self.text, self.action)
 
 
 def find_mistake(

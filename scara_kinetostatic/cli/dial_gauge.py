@@ -14,6 +14,8 @@ from scara_kinetostatic.errors import InputError
 if TYPE_CHECKING:
     from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
 
+_LONGEST_LEVER = 5.0
+"""No lever arm of an arm is longer, m."""
 DESCRIPTION = """\
 Estimates compliance and backlash from tables of loads and dial gauge readings,
 as in section 5.2 of the paper: load and unload in both directions, record force
@@ -99,6 +101,9 @@ def run(args: argparse.Namespace) -> int:
 def _tables(args: argparse.Namespace) -> list[DialGaugeReadings]:
     from scara_kinetostatic.studies.dial_gauge.table_file import TableDefaults, load_readings
 
+    if args.lever is not None and args.lever > _LONGEST_LEVER:
+        remedy = f'it is in m, not mm: give {1e-3 * args.lever:g}'
+        raise InputError('--lever', f'expected at most {_LONGEST_LEVER:g} m, got {args.lever:g}', remedy)
     defaults = TableDefaults(
         part=args.part or 'gripper',
         lever=math.nan if args.lever is None else args.lever,

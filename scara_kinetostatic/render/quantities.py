@@ -53,6 +53,8 @@ class Shown(NamedTuple):
 
 _PREFIXED = ('m', 'rad', 'N', 'Nm', 's')
 _PREFIXES = (('', 1.0), ('m', 1e3), ('µ', 1e6), ('n', 1e9), ('p', 1e12))
+_LEAST_SHOWN = 5e-12
+"""A standard deviation below this, in the unit in which it is shown, is none."""
 _PER_MILLION = 1e-3
 """Pure numbers below this are shown in millionths."""
 
@@ -61,7 +63,7 @@ def shown(value: float, std: float, unit: str, units: Mapping[str, Scale] | None
     """A value in any SI unit with a prefix that fits, and the digits its uncertainty allows.
 
     Args:
-        value: the value.
+        value: the value; NaN where the data do not determine it.
         std: its standard deviation; NaN or 0 where there is none.
         unit: of both, SI.
         units: by SI unit, what is shown in a fixed unit instead.
@@ -74,15 +76,23 @@ def shown(value: float, std: float, unit: str, units: Mapping[str, Scale] | None
     elif unit.partition('/')[0] == '1' and 0 < size < _PER_MILLION:
         scale = Scale(f'ppm{unit[1:]}', 1e6)
     scale = (units or {}).get(unit, scale)
+    if math.isnan(value):
+        return Shown('not determined', '', '')
     digits = decimals(std * scale.per_si)
     if digits is None:
-        return Shown(f'{value * scale.per_si:.3g}', '', scale.unit)
-    return Shown(f'{value * scale.per_si:.{digits}f}', f'{std * scale.per_si:.{digits}f}', scale.unit)
+        return Shown(unsigned_zero(f'{value * scale.per_si:.3g}'), '', scale.unit)
+    number, deviation = (f'{quantity * scale.per_si:.{digits}f}' for quantity in (value, std))
+    return Shown(unsigned_zero(number), deviation, scale.unit)
+
+
+def unsigned_zero(number: str) -> str:
+    """A number as text without the sign of a zero: ``-0.0`` is ``0.0``."""
+    return number if any(digit in number for digit in '123456789nf') else number.removeprefix('-').removeprefix('−')
 
 
 def decimals(std: float) -> int | None:
-    """How many decimals show two digits of a standard deviation; None where there is none."""
-    if not math.isfinite(std) or std <= 0:
+    """How many decimals show two digits of a standard deviation; None where there is none, or it is of no size."""
+    if not math.isfinite(std) or std < _LEAST_SHOWN:
         return None
     return min(12, max(0, 1 - math.floor(math.log10(std))))
 

@@ -6,12 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy import special
 
 from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.identifiability import Combination
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
+from scara_kinetostatic.diagnosis.thresholds import SIGNIFICANCE
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.render.quantities import SCALES, Scale, count, decimals, p_equals
 from scara_kinetostatic.report.parameter_rows import base_rank
@@ -48,6 +50,8 @@ NEVER_IDENTIFIABLE = (
     'Friction in a transmission that is always approached from the same side: equivalent to backlash.',
 )
 """Errors that touches of this kind cannot show, whatever their number, and the parameters they change."""
+_DISAGREES = 1e-3
+"""P-value of chi-square below which it contradicts a model that the diagnosis finds complete."""
 MOST_RIVALS = 4
 """Of a group of rivals so many are named; of the others only the number is given."""
 _MOST_BIASES = 3
@@ -93,6 +97,8 @@ def _model(d: Diagnosis) -> tuple[str, str, list[str]]:
     if d.verdict == 'none':
         return 'good', 'The base model explains these touches', [f'No model error detected ({p} for the base model).']
     lack = f'The base model does not explain the touches ({p})'
+    if d.p_value >= SIGNIFICANCE:  # noise that was estimated covers the error
+        lack = f'The base model explains the touches with more noise than any robot has (with that noise {p})'
     if d.verdict == 'explained':
         headline = f'Model error found and corrected: {"; ".join(item.effect.finding for item in d.found)}'
         return 'caution', headline, [f'{lack}; extended by what was found it does: {_names(d.found)}.']
@@ -192,7 +198,15 @@ def fit_quality(outcome: Outcome) -> str:
     """Chi-square in words."""
     c = outcome.final
     freedom = count(c.degrees_of_freedom, 'degree', 'degrees')
-    return f'{c.chi_square:.1f} for {freedom} of freedom; reduced {c.reduced_chi_square:.2f}, expected 1'
+    text = f'{c.chi_square:.1f} for {freedom} of freedom; reduced {c.reduced_chi_square:.2f}, expected 1'
+    if c.noise_source != 'given' or outcome.diagnosis.remaining_p_value < SIGNIFICANCE:
+        return text
+    larger, smaller = (float(f(c.degrees_of_freedom, c.chi_square)) for f in (special.chdtrc, special.chdtr))
+    if smaller < _DISAGREES:
+        return f'{text}: the noise is stated too large; the p-value of the model is that with the noise estimated'
+    if larger < _DISAGREES:
+        return f'{text} ({p_equals(larger)} by itself; the p-value of the model is corrected for all tests made)'
+    return text
 
 
 def noise(outcome: Outcome) -> str:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES
-from scara_kinetostatic.render.quantities import SCALES, Scale, decimals
+from scara_kinetostatic.render.quantities import SCALES, Scale, decimals, unsigned_zero
 
 STATUS = {'estimated': '', 'fixed': 'fixed', 'confounded': 'not determined by these data'}
 """Notes on the status of a parameter."""
@@ -47,8 +47,8 @@ def _row(name: str, nominal: float, value: float, std: float, status: str, scale
     undetermined = f'({_short(value * per_si)})' if status == 'confounded' else f'{value * per_si:.6g}'
     return Row(
         name=name,
-        nominal=f'{nominal * per_si:.6g}',
-        value=f'{value * per_si:.{digits}f}' if digits is not None else undetermined,
+        nominal=unsigned_zero(f'{nominal * per_si:.6g}'),
+        value=unsigned_zero(f'{value * per_si:.{digits}f}' if digits is not None else undetermined),
         std=f'{std * per_si:.{digits}f}' if digits is not None else '',
         unit=unit,
         status=status,

@@ -9,7 +9,7 @@ from scara_kinetostatic.render.quantities import decimals, shown
 
 @pytest.mark.parametrize(
     ('std', 'expected'),
-    [(0.0015, 4), (0.094, 3), (0.81, 2), (1.2, 1), (11, 0), (851, 0), (0, None), (float('nan'), None)],
+    [(0.0015, 4), (0.094, 3), (0.81, 2), (1.2, 1), (11, 0), (851, 0), (0, None), (1e-15, None), (float('nan'), None)],
 )
 def test_decimals(std: float, expected: int | None) -> None:
     assert decimals(std) == expected
@@ -26,6 +26,10 @@ def test_decimals(std: float, expected: int | None) -> None:
         (2e-7, float('nan'), '1/s', '0.2 ppm/s'),
         (0.0, 0.0, 'm', '0 m'),
         (2.5, 0.31, 'Nm', '2.50 ± 0.31 Nm'),
+        (-1e-8, 1e-6, 'm', '0.0 ± 1.0 µm'),
+        (-0.0, 0.0, 'm', '0 m'),
+        (2e-4, 1e-19, 'm', '200 µm'),
+        (float('nan'), float('nan'), 'm', 'not determined'),
     ],
 )
 def test_values_of_any_unit(value: float, std: float, unit: str, expected: str) -> None:

@@ -97,9 +97,11 @@ def smallest_set(
             return found._replace(tried=tried)
         tried[number] = found.value
         number += max(1, number // 40)
+    needed = bound.number(target)
     raise UnsupportedDataError(
         f'an accuracy of {target:.3g} m is out of reach: no set of {min(_MOST, len(candidates.plan))} of the '
-        f'{len(candidates.plan)} candidate touches reaches it, at least {bound.number(target)} are needed',
+        f'{len(candidates.plan)} candidate touches reaches it'
+        + (f', at least {needed} are needed' if needed > 0 else ''),
         'ask for a larger standard deviation, repeat touches, or move the discs',
     )
 

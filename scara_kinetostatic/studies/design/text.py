@@ -46,7 +46,9 @@ def set_sentences(designed: DesignedSet, design: Design) -> list[str]:
     """Accuracy and checks of a set, one sentence each."""
     n, check, um = len(designed.plan), designed.check, _micrometres
     where = 'after the loss of any one touch' if designed is design.spare else 'at the worst place of the workspace'
-    sentences = [f'{n} touches give {um(designed.value)} µm {where}. Lower bound for any set: {designed.least}.']
+    sentences = [f'{n} touches give {um(designed.value)} µm {where}.']
+    if designed.least > 0:
+        sentences[0] += f' Lower bound for any set: {designed.least}.'
     if designed.tried:
         fewer = max(designed.tried)
         reached = f'gives {um(designed.tried[fewer])} µm'
