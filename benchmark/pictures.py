@@ -20,7 +20,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.render.figure import style, svg_file
-from scara_kinetostatic.report import effect_figures, figures
+from scara_kinetostatic.report import effect_figures, figures, tip_maps
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.studies.design import figures as design_pictures
@@ -51,6 +51,7 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     yield 'missing_effect', missing_effect()
     found = calibrate(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL)), CELL)
     yield 'cell', figures.cell_picture(found)
+    yield 'tip_deviation', tip_maps.deviation_picture(found, tip_maps.deviation(found, tip_maps.tip_map(found, 1)))
     paper = reproduce()
     yield 'figure_3', paper_pictures.trend_picture(paper)
     yield 'one_force_level', paper_pictures.unidentifiable_picture(paper)
@@ -72,7 +73,7 @@ def missing_effect() -> Markup:
     assert cell is not None
     outcome = calibrate_recordings([UNDECLARED], cell)
     (found,), (residual,) = outcome.diagnosis.found, outcome.effect_residuals
-    titles = 'base model', f'with {found.effect.label}'
+    titles = 'base model', f'with {found.effect.title}'
     return effect_figures.residual_picture(residual, 'missing', titles)
 
 

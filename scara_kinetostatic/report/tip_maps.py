@@ -104,7 +104,7 @@ class Maps(NamedTuple):
 def maps_context(outcome: Outcome) -> Maps:
     """All maps of an outcome; to be called within `render.figure.style`."""
     c, tip = outcome.final, outcome.tip_uncertainty
-    places = [_tip_map(c, each.posture) for each in tip.maps]
+    places = [tip_map(c, each.posture) for each in tip.maps]
     found = [deviation(c, each) for each in places]
     tolerance = c.cell.tolerance
     uncertain = [
@@ -153,7 +153,7 @@ def _deviation_caption(found: list[Deviation]) -> str:
     )
 
 
-def _tip_map(c: Calibration, posture: int) -> TipMap:
+def tip_map(c: Calibration, posture: int) -> TipMap:
     """The places of one posture around its touches and the base."""
     nominal, p, touches = c.cell.nominal, c.parameters, c.touches.select(c.used)
     low, high = _extent(c)
