@@ -22,6 +22,7 @@ import numpy as np
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.lack_of_fit import find_dependences
 from scara_kinetostatic.diagnosis.refit import penalised_deviance, with_rejections_of
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, STRICT_SIGNIFICANCE
@@ -122,6 +123,8 @@ def _noise_of(c: Calibration, suspicious: bool) -> Noise | None:
         kinds = [kind for kind, gain in gains.items() if kind != chosen and gain > needed / 2]
     if best is c or best.noise.growth > _LARGEST_GROWTH or _is_understated(c, least):
         return None
+    if suspicious and _depends_on_something(best):
+        return None
     return best.noise
 
 
@@ -130,6 +133,12 @@ def _is_significant(c: Calibration) -> bool:
     kinds = _open_kinds(c)
     beside = (JOINT, FORCE, OFF_NORMAL) if c.model.off_normal_std else (JOINT, FORCE)
     return any(excess_p_value(c, kind, beside) * len(kinds) < STRICT_SIGNIFICANCE for kind in kinds)
+
+
+def _depends_on_something(c: Calibration) -> bool:
+    """Whether the residual of a fit, weighted by its noise, shows a model error."""
+    dependences = find_dependences(c)
+    return bool(dependences) and dependences[0].p_value * len(dependences) < STRICT_SIGNIFICANCE
 
 
 def _is_understated(c: Calibration, deviance: float) -> bool:
