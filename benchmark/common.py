@@ -72,7 +72,7 @@ def json_value(item: Any) -> Any:
 def in_processes(
     function: Callable[[_Job], _Result], jobs: Sequence[_Job], number: int = 1, *, fresh: bool = False
 ) -> Iterator[_Result]:
-    """The results of a function, job by job, worked in processes of one thread each.
+    """The results of a function, job by job, worked in processes of one thread each; a single one may be this one.
 
     Args:
         function: at the top of a module other than a package's `__main__`, which a new process cannot import.
@@ -80,6 +80,9 @@ def in_processes(
         number: of processes.
         fresh: whether each job gets a process of its own.
     """
+    if number == 1 and not fresh and os.environ.get('OMP_NUM_THREADS') == '1':
+        yield from counted(map(function, jobs), len(jobs))
+        return
     os.environ.update(_ONE_THREAD)  # before a process imports NumPy
     with multiprocessing.get_context('spawn').Pool(number, maxtasksperchild=1 if fresh else None) as pool:
         yield from counted(pool.imap(function, jobs), len(jobs))

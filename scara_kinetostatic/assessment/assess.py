@@ -77,6 +77,7 @@ def _notes(evidence: Evidence) -> Iterator[str]:
     c = evidence.final
     if c.fixed:
         yield f'held at given values, which count as exact: {", ".join(c.fixed)}'
+    yield from tolerance.kept(evidence)
     missing = []
     if DeclaredErrors.of(c.cell) is None:
         missing.append('no uncertainties (discs, radii and sensor count as exact)')

@@ -74,7 +74,7 @@ def conformity(c: Calibration, tip: TipUncertainty) -> Conformity | None:
         return None
     u = tip.worst / COVERAGE_FACTOR
     noise = min(float(tip.at.gradient @ c.contributions[0].covariance @ tip.at.gradient), u**2)
-    freedoms = c.degrees_of_freedom if c.noise_source == 'estimated' or c.is_enlarged else np.inf
+    freedoms = c.degrees_of_freedom if c.noise_source == 'estimated' or c.enlargement > 1 else np.inf
     low, high = (_limit(u, noise, freedoms, part) for part in (_CONFIDENCE, 1 - _CONFIDENCE))
     values = np.concatenate([each.expanded.ravel() for each in tip.maps])
     values = values[np.isfinite(values)]

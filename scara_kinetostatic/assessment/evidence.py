@@ -7,9 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
+from scara_kinetostatic.assessment.conformity import Conformity, conformity
 from scara_kinetostatic.assessment.leverage import leverages
 from scara_kinetostatic.assessment.mistakes import Mistake, find_mistake
+from scara_kinetostatic.calibration.improvements import Improvement, improvements
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.tip_uncertainty import TipUncertainty, Workspace, tip_uncertainty, workspace
 from scara_kinetostatic.diagnosis.comparison import Comparison
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.model.arrays import Floats
@@ -42,6 +45,26 @@ class Evidence:
     def leverages(self) -> Floats:
         """Of the used touches, (n,)."""
         return leverages(self.final)
+
+    @cached_property
+    def workspace(self) -> Workspace:
+        """Of the calibrated arm."""
+        return workspace(self.final)
+
+    @cached_property
+    def tip_uncertainty(self) -> TipUncertainty:
+        """Expanded uncertainty of the tip over the workspace."""
+        return tip_uncertainty(self.final, self.workspace)
+
+    @cached_property
+    def conformity(self) -> Conformity | None:
+        """The same against the tolerance; None where there is none, or it is not determined."""
+        return conformity(self.final, self.tip_uncertainty)
+
+    @cached_property
+    def improvements(self) -> list[Improvement]:
+        """What would reduce the uncertainty of the tip, the most effective first."""
+        return improvements(self.final, self.workspace)
 
     @cached_property
     def mistake(self) -> Mistake | None:

@@ -12,7 +12,7 @@ from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import Assessment
 from scara_kinetostatic.calibration.held_out import HeldOut
 from scara_kinetostatic.calibration.result import Calibration, Estimate
-from scara_kinetostatic.calibration.tip_uncertainty import TipUncertainty, tip_uncertainty
+from scara_kinetostatic.calibration.tip_uncertainty import TipUncertainty
 from scara_kinetostatic.calibration.uncertainty_budget import Item, uncertainty_budget
 from scara_kinetostatic.diagnosis.comparison import Comparison, compare
 from scara_kinetostatic.diagnosis.effect_residual import EffectResidual, effect_residuals
@@ -137,7 +137,7 @@ class Outcome:
     @cached_property
     def tip_uncertainty(self) -> TipUncertainty:
         """Expanded uncertainty of the tip over the workspace."""
-        return tip_uncertainty(self.final)
+        return self.evidence.tip_uncertainty
 
     @cached_property
     def budget(self) -> tuple[Item, ...]:
@@ -147,14 +147,17 @@ class Outcome:
     @cached_property
     def assessment(self) -> Assessment:
         """Whether the result may be used, why, and what to do."""
-        return assess(
-            Evidence(
-                base=self.calibration,
-                final=self.final,
-                diagnosis=self.diagnosis,
-                comparison=self.comparison,
-                found=self.found,
-                rejected=self.rejected,
-                first_touches=self.first_touches,
-            )
+        return assess(self.evidence)
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """What the assessment is made from."""
+        return Evidence(
+            base=self.calibration,
+            final=self.final,
+            diagnosis=self.diagnosis,
+            comparison=self.comparison,
+            found=self.found,
+            rejected=self.rejected,
+            first_touches=self.first_touches,
         )

@@ -72,5 +72,3 @@ EXTRAPOLATION = 10.0
 which the touches cover too small a part of it: caution. Source: one order of magnitude; three discs in an even plan
 give 3.
 """
-COVERAGE_FACTOR = 2.0
-"""Of an expanded uncertainty. Source: GUM (JCGM 100), 6.3.3; about 95 %."""

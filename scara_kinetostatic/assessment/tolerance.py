@@ -1,34 +1,97 @@
-"""Whether the uncertainty of the tip is small enough for the use that the cell description states."""
+"""Whether the uncertainty of the tip is small enough for the use that the cell description states; what would help."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
-from scara_kinetostatic.assessment import thresholds
-from scara_kinetostatic.assessment.coverage import tip_std, workspace
+from scara_kinetostatic.assessment.conformity import Conformity, Decision
 from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import Grade, Remark, quantity
-from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.calibration.improvements import MORE_TOUCHES, Improvement, best_improvement
+from scara_kinetostatic.calibration.uncertainty_budget import source_title
+
+_MOST_BEYOND = 0.5
+"""Part of the workspace beyond the tolerance from which on a result is unfit."""
+_ACTIONS = {
+    'object_position': 'measure the place of {} to {}',
+    'object_radius': 'measure the radius of {} to {}',
+    'plate_position': 'measure where plate {} lies to {}',
+    'plate_angle': 'measure the rotation of plate {} to {}',
+    'radius': 'measure the radius of the tip to {1}',
+    'force_gain': 'calibrate the gain of the force sensor to {1}',
+    'force_rotation': 'measure the rotation of the force sensor to {1}',
+    'nominal': 'find out {} to {}',
+}
+_ALL = {
+    'object_position': 'measure the places of all objects to {}',
+    'object_radius': 'measure the radii of all objects to {}',
+    'plate_position': 'measure where all plates lie to {}',
+    'plate_angle': 'measure the rotations of all plates to {}',
+}
 
 
 def conformity(evidence: Evidence) -> Iterator[Remark]:
-    """An expanded uncertainty of the unloaded tip beyond the tolerance; unfit if in more than half of the workspace."""
-    c = evidence.final
-    if c.cell.tolerance is None:
+    """An expanded uncertainty of the tip beyond the tolerance, or too near to it to decide (ISO 14253-1).
+
+    Unfit where it is beyond between the touches, or in more than half of the workspace.
+    """
+    tolerance, found = evidence.final.cell.tolerance, evidence.conformity
+    if tolerance is None or (found is not None and found.decision is Decision.CONFORMS):
         return
-    joints = workspace(c)
-    expanded = thresholds.COVERAGE_FACTOR * tip_std(c, joints)
-    beyond = expanded > c.cell.tolerance
-    if not beyond.any():
+    if found is None:
+        reason = (
+            f'whether the tip keeps the tolerance of {quantity(tolerance, "m")} cannot be decided: its uncertainty '
+        )
+        yield Remark(Grade.UNFIT, f'{reason}is not determined')
         return
-    worst = int(np.argmax(expanded))
-    x, y = forward(c.parameters, joints[worst : worst + 1])[0]
-    yield Remark(
-        Grade.UNFIT if beyond.mean() > 0.5 else Grade.CAUTION,
-        f'the expanded uncertainty of the tip (k = 2) exceeds the tolerance of {quantity(c.cell.tolerance, "m")} in '
-        f'{100 * beyond.mean():.0f} % of the workspace: {quantity(float(expanded[worst]), "m")} at x {x:.2f} m, '
-        f'y {y:.2f} m',
-        'lower what dominates the uncertainty budget, or use it only where the tolerance is met',
-    )
+    beyond = found.touched is Decision.DOES_NOT_CONFORM or found.share < 1 - _MOST_BEYOND
+    grade = Grade.UNFIT if beyond else Grade.CAUTION
+    yield Remark(grade, _reason(evidence, found), advice(evidence) or 'use it only where the tolerance is met')
+
+
+def _reason(evidence: Evidence, found: Conformity) -> str:
+    worst, tolerance = quantity(found.worst, 'm'), quantity(found.tolerance, 'm')
+    if found.decision is Decision.UNDECIDED:
+        limits = f'{quantity(found.low, "m")} to {quantity(found.high, "m")}, as the noise is estimated'
+        near = f'too near the tolerance of {tolerance} to decide'
+        return f'the expanded uncertainty of the tip is {worst} ({limits}): {near}'
+    at = evidence.tip_uncertainty.at
+    place = '' if at is None else f', at x {at.tip[0]:.2f} m, y {at.tip[1]:.2f} m'
+    where = f'it conforms in {100 * found.share:.0f} % of the workspace'
+    between = evidence.tip_uncertainty.worst_touched
+    if found.touched is Decision.CONFORMS:
+        where += f', and wherever the joint angles are between those of the touches (up to {quantity(between, "m")})'
+    return f'the expanded uncertainty of the tip is up to {worst} (k = 2){place}, the tolerance {tolerance}; {where}'
+
+
+def advice(evidence: Evidence) -> str:
+    """The action that reduces the uncertainty of the tip most, one clause with numbers; empty if none is known."""
+    worst, tolerance = evidence.tip_uncertainty.worst, evidence.final.cell.tolerance
+    best = best_improvement(evidence.improvements, worst, tolerance)
+    return '' if best is None else f'{action(best)}: {_fall(worst, best.worst)}'
+
+
+def _fall(before: float, after: float) -> str:
+    sizes = f'from {quantity(before, "m")} to {quantity(after, "m")}'
+    return f"the tip's expanded uncertainty, where it is largest, falls {sizes}"
+
+
+def action(item: Improvement) -> str:
+    """What to do, in the imperative: ``measure the place of disc_2 to 5 µm``."""
+    if item.labels == (MORE_TOUCHES,):
+        return f'record {item.wanted:.0f} touches of the same kind instead of {item.declared:.0f}'
+    kind, _, target = item.labels[0].rstrip(']').partition('[')
+    size = f'{100 * item.wanted:g} %' if item.unit == '1' else quantity(item.wanted, item.unit)
+    if len(item.labels) > 1:
+        return _ALL[kind].format(size)
+    return _ACTIONS.get(kind, f'find out the {source_title(item.labels[0])} to {{1}}').format(target, size)
+
+
+def kept(evidence: Evidence) -> Iterator[str]:
+    """A note where the tolerance is kept."""
+    found = evidence.conformity
+    if found is not None and found.decision is Decision.CONFORMS:
+        yield (
+            f'the expanded uncertainty of the tip is at most {quantity(found.worst, "m")} (k = 2) all over the '
+            f'workspace, the tolerance {quantity(found.tolerance, "m")}: it conforms (ISO 14253-1)'
+        )

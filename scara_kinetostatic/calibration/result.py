@@ -257,9 +257,9 @@ class Calibration:
         return self.chi_square / self.degrees_of_freedom
 
     @property
-    def is_enlarged(self) -> bool:
-        """Whether the covariance was enlarged because the stated noise does not cover the residuals."""
-        return _enlargement(self.chi_square, self.degrees_of_freedom) > 1
+    def enlargement(self) -> float:
+        """By what the covariance was enlarged because the stated noise does not cover the residuals; 1 if not."""
+        return _enlargement(self.chi_square, self.degrees_of_freedom)
 
     def std_of(self, name: str) -> float:
         """Standard uncertainty of a parameter of the base model by name, in its unit."""

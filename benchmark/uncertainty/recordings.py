@@ -1,0 +1,128 @@
+"""Recordings of worlds drawn from their declared uncertainties, calibrated and diagnosed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from time import process_time
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from benchmark.common import NOISES
+from benchmark.diagnosis.cells import SETUPS
+from benchmark.uncertainty.worlds import declared_setup, drawn
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.diagnosis.diagnose import diagnose
+from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.model.parameters import NAMES
+
+DRAWN = ('small', 'large', 'plate')
+DISPLACED = 10.0
+"""Declared standard uncertainties by which an object is off."""
+LEAST_RMS, LARGEST_RMS, LARGEST_Z = 0.9, 1.1, 5.0
+LEAST_NONE, LEAST_NAMED = 0.98, 0.95
+
+
+class Task(NamedTuple):
+    """Recordings that are made one after the other."""
+
+    cell: str
+    kind: str
+    noise: str
+    displaced: float
+    seeds: range
+
+
+def tasks(first: int, count: int, kinds: Sequence[str], at_once: int = 10) -> list[Task]:
+    """All tasks: recordings `first` to `first + count` of every cell, kind and noise."""
+    listed = []
+    for cell in SETUPS:
+        for kind in kinds:
+            for noise in NOISES:
+                for displaced in (0.0, DISPLACED):
+                    parts = (
+                        range(start, min(start + at_once, first + count))
+                        for start in range(first, first + count, at_once)
+                    )
+                    listed += [Task(cell, kind, noise, displaced, part) for part in parts]
+    return listed
+
+
+def run_task(task: Task) -> list[dict[str, Any]]:
+    """The recordings of a task."""
+    return [_run(task, seed) for seed in task.seeds]
+
+
+def _run(task: Task, seed: int) -> dict[str, Any]:
+    setup = declared_setup(task.cell, task.kind)
+    record: dict[str, Any] = {**task._asdict(), 'seeds': seed}
+    begin = process_time()
+    try:
+        _, robot, touches = drawn(setup, seed, task.cell, task.kind, displaced=task.displaced)
+        described = setup.cell if task.noise == 'given' else replace(setup.cell, noise=None)
+        base = calibrate(touches, described)
+        fitted = process_time()
+        found = diagnose(base)
+    except ScaraKinetostaticError as error:
+        return record | {'error': str(error)}
+    final = found.extended or base
+    z = (final.parameters.as_array() - robot.as_array()) / final.std
+    base_z = (base.parameters.as_array() - robot.as_array()) / base.std
+    return record | {
+        'verdict': found.verdict,
+        'found': [item.effect.label for item in found.found],
+        'rivals': [list(group) for group in found.rivals],
+        'p_value': found.p_value,
+        'z': z.tolist(),
+        'base_z': base_z.tolist(),
+        'chi_square': base.reduced_chi_square,
+        'fit_seconds': fitted - begin,
+        'seconds': process_time() - fitted,
+    }
+
+
+def is_named(record: dict[str, Any], discs: Sequence[str]) -> bool:
+    """Whether the displaced object is found, alone or among named rivals."""
+    label = f'object_position[{discs[record["seeds"] % len(discs)]}]'
+    return label in record.get('found', ()) or any(label in group for group in record.get('rivals', ()))
+
+
+def summarise(records: Sequence[dict[str, Any]]) -> list[str]:
+    """A line for each cell, kind and noise, and for what is displaced there; then what is not as it should be."""
+    lines, odd = [], []
+    groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for record in records:
+        groups.setdefault((record['cell'], record['kind'], record['noise'], record['displaced']), []).append(record)
+    for (cell, kind, noise, displaced), group in groups.items():
+        name = f'{cell:6} {kind:10} {noise:9}'
+        discs = [disc.name for disc in SETUPS[cell].cell.discs]
+        good = [record for record in group if 'error' not in record]
+        if displaced:
+            named = sum(is_named(record, discs) for record in group)
+            lines.append(f'{name} displaced: named {named}/{len(group)}')
+            odd += [record for record in group if not is_named(record, discs)]
+            continue
+        z = np.array([record['z'] for record in good])
+        rms = np.sqrt(np.nanmean(z**2, axis=0))
+        verdicts = dict(Counter(record.get('verdict', 'error') for record in group))
+        lines.append(
+            f'{name} {verdicts}  rms z {rms.min():.2f} ({NAMES[int(rms.argmin())]}) to {rms.max():.2f} '
+            f'({NAMES[int(rms.argmax())]}), largest {np.nanmax(np.abs(z)):.1f}, '
+            f'without value {int(np.isnan(z).sum())}, '
+            f'{1e3 * np.mean([record["fit_seconds"] for record in good]):.0f} and '
+            f'{1e3 * np.mean([record["seconds"] for record in good]):.0f} ms'
+        )
+        odd += [r for r in group if r.get('verdict') != 'none' or np.nanmax(np.abs(r['z'])) > LARGEST_Z]
+    return lines + [_described(record) for record in odd]
+
+
+def _described(record: dict[str, Any]) -> str:
+    where = f'  {record["cell"]} {record["kind"]} {record["noise"]} {record["displaced"]:g} seed {record["seeds"]}'
+    if 'error' in record:
+        return f'{where}: {record["error"]}'
+    return (
+        f'{where}: {record["verdict"]} {record["found"]} {record["rivals"]} p = {record["p_value"]:.2g}, z up to '
+        + (f'{np.nanmax(np.abs(record["z"])):.1f}')
+    )

@@ -1,0 +1,181 @@
+"""Uncertainty of the tip, the budget, and what would improve them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import scara_kinetostatic as sk
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.improvements import MORE_TOUCHES, best_improvement, improvements, round_value
+from scara_kinetostatic.calibration.propagation import locate_tip, tip_under_force
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.tip_uncertainty import (
+    COVERAGE_FACTOR,
+    Poses,
+    tip_derivative,
+    tip_uncertainty,
+    workspace,
+)
+from scara_kinetostatic.calibration.uncertainty_budget import source_title, uncertainty_budget
+from scara_kinetostatic.effects.registry import find
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Plate, Uncertainty
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
+
+MEASURED = replace(
+    PAPER_CELL,
+    discs=tuple(disc._replace(center_std=1.5e-5, radius_std=5e-6) for disc in PAPER_CELL.discs),
+    uncertainty=Uncertainty(radius=2e-6, force_gain=0.005, force_rotation=1e-3, nominal={'l1': 1e-3}),
+    plates=(Plate('a', 0.0, 0.3, 1e-4, 1e-4),),
+)
+
+
+def fitted(cell: Cell, seed: int = 3) -> Calibration:
+    return calibrate(sk.simulate(cell, PAPER_ACTUAL, seed=seed), cell)
+
+
+@pytest.fixture(scope='module')
+def measured() -> Calibration:
+    return fitted(MEASURED)
+
+
+def random_poses(count: int) -> Poses:
+    random = np.random.default_rng(5)
+    posture = random.choice([1, -1], count)
+    joints = np.column_stack([random.uniform(-3, 3, count), posture * random.uniform(0.4, 2.6, count)])
+    return Poses(joints, posture, random.normal(scale=25.0, size=(count, 2)))
+
+
+@pytest.mark.parametrize('effect', ['', 'base_compliance', 'transmission_error[joint2]', 'object_radius[disc_2]'])
+def test_derivative_of_the_tip_agrees_with_differences(measured: Calibration, effect: str) -> None:
+    c, poses = measured, random_poses(40)
+    if effect:
+        c = replace(c, model=c.model.with_effects([find(c.cell, effect)]))
+        sizes = [1e-2 * scale for scale in c.model.effect_scales]
+        c = replace(c, model=c.model.with_array([*c.parameters.as_array(), *sizes]))
+    found, values = tip_derivative(c, poses), c.model.as_array()
+    metadata = TouchMetadata.plain(40)._replace(posture=poses.posture)
+    for k, name in enumerate(c.model.names):
+        step = 1e-3 * (np.arange(len(values)) == k) * (c.model.effect_scales[k - 12] if k >= 12 else 1e-3)
+        ends = [
+            tip_under_force(c.model.with_array(values + sign * step), *poses[::2], c.cell.gripper, metadata)[0]
+            for sign in (1, -1)
+        ]
+        wanted = (ends[0] - ends[1]) / (2 * step[k])
+        assert np.abs(found[..., k] - wanted).max() <= 0.02 * np.abs(wanted).max() + 1e-12, name
+
+
+def test_variances_of_the_budget_add_up(measured: Calibration) -> None:
+    tip = tip_uncertainty(measured)
+    items = uncertainty_budget(measured, tip)
+    squares = np.sum([item.parameters**2 for item in items], axis=0)
+    assert squares == pytest.approx(measured.std**2, rel=1e-9)
+    assert sum(item.tip**2 for item in items) == pytest.approx((tip.worst / COVERAGE_FACTOR) ** 2, rel=1e-9)
+    assert [item.evaluation for item in items] == ['A', *'B' * (len(items) - 1)]
+    assert [item.declared for item in items if item.label == 'force_gain'] == [0.005]
+
+
+def test_the_worst_place_is_as_uncertain_as_a_prediction_there(measured: Calibration) -> None:
+    tip = tip_uncertainty(measured)
+    assert tip.at is not None
+    found = locate_tip(measured, tip.at.joints[None], tip.at.force[None], TouchMetadata.plain(1))
+    std = np.sqrt(tip.at.direction @ found.covariance[0] @ tip.at.direction)
+    assert COVERAGE_FACTOR * std == pytest.approx(tip.worst, rel=0.01)
+    assert tip.at.tip == pytest.approx(forward(measured.parameters, tip.at.joints))
+
+
+def test_the_workspace_is_mapped(measured: Calibration) -> None:
+    tip = tip_uncertainty(measured)
+    assert [each.posture for each in tip.maps] == [1, -1]
+    expanded = np.stack([each.expanded for each in tip.maps])
+    assert np.nanmax(expanded) == tip.worst
+    assert np.nanmedian(expanded) == tip.median
+    touched = np.stack([each.touched for each in tip.maps])
+    assert 0.05 < touched.sum() / np.isfinite(expanded).sum() < 0.5
+    assert tip.worst_touched == np.nanmax(expanded[touched]) < tip.worst
+    assert tip.undetermined == 0
+
+
+def test_one_posture_has_one_map() -> None:
+    touches = sk.simulate(PAPER_CELL, PAPER_ACTUAL, per_disc=24)
+    left = calibrate(touches.select(touches.posture == 1), PAPER_CELL)
+    assert [each.posture for each in tip_uncertainty(left).maps] == [1]
+
+
+def test_where_the_tip_is_not_determined_nothing_is_stated() -> None:
+    touches = sk.simulate(PAPER_CELL, PAPER_ACTUAL)
+    near = touches.select(touches.disc == 1)
+    c = calibrate(near, PAPER_CELL)
+    tip = tip_uncertainty(c)
+    assert tip.undetermined > 0.5 or np.isfinite(tip.worst)
+    budget = uncertainty_budget(c, tip)
+    for name, status in c.status.items():
+        assert (status == 'confounded') == bool(np.isnan(budget[0].parameters[NAMES.index(name)]))
+
+
+def test_a_fixed_parameter_contributes_nothing() -> None:
+    c = calibrate(sk.simulate(MEASURED, PAPER_ACTUAL), MEASURED, fixed={'x0': PAPER_ACTUAL.x0})
+    assert all(item.parameters[0] == 0 for item in uncertainty_budget(c))
+
+
+@pytest.mark.parametrize('label', ['object_position[disc_1]', 'force_gain', 'nominal[l1]', 'object_radius[disc_2]'])
+def test_a_smaller_declared_uncertainty_gives_what_was_said(measured: Calibration, label: str) -> None:
+    (item,) = [each for each in improvements(measured) if each.labels == (label,)]
+    kind, _, target = label.rstrip(']').partition('[')
+    u = MEASURED.uncertainty
+    if kind == 'object_position':
+        cell = _with_disc(target, center_std=item.wanted)
+    elif kind == 'object_radius':
+        cell = _with_disc(target, radius_std=item.wanted)
+    elif kind == 'nominal':
+        cell = replace(MEASURED, uncertainty=replace(u, nominal={target: item.wanted}))
+    else:
+        cell = replace(MEASURED, uncertainty=replace(u, **{kind: item.wanted}))
+    tip = tip_uncertainty(calibrate(measured.touches, cell))
+    assert (item.median, item.worst) == pytest.approx((tip.median, tip.worst), rel=2e-3)
+
+
+def _with_disc(name: str, **changes: float) -> Cell:
+    discs = tuple(disc._replace(**changes) if disc.name == name else disc for disc in MEASURED.discs)
+    return replace(MEASURED, discs=discs)
+
+
+def test_twice_as_many_touches_give_what_was_said() -> None:
+    c = fitted(PAPER_CELL)
+    (item,) = improvements(c)
+    assert (item.labels, item.declared, item.wanted) == ((MORE_TOUCHES,), 72, 144)
+    assert item.worst == pytest.approx(tip_uncertainty(c).worst / np.sqrt(2))
+
+
+def test_the_smallest_action_that_suffices_is_advised(measured: Calibration) -> None:
+    found, worst = improvements(measured), tip_uncertainty(measured).worst
+    best = best_improvement(found, worst)
+    assert best is not None
+    assert best.labels == tuple(f'object_position[disc_{k}]' for k in (1, 2, 3))
+    assert best.worst < 0.5 * worst
+    enough = best_improvement(found, worst, tolerance=0.95 * worst)
+    assert enough is not None
+    assert len(enough.labels) == 1
+    assert best_improvement([], worst) is None
+
+
+def test_round_values() -> None:
+    assert [round_value(value) for value in (5e-6, 4.99e-6, 1e-3, 0.7)] == [5e-6, 2e-6, 1e-3, 0.5]
+
+
+def test_sources_in_words() -> None:
+    assert source_title('plate_angle[a]') == 'rotation of plate a'
+    assert source_title('noise') == 'noise of the touches'
+
+
+def test_touches_under_one_force_leave_the_unloaded_tip_determined() -> None:
+    touches = sk.simulate(PAPER_CELL, PAPER_ACTUAL)
+    size = np.hypot(*touches.force.T)
+    c = calibrate(touches.select(np.abs(size - 40) < 3), PAPER_CELL)
+    area = workspace(c)
+    unloaded = ~area.poses.force.any(axis=1)
+    assert np.all(np.isfinite(tip_derivative(c, area.poses)[unloaded]))
