@@ -130,8 +130,8 @@ def _uncertainty_caption(tip: TipUncertainty, tolerance: float | None) -> str:
         parts.append(f'Thick line: the tolerance, {_MILLI * tolerance:.3g} mm.')
     if tip.undetermined > 0:
         parts.append(f'Not determined by these touches in {100 * tip.undetermined:.0f} % of the workspace.')
-    play = f'{_MILLI * tip.lost_motion:.3g} mm'
-    parts.append(f'The play of the joints without load, up to {play}, is not contained. {_FADED}')
+    lost = f'{_MILLI * tip.lost_motion:.3g} mm'
+    parts.append(f'The play of the joints without load, up to {lost}, is not contained. {_FADED}')
     return ' '.join(parts)
 
 
