@@ -30,7 +30,8 @@ from scara_kinetostatic.calibration.gauss_helmert import first_guess
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import turn_radial
-from scara_kinetostatic.calibration.solver import Subspace, minimise
+from scara_kinetostatic.calibration.solver import minimise
+from scara_kinetostatic.calibration.subspace import Subspace
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.extended_model import ExtendedModel
 

@@ -13,7 +13,7 @@ import numpy as np
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.solver import ActivePrior
+from scara_kinetostatic.calibration.subspace import ActivePrior
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
 from scara_kinetostatic.model.arrays import Floats, read_only
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from scara_kinetostatic.calibration.estimate import WarmStart, check_number, estimate
-from scara_kinetostatic.calibration.gauss_helmert import Observations
+from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.prediction import base_force, observe
 from scara_kinetostatic.calibration.result import Calibration, build_result
 from scara_kinetostatic.errors import (

@@ -13,11 +13,13 @@ import numpy as np
 
 from scara_kinetostatic.calibration import least_squares, outliers
 from scara_kinetostatic.calibration.fit_point import COARSE, FINAL, ROBUST, Point, Stage, select
-from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Observations, first_guess
+from scara_kinetostatic.calibration.gauss_helmert import Adjusted, first_guess
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.noise_estimation import as_stated, estimate_noise, is_estimated
+from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.projection import project, turn_radial
-from scara_kinetostatic.calibration.solver import ActivePrior, Fit, Subspace, Termination, minimise
+from scara_kinetostatic.calibration.solver import Fit, Termination, minimise
+from scara_kinetostatic.calibration.subspace import ActivePrior, Subspace
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Noise

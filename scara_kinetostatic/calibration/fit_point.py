@@ -8,14 +8,8 @@ import numpy as np
 
 from scara_kinetostatic.calibration.blocks import in_blocks, pick
 from scara_kinetostatic.calibration.declared_errors import Marginal
-from scara_kinetostatic.calibration.gauss_helmert import (
-    NO_ERRORS,
-    Adjusted,
-    Observations,
-    adjust,
-    as_measured,
-    linearise,
-)
+from scara_kinetostatic.calibration.gauss_helmert import Adjusted, adjust, as_measured, linearise
+from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations
 from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, squared_distance, whiten
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.extended_model import ExtendedModel

@@ -17,8 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from scara_kinetostatic.calibration.contributions import ALTERNATIVES
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Prior
-from scara_kinetostatic.calibration.result import ALTERNATIVES, Calibration
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, Workspace, workspace
 from scara_kinetostatic.model.arrays import Floats, Indices
 

@@ -6,7 +6,8 @@ import numpy as np
 
 from scara_kinetostatic.calibration.blocks import in_blocks
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
-from scara_kinetostatic.calibration.gauss_helmert import NO_ERRORS, Observations, first_guess
+from scara_kinetostatic.calibration.gauss_helmert import first_guess
+from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorFrame

@@ -6,7 +6,8 @@ import numpy as np
 
 from scara_kinetostatic.calibration.blocks import in_blocks, pick
 from scara_kinetostatic.calibration.fit_point import COARSE, Point, evaluate
-from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Observations, adjust, as_radial, first_guess
+from scara_kinetostatic.calibration.gauss_helmert import Adjusted, adjust, as_radial, first_guess
+from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 

@@ -8,11 +8,10 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc
 
 from scara_kinetostatic.calibration import outliers
+from scara_kinetostatic.calibration.contributions import Contribution, contributions_of, enlargement_of
 from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit
-from scara_kinetostatic.calibration.gauss_helmert import Observations
 from scara_kinetostatic.calibration.identifiability import (
     Identifiability,
     advise,
@@ -22,16 +21,16 @@ from scara_kinetostatic.calibration.identifiability import (
     scales_of,
 )
 from scara_kinetostatic.calibration.noise_estimation import is_estimated
+from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.prediction import base_force, force_error, force_residual, observe
-from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination
+from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.calibration.subspace import Subspace
 from scara_kinetostatic.model.arrays import Floats, Mask, read_only
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, UNITS, Parameters
 from scara_kinetostatic.model.touch import Rejection, TouchSet
 
-_MISFIT = 1e-3
-"""p-value of chi-square below which the stated noise does not cover the residuals and sigmas are enlarged."""
 _LARGEST_FORCE_ERROR = 0.5
 """Force error, as a part of the mean force, beyond which a fit is no result."""
 
@@ -57,27 +56,6 @@ class Estimate(NamedTuple):
     def of_effect(cls, value: float, std: float, unit: str, nominal: float) -> Estimate:
         """The estimate of a parameter of an effect: confounded where it has no standard uncertainty."""
         return cls(value, std, unit, 'confounded' if np.isnan(std) else 'estimated', nominal)
-
-
-class Contribution(NamedTuple):
-    """What one source of uncertainty contributes to the covariance of a fit (GUM, 5.2 and annex H).
-
-    Attributes:
-        label: ``noise`` (type A), that of a declared source (type B), such as ``object_position[disc_1]``, or
-            ``alternative_models``.
-        declared: its declared standard uncertainty; None for noise.
-        unit: of `declared`.
-        covariance: its part of the covariance of all values of the model, (12 + k, 12 + k).
-    """
-
-    label: str
-    declared: float | None
-    unit: str
-    covariance: Floats
-
-
-ALTERNATIVES = 'alternative_models'
-"""Label of what the choice among credible models contributes."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -259,7 +237,7 @@ class Calibration:
     @property
     def enlargement(self) -> float:
         """By what the covariance was enlarged because the stated noise does not cover the residuals; 1 if not."""
-        return _enlargement(self.chi_square, self.degrees_of_freedom)
+        return enlargement_of(self.chi_square, self.degrees_of_freedom)
 
     def std_of(self, name: str) -> float:
         """Standard uncertainty of a parameter of the base model by name, in its unit."""
@@ -290,7 +268,7 @@ def build_result(
     model = fit.point.model
     observations = observations.with_errors(fit.point.errors)
     everything = covariance_of_fit(fit, found.subspace)
-    contributions, chi_square, freedoms = _contributions(found, observations, everything)
+    contributions, chi_square, freedoms = contributions_of(found, observations, everything)
     covariance = np.sum([part.covariance for part in contributions], axis=0)
     std = np.sqrt(np.diag(covariance))
     identifiability = _identifiability(found, observations, covariance, std, fixed)
@@ -304,7 +282,7 @@ def build_result(
         start=start,
         model=model,
         covariance=covariance,
-        covariance_with_errors=_enlargement(chi_square, freedoms) * everything,
+        covariance_with_errors=enlargement_of(chi_square, freedoms) * everything,
         std=std[: len(NAMES)],
         effect_std=std[len(NAMES) :],
         errors=fit.point.errors,
@@ -325,37 +303,6 @@ def build_result(
         termination=fit.termination,
         history=fit.history,
     )
-
-
-def _contributions(
-    found: Estimation, observations: Observations, covariance: Floats
-) -> tuple[tuple[Contribution, ...], float, int]:
-    """What noise and each declared source contribute to the covariance, chi-square, degrees of freedom.
-
-    With C the covariance of the fit and P the rows of the prior, the estimate moves by -C P_sᵀ e_s with the true errors
-    e_s of a source, so that this contributes C P_sᵀ P_s C, and noise the rest. Where the residuals are larger than
-    noise and declared errors can be, all are enlarged alike.
-    """
-    fit, values = found.fit, len(found.subspace.origin)
-    prior = ActivePrior.of(observations, found.subspace)
-    chi_square = float(fit.point.distance[found.used].sum()) + fit.prior_cost
-    freedoms = 2 * int(found.used.sum()) - found.subspace.basis.shape[1]
-    parts = []
-    if prior is not None:
-        freedoms += int(prior.active.sum()) - prior.prior.errors
-        moved = covariance[:values] @ prior.prior.rows(values).T
-        for source, where in prior.prior.by_source():
-            part = moved[:, where]
-            parts.append(Contribution(source.label, source.std, source.unit, part @ part.T))
-    noise = covariance[:values, :values] - np.sum([part.covariance for part in parts], axis=0) if parts else covariance
-    enlarged = _enlargement(chi_square, freedoms)
-    every = (Contribution('noise', None, '', noise), *parts)
-    return tuple(part._replace(covariance=enlarged * part.covariance) for part in every), chi_square, freedoms
-
-
-def _enlargement(chi_square: float, freedoms: int) -> float:
-    """By what a covariance is enlarged: where the stated noise does not cover the residuals, reduced chi-square."""
-    return chi_square / freedoms if chdtrc(freedoms, chi_square) < _MISFIT else 1.0
 
 
 def _rejections(

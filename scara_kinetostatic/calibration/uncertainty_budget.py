@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.result import ALTERNATIVES, Calibration
+from scara_kinetostatic.calibration.contributions import ALTERNATIVES
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import TipUncertainty, tip_uncertainty
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import NAMES

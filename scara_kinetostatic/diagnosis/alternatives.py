@@ -15,8 +15,9 @@ from dataclasses import replace
 import numpy as np
 
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.contributions import ALTERNATIVES, Contribution
 from scara_kinetostatic.calibration.estimate import WarmStart
-from scara_kinetostatic.calibration.result import ALTERNATIVES, Calibration, Contribution
+from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.candidates import (
     Candidate,

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.fit_point import Point, augmented
-from scara_kinetostatic.calibration.gauss_helmert import Observations
+from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.prediction import base_force, force_error, observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.propagation import tip_under_force

@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.declared_errors import Marginal
 from scara_kinetostatic.calibration.fit_point import Point, augmented, unfitted
-from scara_kinetostatic.calibration.gauss_helmert import Observations
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
+from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.solver import Subspace
+from scara_kinetostatic.calibration.subspace import Subspace
 from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
 from scara_kinetostatic.diagnosis.thresholds import FORCE_LEVELS
 from scara_kinetostatic.effects.base import Effect, Trial

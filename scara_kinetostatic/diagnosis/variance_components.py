@@ -17,8 +17,8 @@ import numpy as np
 from scipy import special
 
 from scara_kinetostatic.calibration.fit_point import Point, augmented
-from scara_kinetostatic.calibration.gauss_helmert import Observations
 from scara_kinetostatic.calibration.noise_estimation import by_axis, growing, whiten_matrix
+from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration

@@ -30,13 +30,14 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration import least_squares
 from scara_kinetostatic.calibration.fit_point import Point, evaluate
-from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Observations
+from scara_kinetostatic.calibration.gauss_helmert import Adjusted
 from scara_kinetostatic.calibration.identifiability import (
     SCALES,
     condition_number,
     group_names,
     unidentifiable_directions,
 )
+from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise
