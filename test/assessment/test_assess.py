@@ -1,0 +1,150 @@
+"""What makes a result unfit, what asks for caution, and what does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark, quantity
+from scara_kinetostatic.assessment.leverage import leverages
+from scara_kinetostatic.assessment.moved_object import find_moved_object
+from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.simulation.plan import Plan, default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
+
+NOISE = PAPER_CELL.noise
+PLAN = default_plan(PAPER_CELL, 8)
+
+
+def touch(plan: Plan = PLAN, cell: Cell = PAPER_CELL, seed: int = 1) -> TouchSet:
+    assert NOISE
+    return simulate_touches(cell, ExtendedModel(PAPER_ACTUAL), plan, NOISE, seed)
+
+
+def restated(number: int, **by: float) -> Cell:
+    discs = list(PAPER_CELL.discs)
+    discs[number] = discs[number]._replace(**{k: getattr(discs[number], k) + v for k, v in by.items()})
+    return replace(PAPER_CELL, discs=tuple(discs))
+
+
+@cache
+def good() -> Outcome:
+    return calibrate_touches(touch(), PAPER_CELL)
+
+
+def test_a_good_result_is_fit_and_says_what_it_was_judged_without() -> None:
+    found = good().assessment
+    assert (found.grade, found.actions) == (Grade.FIT, ())
+    assert found.reasons[0].startswith('48 touches determine all parameters and check them')
+    assert 'declares no uncertainties' in found.reasons[-1]
+    assert found.reasons[-1].endswith('no tolerance')
+
+
+def test_what_is_declared_is_not_missing() -> None:
+    discs = tuple(disc._replace(center_std=1e-5) for disc in PAPER_CELL.discs)
+    found = calibrate_touches(touch(), replace(PAPER_CELL, discs=discs, tolerance=1e-3)).assessment
+    assert found.grade is Grade.FIT
+    assert 'declares' not in ' '.join(found.reasons)
+
+
+def test_eight_touches_check_nothing() -> None:
+    some = np.sort(np.random.default_rng(3).choice(len(PLAN), 8, replace=False))
+    found = calibrate_touches(touch(PLAN.select(some)), PAPER_CELL).assessment
+    assert found.grade is Grade.UNFIT
+    reasons = ' '.join(found.reasons)
+    assert 'touches that the fit has not seen are predicted with' in reasons
+    assert '8 of 8 touches are not checked by the others' in reasons
+    assert found.actions[0].startswith('record more touches')
+
+
+def test_radii_all_short_are_named() -> None:
+    short = replace(PAPER_CELL, discs=tuple(disc._replace(radius=disc.radius - 1e-3) for disc in PAPER_CELL.discs))
+    found = calibrate_touches(touch(), short).assessment
+    assert found.grade is Grade.UNFIT
+    assert found.reasons[0].startswith('all radii are stated 0.9')
+    assert not any('g_ee is negative' in reason for reason in found.reasons)
+
+
+def test_one_force_level_and_one_posture_are_an_extrapolation() -> None:
+    found = calibrate_touches(touch(default_plan(PAPER_CELL, 8, levels=(40.0,))), PAPER_CELL).assessment
+    assert found.grade is Grade.CAUTION
+    assert found.reasons[0].startswith('the touches do not determine p_ee, g_ee each by itself')
+    found = calibrate_touches(touch(default_plan(PAPER_CELL, 16, postures=(1,))), PAPER_CELL).assessment
+    assert found.grade is Grade.CAUTION
+    assert 'with the elbow right the result is an extrapolation' in found.reasons[0]
+
+
+def test_one_disc_does_not_tell_where_the_tip_is() -> None:
+    cell = replace(PAPER_CELL, discs=PAPER_CELL.discs[:1])
+    found = calibrate_touches(touch(default_plan(cell, 16), cell), cell).assessment
+    assert found.grade is Grade.UNFIT
+    assert 'nor where the tip is' in found.reasons[0]
+
+
+def test_an_uncertainty_beyond_the_tolerance() -> None:
+    strict = replace(good().final.cell, tolerance=4e-6)
+    found = replace(good(), calibration=replace(good().calibration, cell=strict)).assessment
+    assert found.grade is Grade.UNFIT
+    assert 'exceeds the tolerance of 4 µm' in found.reasons[0]
+    wide = replace(good().final.cell, tolerance=1e-3)
+    assert replace(good(), calibration=replace(good().calibration, cell=wide)).assessment.grade is Grade.FIT
+
+
+def test_the_touches_of_a_displaced_disc_agree_with_each_other() -> None:
+    before, after = touch(), touch(cell=restated(1, x=3e-4, y=-2e-4))
+    late = (before.disc == 1) & (before.index >= 30)
+    assert 3 <= late.sum() <= 0.2 * len(before)
+    both = TouchSet.concatenate([before.select(~late), after.select(late)])
+    c = calibrate(both, PAPER_CELL)
+    c = replace(
+        c, used=c.used & ~np.concatenate([np.zeros((~late).sum(), dtype=bool), np.ones(late.sum(), dtype=bool)])
+    )
+    moved = find_moved_object(c, 1)
+    assert moved is not None
+    assert np.hypot(moved.x - 3e-4, moved.y + 2e-4) < 6 * moved.std
+    assert both.index[moved.there].min() > both.index[moved.stated].max()
+    assert find_moved_object(good().final, 1) is None
+
+
+def test_touches_rejected_in_a_row_are_beyond_chance() -> None:
+    used = np.ones(48, dtype=bool)
+    used[20:25] = False
+    found = replace(good(), calibration=replace(good().calibration, used=used)).assessment
+    assert found.grade is Grade.CAUTION
+    assert '5 of 5 rejected touches are touch 20 to 24' in found.reasons[0]
+    used = np.roll(used, 23)
+    found = replace(good(), calibration=replace(good().calibration, used=used)).assessment
+    assert found.grade is Grade.UNFIT
+    assert 'the result is that of before' in found.reasons[0]
+
+
+def test_a_leverage_is_what_a_touch_moves_its_own_prediction() -> None:
+    c = good().final
+    found = leverages(c)
+    assert found.shape == (48,)
+    assert np.all((found > 0) & (found < 1))
+    declared = replace(PAPER_CELL, discs=tuple(disc._replace(center_std=1e-9) for disc in PAPER_CELL.discs))
+    np.testing.assert_allclose(leverages(calibrate(touch(), declared)), found, rtol=1e-3)
+
+
+def test_the_gravest_reason_comes_first() -> None:
+    remarks = [Remark(Grade.CAUTION, 'b', 'x'), Remark(Grade.UNFIT, 'a', 'y'), Remark(Grade.FIT, 'c', 'x')]
+    found = Assessment.of(remarks, ['note'])
+    assert (found.grade, found.reasons, found.actions) == (Grade.UNFIT, ('a', 'b', 'c', 'note'), ('y', 'x'))
+    assert found.headline == 'unfit: a'
+
+
+@pytest.mark.parametrize(
+    ('value', 'unit', 'text'), [(9.43e-4, 'm', '943 µm'), (-1.2e-5, 'm/N', '-12 µm/N'), (3.14e-3, 'm', '3.1 mm')]
+)
+def test_quantities(value: float, unit: str, text: str) -> None:
+    assert quantity(value, unit) == text
