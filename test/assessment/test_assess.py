@@ -94,7 +94,7 @@ def test_an_uncertainty_beyond_the_tolerance() -> None:
     strict = replace(good().final.cell, tolerance=4e-6)
     found = replace(good(), calibration=replace(good().calibration, cell=strict)).assessment
     assert found.grade is Grade.UNFIT
-    assert 'exceeds the tolerance of 4 µm' in found.reasons[0]
+    assert 'the tolerance 4 µm; it conforms in 0 % of the workspace' in found.reasons[0]
     wide = replace(good().final.cell, tolerance=1e-3)
     assert replace(good(), calibration=replace(good().calibration, cell=wide)).assessment.grade is Grade.FIT
 
