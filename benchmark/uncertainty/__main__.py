@@ -17,9 +17,10 @@ from __future__ import annotations
 
 import argparse
 import sys
+from typing import Any
 
-from benchmark.common import in_processes, parser, save
-from benchmark.uncertainty import recordings
+from benchmark.common import in_processes, parser, print_targets, save
+from benchmark.uncertainty import monte_carlo, recordings, timing
 from benchmark.uncertainty.worlds import KINDS
 
 SHOWS = ('recordings', 'budget', 'time')
@@ -39,11 +40,23 @@ def parse() -> argparse.Namespace:
 def main() -> int:
     """Run, print, save."""
     options = parse()
-    listed = recordings.tasks(options.first, options.count, options.kind or recordings.DRAWN)
-    records = [record for part in in_processes(recordings.run_task, listed, options.jobs) for record in part]
-    print('\n'.join(recordings.summarise(records)))
+    records: list[dict[str, Any]]
+    if options.show == 'time':
+        records = timing.run()
+        targets = timing.targets(records)
+    elif options.show == 'budget':
+        listed = monte_carlo.tasks(options.first, options.count)
+        records = list(in_processes(monte_carlo.run_task, listed, options.jobs))
+        lines, targets = monte_carlo.summarise(records)
+        print('\n'.join(lines))
+    else:
+        drawn = recordings.tasks(options.first, options.count, options.kind or recordings.DRAWN)
+        records = [record for part in in_processes(recordings.run_task, drawn, options.jobs) for record in part]
+        lines, targets = recordings.summarise(records)
+        print('\n'.join(lines))
+    met = print_targets(targets)
     save(options.json, records)
-    return 0
+    return 0 if met else 1
 
 
 if __name__ == '__main__':

@@ -89,33 +89,47 @@ def is_named(record: dict[str, Any], discs: Sequence[str]) -> bool:
     return label in record.get('found', ()) or any(label in group for group in record.get('rivals', ()))
 
 
-def summarise(records: Sequence[dict[str, Any]]) -> list[str]:
-    """A line for each cell, kind and noise, and for what is displaced there; then what is not as it should be."""
+def summarise(records: Sequence[dict[str, Any]]) -> tuple[list[str], list[tuple[str, bool]]]:
+    """A line for each cell, kind and noise, and for what is displaced there; what is odd; the targets."""
     lines, odd = [], []
+    rms, largest, none, named = [1.0], 0.0, [1.0], [1.0]
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for record in records:
         groups.setdefault((record['cell'], record['kind'], record['noise'], record['displaced']), []).append(record)
     for (cell, kind, noise, displaced), group in groups.items():
         name = f'{cell:6} {kind:10} {noise:9}'
         discs = [disc.name for disc in SETUPS[cell].cell.discs]
-        good = [record for record in group if 'error' not in record]
         if displaced:
-            named = sum(is_named(record, discs) for record in group)
-            lines.append(f'{name} displaced: named {named}/{len(group)}')
-            odd += [record for record in group if not is_named(record, discs)]
+            missed = [record for record in group if not is_named(record, discs)]
+            named.append(1 - len(missed) / len(group))
+            lines.append(f'{name} displaced: named {len(group) - len(missed)} of {len(group)}')
+            odd += missed
             continue
+        good = [record for record in group if 'error' not in record]
         z = np.array([record['z'] for record in good])
-        rms = np.sqrt(np.nanmean(z**2, axis=0))
+        of_each = np.sqrt(np.nanmean(z**2, axis=0))
         verdicts = dict(Counter(record.get('verdict', 'error') for record in group))
+        rms += of_each.tolist()
+        largest = max(largest, float(np.nanmax(np.abs(z))))
+        none.append(verdicts.get('none', 0) / len(group))
         lines.append(
-            f'{name} {verdicts}  rms z {rms.min():.2f} ({NAMES[int(rms.argmin())]}) to {rms.max():.2f} '
-            f'({NAMES[int(rms.argmax())]}), largest {np.nanmax(np.abs(z)):.1f}, '
+            f'{name} {verdicts}, rms z {of_each.min():.2f} ({NAMES[int(of_each.argmin())]}) to {of_each.max():.2f} '
+            f'({NAMES[int(of_each.argmax())]}), largest {np.nanmax(np.abs(z)):.1f}, '
             f'without value {int(np.isnan(z).sum())}, '
             f'{1e3 * np.mean([record["fit_seconds"] for record in good]):.0f} and '
             f'{1e3 * np.mean([record["seconds"] for record in good]):.0f} ms'
         )
         odd += [r for r in group if r.get('verdict') != 'none' or np.nanmax(np.abs(r['z'])) > LARGEST_Z]
-    return lines + [_described(record) for record in odd]
+    targets = [
+        (
+            f'rms z of each parameter {LEAST_RMS} to {LARGEST_RMS}: {min(rms):.2f} to {max(rms):.2f}',
+            min(rms) >= LEAST_RMS and max(rms) <= LARGEST_RMS,
+        ),
+        (f'none beyond {LARGEST_Z:g}: {largest:.1f}', largest <= LARGEST_Z),
+        (f'verdict none in {100 * LEAST_NONE:.0f} %: {100 * min(none):.1f} %', min(none) >= LEAST_NONE),
+        (f'displaced object named in {100 * LEAST_NAMED:.0f} %: {100 * min(named):.1f} %', min(named) >= LEAST_NAMED),
+    ]
+    return lines + [_described(record) for record in odd], targets
 
 
 def _described(record: dict[str, Any]) -> str:
