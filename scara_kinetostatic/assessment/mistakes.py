@@ -54,6 +54,8 @@ _LARGEST_BACKLASH = 3e-3
 """nor is one above this, m."""
 _LEAST_TIP = 4e-4
 """Least radius of a tip, m."""
+_LEAST_ROTATION = np.deg2rad(20.0)
+"""A rotation of the sensor below this is an effect, which is fitted, not a mistake, rad."""
 _RIGHT_ANGLE = np.deg2rad(3.0)
 """A rotation this near to a right angle is one."""
 _FAINT = 0.2
@@ -173,7 +175,7 @@ def _gross(reading: Reading, stated: Agreement, cell: Cell, named: Indices, orig
         for k in np.flatnonzero(found.misfit <= bound)
     ]
     chosen = _alternatives(alike)
-    if len(chosen) > _MOST_NAMED:
+    if len(chosen) > _MOST_NAMED or any(abs(_turned_by(item)) < _LEAST_ROTATION for item in chosen):
         return None
     mistake = _joined([_named(item, stated, named, names) for item in chosen])
     return replace(mistake, is_gross=before > _HOPELESS)
@@ -192,8 +194,7 @@ def _named(item: _Explanation, stated: Agreement, named: Indices, names: Sequenc
     h = item.hypothesis
     statement, action = h.statement, h.action
     if h.rotation is not None:
-        angle = h.rotation + item.rotation
-        angle = float(np.arctan2(np.sin(angle), np.cos(angle)))
+        angle = _turned_by(item)
         right = round(angle / (np.pi / 2)) * np.pi / 2
         degrees = f'{np.rad2deg(right if abs(angle - right) < _RIGHT_ANGLE else angle):.0f}°'
         statement, action = statement.format(rotation=degrees), action.format(rotation=degrees)
@@ -206,6 +207,14 @@ def _named(item: _Explanation, stated: Agreement, named: Indices, names: Sequenc
             statement = f'the radii, or the centers, of {which} are {swapped}'
     in_cell = not h.where.startswith(('force', 'joint', 'fixed'))
     return Mistake(h.where, statement, action, _evidence(stated, item), in_cell)
+
+
+def _turned_by(item: _Explanation) -> float:
+    """The rotation of the sensor that explains the touches, rad; a straight angle where it is none."""
+    if item.hypothesis.rotation is None:
+        return float(np.pi)
+    angle = item.hypothesis.rotation + item.rotation
+    return float(np.arctan2(np.sin(angle), np.cos(angle)))
 
 
 def _evidence(stated: Agreement, item: _Explanation) -> str:

@@ -93,6 +93,7 @@ def test_options_say_what_the_table_does_not(run: Run, tmp_path: Path) -> None:
         (ONE, ['--zero-band', '1'], 2, '--zero-band: expected a share below 1'),
         (ONE, ['one.csv'], 2, 'one.csv: is given twice'),
         (ONE, ['--lever', '0'], 2, 'expected above 0'),
+        (ONE, ['--part', 'joint2', '--lever', '330'], 2, 'it is in m, not mm: give 0.33'),
         (ONE, ['--out', 'one.csv'], 2, 'one.csv'),
         (ONE.replace('-', ''), [], 3, 'one.csv: gripper: there is no reversal'),
         (ONE, ['--kind', 'loops'], 3, 'one.csv: loops need the time'),

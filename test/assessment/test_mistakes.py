@@ -1,0 +1,221 @@
+"""Mistakes in a cell description or in touches are named; nothing is blamed on good touches or on ordinary effects."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scara_kinetostatic.assessment.mistake_fit import Statements, _scene
+from scara_kinetostatic.assessment.mistake_hypotheses import Origin
+from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, find_mistake
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.errors import CellError, InputError
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Disc, Sensor, SensorFrame
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
+from scara_kinetostatic.touches.detection import Detection
+
+SHORT = Cell(
+    PAPER_NOMINAL.replace(l1=0.25, l2=0.21),
+    (Disc('a', 0.20, 0.15, 0.030), Disc('b', -0.15, 0.22, 0.045), Disc('c', 0.05, -0.28, 0.030)),
+    noise=PAPER_CELL.noise,
+    sensor=Sensor(frame=SensorFrame.TOOL),
+)
+ROBOTS = {'paper': (PAPER_CELL, PAPER_ACTUAL), 'short': (SHORT, PAPER_ACTUAL.replace(l1=0.2502, l2=0.2093))}
+
+
+@pytest.fixture(scope='module')
+def touches() -> dict[str, TouchSet]:
+    plans = {name: default_plan(cell, 5) for name, (cell, _) in ROBOTS.items()}
+    return {name: simulate_touches(cell, truth, plans[name], seed=1) for name, (cell, truth) in ROBOTS.items()}
+
+
+def discs(change):
+    return lambda cell: replace(cell, discs=tuple(change(disc) for disc in cell.discs))
+
+
+def first_disc(change):
+    return lambda cell: replace(cell, discs=(change(cell.discs[0]), *cell.discs[1:]))
+
+
+def radii(*order):
+    def change(cell):
+        pairs = zip(cell.discs, order, strict=True)
+        return replace(cell, discs=tuple(disc._replace(radius=cell.discs[k].radius) for disc, k in pairs))
+
+    return change
+
+
+def other_frame(cell):
+    other = SensorFrame.BASE if cell.sensor.frame is SensorFrame.TOOL else SensorFrame.TOOL
+    return replace(cell, sensor=cell.sensor._replace(frame=other))
+
+
+OF_CELL = {
+    'x and y are swapped in the centers of all discs': discs(lambda d: d._replace(x=d.y, y=d.x)),
+    'x has the wrong sign in the center of (disc_1|a)': first_disc(lambda d: d._replace(x=-d.x)),
+    'y has the wrong sign in the centers of all discs': discs(lambda d: d._replace(y=-d.y)),
+    'radius is the diameter of every disc': discs(lambda d: d._replace(radius=2 * d.radius - 0.01)),
+    'radius is the diameter of (disc_1|a)': first_disc(lambda d: d._replace(radius=2 * d.radius)),
+    'the radii, or the centers, of (disc_1 and disc_2|a and b) are swapped': radii(1, 0, 2),
+    "the frame of the sensor is '(base|tool)', not '(tool|base)'": other_frame,
+}
+OF_TOUCHES = {
+    'the two joints are in the wrong order': (lambda q: q[:, ::-1], None),
+    'joint 1 turns the other way': (lambda q: q * [-1, 1], None),
+    'joint 2 turns the other way': (lambda q: q * [1, -1], None),
+    'both joints turn the other way': (lambda q: -q, None),
+    'the joint angles are in degrees, not in rad': (np.rad2deg, None),
+    'the angle of joint 2 is in degrees': (lambda q: q * [1, 180 / np.pi], None),
+    'joint 2 is measured from the base': (lambda q: np.stack([q[:, 0], q.sum(axis=1)], axis=1), None),
+    'x and y of the force are swapped': (None, lambda f: f[:, ::-1]),
+    'y of the force has the wrong sign': (None, lambda f: f * [1, -1]),
+    'the sign of the force is wrong': (None, lambda f: -f),
+    'the axes of the force sensor are turned by 90°': (None, lambda f: np.stack([f[:, 1], -f[:, 0]], axis=1)),
+    'the forces are in kN, not in N': (None, lambda f: 1e-3 * f),
+    'the forces are in mN, not in N': (None, lambda f: 1e3 * f),
+}
+
+
+@pytest.mark.parametrize('robot', ROBOTS)
+@pytest.mark.parametrize('statement', OF_CELL)
+def test_a_mistake_of_the_cell_is_named(touches, robot, statement):
+    mistake = find_mistake(touches[robot], OF_CELL[statement](ROBOTS[robot][0]))
+    assert mistake is not None
+    assert mistake.in_cell
+    with pytest.raises(CellError, match=statement):
+        raise mistake.error('touches.csv')
+
+
+@pytest.mark.parametrize('robot', ROBOTS)
+@pytest.mark.parametrize('statement', OF_TOUCHES)
+def test_a_mistake_of_the_touches_is_named(touches, robot, statement):
+    joints, force = OF_TOUCHES[statement]
+    right = touches[robot]
+    given = right.replace(joints=joints(right.joints) if joints else right.joints)
+    given = given.replace(force=force(right.force) if force else right.force)
+    mistake = find_mistake(given, ROBOTS[robot][0])
+    assert mistake is not None
+    assert not mistake.in_cell
+    with pytest.raises(InputError, match=f'^touches.csv: {statement}'):
+        raise mistake.error('touches.csv')
+
+
+@pytest.mark.parametrize('length', [3e-3, 5e-3, 1e-2])
+@pytest.mark.parametrize('robot', ROBOTS)
+def test_a_forgotten_tip_is_named(touches, robot, length):
+    cell = ROBOTS[robot][0]
+    short = discs(lambda d: d._replace(radius=d.radius - length))(cell)
+    mistake = find_mistake(touches[robot], short)
+    assert 'mm too small, or the radius of the tip is missing' in mistake.statement
+    assert float(mistake.statement.split()[4]) == pytest.approx(1e3 * length, abs=0.15)
+    known = find_mistake(touches[robot], replace(short, tip_radius=length))
+    assert known.statement == f'the radii do not contain the radius of the tip, {1e3 * length:.3g} mm'
+
+
+@pytest.mark.parametrize('short', [3e-4, 1e-3])
+def test_radii_that_are_all_short_are_named_by_the_calibration(touches, short):
+    cell = discs(lambda d: d._replace(radius=d.radius - short))(PAPER_CELL)
+    calibration = calibrate(touches['paper'], cell)
+    mistake = find_mistake(touches['paper'], cell, calibration)
+    error = -1e3 * calibration.parameters.g_ee
+    assert mistake.statement.startswith(f'all radii are stated {error:.3g} mm too small')
+    declared = replace(cell, uncertainty=replace(cell.uncertainty, radius=short))
+    assert find_mistake(touches['paper'], declared, calibration) is None
+
+
+def test_diameters_of_equal_discs():
+    cell = discs(lambda d: d._replace(radius=0.05))(PAPER_CELL)
+    given = simulate_touches(cell, PAPER_ACTUAL, default_plan(cell, 5), seed=1)
+    stated = discs(lambda d: d._replace(radius=0.1))(cell)
+    assert find_mistake(given, stated).statement == 'every radius is the diameter of its disc'
+
+
+def test_swapped_names_and_centers(touches):
+    given = touches['paper']
+    named = given.replace(disc=np.array([1, 0, 2])[given.disc])
+    assert 'disc_1 and disc_2 are swapped: touches that name one' in find_mistake(named, PAPER_CELL).statement
+    a, b, c = PAPER_CELL.discs
+    swapped = replace(PAPER_CELL, discs=(a._replace(x=b.x, y=b.y), b._replace(x=a.x, y=a.y), c))
+    assert find_mistake(given, swapped).statement == 'the centers of disc_1 and disc_2 are swapped'
+
+
+@pytest.mark.parametrize(('name', 'value'), [('x0', 0.02), ('l1', 0.36), ('theta1', 0.1)])
+def test_a_wrong_fixed_value(touches, name, value):
+    mistake = find_mistake(touches['paper'], PAPER_CELL, fixed={name: value})
+    assert f'of {name} contradicts the touches' in mistake.statement
+
+
+def test_remedies_depend_on_what_holds_the_touches(touches):
+    given = touches['paper'].replace(force=-touches['paper'].force)
+    assert find_mistake(given, PAPER_CELL, origin=Origin.TABLE).action == 'change the signs of fx and fy'
+    mistake = find_mistake(given, PAPER_CELL, origin=Origin.RECORDING)
+    assert (mistake.where, mistake.action) == ('sensor.sign', 'set sensor.sign to on_robot')
+    given = touches['paper'].replace(joints=touches['paper'].joints[:, ::-1])
+    mistake = find_mistake(given, PAPER_CELL, origin=Origin.RECORDING)
+    assert mistake.action == 'set robot.joint_names to [joint2, joint1]'
+
+
+def test_a_gross_mistake_is_an_error_before_anything_is_fitted(touches):
+    given = touches['paper']
+    cell = OF_CELL['x and y are swapped in the centers of all discs'](PAPER_CELL)
+    with pytest.raises(CellError, match=r'^objects: x and y are swapped in the centers of all discs'):
+        calibrate_touches(Detection(given.select(np.arange(0)), found=len(given), elsewhere=given), cell)
+
+
+def test_nothing_is_blamed_on_good_touches():
+    for cell, truth in ROBOTS.values():
+        for seed in range(10):
+            rng = np.random.default_rng(seed)
+            robot = truth.as_array() + rng.normal(0, [5e-3, 5e-3, 0.01, 3e-3, 0.01, 3e-3] + 6 * [0])
+            plan = default_plan(cell, 8)
+            plan = plan.select(np.sort(rng.choice(len(plan), rng.integers(12, len(plan)), replace=False)))
+            given = simulate_touches(cell, Parameters.from_array(robot), plan, seed=seed)
+            assert find_mistake(given, cell) is None
+
+
+def test_nothing_is_blamed_on_ordinary_effects():
+    plan = default_plan(PAPER_CELL, 8, preload=0.3)
+    for effect in catalogue(PAPER_CELL):
+        values = tuple(4 * value for value in effect.typical)
+        given = simulate_touches(PAPER_CELL, ExtendedModel(PAPER_ACTUAL, (effect,), (values,)), plan, seed=2)
+        mistake = find_mistake(given, PAPER_CELL)
+        assert mistake is None, (effect.label, mistake.text)
+
+
+def test_few_touches_and_touches_of_something_else_have_no_name(touches):
+    given = touches['paper']
+    cell = OF_CELL['x and y are swapped in the centers of all discs'](PAPER_CELL)
+    assert find_mistake(given.select(np.arange(FEWEST_TOUCHES - 1)), cell) is None
+    rng = np.random.default_rng(0)
+    nonsense = given.replace(joints=rng.uniform(-2, 2, given.joints.shape), force=rng.normal(0, 20, given.force.shape))
+    assert find_mistake(nonsense, PAPER_CELL) is None
+
+
+def test_derivatives_of_the_coarse_fit(touches):
+    rng, n = np.random.default_rng(3), len(touches['short'])
+    given, cell = touches['short'], SHORT
+    change = rng.normal(0, 1e-3, (1, 13)) * np.array([1, 1, 1, 1, 1, 1, 1e-2, 1e-2, 1e-2, 1, 1, 1, 1])
+    statement = Statements(
+        *(array[None] for array in (given.joints, given.force, np.float64(1.0))),
+        *(array[None] for array in (cell.centers, cell.radii, cell.nominal.as_array(), np.ones(len(NAMES)))),
+        np.ones(1),
+    )
+    scene = _scene(statement, change)
+    for j in range(13):
+        step = np.zeros((1, 13))
+        step[0, j] = 1e-7
+        up, down = _scene(statement, change + step), _scene(statement, change - step)
+        for value, by in (('distance', 'by_distance'), ('angle', 'by_angle')):
+            expected = (getattr(up, value) - getattr(down, value))[0] / 2e-7
+            found = getattr(scene, by)[0, :, j]
+            assert found.shape == (n,)
+            # the torques are held where a parameter changes them: what they add is of second order
+            assert np.abs(found - expected).max() < 0.02 * max(np.abs(expected).max(), 1e-2), (j, value)
