@@ -1,4 +1,4 @@
-"""`scara-kinetostatic design`: the smallest set of touches for an accuracy of the tip."""
+"""`scara-kinetostatic design`: the touches for an accuracy of the tip."""
 
 from __future__ import annotations
 
@@ -11,15 +11,17 @@ from scara_kinetostatic.cli.output import print_result, progress
 from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.studies.design.prediction import Robot
     from scara_kinetostatic.studies.design.result import Requirements
+    from scara_kinetostatic.studies.design.robot import Robot
 
 DESCRIPTION = """\
 Predicts the uncertainty of a calibration before any touch is made: the standard
-deviation of every parameter, and of the tip over the workspace. Finds the
-smallest set of touches for an accuracy and the best places for discs, and shows
-what the accuracy depends on. The set is written as a plan for `simulate --plan`
-and for the simulated cell.
+deviation of every parameter, and of the tip over the workspace. Recommends the
+smallest set of touches that reaches an accuracy and checks itself: every disc is
+touched, no touch counts on itself alone, and any one may fail. Finds the best
+places for discs, and shows what the accuracy depends on. The set is written as a
+plan for `simulate --plan` and for the simulated cell. What the cell description
+declares as uncertain counts.
 """
 EXAMPLE = """\
   scara-kinetostatic design --cell cell.yaml --accuracy 1e-5 --out design
@@ -29,17 +31,17 @@ EXAMPLE = """\
 
 def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Adds the verb."""
-    parser = add_verb(subparsers, 'design', 'the smallest set of touches for an accuracy', DESCRIPTION, EXAMPLE, run)
+    parser = add_verb(subparsers, 'design', 'the touches for an accuracy', DESCRIPTION, EXAMPLE, run)
     add_cell(parser)
     parser.add_argument(
         '--accuracy',
         type=real(0, above=True),
-        default=1e-5,
         metavar='S',
-        help='largest standard deviation of the tip over the workspace, m (default: 1e-5)',
+        help='largest standard deviation of the tip over the workspace, m (default: half the tolerance of the cell; '
+        'without one 1e-5, or what the declared uncertainties allow)',
     )
     parser.add_argument(
-        '--out', type=Path, metavar='DIR', help='folder for plan.yaml, plan_spare.yaml, design.json, design.html'
+        '--out', type=Path, metavar='DIR', help='folder for plan.yaml, plan_smallest.yaml, design.json, design.html'
     )
     parser.add_argument('--json', action='store_true', help='print JSON instead of text')
     _add_robot(parser)
@@ -100,7 +102,8 @@ def run(args: argparse.Namespace) -> int:
         InputError: the cell, the expected robot or an option is wrong, or DIR cannot be written.
         UnsupportedDataError: the accuracy is out of reach.
     """
-    requirements, robot = _requirements(args), _robot(args)
+    robot = _robot(args)
+    requirements = _requirements(args, robot)
     from scara_kinetostatic.studies.design import page
     from scara_kinetostatic.studies.design.document import design_document
     from scara_kinetostatic.studies.design.optimal_design import optimal_design
@@ -113,16 +116,17 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _requirements(args: argparse.Namespace) -> Requirements:
-    from scara_kinetostatic.studies.design.result import Requirements
+def _requirements(args: argparse.Namespace, robot: Robot) -> Requirements:
+    from scara_kinetostatic.studies.design.attainable import with_usual_accuracy
+    from scara_kinetostatic.studies.design.result import USUAL_ACCURACY, Requirements
     from scara_kinetostatic.studies.design.workspace import Region
 
     for option, values in (('--region', args.region), ('--disc-radius', args.disc_radius)):
         for low, high in zip((values or [])[::2], (values or [])[1::2], strict=True):
             if low > high or (low == high and option == '--region'):
                 raise InputError(option, f'expected the lower limit first, got {low:g} {high:g}')
-    return Requirements(
-        accuracy=args.accuracy,
+    requirements = Requirements(
+        accuracy=args.accuracy or USUAL_ACCURACY,
         levels=tuple(dict.fromkeys(args.levels)),
         postures={'both': (1, -1), 'left': (1,), 'right': (-1,)}[args.postures],
         per_disc=args.per_disc,
@@ -134,16 +138,18 @@ def _requirements(args: argparse.Namespace) -> Requirements:
         most_discs=args.discs,
         seed=args.seed,
     )
+    return requirements if args.accuracy else with_usual_accuracy(robot, requirements)
 
 
 def _robot(args: argparse.Namespace) -> Robot:
     from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE
     from scara_kinetostatic.simulation.truth import truth_named
-    from scara_kinetostatic.studies.design.prediction import Robot
+    from scara_kinetostatic.studies.design.robot import Robot
 
     cell = cell_or_paper(args.cell)
     usual = cell.noise or TYPICAL_NOISE
-    noise = usual._replace(joint=args.noise_joint or usual.joint, force=args.noise_force or usual.force)
-    return Robot.of(
-        cell, cell.nominal if args.expected == 'nominal' else truth_named(args.expected, cell).parameters, noise
-    )
+    given = {'joint': args.noise_joint, 'force': args.noise_force}
+    noise = usual._replace(**{name: level for name, level in given.items() if level})
+    assumed = () if cell.noise else tuple(name for name, level in given.items() if not level)
+    expected = cell.nominal if args.expected == 'nominal' else truth_named(args.expected, cell).parameters
+    return Robot(cell, expected, noise, assumed)

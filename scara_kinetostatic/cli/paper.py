@@ -12,12 +12,12 @@ DESCRIPTION = """\
 Reproduces the studies of the paper: its algorithm on the cell of figure 3, table
 2 without and with noise, the noise of its third column, the scatter of both
 estimators over many data sets, identifiability with one force level, the
-smallest set of touches, the general gripper of (7), and the dial gauge
+touches for an accuracy, the general gripper of (7), and the dial gauge
 experiments of section 5.2. Writes into DIR
 
   paper.html   the paper's figures and tables beside those computed here
   paper.json   all numbers
-  design.*, plan.yaml, plan_spare.yaml   the smallest set, as the verb design
+  design.*, plan.yaml, plan_smallest.yaml   the touches for an accuracy, as the verb design
 """
 EXAMPLE = """\
   scara-kinetostatic paper --out paper
@@ -29,7 +29,7 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     parser = add_verb(subparsers, 'paper', 'reproduce the studies of the paper', DESCRIPTION, EXAMPLE, run)
     parser.add_argument('--out', type=Path, default=Path('paper'), metavar='DIR', help='results (default: paper)')
     parser.add_argument('--runs', type=whole(2), default=1000, metavar='N', help='noisy data sets (default: 1000)')
-    parser.add_argument('--without-design', action='store_true', help='without the smallest set of touches')
+    parser.add_argument('--without-design', action='store_true', help='without the design of touches')
     return parser
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
+import yaml
 
 from scara_kinetostatic.cli.main import main
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell
@@ -12,6 +14,7 @@ from scara_kinetostatic.model.parameters import PAPER_NOMINAL
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.plan_file import dump_plan, parse_plan
 
+ROOT = Path(__file__).parents[2]
 _LAYOUT_EFFORT = ['--accuracy', '2.5e-5', '--per-disc', '9', '--levels', '10', '40', '--discs', '0']
 
 
@@ -24,18 +27,22 @@ def folder(tmp_path_factory):
 
 def test_everything_is_written(folder):
     assert sorted(path.name for path in folder.iterdir()) == [
-        'design.html', 'design.json', 'plan.yaml', 'plan_spare.yaml',
+        'design.html', 'design.json', 'plan.yaml', 'plan_smallest.yaml',
     ]  # fmt: skip
 
 
 def test_the_document(folder):
     document = json.loads((folder / 'design.json').read_text())
-    smallest = document['smallest']
+    smallest, recommended = document['smallest'], document['recommended']
     assert document['schema'] == 'scara_kinetostatic/design/1'
     assert smallest['tip_free']['largest'] <= 2.5e-5
     assert smallest['touches'] == len(smallest['plan']) >= smallest['lower_bound']
     assert smallest['rank'] == 12
-    assert max(document['one_to_spare']['without_each_touch']) <= 2.5e-5
+    assert max(recommended['without_each_touch']) <= 2.5e-5
+    assert max(recommended['leverage']) <= recommended['most_leverage'] == 0.8
+    assert min(recommended['touches_on_discs'].values()) >= 3
+    assert document['robot']['noise_assumed'] == []
+    assert document['declared_uncertainties'] is None
     one_level = {row['label']: row for row in document['tables']['levels']}['40 N']
     assert (one_level['rank'], one_level['confounded']) == (11, [['p_ee', 'g_ee']])
     assert one_level['std']['p_ee'] is None
@@ -45,14 +52,48 @@ def test_the_document(folder):
 def test_the_page_stands_alone(folder):
     page = (folder / 'design.html').read_text()
     assert page.count('<svg') == 7
-    assert 'touches reach 25.0 µm' in page
+    assert 'touches reach 25.0 µm and check themselves' in page
     assert 'http://' not in page.replace('http://www.w3.org', '')
 
 
 def test_the_plan_is_one_for_simulate(folder, tmp_path, capsys):
-    plan = parse_plan((folder / 'plan.yaml').read_text(), Cell(PAPER_NOMINAL, PAPER_DISCS))
+    plan, aside = (
+        parse_plan((folder / name).read_text(), Cell(PAPER_NOMINAL, PAPER_DISCS))
+        for name in ('plan.yaml', 'plan_smallest.yaml')
+    )
+    assert len(plan) > len(aside)
     assert main(['simulate', '--plan', str(folder / 'plan.yaml'), '--out', str(tmp_path / 'bag')]) == 0
     assert f'{len(plan)} touches' in capsys.readouterr().out
+
+
+@pytest.fixture
+def small_cell(tmp_path):
+    """Writes the paper's cell with other keys."""
+
+    def write(**keys):
+        described = yaml.safe_load((ROOT / 'config' / 'cell.yaml').read_text()) | keys
+        (tmp_path / 'cell.yaml').write_text(yaml.safe_dump({k: v for k, v in described.items() if v is not None}))
+        return str(tmp_path / 'cell.yaml')
+
+    return write
+
+
+def test_noise_that_is_assumed_is_said_first(small_cell, capsys):
+    assert main(['design', '--cell', small_cell(noise=None), *_LAYOUT_EFFORT]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith('Noise of a touch is assumed: 1e-05 rad (joint), 0.3 N (force)')
+    assert 'proportional to the noise' in said
+    assert 'not recommended' in said
+
+
+def test_an_accuracy_that_declared_uncertainties_do_not_allow(small_cell, capsys):
+    objects = [
+        {'name': d.name, 'center': [d.x, d.y], 'radius': d.radius, 'uncertainty': {'center': 1.5e-5}}
+        for d in PAPER_DISCS
+    ]
+    assert main(['design', '--cell', small_cell(objects=objects), *_LAYOUT_EFFORT]) == 3
+    said = capsys.readouterr().err
+    assert 'the places of the discs alone' in said
 
 
 def test_a_plan_survives_the_round_trip():

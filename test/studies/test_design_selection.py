@@ -17,6 +17,14 @@ from scara_kinetostatic.studies.design.optimal_design import optimal_design
 from scara_kinetostatic.studies.design.prediction import Robot, exact_plan, predict
 from scara_kinetostatic.studies.design.result import Requirements
 from scara_kinetostatic.studies.design.selection import best_set, check_set, largest_of_sets, random_sets, smallest_set
+from scara_kinetostatic.studies.design.self_check import (
+    LOSS_FACTOR,
+    MOST_LEVERAGE,
+    TOUCHES_PER_DISC,
+    least_on_discs,
+    leverage_with_each,
+    leverages,
+)
 from scara_kinetostatic.studies.design.workspace import free_tip, make_workspace, tip_std
 
 NOISE = Noise(joint=1e-5, force=0.3)
@@ -33,7 +41,7 @@ def candidates():
 
 @pytest.fixture(scope='module')
 def bound(candidates):
-    return find_lower_bound(candidates)
+    return find_lower_bound(candidates, TARGET)
 
 
 @pytest.fixture(scope='module')
@@ -69,9 +77,9 @@ def test_exchange_never_makes_it_worse(candidates):
 
 
 def test_bound_holds_and_is_tight(candidates, bound):
-    assert 0.97 * bound.reached < bound.least <= bound.reached
+    assert 0.97 * bound.reached < bound.variance(1) <= bound.reached
     for number in (14, 24, 60):
-        assert best_set(candidates, bound, number, starts=1).value ** 2 >= bound.least / number
+        assert best_set(candidates, bound, number, starts=1).value ** 2 >= bound.variance(number)
 
 
 def test_the_smallest_set_is_minimal(candidates, bound, found):
@@ -83,11 +91,45 @@ def test_the_smallest_set_is_minimal(candidates, bound, found):
     assert checked.more_compliant > found.value
 
 
-def test_one_to_spare_survives_every_loss(candidates, bound, found):
-    spare = smallest_set(candidates, bound, 1.3 * TARGET, spare=1, least=len(found.chosen), effort=20)
-    checked = check_set(ROBOT, candidates, spare.chosen, candidates.plan.select(np.array(spare.chosen)), _tip())
-    assert checked.without_each.max() == pytest.approx(spare.value, rel=1e-6)
-    assert spare.value <= 1.3 * TARGET
+@pytest.fixture(scope='module')
+def recommended(candidates, bound, found):
+    return smallest_set(candidates, bound, 1.3 * TARGET, checked=True, least=len(found.chosen), effort=20)
+
+
+def test_a_set_that_checks_itself_survives_every_loss(candidates, recommended):
+    plan = candidates.plan.select(np.array(recommended.chosen))
+    checked = check_set(ROBOT, candidates, recommended.chosen, plan, _tip())
+    assert checked.without_each.max() == pytest.approx(recommended.value, rel=1e-6)
+    assert recommended.value <= 1.3 * TARGET
+    assert checked.growth.max() <= LOSS_FACTOR + 1e-6
+
+
+def test_a_set_that_checks_itself_has_no_large_leverage_and_touches_every_disc(candidates, recommended, found):
+    plan = candidates.plan.select(np.array(recommended.chosen))
+    assert predict(ROBOT, plan).leverage.max() <= MOST_LEVERAGE < leverages(candidates, list(found.chosen)).max()
+    assert np.bincount(plan.disc, minlength=3).min() >= TOUCHES_PER_DISC
+
+
+def test_leverage_bounds_what_a_loss_does(candidates):
+    """√(1 / (1 - λ)) bounds the growth of every standard deviation, with and without a touch that matters."""
+    chosen = random_sets(candidates, 18, 1)[0].tolist()
+    own, c = leverages(candidates, chosen), candidates.information_of(chosen)
+    for k, touch in enumerate(chosen):
+        before, after = (np.diag(np.linalg.inv(part)) for part in (c, c - candidates.information[touch]))
+        assert np.sqrt((after / before).max()) <= 1 / np.sqrt(1 - own[k]) + 1e-9
+
+
+def test_leverage_of_an_added_touch(candidates):
+    chosen = random_sets(candidates, 18, 1)[0].tolist()
+    largest = leverage_with_each(candidates, chosen)
+    for other in (0, 17, 101):
+        assert largest[other] == pytest.approx(leverages(candidates, [*chosen, other]).max(), rel=1e-9)
+
+
+def test_more_discs_than_touches_suffice_for(candidates):
+    weights = np.bincount(np.flatnonzero(candidates.plan.disc == 1), minlength=len(candidates.plan)).astype(float)
+    assert least_on_discs(candidates, weights, 20).tolist() == [3, 3, 3]
+    assert least_on_discs(candidates, weights, 5).tolist() == [0, 3, 0]
 
 
 def test_one_disc_does_not_determine_the_tip():

@@ -7,7 +7,8 @@ made.
 
 For the search alone every parameter has a prior: its plausible range (`SCALES`) as standard deviation. It keeps all
 matrices regular, does not change what touches determine well, and bounds what they do not determine. The reported
-numbers come from `prediction`, without the prior.
+numbers come from `prediction`, without this prior. What the cell description declares as uncertain is a prior of
+another kind: it holds in the calibration, and in every number.
 """
 
 from __future__ import annotations
@@ -33,18 +34,20 @@ PER_DISC = 36
 _SINGLE_THREAD = 200_000
 """Size of a matrix product up to which OpenBLAS works in one thread, multiplications."""
 PRIOR = np.eye(len(NAMES))
-"""Information of the prior, in `SCALES`, (12, 12)."""
+"""Information of the prior of the search, in `SCALES`, (12, 12)."""
 
 
 class CandidateTouches(NamedTuple):
-    """Candidates and the tip whose variance counts; parameters in `SCALES`.
+    """Candidates and the tip whose variance counts; parameters in `SCALES`, then m declared errors in their own units.
 
     Attributes:
         plan: the n candidates.
-        derivative: whitened Jacobian J of each, (n, 2, 12).
-        information: JᵀJ of each, (n, 12, 12).
+        derivative: whitened Jacobian J of each, (n, 2, 12 + m).
+        information: JᵀJ of each, (n, 12 + m, 12 + m).
         rows: indices of the parameters on which the tip depends, (k,).
         quadric: TᵀT over these at each place, packed, (k (k + 1) / 2, g).
+        declared: rows of the prior of what the cell declares as uncertain, (p, 12 + m).
+        prior: information of that prior and of the search's, (12 + m, 12 + m).
     """
 
     plan: Plan
@@ -52,6 +55,8 @@ class CandidateTouches(NamedTuple):
     information: Floats
     rows: NDArray[np.intp]
     quadric: Floats
+    declared: Floats
+    prior: Floats
 
     def variance(self, covariance: Floats) -> Floats:
         """Variance of the tip at each place for covariances of L̄ (…, 12, 12), (…, g), m²."""
@@ -68,8 +73,8 @@ class CandidateTouches(NamedTuple):
         return np.concatenate([packed[i : i + piece] @ self.quadric for i in range(0, len(packed), piece)])
 
     def information_of(self, chosen: Sequence[int]) -> Floats:
-        """Information of a set of candidates and of the prior, (12, 12)."""
-        return PRIOR + self.information[list(chosen)].sum(axis=0)
+        """Information of a set of candidates and of the prior, (12 + m, 12 + m)."""
+        return self.prior + self.information[list(chosen)].sum(axis=0)
 
 
 def candidate_plan(
@@ -111,12 +116,24 @@ def prepare_candidates(robot: Robot, plan: Plan, tip: Tip) -> CandidateTouches:
         plan: all touches to choose from.
         tip: the tip whose variance is to be minimised.
     """
-    derivative = exact_plan(robot, plan).point.whitened.derivative * SCALES
+    scales, declared = declared_rows(robot)
+    derivative = exact_plan(robot, plan).point.whitened.jacobian * scales
     scaled = (tip.derivative * SCALES).reshape(-1, 2, len(NAMES))
     rows = np.flatnonzero(np.abs(scaled).max(axis=(0, 1)) > 0)
     scaled = scaled[:, :, rows]
     squares = pack(np.einsum('gik,gil->gkl', scaled, scaled), twice=True)
-    return CandidateTouches(plan, derivative, np.einsum('nik,nil->nkl', derivative, derivative), rows, squares.T.copy())
+    information = np.einsum('nik,nil->nkl', derivative, derivative)
+    prior = declared.T @ declared
+    prior[: len(NAMES), : len(NAMES)] += PRIOR
+    return CandidateTouches(plan, derivative, information, rows, squares.T.copy(), declared, prior)
+
+
+def declared_rows(robot: Robot) -> tuple[Floats, Floats]:
+    """Units of L̄ and the declared errors, (12 + m,), and in them the rows of their prior, (p, 12 + m)."""
+    if robot.declared is None:
+        return SCALES, np.zeros((0, len(NAMES)))
+    scales = np.concatenate([SCALES, np.ones(robot.declared.count)])
+    return scales, robot.declared.prior.rows(len(NAMES)) * scales
 
 
 def pack(matrices: Floats, *, twice: bool = False) -> Floats:

@@ -4,22 +4,29 @@ A layout is a few discs, which need not be in the cell. Its touches are evenly d
 given postures and with the force levels in turn, wherever the arm reaches, no other disc is in the way and no joint's
 axis is close to the line of force. The criterion is the largest standard deviation of the tip for a given number of
 touches.
+
+Where the cell declares its discs as uncertain, each disc has errors of its own, of its place and its radius, which only
+its own touches show: they are eliminated disc by disc. Errors that all discs share, such as that of the tip's radius,
+are eliminated from the sum. Here the discs of several plates count as independent of each other.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.simulation.plan import BASE_MARGIN, CLEARANCE
 from scara_kinetostatic.studies.design.candidates import LEAST_ARM, PRIOR, pack
-from scara_kinetostatic.studies.design.prediction import Robot, exact_touches
+from scara_kinetostatic.studies.design.prediction import Robot, Where, exact_touches
 from scara_kinetostatic.studies.design.workspace import Tip, reach
 
 _POINTS = 24
@@ -46,15 +53,66 @@ class EvenTouches(NamedTuple):
     """Information of touches evenly distributed over b discs.
 
     Attributes:
-        information: mean over the touches of each disc that can be made, in `SCALES`, (b, 12, 12).
+        information: mean over the touches of each disc that can be made, in `SCALES`, then the errors of the disc, then
+            those common to all, (b, 12 + o + c, 12 + o + c).
         share: share of each disc's touches that can be made, (b,).
+        own: number of errors of a disc, o.
     """
 
     information: Floats
     share: Floats
+    own: int = 0
+
+    def of_number(self, touches: Floats) -> Floats:
+        """Information of a number of touches on each disc, (b,), its own errors eliminated, (b, 12 + c, 12 + c)."""
+        total = np.asarray(touches)[:, None, None] * self.information
+        return total if not self.own else _eliminate(total, np.arange(len(NAMES), len(NAMES) + self.own))
 
 
-def even_touches(robot: Robot, discs: Floats, others: Floats, pattern: TouchPattern) -> EvenTouches:
+def _eliminate(information: Floats, which: NDArray[np.intp]) -> Floats:
+    """Information (…, k, k) of what is left when unknowns whose prior has variance 1 are eliminated."""
+    rest = np.setdiff1d(np.arange(information.shape[-1]), which)
+    block = information[..., which[:, None], which] + np.eye(len(which))
+    beside = information[..., rest[:, None], which]
+    return np.asarray(
+        information[..., rest[:, None], rest] - beside @ np.linalg.solve(block, np.swapaxes(beside, -1, -2))
+    )
+
+
+def with_declared(robot: Robot, information: Floats) -> Floats:
+    """Information on L̄ alone, (…, 12, 12): common errors eliminated, what is known of nominal values added."""
+    if robot.declared is None:
+        return information
+    prior, own = robot.declared.prior, np.arange(len(NAMES))
+    information = _eliminate(information, np.arange(len(NAMES), information.shape[-1]))
+    trusted = prior.rows(len(NAMES))[: len(prior.trusted), : len(NAMES)] * SCALES
+    return np.asarray(information[..., own[:, None], own] + trusted.T @ trusted)
+
+
+def disc_stds(cell: Cell) -> Floats:
+    """Standard uncertainty of x, y and radius of each disc in the base frame, its plate included, (d, 3), m."""
+    plates = {plate.name: plate for plate in cell.plates}
+    rows = []
+    for disc in cell.discs:
+        x = y = disc.center_std**2
+        if disc.plate:
+            plate = plates[disc.plate]
+            x += plate.center_std**2 + (plate.angle_std * (disc.y - plate.y)) ** 2
+            y += plate.center_std**2 + (plate.angle_std * (disc.x - plate.x)) ** 2
+        rows.append([np.sqrt(x), np.sqrt(y), disc.radius_std])
+    return np.array(rows)
+
+
+def typical_stds(cell: Cell) -> Floats:
+    """Those of a disc that is not in the cell: as well known as the cell's discs in the median, (3,), m."""
+    x, y, radius = np.median(disc_stds(cell), axis=0)
+    place = float(np.hypot(x, y) / np.sqrt(2))
+    return np.array([place, place, radius])
+
+
+def even_touches(
+    robot: Robot, discs: Floats, others: Floats, pattern: TouchPattern, stds: Floats | None = None
+) -> EvenTouches:
     """Information of evenly distributed touches.
 
     Args:
@@ -62,6 +120,7 @@ def even_touches(robot: Robot, discs: Floats, others: Floats, pattern: TouchPatt
         discs: x, y, radius, (b, 3), m.
         others: the other discs of each one's layout, (b, k, 3), m; NaN for none.
         pattern: how the discs are touched.
+        stds: standard uncertainties of x, y and radius, (b, 3), m; None: those of a typical disc of the cell.
     """
     angle, posture, force = _pattern(pattern)
     b, m = len(discs), len(angle)
@@ -72,14 +131,31 @@ def even_touches(robot: Robot, discs: Floats, others: Floats, pattern: TouchPatt
         apart = np.linalg.norm(place[:, :, None] - others[:, None, :, :2], axis=-1) - others[:, None, :, 2]
         free &= ~(apart <= CLEARANCE / 2).any(axis=2)
     disc, touch = np.nonzero(free)
-    exact = exact_touches(robot, discs[disc, :2], discs[disc, 2], angle[touch], posture[touch], force[touch])
+    where = Where(
+        discs[disc, :2], discs[disc, 2], angle[touch], posture[touch], force[touch], np.zeros(len(disc), dtype=np.intp)
+    )
+    exact = exact_touches(robot, where, _of_any_disc(robot))
     good = (exact.arms >= LEAST_ARM).all(axis=1)
-    rows = np.zeros((b, m, 2, len(NAMES)))
-    rows[disc[good], touch[good]] = exact.point.whitened.derivative[good] * SCALES
-    flat = rows.reshape(b, -1, len(NAMES))
+    jacobian = exact.point.whitened.jacobian[good]
+    jacobian[:, :, : len(NAMES)] *= SCALES
+    own = 0 if robot.declared is None else 3
+    if own:
+        stds = np.broadcast_to(typical_stds(robot.cell), (b, 3)) if stds is None else stds
+        jacobian[:, :, len(NAMES) : len(NAMES) + own] *= stds[disc[good], None]
+    rows = np.zeros((b, m, 2, jacobian.shape[2]))
+    rows[disc[good], touch[good]] = jacobian
+    flat = rows.reshape(b, -1, jacobian.shape[2])
     count = np.bincount(disc[good], minlength=b)
     information = np.swapaxes(flat, 1, 2) @ flat / np.maximum(count, 1)[:, None, None]
-    return EvenTouches(information, count / m)
+    return EvenTouches(information, count / m, own)
+
+
+def _of_any_disc(robot: Robot) -> DeclaredErrors | None:
+    """Errors of one disc, by 1 m each, and of what is common to all as declared."""
+    if robot.declared is None:
+        return None
+    disc = Disc('any', 0.0, 0.0, 1.0, center_std=1.0, radius_std=1.0)
+    return DeclaredErrors.of(replace(robot.cell, discs=(disc,), plates=()))
 
 
 def largest_std(information: Floats, tip: Tip) -> Floats:

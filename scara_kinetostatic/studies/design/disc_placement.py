@@ -19,9 +19,12 @@ from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.studies.design.disc_layout import (
     LEAST_SHARE,
     TouchPattern,
+    disc_stds,
     even_touches,
     largest_std,
     overlap,
+    typical_stds,
+    with_declared,
     within_reach_of,
 )
 from scara_kinetostatic.studies.design.prediction import Robot
@@ -76,7 +79,8 @@ def evaluate_layouts(
     even = even_touches(robot, layouts.reshape(b * d, 3), others, pattern)
     share = even.share.reshape(b, d)
     weight = share / np.maximum(share.sum(axis=1, keepdims=True), 1e-9)
-    information = number * np.einsum('bd,bdij->bij', weight, even.information.reshape(b, d, 12, 12))
+    by_disc = even.of_number(number * weight.ravel())
+    information = with_declared(robot, by_disc.reshape(b, d, *by_disc.shape[1:]).sum(axis=1))
     violation = overlap(robot, layouts) + np.maximum(LEAST_SHARE - share, 0).sum(axis=1)
     violation += (~region.holds(layouts[..., :2])).sum(axis=1)
     return np.where(violation > 0, INFEASIBLE + violation, np.minimum(largest_std(information, tip), INFEASIBLE))
@@ -134,7 +138,9 @@ def place_discs(
     best = np.round(layouts(found.x[:, None]) / _GRID) * _GRID + 0.0  # no -0
     largest = float(evaluate_layouts(robot, best, tip, pattern, number, region or Region())[0])
     order = best[0][np.argsort(-best[0][:, 2])]
-    return Layout(tuple(Disc(f'disc_{i}', *row.tolist()) for i, row in enumerate(order, 1)), largest)
+    place, _, radius = typical_stds(robot.cell).tolist()
+    discs = (Disc(f'disc_{i}', x, y, r, place, radius) for i, (x, y, r) in enumerate(order.tolist(), 1))
+    return Layout(tuple(discs), largest)
 
 
 def map_additional_disc(
@@ -163,7 +169,7 @@ def map_additional_disc(
     x, y = (at + np.linspace(-most, most, grid) for at in (cell.nominal.x0, cell.nominal.y0))
     places = np.stack(np.meshgrid(x, y), axis=-1)
     fixed = np.column_stack([cell.centers, cell.radii])
-    before = _mean_information(robot, fixed, pattern)
+    before, as_many = (_information(robot, fixed, pattern, count) for count in (numbers[0], sum(numbers)))
     layouts = np.concatenate(
         [np.broadcast_to(fixed, (grid * grid, *fixed.shape)), np.full((grid * grid, 1, 3), radius)], axis=1
     )
@@ -175,14 +181,15 @@ def map_additional_disc(
     if possible.any():
         beside = np.broadcast_to(fixed, (int(possible.sum()), *fixed.shape))
         new = even_touches(robot, layouts[possible, -1], beside, pattern)
-        values = largest_std(numbers[0] * before + numbers[1] * new.information, tip)
+        added = new.of_number(np.full(len(new.share), numbers[1]))
+        values = largest_std(with_declared(robot, before + added), tip)
         largest[possible] = np.where(new.share >= LEAST_SHARE, values, np.nan)
-    without = float(largest_std(sum(numbers) * before[None], tip)[0])
+    without = float(largest_std(with_declared(robot, as_many[None]), tip)[0])
     return DiscMap(x, y, largest.reshape(grid, grid), without, radius, numbers)
 
 
-def _mean_information(robot: Robot, discs: Floats, pattern: TouchPattern) -> Floats:
-    """Mean information of evenly distributed touches on the discs of a cell, (12, 12)."""
+def _information(robot: Robot, discs: Floats, pattern: TouchPattern, number: int) -> Floats:
+    """Information of a number of touches evenly distributed on the discs of a cell, (12 + c, 12 + c)."""
     others = np.stack([np.delete(discs, i, axis=0) for i in range(len(discs))])
-    even = even_touches(robot, discs, others, pattern)
-    return np.asarray(np.tensordot(even.share / even.share.sum(), even.information, axes=1))
+    even = even_touches(robot, discs, others, pattern, disc_stds(robot.cell))
+    return np.asarray(even.of_number(number * even.share / even.share.sum()).sum(axis=0))

@@ -10,8 +10,10 @@ from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES
+from scara_kinetostatic.studies.design.attainable import contributions
 from scara_kinetostatic.studies.design.result import Design, DesignedSet, PlacedDiscs
-from scara_kinetostatic.studies.design.selection import COMPLIANCE_FACTOR
+from scara_kinetostatic.studies.design.selection import COMPLIANCE_FACTOR, NOISE_FACTOR
+from scara_kinetostatic.studies.design.self_check import MOST_LEVERAGE
 from scara_kinetostatic.studies.design.sensitivity import BAND, Row
 from scara_kinetostatic.studies.design.workspace import TipStd
 
@@ -27,6 +29,7 @@ def design_document(design: Design) -> dict[str, Any]:
         'schema': SCHEMA,
         'requirements': {
             'accuracy': q.accuracy,
+            'accuracy_source': q.accuracy_source.value,
             'of': 'loaded tip' if q.under_load else 'free tip',
             'levels': list(q.levels),
             'postures': [POSTURE_NAMES[posture] for posture in q.postures],
@@ -35,9 +38,18 @@ def design_document(design: Design) -> dict[str, Any]:
             'touches_compared': q.number,
             'seed': q.seed,
         },
-        'robot': {'parameters': robot.parameters.as_dict(), 'noise': robot.noise.as_dict()},
-        'smallest': _designed_set(design.smallest, robot.cell),
-        'one_to_spare': _designed_set(design.spare, robot.cell),
+        'robot': {
+            'parameters': robot.parameters.as_dict(),
+            'noise': robot.noise.as_dict(),
+            'noise_assumed': list(robot.assumed),
+        },
+        'declared_uncertainties': _declared(design),
+        'recommended': {
+            **_designed_set(design.recommended, design),
+            'most_leverage': MOST_LEVERAGE,
+            'touches_on_discs': {use.name: use.touches for use in design.discs},
+        },
+        'smallest': _designed_set(design.smallest, design),
         'by_number': {
             'touches': curve.number.tolist(),
             'chosen': _numbers(curve.chosen),
@@ -65,19 +77,39 @@ def best_place(design: Design) -> tuple[float, float, float] | None:
     return float(disc.x[column]), float(disc.y[row]), float(disc.largest[row, column])
 
 
-def _designed_set(designed: DesignedSet, cell: Cell) -> dict[str, Any]:
-    check = designed.check
+def _declared(design: Design) -> dict[str, Any] | None:
+    """What the cell declares as uncertain, and what it leaves however many touches are made; None without any."""
+    declared = design.robot.declared
+    if declared is None and design.in_base_frame is None:
+        return None
+    sources = () if declared is None else declared.prior.sources
+    plate = design.plate
+    return {
+        'sources': [{'source': source.label, 'declared': source.std, 'unit': source.unit} for source in sources],
+        'least_possible': design.least_possible,
+        'frame': 'base' if plate is None else f'plate {plate.name}',
+        'tip_in_base_frame': None if design.in_base_frame is None else _number(design.in_base_frame),
+    }
+
+
+def _designed_set(designed: DesignedSet, design: Design) -> dict[str, Any]:
+    check, prediction = designed.check, designed.row.prediction
     return {
         **_row(designed.row),
         'value': designed.value,
         'lower_bound': designed.least,
         'smaller_sets': {str(number): _number(value) for number, value in sorted(designed.tried.items())},
-        'largest_leverage': float(designed.row.prediction.leverage.max()),
+        'largest_leverage': float(prediction.leverage.max()),
+        'leverage': _numbers(prediction.leverage),
         'without_each_touch': _numbers(check.without_each),
+        'std_growth_by_loss': _numbers(check.growth),
         'random_sets': {'number': len(check.random), 'best': _number(check.random[0]),
                         'median': _number(float(np.median(check.random)))},
         'more_compliant': {'factor': COMPLIANCE_FACTOR, 'largest': _number(check.more_compliant)},
-        'plan': _plan(designed.plan, cell),
+        'more_noise': {'factor': NOISE_FACTOR, 'joint': _number(check.more_joint_noise),
+                       'force': _number(check.more_force_noise)},
+        'contributions': {kind: _number(value) for kind, value in contributions(prediction, design.tip).items()},
+        'plan': _plan(designed.plan, design.robot.cell),
     }  # fmt: skip
 
 

@@ -5,18 +5,26 @@ Jᵀ (1 + J C Jᵀ)⁻¹ J C, so that all candidates for one position in the set
 largest variance is not smooth, and exchange stops early at its edges; a mean of high power of the variances is smooth
 and is minimised first.
 
-With `spare` touches the criterion is the largest variance after the loss of any one touch. An exchange is sought for
-the worst few losses and accepted if it lowers the criterion over all of them.
+For a set that checks itself (`self_check`) the criterion is the largest variance after the loss of any one touch, times
+a penalty for the largest leverage. An exchange is sought for the worst few losses and accepted if it lowers the
+criterion over all of them; every disc keeps its touches.
 
 Source: Fedorov, Theory of Optimal Experiments (1972), chapter 3.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple, TypeAlias
+
 import numpy as np
+from numpy.typing import NDArray
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.studies.design.candidates import CandidateTouches, pack
+from scara_kinetostatic.studies.design.self_check import leverage_with_each, leverages, may_be_added, penalty
+
+Counts: TypeAlias = NDArray[np.intp]
+"""A number for each disc."""
 
 _LEAST_GAIN = 1e-4
 """Smallest relative decrease of the criterion for which touches are exchanged."""
@@ -28,37 +36,55 @@ _WORST_CASES = 3
 """Number of the worst losses for which an exchange is sought."""
 
 
-def largest_variance(candidates: CandidateTouches, chosen: list[int], spare: int = 0, *, smooth: bool = False) -> float:
+def largest_variance(
+    candidates: CandidateTouches, chosen: list[int], checked: bool = False, *, smooth: bool = False
+) -> float:
     """Largest variance of the tip over the workspace, m².
 
     Args:
         candidates: the candidates.
         chosen: the set, indices of candidates.
-        spare: 0, or 1 for the variance after the loss of the touch that matters most.
+        checked: whether the variance after the loss of the touch that matters most is meant, times the penalty for the
+            largest leverage.
         smooth: whether the smooth criterion is meant.
     """
-    return float(_criterion(candidates.variance(_inverse(_cases(candidates, chosen, spare))), smooth).max())
+    largest = float(_criterion(candidates.variance(_inverse(_cases(candidates, chosen, checked))), smooth).max())
+    return largest * float(penalty(leverages(candidates, chosen)).max()) if checked else largest
 
 
-def improve(candidates: CandidateTouches, chosen: list[int], spare: int = 0, sweeps: int = _SWEEPS) -> list[int]:
-    """Exchanges touches until none lowers the smooth criterion, then the largest variance, then that with a spare."""
-    for stage_spare, smooth in [(0, True), (0, False), (1, False)][: 2 + spare]:
-        chosen = _improve(candidates, chosen, stage_spare, smooth, sweeps)
-    return chosen
+def improve(candidates: CandidateTouches, chosen: list[int], least: Counts | None = None) -> list[int]:
+    """Exchanges touches until none lowers the smooth criterion, then the largest variance, then that with checks.
+
+    Args:
+        candidates: the candidates.
+        chosen: the set to start from, indices of candidates.
+        least: smallest number of touches on each disc, (D,), in a set that checks itself; None for any set.
+    """
+    chosen = _improve(candidates, chosen, _Stage(False, True), least)
+    chosen = _improve(candidates, chosen, _Stage(False, False), least)
+    return chosen if least is None else _improve(candidates, chosen, _Stage(True, False), least)
 
 
-def _improve(candidates: CandidateTouches, chosen: list[int], spare: int, smooth: bool, sweeps: int) -> list[int]:
-    chosen, best = list(chosen), largest_variance(candidates, chosen, spare, smooth=smooth)
-    for _ in range(sweeps):
+class _Stage(NamedTuple):
+    checked: bool
+    smooth: bool
+
+
+def _improve(candidates: CandidateTouches, chosen: list[int], stage: _Stage, least: Counts | None) -> list[int]:
+    checked, smooth = stage
+    chosen, best = list(chosen), largest_variance(candidates, chosen, checked, smooth=smooth)
+    for _ in range(_SWEEPS):
         before = best
         for place in range(len(chosen)):
             others = chosen[:place] + chosen[place + 1 :]
-            values = variance_with_each(candidates, others, spare, smooth=smooth)
+            values = variance_with_each(candidates, others, checked, smooth=smooth)
             values[chosen] = np.inf
+            if least is not None:
+                values[~may_be_added(candidates, others, least)] = np.inf
             found = int(np.argmin(values))
             if values[found] < best * (1 - _LEAST_GAIN):
                 trial = [*others[:place], found, *others[place:]]
-                reached = largest_variance(candidates, trial, spare, smooth=smooth) if spare else float(values[found])
+                reached = largest_variance(candidates, trial, True) if checked else float(values[found])
                 if reached < best * (1 - _LEAST_GAIN):
                     chosen, best = trial, reached
         if best > before * (1 - 10 * _LEAST_GAIN):
@@ -67,25 +93,25 @@ def _improve(candidates: CandidateTouches, chosen: list[int], spare: int, smooth
 
 
 def variance_with_each(
-    candidates: CandidateTouches, chosen: list[int], spare: int = 0, *, smooth: bool = False
+    candidates: CandidateTouches, chosen: list[int], checked: bool = False, *, smooth: bool = False
 ) -> Floats:
-    """The largest variance with each candidate added to a set, (n,), m²; with a spare a lower bound of it."""
-    covariances = _inverse(_cases(candidates, chosen, spare))
-    if spare:
+    """The criterion with each candidate added to a set, (n,), m²; with checks a lower bound of it."""
+    covariances = _inverse(_cases(candidates, chosen, checked))
+    if checked:
         order = np.argsort(_criterion(candidates.variance(covariances), False))
         covariances = covariances[order[-_WORST_CASES:]]
-    values = [_criterion(_added(candidates, covariance), smooth) for covariance in covariances]
-    return np.asarray(np.max(values, axis=0))
+    values = np.max([_criterion(_added(candidates, covariance), smooth) for covariance in covariances], axis=0)
+    return np.asarray(values * penalty(leverage_with_each(candidates, chosen)) if checked else values)
 
 
 def _inverse(information: Floats) -> Floats:
     return np.asarray(np.linalg.inv(information), dtype=float)
 
 
-def _cases(candidates: CandidateTouches, chosen: list[int], spare: int) -> Floats:
-    """Information of the set, or, with a spare, of the set without each of its touches, (c, 12, 12)."""
+def _cases(candidates: CandidateTouches, chosen: list[int], checked: bool) -> Floats:
+    """Information of the set, or, with checks, of the set without each of its touches, (c, 12 + m, 12 + m)."""
     together = candidates.information_of(chosen)[None]
-    return together - candidates.information[chosen] if spare else together
+    return together - candidates.information[chosen] if checked else together
 
 
 def _added(candidates: CandidateTouches, covariance: Floats) -> Floats:

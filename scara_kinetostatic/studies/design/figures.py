@@ -36,7 +36,9 @@ def number_picture(design: Design) -> Markup:
     axes.plot(n, MICRO * c.bound, color=INK, lw=1.0, ls=(0, (1, 2)))
     axes.plot(n, MICRO * c.chosen, 'o-', color=SERIES[0], lw=1.6, ms=5)
     axes.axhline(target, color=WARN, lw=1.0)
-    axes.plot(len(design.smallest.plan), MICRO * design.smallest.value, 'o', ms=11, mfc='none', mec=WARN, mew=1.6)
+    best = (len(design.recommended.plan), MICRO * design.tip_of(design.recommended).largest)
+    axes.plot(*best, 'o', ms=11, mfc='none', mec=WARN, mew=1.6)
+    axes.annotate('recommended', best, (9, 7), textcoords='offset points', color=WARN)
     axes.set_xscale('log')
     axes.set_yscale('log')
     axes.set_ylim(0.74 * MICRO * float(c.bound.min()), top)
@@ -72,10 +74,10 @@ def _plain_ticks(axes: Axes) -> None:
 
 
 def without_picture(design: Design) -> Markup:
-    """Largest standard deviation of the tip without each touch of the smallest set."""
+    """Largest standard deviation of the tip without each touch of the recommended set."""
     figure, (axes,) = new_figure(HALF, 300)
-    values, plan = MICRO * design.smallest.check.without_each, design.smallest.plan
-    target, base = MICRO * design.requirements.accuracy, MICRO * design.smallest.value
+    values, plan = MICRO * design.recommended.check.without_each, design.recommended.plan
+    target, base = MICRO * design.requirements.accuracy, MICRO * design.tip_of(design.recommended).largest
     axes.vlines(np.arange(len(plan)), base, values, color=FAINT, lw=1.2)
     for k, value in enumerate(values):
         look = mark(int(plan.disc[k]))
@@ -94,8 +96,8 @@ def without_picture(design: Design) -> Markup:
 def random_picture(design: Design) -> Markup:
     """Histogram of the largest standard deviation of the tip over random sets of the same size."""
     figure, (axes,) = new_figure(HALF, 300)
-    values = MICRO * design.smallest.check.random
-    base = MICRO * design.smallest.value
+    values = MICRO * design.recommended.check.random
+    base = MICRO * design.tip_of(design.recommended).largest
     edges = np.geomspace(0.9 * base, min(float(values.max()), 40 * base) * 1.02, 32)
     axes.hist(np.minimum(values, edges[-1] * 0.999), bins=edges.tolist(), color=FAINT, alpha=0.55)
     axes.axvline(base, color=SERIES[0], lw=2.0)
@@ -117,13 +119,13 @@ _ARROW = 0.16
 
 
 def tip_picture(design: Design) -> Markup:
-    """The standard deviation of the tip over the workspace after the smallest set, posture by posture."""
+    """The standard deviation of the tip over the workspace after the recommended set, posture by posture."""
     figure = Figure(figsize=(WIDTH / 72, 430 / 72), dpi=72, layout='constrained')
     axes = figure.subplots(1, 2, sharey=True)
     robot, q = design.robot, design.requirements
     workspace = make_workspace(robot, q.region, *_FINE_GRID)
     tip = loaded_tip(robot, workspace, q.load) if q.under_load else free_tip(robot, workspace)
-    places = MICRO * tip_std(tip, design.smallest.row.prediction).places
+    places = MICRO * tip_std(tip, design.recommended.row.prediction).places
     low, high = float(places.min()), float(places.max())
     for k, name in enumerate(('posture left', 'posture right')):
         values = np.full(workspace.mask.shape, np.nan)

@@ -1,7 +1,8 @@
 """Optimal design of a calibration for one cell, the design question of section 5.1.
 
-`optimal_design` gives the smallest set of touches for an accuracy of the tip with its lower bound and its checks, the
-dependence of the accuracy on number, discs, force levels and postures, and the best places for discs.
+`optimal_design` gives the smallest set of touches that reaches an accuracy of the tip and checks itself, beside it the
+smallest set at all, the lower bound of their number and checks, the dependence of the accuracy on number, discs, force
+levels and postures, and the best places for discs.
 """
 
 from __future__ import annotations
@@ -13,13 +14,23 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.simulation.plan import Plan
+from scara_kinetostatic.studies.design.attainable import check_attainable
 from scara_kinetostatic.studies.design.candidates import CandidateTouches, candidate_plan, prepare_candidates
 from scara_kinetostatic.studies.design.disc_layout import TouchPattern
 from scara_kinetostatic.studies.design.disc_placement import DiscMap, Layout, map_additional_disc, place_discs
 from scara_kinetostatic.studies.design.lower_bound import LowerBound, find_lower_bound
 from scara_kinetostatic.studies.design.prediction import Robot, predict
-from scara_kinetostatic.studies.design.result import Design, DesignedSet, PlacedDiscs, Requirements
-from scara_kinetostatic.studies.design.selection import FoundSet, NumberProgress, check_set, smallest_set
+from scara_kinetostatic.studies.design.result import Design, DesignedSet, DiscUse, PlacedDiscs, Requirements
+from scara_kinetostatic.studies.design.selection import (
+    FEWEST_TOUCHES,
+    FoundSet,
+    NumberProgress,
+    check_set,
+    smallest_set,
+    without_each,
+)
+from scara_kinetostatic.studies.design.self_check import MOST_LEVERAGE
 from scara_kinetostatic.studies.design.sensitivity import (
     Row,
     Tips,
@@ -72,13 +83,17 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
         UnsupportedDataError: the accuracy is out of reach.
     """
     requirements, report = requirements or Requirements(), report or (lambda what, part: None)
+    in_base = robot
+    if robot.common_plate:
+        robot = robot.on_plate()
     workspace = make_workspace(robot, requirements.region)
     tips = Tips(free_tip(robot, workspace), loaded_tip(robot, workspace, requirements.load))
     task = _Task(robot, requirements, tips)
     report('candidate touches', 0.0)
     candidates = _candidates(robot, requirements)
-    bound = find_lower_bound(candidates)
-    smallest, spare = _both_sets(task, candidates, bound, report)
+    bound = find_lower_bound(candidates, requirements.accuracy)
+    lowest = check_attainable(robot, requirements, task.tip, bound)
+    smallest, recommended = _both_sets(task, candidates, bound, report)
     report('accuracy by the number of touches', 0.6)
     found = {**smallest.tried, len(smallest.plan): smallest.value}
     known = [(number, value) for number, value in found.items() if np.isfinite(value)]
@@ -87,8 +102,27 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
     tables = _tables(task)
     placed = tuple(_placed(task, report))
     report('additional disc', 0.95)
-    additional = _additional_disc(robot, requirements)
-    return Design(robot, requirements, workspace, smallest, spare, curve, tables, placed, additional)
+    return Design(
+        robot=robot,
+        requirements=requirements,
+        workspace=workspace,
+        recommended=recommended,
+        smallest=smallest,
+        curve=curve,
+        tables=tables,
+        placed=placed,
+        additional_disc=_additional_disc(robot, requirements),
+        tip=task.tip,
+        plate=in_base.common_plate,
+        discs=_disc_use(robot, candidates, recommended.plan),
+        least_possible=lowest,
+        in_base_frame=None if robot is in_base else tip_std(task.tip, predict(in_base, recommended.plan)).largest,
+    )
+
+
+def _disc_use(robot: Robot, candidates: CandidateTouches, plan: Plan) -> tuple[DiscUse, ...]:
+    chosen, every = (np.bincount(disc, minlength=len(robot.cell.discs)) for disc in (plan.disc, candidates.plan.disc))
+    return tuple(DiscUse(disc.name, int(chosen[k]), int(every[k])) for k, disc in enumerate(robot.cell.discs))
 
 
 def _candidates(robot: Robot, requirements: Requirements) -> CandidateTouches:
@@ -104,11 +138,11 @@ def _candidates(robot: Robot, requirements: Requirements) -> CandidateTouches:
 def _both_sets(
     task: _Task, candidates: CandidateTouches, bound: LowerBound, report: Progress
 ) -> tuple[DesignedSet, DesignedSet]:
-    """The smallest set, and the smallest with one touch to spare."""
+    """The smallest set, and the smallest that checks itself."""
     first = _designed_set(task, candidates, bound, report=lambda n: report(f'sets of {n} touches', 0.05))
     second = _designed_set(
-        task, candidates, bound, spare=1, least=len(first.plan) + 1,
-        report=lambda n: report(f'sets of {n} touches, one to spare', 0.3),
+        task, candidates, bound, checked=True, least=len(first.plan) + 1,
+        report=lambda n: report(f'sets of {n} touches that check themselves', 0.3),
     )  # fmt: skip
     return first, second
 
@@ -118,7 +152,7 @@ def _designed_set(
     candidates: CandidateTouches,
     bound: LowerBound,
     *,
-    spare: int = 0,
+    checked: bool = False,
     least: int = 0,
     effort: int | None = None,
     report: NumberProgress | None = None,
@@ -130,13 +164,13 @@ def _designed_set(
     target, evaluated = requirements.accuracy, dict[int, float]()
     while True:
         found = smallest_set(
-            candidates, bound, target, spare=spare, least=least, seed=requirements.seed, effort=effort, report=report
-        )
+            candidates, bound, target, checked=checked, least=least, seed=requirements.seed, effort=effort,
+            report=report,
+        )  # fmt: skip
         evaluated = {**found.tried, **evaluated}  # values on the full workspace replace those of the search
         chosen = _mixed_order(found, candidates)
         plan = candidates.plan.select(np.array(chosen))
-        prediction = predict(robot, plan)
-        reached = tip_std(tip, prediction).largest if prediction.rank >= every.rank else np.inf
+        reached = _reached(robot, plan, tip, checked, every.rank)
         if reached <= requirements.accuracy:
             break
         # the full workspace has more places than the search; a set may have a lower rank than all candidates
@@ -145,15 +179,25 @@ def _designed_set(
             target, least = min(_TIGHTENING, _TIGHTENING * requirements.accuracy / reached) * target, len(chosen)
         else:
             least = len(chosen) + 1
-    label = 'smallest set, one to spare' if spare else 'smallest set'
     return DesignedSet(
         plan=plan,
-        row=task.tips.row(label, robot, plan),
+        row=task.tips.row('recommended set' if checked else 'smallest set', robot, plan),
         check=check_set(robot, candidates, chosen, plan, tip, requirements.seed),
         tried={number: value for number, value in evaluated.items() if number < len(plan)},
-        least=bound.number(requirements.accuracy) + spare,
-        value=found.value if spare else reached,
+        least=max(FEWEST_TOUCHES, bound.number(requirements.accuracy)) + checked,
+        value=reached,
     )
+
+
+def _reached(robot: Robot, plan: Plan, tip: Tip, checked: bool, rank: int) -> float:
+    """Largest standard deviation of the tip over the full workspace; with checks after the worst loss, m.
+
+    Infinite where the rank is too low, or the leverage too large.
+    """
+    prediction = predict(robot, plan)
+    if prediction.rank < rank or (checked and prediction.leverage.max() > MOST_LEVERAGE):
+        return float('inf')
+    return float(without_each(robot, plan, tip).max()) if checked else tip_std(tip, prediction).largest
 
 
 def _check_determined(largest: float, robot: Robot, requirements: Requirements) -> None:
@@ -222,7 +266,10 @@ def _with_smallest_set(task: _Task, layout: Layout) -> PlacedDiscs:
     candidates = _candidates(other, requirements)
     try:
         designed = _designed_set(
-            task._replace(robot=other), candidates, find_lower_bound(candidates), effort=_LAYOUT_EFFORT
+            task._replace(robot=other),
+            candidates,
+            find_lower_bound(candidates, requirements.accuracy),
+            effort=_LAYOUT_EFFORT,
         )
     except UnsupportedDataError:
         return PlacedDiscs(layout, row, None)

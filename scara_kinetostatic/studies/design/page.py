@@ -13,7 +13,7 @@ from scara_kinetostatic.studies.design import document, figures, text
 from scara_kinetostatic.studies.design.result import Design
 
 NAME = 'design.html'
-PLAN, SPARE_PLAN = 'plan.yaml', 'plan_spare.yaml'
+PLAN, SMALLEST_PLAN = 'plan.yaml', 'plan_smallest.yaml'
 _TEMPLATE = Path(__file__).parent / 'page.html.j2'
 
 
@@ -25,8 +25,8 @@ def html_text(design: Design) -> str:
             'without': figures.without_picture(design),
             'random': figures.random_picture(design),
             'tip': figures.tip_picture(design),
+            'recommended': figures.plan_picture(design.recommended, design, 'recommended'),
             'smallest': figures.plan_picture(design.smallest, design, 'smallest'),
-            'spare': figures.plan_picture(design.spare, design, 'spare'),
             'additional_disc': figures.additional_disc_picture(design),
             'placed': figures.placed_picture(design) if any(placed.row for placed in design.placed) else None,
         }
@@ -38,11 +38,13 @@ def html_text(design: Design) -> str:
         pictures=pictures,
         headline=text.headline(design),
         requirement=text.requirement(design),
+        noise=text.noise_sentences(design),
+        conditions=text.condition_sentences(design),
+        recommended=text.set_sentences(design.recommended, design),
         smallest=text.set_sentences(design.smallest, design),
-        spare=text.set_sentences(design.spare, design),
         places=text.disc_sentences(design),
-        plan=text.plan_table(design.smallest, design),
-        spare_plan=text.plan_table(design.spare, design),
+        plan=text.plan_table(design.recommended, design),
+        smallest_plan=text.plan_table(design.smallest, design),
         parameters=text.parameter_table(design),
         numbers=text.number_table(design),
         tables=text.factor_tables(design),
@@ -53,9 +55,10 @@ def html_text(design: Design) -> str:
 def design_files(design: Design) -> dict[str, str]:
     """The text of each file of a design by its name: both plans, the numbers, the page."""
     cell = design.robot.cell
+    remarks = (*text.noise_sentences(design), *text.condition_sentences(design))
     return {
-        PLAN: dump_plan(design.smallest.plan, cell, tuple(text.set_sentences(design.smallest, design))),
-        SPARE_PLAN: dump_plan(design.spare.plan, cell, tuple(text.set_sentences(design.spare, design))),
+        PLAN: dump_plan(design.recommended.plan, cell, (*remarks, *text.set_sentences(design.recommended, design))),
+        SMALLEST_PLAN: dump_plan(design.smallest.plan, cell, (*remarks, *text.set_sentences(design.smallest, design))),
         document.NAME: json_text(document.design_document(design)),
         NAME: html_text(design),
     }

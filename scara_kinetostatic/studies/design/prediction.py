@@ -5,9 +5,14 @@ by the noise of a touch. The Jacobian is the one from which the calibration work
 functions (`calibration.gauss_helmert`), and directions that the calibration would report as unidentifiable are left out
 here as well: a prediction has the rank and the confounded groups of the fit that it predicts.
 
+**Declared uncertainties** of the cell description enter as in the fit (`calibration.declared_errors`): with J and N the
+whitened derivatives by L̄ and by the declared errors, and P the rows of the prior, the covariance of both is
+([J N]ᵀ[J N] + PᵀP)⁻¹, and that of L̄ is its block. Touches do not make an error smaller that all of them share: with
+declared uncertainties the variance does not go with one over the number of touches.
+
 **Observability indices.** From the singular values σ1 ≥ … ≥ σL of the whitened Jacobian of m touches, its columns in
 units of the plausible range of each parameter (`calibration.identifiability.SCALES`); without common units only O1
-would be comparable between sets:
+would be comparable between sets; declared errors are eliminated, so that σ_k⁻² are the eigenvalues of the covariance:
 
     O1 = (σ1 ⋯ σL)^(1/L) / √m        Borm and Menq, Int. J. Robotics Research 10 (1991) 51: volume of the ellipsoid
     O2 = σL / σ1                     Driels and Pathre, J. Robotic Systems 7 (1990) 921: inverse condition number
@@ -27,8 +32,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from scara_kinetostatic.calibration import least_squares
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Source
 from scara_kinetostatic.calibration.fit_point import Point, evaluate
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted
 from scara_kinetostatic.calibration.identifiability import (
@@ -38,15 +45,16 @@ from scara_kinetostatic.calibration.identifiability import (
     unidentifiable_directions,
 )
 from scara_kinetostatic.calibration.observations import Observations
-from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.contact_state import State
+from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection
-from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, in_sensor_frame
+from scara_kinetostatic.simulation.sensors import in_sensor_frame
+from scara_kinetostatic.studies.design.robot import Robot as Robot
 
 
 class Indices(NamedTuple):
@@ -79,42 +87,6 @@ def observability(values: NDArray[np.float64], touches: int) -> Indices:
 
 
 @dataclass(frozen=True)
-class Robot:
-    """The robot that a design is made for.
-
-    Attributes:
-        cell: discs, sensor, nominal parameters.
-        parameters: expected L̄; geometry, compliances and backlashes all enter the prediction.
-        noise: repeatability of one touch, one standard deviation, rad and N.
-
-    Raises:
-        ParameterError: a noise level is not above 0.
-    """
-
-    cell: Cell
-    parameters: Parameters
-    noise: Noise
-
-    def __post_init__(self) -> None:
-        for name, levels in (('joint', self.noise.joint_levels), ('force', self.noise.force_levels)):
-            for value in levels:
-                if not (np.isfinite(value) and value > 0):
-                    problem, remedy = f'expected a value above 0, got {value}', 'give the standard deviation of a touch'
-                    raise ParameterError(f'noise: {name}', problem, remedy)
-
-    @classmethod
-    def of(cls, cell: Cell, parameters: Parameters | None = None, noise: Noise | None = None) -> Robot:
-        """The robot of a cell.
-
-        Args:
-            cell: the cell.
-            parameters: expected L̄; by default the nominal parameters.
-            noise: by default that of the cell, or typical noise if the cell states none.
-        """
-        return cls(cell, parameters or cell.nominal, noise or cell.noise or TYPICAL_NOISE)
-
-
-@dataclass(frozen=True)
 class Prediction:
     """Predicted uncertainty of L̄.
 
@@ -128,6 +100,7 @@ class Prediction:
         indices: observability indices, over the identifiable directions.
         leverage: largest eigenvalue of each touch's block of the hat matrix, (m,), 0 to 1; at 1 no other touch checks
             it, and an error in it is not detected.
+        by_source: the part of `covariance` that each declared uncertainty contributes, (12, 12); the rest is noise.
     """
 
     touches: int
@@ -138,6 +111,7 @@ class Prediction:
     condition: float
     indices: Indices
     leverage: Floats
+    by_source: tuple[tuple[Source, Floats], ...] = ()
 
     @property
     def rank(self) -> int:
@@ -159,6 +133,26 @@ class ExactTouches(NamedTuple):
     arms: Floats
 
 
+class Where(NamedTuple):
+    """Where n touches are made and how; the discs need not be in the cell.
+
+    Attributes:
+        centers: centre of each touch's disc, (m, 2), m.
+        radii: its radius, (m,), m.
+        angle: direction from the centre to the contact, (m,), rad.
+        posture: +1 or -1, (m,).
+        force: its magnitude, (m,), N.
+        disc: index of the disc in the cell whose errors are declared, (m,).
+    """
+
+    centers: Floats
+    radii: Floats
+    angle: Floats
+    posture: NDArray[np.intp]
+    force: Floats
+    disc: NDArray[np.intp]
+
+
 def exact_plan(robot: Robot, plan: Plan) -> ExactTouches:
     """The touches of a plan without noise.
 
@@ -166,26 +160,22 @@ def exact_plan(robot: Robot, plan: Plan) -> ExactTouches:
         UnsupportedDataError: the robot cannot reach a touch.
     """
     cell = robot.cell
-    return exact_touches(robot, cell.centers[plan.disc], cell.radii[plan.disc], plan.angle, plan.posture, plan.force)
+    where = Where(cell.centers[plan.disc], cell.radii[plan.disc], plan.angle, plan.posture, plan.force, plan.disc)
+    return exact_touches(robot, where, robot.declared)
 
 
-def exact_touches(
-    robot: Robot, centers: Floats, radii: Floats, angle: Floats, posture: NDArray[np.intp], force: Floats
-) -> ExactTouches:
+def exact_touches(robot: Robot, where: Where, declared: DeclaredErrors | None = None) -> ExactTouches:
     """Touches without noise on discs that need not be in the cell.
 
     Args:
         robot: the robot; of its cell only the sensor and the gripper count.
-        centers: centre of each touch's disc, (m, 2), m.
-        radii: its radius, (m,), m.
-        angle: direction from the centre to the contact, (m,), rad.
-        posture: +1 or -1, (m,).
-        force: its magnitude, (m,), N.
+        where: the touches.
+        declared: errors by which they are to be differentiated, too.
 
     Raises:
         UnsupportedDataError: the robot cannot reach a touch.
     """
-    p, cell = robot.parameters, robot.cell
+    p, cell, (centers, radii, angle, posture, force, disc) = robot.parameters, robot.cell, where
     outward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     pressed = -force[:, None] * outward
     joints, torques = inverse_kinetostatics(p, centers + radii[:, None] * outward, pressed, posture, cell.gripper)
@@ -197,6 +187,13 @@ def exact_touches(
     direction = np.arctan2(pressed[:, 1], pressed[:, 0])
     state = State(links[:, 0], links[:, 1], force, direction, modes[:, 0], modes[:, 1])
     observations = Observations(joints, measured, centers, radii, cell.sensor.frame, cell.gripper)
+    if declared is not None:
+        observations = observations._replace(
+            metadata=TouchMetadata.plain(len(joints))._replace(disc=disc, posture=posture),
+            declared=declared,
+            errors=np.zeros(declared.count),
+            reported=measured,
+        )
     point = evaluate(observations, ExtendedModel(p), Adjusted(joints, measured, state), robot.noise)
     return ExactTouches(observations, point, np.abs(torques) / force[:, None])
 
@@ -218,23 +215,45 @@ def predict(robot: Robot, plan: Plan, number: int | None = None) -> Prediction:
     unidentifiable = unidentifiable_directions(observations, point, everything, robot.noise)
     basis = SCALES[:, None] * _complement(unidentifiable)
     weight = 1.0 if number is None else number / len(plan)
-    identifiable = np.sqrt(weight) * (point.whitened.derivative @ basis)
-    system = least_squares.compress(identifiable, point.whitened.residual)
-    covariance = basis @ least_squares.covariance(system) @ basis.T
+    jacobian, lifted = np.sqrt(weight) * point.whitened.jacobian, _lifted(basis, robot.declared)
+    prior = None if robot.declared is None else _rows(robot.declared, lifted)
+    system = least_squares.compress(jacobian @ lifted, point.whitened.residual, prior=prior)
+    within = least_squares.covariance(system)
+    own = within[: basis.shape[1], : basis.shape[1]]
+    covariance = basis @ own @ basis.T
     groups = group_names(unidentifiable, everything)
     std = np.sqrt(np.diag(covariance))
     std[[name in {member for group in groups for member in group} for name in NAMES]] = np.nan
     touches = number or len(plan)
+    values = system.values if robot.declared is None else 1 / np.sqrt(np.linalg.eigvalsh(own))
     return Prediction(
         touches=touches,
         covariance=covariance,
         std=std,
         unidentifiable=unidentifiable,
         confounded=groups,
-        condition=condition_number(identifiable),
-        indices=observability(system.values, touches),
-        leverage=leverage(point.whitened.derivative, covariance),
+        condition=condition_number(np.sqrt(weight) * (point.whitened.derivative @ basis)),
+        indices=observability(values, touches),
+        leverage=leverage(point.whitened.jacobian, lifted @ within @ lifted.T),
+        by_source=() if robot.declared is None else _by_source(robot.declared, lifted, within),
     )
+
+
+def _by_source(declared: DeclaredErrors, lifted: Floats, within: Floats) -> tuple[tuple[Source, Floats], ...]:
+    """C Pᵀ P C by the rows of the prior of each source: what its errors do to the estimate of L̄."""
+    gain = (lifted @ within @ (declared.prior.rows(len(NAMES)) @ lifted).T)[: len(NAMES)]
+    return tuple((source, gain[:, rows] @ gain[:, rows].T) for source, rows in declared.prior.by_source())
+
+
+def _lifted(basis: Floats, declared: DeclaredErrors | None) -> Floats:
+    """Identifiable changes of L̄, (12, r), and the declared errors beside them, (12 + m, r + m)."""
+    return basis if declared is None else block_diag(basis, np.eye(declared.count))
+
+
+def _rows(declared: DeclaredErrors, lifted: Floats) -> Floats:
+    """Rows of the prior of the declared errors in `least_squares.compress`, (p + m, r + m + 1)."""
+    rows = declared.prior.rows(len(NAMES)) @ lifted
+    return np.concatenate([rows, np.zeros((len(rows), 1))], axis=1)
 
 
 def _complement(unidentifiable: Floats) -> Floats:
@@ -244,5 +263,5 @@ def _complement(unidentifiable: Floats) -> Floats:
 
 
 def leverage(derivative: Floats, covariance: Floats) -> Floats:
-    """Leverage of each touch: the larger eigenvalue of J C Jᵀ, (m,); J whitened, (m, 2, 12), C (12, 12)."""
+    """Leverage of each touch: the larger eigenvalue of J C Jᵀ, (m,); J whitened, (m, 2, k), C (k, k)."""
     return np.asarray(np.linalg.eigvalsh(np.einsum('nik,kl,njl->nij', derivative, covariance, derivative))[:, -1])

@@ -5,13 +5,16 @@ lower bound (`lower_bound`) upwards. For each, sets are drawn at random by the w
 and improved by exchange (`exchange`). The first number at which a set reaches the accuracy is taken, with the best set
 of that number; its distance from the lower bound limits what a better search could save.
 
-A set is checked by leaving out each of its touches, against random sets of the same size, and for a robot with larger
-compliances.
+A set that checks itself (`self_check`) is sought in the same way, with another criterion.
+
+A set found is checked by leaving out each of its touches, against random sets of the same size, and for a robot with
+larger compliances or more noise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,23 +23,22 @@ from numpy.typing import NDArray
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.studies.design.candidates import PRIOR, CandidateTouches
-from scara_kinetostatic.studies.design.exchange import improve, largest_variance
-from scara_kinetostatic.studies.design.lower_bound import LowerBound
+from scara_kinetostatic.studies.design.candidates import PRIOR, CandidateTouches, prepare_candidates
+from scara_kinetostatic.studies.design.exchange import Counts, improve, largest_variance
+from scara_kinetostatic.studies.design.lower_bound import MOST_TOUCHES, LowerBound
 from scara_kinetostatic.studies.design.prediction import Robot, predict
+from scara_kinetostatic.studies.design.self_check import MOST_LEVERAGE, least_on_discs, leverages
 from scara_kinetostatic.studies.design.workspace import Tip, tip_std
 
 NumberProgress = Callable[[int], None]
 """Receives the number of touches for which sets are being sought."""
 
-_FEWEST = 7
+FEWEST_TOUCHES = 7
 """Smallest number of touches with which the calibration estimates twelve parameters: two equations each."""
-_MOST = 200
-"""Largest set that is searched for."""
 _EFFORT = 350
 """Number of starts times number of touches: a few seconds for each number."""
-_SPARE_EFFORT = 60
-"""The same for sets with a spare touch, whose criterion costs more."""
+_CHECKED_EFFORT = 60
+"""The same for sets that check themselves, whose criterion costs more."""
 _FULL_EFFORT_SIZE = 6000
 """Size of `CandidateTouches.quadric` up to which the effort is full; beyond, it decreases in proportion."""
 _TRIAL_STARTS, _GIVE_UP_RATIO = 4, 1.06
@@ -45,6 +47,8 @@ _RANDOM_SETS = 300
 """Number of random sets that a set is compared with."""
 COMPLIANCE_FACTOR = 1.5
 """Factor on the expected compliances in the check."""
+NOISE_FACTOR = 2.0
+"""Factor on the noise of the joints, and on that of the force, in the check."""
 
 
 class FoundSet(NamedTuple):
@@ -52,7 +56,8 @@ class FoundSet(NamedTuple):
 
     Attributes:
         chosen: indices of candidates, in increasing order.
-        value: largest standard deviation of the tip, m; with a spare, after the worst loss.
+        value: largest standard deviation of the tip, m; of a set that checks itself that after the worst loss, and
+            infinite if a leverage is too large.
         tried: that of the best sets of smaller numbers of touches, by number, m.
     """
 
@@ -66,7 +71,7 @@ def smallest_set(
     bound: LowerBound,
     target: float,
     *,
-    spare: int = 0,
+    checked: bool = False,
     least: int = 0,
     seed: int = 0,
     effort: int | None = None,
@@ -78,7 +83,7 @@ def smallest_set(
         candidates: the candidates.
         bound: lower bound for them.
         target: largest standard deviation of the tip, m.
-        spare: 0, or 1 if the target has to be kept after the loss of any one touch.
+        checked: whether the set has to check itself, and to keep the target after the loss of any one touch.
         least: smallest number of touches to try.
         seed: of the sets drawn.
         effort: number of starts times number of touches; None: what a few seconds allow.
@@ -87,19 +92,19 @@ def smallest_set(
     Raises:
         UnsupportedDataError: the target is out of reach.
     """
-    number, tried = max(_FEWEST + spare, least, bound.number(target) + spare), dict[int, float]()
-    while number <= min(_MOST, len(candidates.plan)):
+    number, tried = max(FEWEST_TOUCHES + checked, least, bound.number(target) + checked), dict[int, float]()
+    while number <= min(MOST_TOUCHES, len(candidates.plan)):
         if report:
             report(number)
-        starts = _starts(candidates, number, effort or (_SPARE_EFFORT if spare else _EFFORT))
-        found = best_set(candidates, bound, number, spare=spare, seed=seed, starts=starts, target=target)
+        starts = _starts(candidates, number, effort or (_CHECKED_EFFORT if checked else _EFFORT))
+        found = best_set(candidates, bound, number, checked=checked, seed=seed, starts=starts, target=target)
         if found.value <= target:
             return found._replace(tried=tried)
         tried[number] = found.value
         number += max(1, number // 40)
     needed = bound.number(target)
     raise UnsupportedDataError(
-        f'an accuracy of {target:.3g} m is out of reach: no set of {min(_MOST, len(candidates.plan))} of the '
+        f'an accuracy of {target:.3g} m is out of reach: no set of {min(MOST_TOUCHES, len(candidates.plan))} of the '
         f'{len(candidates.plan)} candidate touches reaches it'
         + (f', at least {needed} are needed' if needed > 0 else ''),
         'ask for a larger standard deviation, repeat touches, or move the discs',
@@ -111,7 +116,7 @@ def best_set(
     bound: LowerBound,
     number: int,
     *,
-    spare: int = 0,
+    checked: bool = False,
     seed: int = 0,
     starts: int,
     target: float = np.inf,
@@ -122,20 +127,23 @@ def best_set(
         candidates: the candidates.
         bound: sets are drawn by its weights.
         number: of touches.
-        spare: 0, or 1 for the criterion after the loss of any one touch.
+        checked: whether the set has to check itself.
         seed: of the sets drawn.
         starts: number of sets to improve.
         target: m; if the first few sets stay far above it, no more are tried.
     """
-    random = np.random.default_rng([seed, number, spare])
+    random = np.random.default_rng([seed, number, int(checked)])
+    least = least_on_discs(candidates, bound.weights, number) if checked else None
     best, lowest = list[int](), np.inf
     for start in range(starts):
-        chosen = improve(candidates, _draw(bound.weights, number, random), spare)
-        reached = float(np.sqrt(largest_variance(candidates, chosen, spare)))
+        chosen = improve(candidates, _draw(candidates, bound.weights, number, random, least), least)
+        reached = float(np.sqrt(largest_variance(candidates, chosen, checked)))
         if reached < lowest:
             best, lowest = chosen, reached
         if start + 1 >= _TRIAL_STARTS and lowest > _GIVE_UP_RATIO * target:
             break
+    if checked and leverages(candidates, best).max() > MOST_LEVERAGE:
+        lowest = np.inf
     return FoundSet(tuple(sorted(best)), lowest, {})
 
 
@@ -144,9 +152,20 @@ def _starts(candidates: CandidateTouches, number: int, effort: int) -> int:
     return max(2, int(effort * min(1.0, _FULL_EFFORT_SIZE / candidates.quadric.size)) // number)
 
 
-def _draw(weights: Floats, number: int, random: np.random.Generator) -> list[int]:
+def _draw(
+    candidates: CandidateTouches, weights: Floats, number: int, random: np.random.Generator, least: Counts | None
+) -> list[int]:
+    """A set to start from, with enough touches on each disc."""
     weights = weights + 1e-6 * weights.max()  # so that enough candidates have a weight above 0
-    return random.choice(len(weights), number, replace=False, p=weights / weights.sum()).tolist()
+    chosen = list[int]()
+    for disc, count in enumerate([] if least is None else least.tolist()):
+        chosen += _drawn(np.where(candidates.plan.disc == disc, weights, 0.0), count, random)
+    weights[chosen] = 0.0
+    return chosen + _drawn(weights, number - len(chosen), random)
+
+
+def _drawn(weights: Floats, number: int, random: np.random.Generator) -> list[int]:
+    return random.choice(len(weights), number, replace=False, p=weights / weights.sum()).tolist() if number else []
 
 
 class SetCheck(NamedTuple):
@@ -154,13 +173,19 @@ class SetCheck(NamedTuple):
 
     Attributes:
         without_each: largest standard deviation of the tip without each touch, (n,), m.
-        random: that of random sets of the same size, in increasing order, (k,), m.
+        growth: largest factor by which the loss of each touch increases the standard deviation of a parameter, (n,).
+        random: largest standard deviation of the tip of random sets of the same size, in increasing order, (k,), m.
         more_compliant: that for a robot with compliances `COMPLIANCE_FACTOR` times as large, m.
+        more_joint_noise: that with a joint noise `NOISE_FACTOR` times as large, m.
+        more_force_noise: that with a force noise `NOISE_FACTOR` times as large, m.
     """
 
     without_each: Floats
+    growth: Floats
     random: Floats
     more_compliant: float
+    more_joint_noise: float
+    more_force_noise: float
 
 
 def check_set(
@@ -176,18 +201,31 @@ def check_set(
         tip: the tip whose variance counts.
         seed: of the random sets.
     """
-    each = np.stack([np.delete(np.asarray(chosen), k) for k in range(len(chosen))])
-    p = robot.parameters
-    soft = Robot(
-        robot.cell,
-        p.replace(p_ee=COMPLIANCE_FACTOR * p.p_ee, p1=COMPLIANCE_FACTOR * p.p1, p2=COMPLIANCE_FACTOR * p.p2),
-        robot.noise,
-    )
+    p, noise = robot.parameters, robot.noise
+    more = p.replace(p_ee=COMPLIANCE_FACTOR * p.p_ee, p1=COMPLIANCE_FACTOR * p.p1, p2=COMPLIANCE_FACTOR * p.p2)
+    joint = noise._replace(joint=noise.scaled(NOISE_FACTOR).joint)
+    force = noise.scaled(NOISE_FACTOR)._replace(joint=noise.joint)
+    others = (replace(robot, parameters=more), replace(robot, noise=joint), replace(robot, noise=force))
     return SetCheck(
-        largest_of_sets(candidates, each),
+        without_each(robot, plan, tip),
+        _growth(prepare_candidates(robot, plan, tip)),
         np.sort(largest_of_sets(candidates, random_sets(candidates, len(chosen), seed=seed))),
-        tip_std(tip, predict(soft, plan)).largest,
+        *(tip_std(tip, predict(other, plan)).largest for other in others),
     )
+
+
+def without_each(robot: Robot, plan: Plan, tip: Tip) -> Floats:
+    """Largest standard deviation of the tip without each touch of a plan, (n,), m."""
+    every = np.arange(len(plan))
+    return largest_of_sets(prepare_candidates(robot, plan, tip), np.stack([np.delete(every, k) for k in every]))
+
+
+def _growth(candidates: CandidateTouches) -> Floats:
+    """Largest factor on the standard deviation of a parameter without each candidate, of all of them, (n,)."""
+    together = candidates.information_of(range(len(candidates.plan)))
+    both = np.linalg.inv(np.concatenate([together[None], together - candidates.information]))
+    own = np.diagonal(both, axis1=1, axis2=2)[:, : len(PRIOR)]
+    return np.asarray(np.sqrt((own[1:] / own[0]).max(axis=1)))
 
 
 def random_sets(
@@ -200,8 +238,10 @@ def random_sets(
 
 def largest_of_sets(candidates: CandidateTouches, sets: NDArray[np.intp]) -> Floats:
     """Largest standard deviation of the tip for sets of touches (b, m), (b,), m; by singular values."""
-    rows = candidates.derivative[sets].reshape(len(sets), -1, len(PRIOR))
-    rows = np.concatenate([rows, np.broadcast_to(PRIOR, (len(sets), *PRIOR.shape))], axis=1)
+    k = candidates.derivative.shape[2]
+    prior = np.concatenate([np.eye(len(PRIOR), k), candidates.declared])
+    rows = candidates.derivative[sets].reshape(len(sets), -1, k)
+    rows = np.concatenate([rows, np.broadcast_to(prior, (len(sets), *prior.shape))], axis=1)
     _, values, right = np.linalg.svd(rows, full_matrices=False)
     root = np.swapaxes(right, 1, 2) / values[:, None, :]
     return np.asarray(np.sqrt(candidates.variance(root @ np.swapaxes(root, 1, 2)).max(axis=1)))

@@ -169,14 +169,20 @@ def study_number(
                 candidates, bound, number, seed=seed, starts=_STARTS if number < _LARGE else 1
             ).value
     numbers = np.array(sorted(reached))
-    one = tip_std(tip, predict(robot, candidates.plan, 1)).largest
     random = [
         np.quantile(largest_of_sets(candidates, random_sets(candidates, int(n), seed=seed)), BAND) for n in numbers
     ]
     return Curve(
         numbers,
         np.array([reached[int(number)] for number in numbers]),
-        one / np.sqrt(numbers),
+        _evenly_distributed(robot, tip, candidates.plan, numbers),
         np.array(random),
-        np.sqrt(bound.least / numbers),
+        np.sqrt([bound.variance(int(number)) for number in numbers]),
     )
+
+
+def _evenly_distributed(robot: Robot, tip: Tip, plan: Plan, numbers: NDArray[np.intp]) -> Floats:
+    """Largest standard deviation of the tip for numbers of touches evenly distributed over a plan, (k,), m."""
+    if robot.declared is None:
+        return np.asarray(tip_std(tip, predict(robot, plan, 1)).largest / np.sqrt(numbers))
+    return np.array([tip_std(tip, predict(robot, plan, int(number))).largest for number in numbers])

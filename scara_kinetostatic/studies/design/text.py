@@ -9,8 +9,11 @@ import numpy as np
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.render.quantities import SCALES, count
 from scara_kinetostatic.render.table import NOT_DETERMINED, Table
+from scara_kinetostatic.studies.design.attainable import contributions
 from scara_kinetostatic.studies.design.document import best_place
-from scara_kinetostatic.studies.design.result import Design, DesignedSet
+from scara_kinetostatic.studies.design.lower_bound import MOST_TOUCHES
+from scara_kinetostatic.studies.design.result import USUAL_ACCURACY, AccuracySource, Design, DesignedSet
+from scara_kinetostatic.studies.design.self_check import MOST_LEVERAGE, TOUCHES_PER_DISC
 from scara_kinetostatic.studies.design.sensitivity import Row
 
 _TITLES = {
@@ -20,8 +23,8 @@ _TITLES = {
     'radius': 'Radius of the discs',
     'placed': 'New layouts of discs',
 }
-_HIGH_LEVERAGE = 0.9
-"""Leverage above which an error of a touch is hardly detected."""
+_NAMED_PART = 0.05
+"""Smallest contribution that is named, in largest ones."""
 
 
 def _micrometres(value: float, digits: int = 3) -> str:
@@ -33,40 +36,136 @@ def requirement(design: Design) -> str:
     """The required accuracy in words."""
     load = f'under {design.requirements.load:g} N in any direction' if design.requirements.under_load else 'free'
     limit = _micrometres(design.requirements.accuracy)
-    return f'standard deviation of the tip ({load}) at most {limit} µm over the workspace'
+    frame = f', in the frame of plate {design.plate.name}' if design.plate else ''
+    return f'standard deviation of the tip ({load}) at most {limit} µm over the workspace{frame}'
 
 
 def headline(design: Design) -> str:
     """The result in one line."""
-    number = len(design.smallest.plan)
-    return f'{count(number, "touch", "touches")} reach {_micrometres(design.requirements.accuracy)} µm'
+    number, limit = len(design.recommended.plan), _micrometres(design.requirements.accuracy)
+    return f'{count(number, "touch", "touches")} reach {limit} µm and check themselves'
+
+
+def noise_sentences(design: Design) -> list[str]:
+    """The noise of a touch and where it comes from, and how the result depends on it."""
+    robot, check = design.robot, design.recommended.check
+    said = {'joint': f'{robot.noise.joint_rms:.3g} rad', 'force': f'{robot.noise.force_rms:.3g} N'}
+    grown = f', and {100 * robot.noise.growth:.3g} % of the force' if robot.noise.growth else ''
+    of_touch = f'{said["joint"]} (joint), {said["force"]} (force){grown}'
+    first = f'Noise of a touch: {of_touch}.'
+    if robot.assumed:
+        parts = ' and '.join(robot.assumed)
+        first = (
+            f'Noise of a touch is assumed: {of_touch}; the cell description does not state that of {parts}. '
+            'Calibrate once, and state the noise that it estimates.'
+        )
+    um = _micrometres
+    scaling = 'what noise contributes' if robot.declared else 'every standard deviation'
+    return [
+        first,
+        f'{scaling[0].upper()}{scaling[1:]} is proportional to the noise, the number of touches for an accuracy to its '
+        f'square. The recommended touches with twice the joint noise: {um(check.more_joint_noise)} µm, with twice the '
+        f'force noise: {um(check.more_force_noise)} µm.',
+    ]
+
+
+def condition_sentences(design: Design) -> list[str]:
+    """What was declared as uncertain, what it leaves, where the accuracy comes from, and discs that are not used."""
+    q, um, sentences = design.requirements, _micrometres, []
+    if q.accuracy_source is AccuracySource.TOLERANCE:
+        sentences.append(f'{um(q.accuracy)} µm is half the tolerance of the tip, which holds for k = 2.')
+    elif q.accuracy_source is AccuracySource.ATTAINABLE:
+        sentences.append(
+            f'No accuracy was required; {um(q.accuracy)} µm because the usual {um(USUAL_ACCURACY)} µm is out of reach.'
+        )
+    if design.robot.declared is not None:
+        parts = contributions(design.recommended.row.prediction, design.tip)
+        largest = sorted(parts.items(), key=lambda item: -item[1])
+        said = ', '.join(f'{kind} {um(value)} µm' for kind, value in largest if value >= _NAMED_PART * largest[0][1])
+        sentences += [
+            f'Declared uncertainties count: {MOST_TOUCHES} touches, evenly distributed, would leave '
+            f'{um(design.least_possible)} µm.',
+            f'Contributions at the worst place with the recommended touches: {said}.',
+        ]
+    else:
+        sentences.append('Discs and force sensor count as exactly known: the cell declares no uncertainty of them.')
+    if design.plate is not None and design.in_base_frame is not None:
+        sentences.append(
+            f'All discs stand on plate {design.plate.name}, whose place no touch shows. The accuracy holds in its '
+            f'frame; in the base frame the recommended touches give {um(design.in_base_frame)} µm.'
+        )
+    return sentences + _unused(design)
+
+
+def _unused(design: Design) -> list[str]:
+    """Why discs of the cell are not touched, or hardly."""
+    sentences, number = [], len(design.recommended.plan)
+    for use in design.discs:
+        if use.touches >= TOUCHES_PER_DISC:
+            continue
+        said = (
+            f'{use.name} is not used'
+            if not use.touches
+            else f'{use.name} has {count(use.touches, "touch", "touches")} only'
+        )
+        why = f'{number} touches are enough, and {TOUCHES_PER_DISC} on every disc would be more'
+        if use.candidates < TOUCHES_PER_DISC:
+            why = 'within reach there is no other touch of it whose line of force keeps clear of the joint axes'
+        sentences.append(f'{said}: {why}.')
+    return sentences
 
 
 def set_sentences(designed: DesignedSet, design: Design) -> list[str]:
     """Accuracy and checks of a set, one sentence each."""
+    return _recommended(designed, design) if designed is design.recommended else _smallest(designed, design)
+
+
+def _recommended(designed: DesignedSet, design: Design) -> list[str]:
     n, check, um = len(designed.plan), designed.check, _micrometres
-    where = 'after the loss of any one touch' if designed is design.spare else 'at the worst place of the workspace'
-    sentences = [f'{n} touches give {um(designed.value)} µm {where}.']
-    if designed.least > 0:
-        sentences[0] += f' Lower bound for any set: {designed.least}.'
+    sentences = [
+        f'{n} touches give {um(design.tip_of(designed).largest)} µm at the worst place of the workspace, and '
+        f'{um(designed.value)} µm after the loss of any one touch. Lower bound for any set that survives a loss: '
+        f'{designed.least}.'
+    ]
+    if designed.tried:
+        fewer = max(designed.tried)
+        reached = f'gives {um(designed.tried[fewer])} µm after a loss'
+        if not math.isfinite(designed.tried[fewer]):
+            reached = f'has a leverage above {100 * MOST_LEVERAGE:.0f} %'
+        sentences.append(f'The best set of {fewer} touches found {reached}.')
+    sentences += [
+        f'Every touch is checked by the others: largest leverage {100 * designed.row.prediction.leverage.max():.0f} %. '
+        f'The loss of one makes the standard deviation of no parameter more than {check.growth.max():.2g} times as '
+        'large.',
+        f'{len(check.random)} random sets of {n} touches: {um(check.random[0])} µm at best, '
+        f'{um(float(np.median(check.random)))} µm in the median.',
+        f'With compliances 1.5 times as large: {um(check.more_compliant)} µm.',
+    ]
+    return sentences
+
+
+def _smallest(designed: DesignedSet, design: Design) -> list[str]:
+    n, check, um = len(designed.plan), designed.check, _micrometres
+    sentences = [
+        f'{n} touches give {um(designed.value)} µm as long as none fails. Lower bound for any set: {designed.least}.'
+    ]
     if designed.tried:
         fewer = max(designed.tried)
         reached = f'gives {um(designed.tried[fewer])} µm'
         if not math.isfinite(designed.tried[fewer]):
             reached = 'does not determine all parameters'
         sentences.append(f'The best set of {fewer} touches found {reached}.')
-    if designed is design.smallest:
-        sentences.append(
-            f'Without the touch that matters least: {um(check.without_each.min())} µm. {len(check.random)} random sets '
-            f'of {n} touches: {um(check.random[0])} µm at best, {um(float(np.median(check.random)))} µm in the median.'
-        )
-    leverage = float(designed.row.prediction.leverage.max())
     sentences.append(
-        f'Largest leverage of a touch: {100 * leverage:.0f} %'
-        + (', an error in it would hardly be detected.' if leverage > _HIGH_LEVERAGE else '.')
+        f'Without the touch that matters most: {um(float(check.without_each.max()))} µm; without the one that matters '
+        f'least: {um(float(check.without_each.min()))} µm.'
     )
-    sentences.append(f'With compliances 1.5 times as large: {um(check.more_compliant)} µm.')
-    return sentences
+    leverage = designed.row.prediction.leverage
+    high = np.flatnonzero(leverage > MOST_LEVERAGE)
+    unchecked = f'Largest leverage of a touch: {100 * leverage.max():.0f} %.'
+    if len(high):
+        listed = ' '.join(str(k) for k in high)
+        unchecked += f' The others do not check touches {listed}: an error in one of them would hardly be detected.'
+    return [*sentences, unchecked]
 
 
 def disc_sentences(design: Design) -> list[str]:
@@ -111,8 +210,8 @@ def parameter_table(design: Design) -> Table:
     """Predicted standard deviations of the twelve parameters: both sets, and touches evenly distributed."""
     n = design.requirements.number
     every = design.tables['levels'][-1]
-    rows = [design.smallest.row, design.spare.row, every]
-    heading = ('standard deviation', 'unit', 'smallest set', 'one to spare', f'{n} evenly distributed')
+    rows = [design.recommended.row, design.smallest.row, every]
+    heading = ('standard deviation', 'unit', 'recommended', 'smallest set', f'{n} evenly distributed')
     body = []
     for k, name in enumerate(NAMES):
         unit, per_si = SCALES[name]
@@ -164,10 +263,11 @@ def text(design: Design) -> str:
     """The whole result for a terminal."""
     n = design.requirements.number
     parts = [
+        '\n'.join(noise_sentences(design)),
         f'{headline(design)}: {requirement(design)}',
-        '\n'.join(set_sentences(design.smallest, design)),
-        plan_table(design.smallest, design).text(),
-        'With one touch to spare: ' + '\n'.join(set_sentences(design.spare, design)),
+        '\n'.join([*condition_sentences(design), *set_sentences(design.recommended, design)]),
+        plan_table(design.recommended, design).text(),
+        'The smallest set at all, not recommended: ' + '\n'.join(set_sentences(design.smallest, design)),
         parameter_table(design).text(),
         'Largest standard deviation of the tip by the number of touches\n' + number_table(design).text(),
         f'{n} touches evenly distributed: standard deviation of the tip, largest and rms over the workspace, free and '
