@@ -56,7 +56,7 @@ def _reason(evidence: Evidence, found: Conformity) -> str:
         near = f'too near the tolerance of {tolerance} to decide'
         return f'the expanded uncertainty of the tip is {worst} ({limits}): {near}'
     at = evidence.tip_uncertainty.at
-    place = '' if at is None else f', at x {at.tip[0]:.2f} m, y {at.tip[1]:.2f} m'
+    place = '' if at is None else f', at x {round(at.tip[0], 2) + 0.0:.2f} m, y {round(at.tip[1], 2) + 0.0:.2f} m'
     where = f'it conforms in {100 * found.share:.0f} % of the workspace'
     between = evidence.tip_uncertainty.worst_touched
     if found.touched is Decision.CONFORMS:

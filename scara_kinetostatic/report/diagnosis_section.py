@@ -11,7 +11,15 @@ from scara_kinetostatic.diagnosis.comparison import Bias, Comparison, ModelError
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked
 from scara_kinetostatic.effects.registry import catalogue
-from scara_kinetostatic.render.quantities import PAGE_SCALES, PAGE_UNITS, chance, decimals, p_equals, shown
+from scara_kinetostatic.render.quantities import (
+    PAGE_SCALES,
+    PAGE_UNITS,
+    chance,
+    decimals,
+    p_equals,
+    shown,
+    unsigned_zero,
+)
 from scara_kinetostatic.render.table import Table
 from scara_kinetostatic.report import messages
 from scara_kinetostatic.report.effect_figures import NOTABLE, bias_picture, residual_picture
@@ -157,7 +165,9 @@ def _more_curves(d: Diagnosis) -> int:
 
 
 def _signed(value: float) -> str:
-    return f'{value:+.1f}'.replace('-', '−') if math.isfinite(value) else ''
+    if not math.isfinite(value):
+        return ''
+    return '0.0' if round(value, 1) == 0 else f'{value:+.1f}'.replace('-', '−')
 
 
 def _mm(metres: float) -> str:
@@ -190,7 +200,7 @@ def _bias(row: Bias) -> dict[str, str]:
     known = digits is not None
 
     def text(value: float) -> str:
-        return f'{value * per_si:.{places}f}'.replace('-', '−')
+        return unsigned_zero(f'{value * per_si:.{places}f}').replace('-', '−')
 
     return {
         'name': row.name,

@@ -14,7 +14,7 @@ from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.render.figure import COLOURS, mark, style
 from scara_kinetostatic.render.page import page_template
-from scara_kinetostatic.render.quantities import PAGE_SCALES, count
+from scara_kinetostatic.render.quantities import PAGE_SCALES, count, unsigned_zero
 from scara_kinetostatic.report import head, messages
 from scara_kinetostatic.report.budget_table import parameter_budget, tip_budget
 from scara_kinetostatic.report.diagnosis_section import diagnosis_context
@@ -113,7 +113,7 @@ def _touches(c: Calibration) -> list[dict[str, Any]]:
             'disc': c.cell.discs[t.disc[k]].name,
             'posture': 'left' if t.posture[k] > 0 else 'right',
             'force': f'{magnitude[k]:.2f}',
-            'direction': f'{angle[k]:.1f}'.replace('-', '−'),
+            'direction': unsigned_zero(f'{angle[k]:.1f}').replace('-', '−'),
             'residual': f'{residual[k]:.2f}',
             'distance': f'{c.standardized[k]:.1f}',
             'used': bool(c.used[k]),

@@ -140,7 +140,7 @@ def _largest(tip: TipUncertainty) -> str:
     if tip.at is None:
         return ''
     x, y = _MILLI * tip.at.tip
-    return f', largest {_MILLI * tip.worst:.3g} mm at x {x:.0f} mm, y {y:.0f} mm'.replace('-', '−')
+    return f', largest {_MILLI * tip.worst:.3g} mm at x {round(x)} mm, y {round(y)} mm'.replace('-', '−')
 
 
 def _deviation_caption(found: list[Deviation]) -> str:

@@ -236,3 +236,9 @@ def test_the_tolerance_is_beside_the_uncertainty(plain: Outcome) -> None:
         text = words_of(html_text(replace(plain, calibration=known)))
         assert f'{1e3 * worst:.3g} of {1e3 * factor * worst:.3g} mm' in text
         assert words in text
+
+
+def test_no_zero_has_a_sign(page: str, extended_pages: dict[str, str]) -> None:
+    for each in (page, *extended_pages.values()):
+        cells = re.findall(r'<td[^>]*>([^<]*)</td>', each)
+        assert not [cell for cell in cells if re.fullmatch(r'[-−+]0(\.0*)?( .*)?', cell)]

@@ -133,7 +133,8 @@ def test_the_headline_says_what_an_effect_means(plain: Outcome) -> None:
     ],
 )
 def test_noise_in_words(plain: Outcome, joint: float, source: str, expected: str) -> None:
-    calibration = replace(plain.calibration, noise=Noise(joint, 0.3), noise_source=source)
+    cell = replace(plain.calibration.cell, noise=Noise(joint, 0.3) if source == 'given' else None)
+    calibration = replace(plain.calibration, cell=cell, noise=Noise(joint, 0.3), noise_source=source)
     assert expected in messages.noise(replace(plain, calibration=calibration))
 
 
