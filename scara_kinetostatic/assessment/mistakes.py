@@ -32,6 +32,8 @@ FEWEST_TOUCHES = 8
 """Fewer do not tell one mistake from another."""
 _GROSS = 0.8
 """Misfit of the stated description above which a mistake is looked for."""
+_SLIGHT = 0.15
+"""Misfit above which another model error may have made the backlash of the gripper what it is."""
 _HOPELESS = 2.5
 """Misfit of the stated description above which a calibration is not even tried, if a mistake explains it."""
 _PART = 0.3
@@ -268,7 +270,7 @@ def _common_radius(cell: Cell, stated: Agreement, calibration: Calibration | Non
     value, std, least = float(stated.parameters[0, G_EE]), 0.0, _COARSE_RADIUS_ERROR
     if calibration is not None and np.isfinite(calibration.std_of('g_ee')):
         value, std, least = calibration.parameters.g_ee, calibration.std_of('g_ee'), 0.0
-    if calibration is not None and calibration.status['g_ee'] == 'fixed':
+    if stated.misfit[0] > _SLIGHT or (calibration is not None and calibration.status['g_ee'] == 'fixed'):
         return None
     declared = [cell.uncertainty.radius, *(disc.radius_std for disc in cell.discs)]
     least = max(least, _SIGMAS * float(np.hypot(std, max(declared))))
