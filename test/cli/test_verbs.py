@@ -30,6 +30,23 @@ def test_calibrate_writes_and_prints(run: Run, recordings: Path, tmp_path: Path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ['result']
 
 
+def test_an_unfit_result_is_an_error_only_if_strict(run: Run, recordings: Path, tmp_path: Path) -> None:
+    cell = tmp_path / 'cell.yaml'
+    cell.write_text((recordings / 'cell.yaml').read_text() + 'tolerance: {tip: 1.0e-6}\n')
+    result = run('calibrate', recordings / 'good', '--cell', cell)
+    assert (result.status, result.err) == (0, '')
+    assert result.out.startswith('Not fit for use: the expanded uncertainty of the tip is up to ')
+    assessment = json.loads((tmp_path / 'calibration' / 'calibration.json').read_text(encoding='utf-8'))['assessment']
+    assert assessment['grade'] == 'unfit'
+    assert assessment['reasons'][0].startswith('the expanded uncertainty of the tip')
+    strict = run('calibrate', recordings / 'good', '--cell', cell, '--out', 'result', '--strict')
+    assert strict.status == 3
+    assert strict.err.startswith('scara-kinetostatic: unfit: the expanded uncertainty of the tip is up to ')
+    assert strict.err.rstrip().endswith('the results are written to result all the same')
+    assert (tmp_path / 'result' / 'report.html').is_file()
+    assert run('calibrate', recordings / 'good', '--strict').status == 0
+
+
 def test_several_recordings_count_as_one(run: Run, recordings: Path, tmp_path: Path) -> None:
     cell = ('--cell', recordings / 'cell.yaml')
     assert run('calibrate', recordings / 'good', recordings / 'plain', *cell).status == 0

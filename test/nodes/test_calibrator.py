@@ -111,6 +111,27 @@ def test_a_parameter_file_of_results_can_be_loaded_again(
     assert 'read-only' in set_parameter(client, 'calibrated.g_ee', 1.0)
 
 
+def test_an_unfit_result_is_no_success(
+    spin: Callable[..., Node], client: DemoClient, recording: Path, cell_file: Path, tmp_path: Path
+) -> None:
+    strict = tmp_path / 'strict.yaml'
+    strict.write_text(cell_file.read_text() + 'tolerance: {tip: 1.0e-6}\n')
+    where = ('-p', f'recording:={recording}', '-p', f'output:={tmp_path / "result"}')
+    node = spin(Calibrator, '--ros-args', '-p', f'cell:={strict}', *where, threads=THREADS)
+    answer = calibrate(client)
+    assert not answer.success
+    assert answer.message.startswith('unfit: the expanded uncertainty of the tip')
+    assert node._condition.level == ERROR
+    assert node._condition.values['assessment'] == 'unfit'
+    assert node._condition.message == answer.message
+    assert (tmp_path / 'result' / 'calibration.json').is_file()
+    assert set_parameter(client, 'cell', str(cell_file)) == ''
+    answer = calibrate(client)
+    assert answer.success
+    assert answer.message.startswith('fit: 72 touches')
+    assert node._condition.level == OK
+
+
 def effects(node: Node) -> dict[str, float]:
     """The parameters of effects that the node has, by name."""
     groups = ('effects', 'effects_std')
