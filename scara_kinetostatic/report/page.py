@@ -51,7 +51,7 @@ def html_text(outcome: Outcome) -> str:
             'uncertainty': maps.uncertainty,
             'deviation': maps.deviation,
         }
-    determined, *combinations = messages.identifiability(outcome, PAGE_SCALES)
+    determined, *combinations = (_plain(outcome, line) for line in messages.identifiability(outcome, PAGE_SCALES))
     return page_template(_TEMPLATE).render(
         outcome=outcome,
         c=c,
@@ -60,8 +60,8 @@ def html_text(outcome: Outcome) -> str:
         recordings=head.recordings(outcome),
         answer=messages.ANSWERS[assessment.grade],
         level=_LEVELS[assessment.grade],
-        reasons=[_bound(messages.sentence(text)) for text in assessment.reasons],
-        actions=[_bound(messages.sentence(text)) for text in assessment.actions],
+        reasons=[_plain(outcome, messages.sentence(text)) for text in assessment.reasons],
+        actions=[_plain(outcome, messages.sentence(text)) for text in assessment.actions],
         numbers=head.numbers(outcome),
         verdict=messages.model_verdict(outcome),
         rows=parameter_rows(c, PAGE_SCALES),
@@ -88,8 +88,12 @@ def html_text(outcome: Outcome) -> str:
 _BEFORE_UNIT = re.compile(r'(?<=\d) (?=(N|mm|µm|m|°|mrad|µrad|σ|%)(\b|\W|$))')
 
 
-def _bound(text: str) -> str:
-    """Numbers bound to their units, so that no line ends between them."""
+def _plain(outcome: Outcome, text: str) -> str:
+    """A sentence of the page: parameters of effects by the plain name of the effect, numbers bound to their units."""
+    for item in outcome.diagnosis.found:
+        one = rf'{re.escape(item.effect.label)}\.\w+'
+        parts = re.split(f'{one}(?:(?: and |, ){one})*', text)
+        text = item.effect.title.join(parts)
     return _BEFORE_UNIT.sub('\u00a0', text)
 
 
