@@ -114,7 +114,7 @@ def dump_cell(cell: Cell) -> str:
         f'  sign: {sensor.sign.value}',
     ]
     if cell.noise is not None:
-        lines.append(f'noise: {_flow(cell.noise.as_dict())}')
+        lines.append(f'noise: {_flow(cell.noise.as_dict(as_stated=True))}')
     model: dict[str, Any] = {'gripper_sign': cell.gripper_sign.value}
     if not cell.gripper.isotropic:
         model['gripper_excess'] = [list(row) for row in cell.gripper_excess]
@@ -222,6 +222,15 @@ def _check_layout(cell: Cell, top: Section) -> None:
             raise top.error('objects', f'{both} overlap by {-gaps[worst]:.4g} m', remedy)
 
 
+class _Dumper(yaml.SafeDumper):
+    """Puts what `parse_yaml` would read as a number in quotes: 1e3 is one in YAML 1.2, and a string for PyYAML."""
+
+
+_Dumper.add_implicit_resolver('tag:yaml.org,2002:float', re.compile(r'[-+]?[0-9]+[eE][-+]?[0-9]+\Z'), [*'-+0123456789'])
+
+
 def _flow(value: Any) -> str:
-    text: str = yaml.safe_dump(value, default_flow_style=True, width=math.inf, sort_keys=False, allow_unicode=True)
+    text: str = yaml.dump(
+        value, Dumper=_Dumper, default_flow_style=True, width=math.inf, sort_keys=False, allow_unicode=True
+    )
     return text.removesuffix('\n').removesuffix('\n...')

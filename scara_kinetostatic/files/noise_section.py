@@ -35,7 +35,7 @@ def _level(section: Section, key: str) -> Level:
         if not least <= value <= most:
             problem = f'expected {least:g} to {most:g} {unit}, got {value:g}'
             raise section.error(key, problem, 'give the repeatability of one touch, or leave out noise')
-    return levels[0] if len({*levels}) == 1 else (levels[0], levels[1])
+    return levels[0] if len(levels) == 1 else (levels[0], levels[1])
 
 
 def _relative(section: Section) -> float | None:

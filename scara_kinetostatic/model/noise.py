@@ -71,9 +71,13 @@ class Noise(NamedTuple):
         """Of both joints, of both axes of the force, and of the part that grows, (5,)."""
         return (*self.joint_levels, *self.force_levels, self.growth)
 
-    def as_dict(self) -> dict[str, float | list[float]]:
-        """As in a file: one number where both axes are alike, a part that grows where there is one."""
-        found: dict[str, float | list[float]] = {'joint': _entry(self.joint), 'force': _entry(self.force)}
+    def as_dict(self, *, as_stated: bool = False) -> dict[str, float | list[float]]:
+        """As in a file: one number where both axes are alike, the part that grows where it is known.
+
+        Args:
+            as_stated: whether two equal levels stay two.
+        """
+        found = {'joint': _entry(self.joint, as_stated), 'force': _entry(self.force, as_stated)}
         return found if self.force_relative is None else found | {'force_relative': self.force_relative}
 
     def force_at(self, magnitude: float) -> float:
@@ -133,9 +137,10 @@ def force_covariance(noise: Noise, force: Floats) -> ForceCovariance:
     return ForceCovariance(along, (by_y - by_x) * x * y / square, across)
 
 
-def _entry(level: Level) -> float | list[float]:
+def _entry(level: Level, as_stated: bool) -> float | list[float]:
     first, second = _pair(level)
-    return first if first == second else [first, second]
+    is_one = not isinstance(level, tuple) if as_stated else first == second
+    return first if is_one else [first, second]
 
 
 def _pair(level: Level) -> tuple[float, float]:

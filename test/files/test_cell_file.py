@@ -108,7 +108,7 @@ names = st.text(st.characters(exclude_categories=['Cc', 'Cs', 'Zs', 'Zl', 'Zp', 
     | st.builds(
         Noise,
         st.floats(1e-9, 1e-3) | st.just((1e-5, 2e-5)),
-        st.floats(1e-6, 10) | st.just((0.3, 0.1)),
+        st.floats(1e-6, 10) | st.just((0.3, 0.1)) | st.just((0.3, 0.3)),
         st.none() | st.floats(0, 0.2),
     ),
     gripper_sign=st.sampled_from(GripperSign),
