@@ -23,16 +23,22 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
 from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet
 from scara_kinetostatic.diagnosis.linear_problem import Problem
 from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, STRICT_SIGNIFICANCE
+from scara_kinetostatic.model.arrays import Floats
 
 _LARGEST = 4
 """Effects in a set at most."""
 _KEPT = 12
 """Sets of each size from which larger ones are made."""
+_WIDEST = 64
+"""More than the columns of any effect."""
+_MOST_SETS = 2000
+"""Sets of one size that are kept."""
 _PARALLEL = 1e-4
 """Least eigenvalue of the Gram matrix of the unit columns of a set; a direction with less adds no rank."""
 
@@ -109,7 +115,7 @@ def score_subsets(problem: Problem, candidate_set: CandidateSet) -> ScoredSubset
 def rank_singles(problem: Problem, candidate_set: CandidateSet) -> ScoredSubsets:
     """Score single effects only, for the ranking where nothing is missing."""
     scorer = _SubsetScorer(problem, candidate_set)
-    subsets = scorer.score([(), *((k,) for k in range(len(candidate_set.candidates)))])
+    subsets = scorer.score([()]) + scorer.score([(k,) for k in range(len(candidate_set.candidates))])
     scale = _scale(problem, subsets)
     ranked = sorted((_scored(problem, subset, scale) for subset in subsets), key=lambda subset: subset.score)
     return ScoredSubsets(candidate_set, tuple(ranked), (), scale, scorer.penalty)
@@ -149,22 +155,44 @@ class _SubsetScorer:
         return len({self.names[k] for k in members}) == len(members)
 
     def score(self, sets: Sequence[tuple[int, ...]]) -> list[Subset]:
-        """Residual sum of squares, rank and penalty of each set; sets with equally many columns are solved together."""
-        columns = [np.concatenate([np.empty(0, dtype=np.intp), *(self.places[k] for k in s)]) for s in sets]
-        widths = np.array([len(c) for c in columns])
+        """Residual sum of squares, rank and penalty of each set, all of one size; of very many only the best.
+
+        Sets whose members have equally many columns, one by one, are solved together.
+        """
+        if not sets:
+            return []
+        members = np.array(sets, dtype=np.intp).reshape(len(sets), -1)
+        widths = np.array([len(place) for place in self.places], dtype=np.intp)[members]
+        starts = np.array([place[0] if len(place) else 0 for place in self.places], dtype=np.intp)
         explained, rank = np.zeros(len(sets)), np.zeros(len(sets), dtype=np.intp)
-        for width in np.unique(widths[widths > 0]):
-            alike = np.flatnonzero(widths == width)
-            at = np.stack([columns[k] for k in alike])
-            values, vectors = np.linalg.eigh(self.gram[at[:, :, None], at[:, None, :]])
-            part = np.einsum('ski,sk->si', vectors, self.projected[at])
-            kept = values > _PARALLEL
-            explained[alike] = np.sum(np.where(kept, part**2 / np.where(kept, values, 1.0), 0.0), axis=1)
-            rank[alike] = kept.sum(axis=1)
+        code = widths @ (_WIDEST ** np.arange(widths.shape[1]))
+        for pattern in np.unique(code[widths.sum(axis=1) > 0]):
+            alike = np.flatnonzero(code == pattern)
+            width = widths[alike[0]].tolist()
+            parts = [starts[members[alike, k], None] + np.arange(w) for k, w in enumerate(width)]
+            explained[alike], rank[alike] = self._solve(np.concatenate(parts, axis=1))
+        rest, penalty = self.total - explained, np.array([self.penalty(each) for each in sets])
         return [
-            Subset(members, self.total - float(gain), int(r), self.penalty(members))
-            for members, gain, r in zip(sets, explained, rank, strict=True)
+            Subset(sets[k], float(rest[k]), int(rank[k]), float(penalty[k])) for k in _promising(rest, penalty).tolist()
         ]
+
+    def _solve(self, at: NDArray[np.intp]) -> tuple[Floats, NDArray[np.intp]]:
+        """Decrease of the sum of squares by columns (s, w) of each set, and their rank, (s,) each."""
+        values, vectors = np.linalg.eigh(self.gram[at[:, :, None], at[:, None, :]])
+        part = np.einsum('ski,sk->si', vectors, self.projected[at])
+        kept = values > _PARALLEL
+        explained = np.sum(np.where(kept, part**2 / np.where(kept, values, 1.0), 0.0), axis=1)
+        return np.asarray(explained), np.asarray(kept.sum(axis=1))
+
+
+def _promising(rest: Floats, penalty: Floats) -> NDArray[np.intp]:
+    """Which sets are kept, in their order: all of few; of very many those best by several measures."""
+    if len(rest) <= _MOST_SETS:
+        return np.arange(len(rest))
+    logarithm = np.log(np.maximum(rest, 1e-300))
+    measures = rest + penalty, rest, *(weight * logarithm + penalty for weight in (50.0, 200.0))
+    best = [np.argpartition(measure, _MOST_SETS // 4)[: _MOST_SETS // 4] for measure in measures]
+    return np.unique(np.concatenate(best))
 
 
 def _needed(scored_subsets: ScoredSubsets, subset: Subset, best: Subset) -> bool:
