@@ -17,6 +17,7 @@ from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.calibration.whitening import whiten_by
 from scara_kinetostatic.diagnosis.refit import fitted_effects, with_rejections_of
 from scara_kinetostatic.diagnosis.variance_components import FORCE, GROWING, JOINT, OFF_NORMAL, excess_p_value
@@ -29,6 +30,10 @@ _FIRST_STD = 0.03
 _LEAST_STD = 1e-4
 """Lower limit of σ_α, rad: no sensor resolves less."""
 _ROUNDS = 8
+_MANY_STEPS = 150
+"""Steps of a fit beyond which it hardly converges: something else is wrong."""
+_MOST_SLOW = 2
+"""Such fits after which the estimation ends where it is."""
 _CONVERGED = 0.02
 """Relative change of σ_α at which the estimation ends."""
 
@@ -58,14 +63,15 @@ def fit_with_off_normal(calibration: Calibration) -> Calibration:
     """
     c = calibration
     others = tuple(effect for effect in c.model.effects if not effect.off_normal_std)
-    off_normal, used, latest = _FIRST_STD, np.ones(len(c.touches), dtype=bool), c
+    off_normal, used, latest, slow = _FIRST_STD, np.ones(len(c.touches), dtype=bool), c, 0
     for _ in range(_ROUNDS):
         effects = (OffNormalForce(off_normal=off_normal), *others)
         warm_start = WarmStart(latest.model.with_effects(effects), latest.noise, used, latest.errors)
         latest = calibrate(c.touches, c.cell, effects, fixed=c.fixed, warm_start=warm_start)
         used, before = latest.used, off_normal
         off_normal = max(_updated(latest, off_normal), _LEAST_STD)
-        if abs(off_normal / before - 1) < _CONVERGED:
+        slow += latest.termination is not Termination.CONVERGED or latest.iterations > _MANY_STEPS
+        if abs(off_normal / before - 1) < _CONVERGED or slow >= _MOST_SLOW:
             break
     return with_rejections_of(latest, c)
 

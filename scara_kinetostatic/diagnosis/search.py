@@ -25,6 +25,8 @@ _ROUNDS = 6
 """Rounds at most; most searches end after two."""
 _ATTEMPTS = 4
 """Credible sets that are fitted one by one, where their union does not converge."""
+_MOST_FAILURES = 10
+"""Fits that do not converge, of all rounds, after which a round without a fit ends the search."""
 _MOST_RIVAL_FITS = 8
 """Credible sets that are fitted by themselves at most."""
 _DISTINGUISHABLE = 0.1
@@ -99,6 +101,7 @@ class _State(NamedTuple):
         labels: of the effects that the last round fitted.
         excluded: labels of effects that are no longer candidates.
         failed: sets of effects, by labels, whose fit does not converge or is not plausible.
+        failures: number of such fits in all rounds.
         result: of the last round that fitted all selected effects.
         fallback: the result if there is no such round.
         is_final: whether the search ends here.
@@ -108,6 +111,7 @@ class _State(NamedTuple):
     labels: frozenset[str] = frozenset()
     excluded: frozenset[str] = frozenset()
     failed: frozenset[frozenset[str]] = frozenset()
+    failures: int = 0
     result: Search | None = None
     fallback: Search | None = None
     is_final: bool = False
@@ -185,7 +189,9 @@ def _next_state(calibration: Calibration, effects: Sequence[Effect], state: _Sta
     if not scored_subsets.credible:
         return state._replace(is_final=True)
     fitted, failed = _fit_first(selection, scored_subsets.credible, state.failed)
-    state = state._replace(failed=failed)
+    state = state._replace(failed=failed, failures=state.failures + len(failed - state.failed))
+    if fitted is None and state.failures >= _MOST_FAILURES:
+        return state._replace(fallback=selection.without_effects(scored_subsets.credible[0].penalty), is_final=True)
     return _after_failure(selection, state) if fitted is None else _after_fit(selection, fitted, state)
 
 
