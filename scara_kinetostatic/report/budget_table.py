@@ -6,11 +6,17 @@ import math
 
 import numpy as np
 
+from scara_kinetostatic.assessment.grade import quantity
 from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.assessment.tolerance import advice
+from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.calibration.uncertainty_budget import NOISE, Item
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.render.quantities import PAGE_SCALES, PAGE_UNITS, Scale, shown
 from scara_kinetostatic.render.table import NOT_DETERMINED, Table
+
+LARGEST = 5
+"""So many sources are listed in the text; the others together."""
 
 
 def tip_budget(outcome: Outcome) -> Table | None:
@@ -27,6 +33,41 @@ def tip_budget(outcome: Outcome) -> Table | None:
     rows.append(('combined standard uncertainty', '', '', f'{1e3 * total:.3g}', '100 %'))
     heading = ('source', 'type', 'declared', 'contribution', 'share of the variance')
     return Table(heading, ('', '', '', 'mm', ''), tuple(rows))
+
+
+def largest_of_tip(outcome: Outcome) -> Table | None:
+    """The largest contributions to the tip, and the rest together; None where it is not determined."""
+    items = sorted(outcome.budget, key=lambda item: -item.tip)
+    total = math.sqrt(sum(item.tip**2 for item in items)) if items else math.nan
+    if not total > 0 or not math.isfinite(total):
+        return None
+    first, others = items[:LARGEST], items[LARGEST:]
+    rows = [(item.title, _declared(item), *_part(item.tip, total)) for item in first]
+    if others:
+        rest = math.sqrt(sum(item.tip**2 for item in others))
+        rows.append((f'{len(others)} others', '', *_part(rest, total)))
+    return Table(('tip: source', 'declared', 'contribution', 'share'), ('', '', 'µm', ''), tuple(rows))
+
+
+def _part(size: float, total: float) -> tuple[str, str]:
+    return f'{1e6 * size:.3g}', _percent((size / total) ** 2)
+
+
+def tip_sentences(outcome: Outcome) -> list[str]:
+    """How uncertain the tip is, what dominates, and what would help most."""
+    tip = outcome.tip_uncertainty
+    if tip.at is None:
+        return ['The uncertainty of the tip is not determined by these touches']
+    largest = max(outcome.budget, key=lambda item: item.tip)
+    share = largest.tip**2 / sum(item.tip**2 for item in outcome.budget)
+    at = f'x {tip.at.tip[0]:.2f} m, y {tip.at.tip[1]:.2f} m'
+    sizes = f'at most {quantity(tip.worst, "m")}, at {at}, median {quantity(tip.median, "m")}'
+    help_most = advice(outcome.evidence)
+    found = [
+        f'Expanded uncertainty of the tip (k = {COVERAGE_FACTOR:g}) over the workspace: {sizes}',
+        f'Largest contribution there: {largest.title}, {_percent(share)} of the variance',
+    ]
+    return [*found, f'What would help most: {help_most}'] if help_most else found
 
 
 def parameter_budget(outcome: Outcome) -> Table | None:

@@ -16,7 +16,7 @@ from scara_kinetostatic.render.figure import COLOURS, mark, style
 from scara_kinetostatic.render.page import page_template
 from scara_kinetostatic.render.quantities import PAGE_SCALES, count, unsigned_zero
 from scara_kinetostatic.report import head, messages
-from scara_kinetostatic.report.budget_table import parameter_budget, tip_budget
+from scara_kinetostatic.report.budget_table import parameter_budget, tip_budget, tip_sentences
 from scara_kinetostatic.report.diagnosis_section import diagnosis_context
 from scara_kinetostatic.report.figures import (
     cell_picture,
@@ -67,6 +67,7 @@ def html_text(outcome: Outcome) -> str:
         rows=parameter_rows(c, PAGE_SCALES),
         status={'estimated': '', 'fixed': 'fixed', 'confounded': 'not determined'},
         tip_budget=tip_budget(outcome),
+        tip_sentences=tip_sentences(outcome),
         parameter_budget=parameter_budget(outcome),
         identifiability=[determined, *combinations],
         combinations=combinations,

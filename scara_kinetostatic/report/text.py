@@ -7,10 +7,12 @@ from collections.abc import Iterable, Sequence
 
 from scara_kinetostatic.assessment.grade import Assessment
 from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.render.quantities import shown
 from scara_kinetostatic.render.table import Table
 from scara_kinetostatic.report import messages
+from scara_kinetostatic.report.budget_table import largest_of_tip, tip_sentences
 from scara_kinetostatic.report.parameter_rows import STATUS, Row, parameter_rows
 
 _WIDTH = 100
@@ -28,6 +30,7 @@ def text_report(outcome: Outcome) -> str:
     lines += _parameters(parameter_rows(outcome.final))
     lines += _effects(outcome.diagnosis.found)
     lines += ['', *_facts(outcome)]
+    lines += _budget(outcome)
     lines += _rejected(outcome)
     if outcome.warnings:
         lines += ['', 'About the recording:', *_wrapped(outcome.warnings, '  ')]
@@ -84,6 +87,15 @@ def _facts(outcome: Outcome) -> list[str]:
     for name, text in ((name, text) for name, text in facts.items() if text):
         lines += textwrap.wrap(text, _WIDTH, initial_indent=f'{name:{_INDENT}}', subsequent_indent=' ' * _INDENT)
     return lines
+
+
+def _budget(outcome: Outcome) -> list[str]:
+    """Uncertainty of the tip and what contributes most to it, where uncertainties are declared or a tolerance is."""
+    table, cell = largest_of_tip(outcome), outcome.final.cell
+    if DeclaredErrors.of(cell) is None and cell.tolerance is None:
+        return []
+    sentences = _wrapped((f'{text}.' for text in tip_sentences(outcome)), '')
+    return ['', *sentences, *([] if table is None else table.lines())]
 
 
 def _rejected(outcome: Outcome) -> list[str]:
