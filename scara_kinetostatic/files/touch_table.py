@@ -49,6 +49,8 @@ _LARGEST = {
     'approach2': 30.0,
 }
 """Beyond this a number is not plausible in its unit."""
+_MOST_DEGREES = 1080.0
+"""An angle beyond what is plausible in rad, but not beyond this, seems to be in degrees."""
 _QUANTITIES = {
     'q1': ('q1_rad', 'joint angles in rad'),
     'q2': ('q2_rad', 'joint angles in rad'),
@@ -249,7 +251,9 @@ def _number(cell: str, name: str, decimal_comma: bool) -> tuple[float, str]:
     except ValueError as error:
         return 0.0, f'{name}: {error}'
     if abs(value) > _LARGEST[name]:
-        return 0.0, f'{name}: {cell.strip()[:40]} is not plausible; check the unit'
+        degrees = name.endswith('_rad') and abs(value) <= _MOST_DEGREES
+        unit = 'it seems to be in degrees, not in rad' if degrees else 'check the unit'
+        return 0.0, f'{name}: {cell.strip()[:40]} is not plausible; {unit}'
     return value, ''
 
 
