@@ -219,8 +219,11 @@ def noise(outcome: Outcome) -> str:
         return f'{joint} and {force}{grown}, given by the cell description'
     stated = c.cell.noise
     if stated is not None:
-        which = 'the part that grows with the force' if stated.force_relative is None and grown else 'the axes'
-        return f'{joint} and {force}{grown}; {which} estimated from the residuals, the rest given'
+        parts = ['the part that grows with the force'] if stated.force_relative is None and grown else []
+        pairs = (c.noise.joint, stated.joint), (c.noise.force, stated.force)
+        by_axis = any(isinstance(found, tuple) and not isinstance(given, tuple) for found, given in pairs)
+        parts += ['the ratio of the axes'] if by_axis else []
+        return f'{joint} and {force}{grown}; {" and ".join(parts)} estimated from the residuals, the rest given'
     if c.noise.joint_rms < _LEAST_JOINT_NOISE:
         return f'{force}{grown}, estimated from the residuals; the joint noise is too small to be estimated'
     return f'{joint} and {force}{grown}, estimated from the residuals'

@@ -138,6 +138,15 @@ def test_noise_in_words(plain: Outcome, joint: float, source: str, expected: str
     assert expected in messages.noise(replace(plain, calibration=calibration))
 
 
+def test_noise_that_was_found_beside_stated_levels_in_words(plain: Outcome) -> None:
+    cell = replace(plain.calibration.cell, noise=Noise(1e-5, 0.3))
+    found = replace(plain.calibration, cell=cell, noise=Noise(1e-5, (0.4, 0.1), 0.012), noise_source='estimated')
+    assert messages.noise(replace(plain, calibration=found)) == (
+        '10 µrad per joint and 0.4 and 0.1 N per force component, in addition 1.2 % of the force; '
+        'the part that grows with the force and the ratio of the axes estimated from the residuals, the rest given'
+    )
+
+
 @pytest.mark.parametrize(
     ('text', 'shown'),
     [
