@@ -30,6 +30,7 @@ from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import LATER, TouchSet, order_of_time
 from scara_kinetostatic.pipeline import calibrate_recordings, calibrate_touches, gather_touches, left_out
+from scara_kinetostatic.simulation.declared_world import World
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
@@ -205,6 +206,7 @@ def simulate(
     per_disc: int = 12,
     preload: float = 0.3,
     seed: int = 0,
+    drawn: int | None = None,
 ) -> TouchSet:
     """The touches that a simulated robot makes all round the objects of a cell.
 
@@ -216,6 +218,8 @@ def simulate(
         preload: part of the force by which every other touch is pressed beyond it first, so that the joints come to
             rest from both sides.
         seed: of the noise.
+        drawn: seed of the errors of the cell description, which are drawn from its declared uncertainties: of discs,
+            plates and sensor, and of trusted nominal values that `truth` does not give. None for no such errors.
 
     Raises:
         InputError: an unknown parameter or effect.

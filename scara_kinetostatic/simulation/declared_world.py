@@ -35,10 +35,10 @@ class World(NamedTuple):
     nominal_errors: dict[str, float]
 
     @classmethod
-    def of(cls, described: Cell, errors: Floats, nominal_errors: dict[str, float] | None = None) -> World:
-        """The world with given errors, (m,), in standard uncertainties."""
+    def of(cls, described: Cell, errors: Floats | None, nominal_errors: dict[str, float] | None = None) -> World:
+        """The world with given errors, (m,), in standard uncertainties; None for exactly the one described."""
         declared = DeclaredErrors.of(described)
-        if declared is None:
+        if declared is None or errors is None:
             return cls(described, described, np.zeros(0), {})
         places = zip(described.discs, declared.centers(errors), declared.radii(errors), strict=True)
         discs = tuple(disc._replace(x=float(x), y=float(y), radius=float(radius)) for disc, (x, y), radius in places)
@@ -60,7 +60,7 @@ class World(NamedTuple):
     def reported(self, touches: TouchSet) -> TouchSet:
         """Touches as the force sensor of this world reports them: with its errors of gain and rotation."""
         declared = DeclaredErrors.of(self.described)
-        if declared is None:
+        if declared is None or not len(self.errors):
             return touches
         # true = A reported, with A the same for all forces
         matrix = declared.true_force(np.eye(2), self.errors)
