@@ -238,14 +238,19 @@ def simulate(
         unknown = [name for name in truth if name not in NAMES]
         if unknown:
             raise ParameterError('truth', f'unknown parameter {unknown[0]!r}', did_you_mean(unknown[0], NAMES))
-        truth = cell.nominal.replace(**truth)
+    if drawn is not None:
+        _whole(drawn, 'drawn', 0)
+    world = World.of(cell, None) if drawn is None else World.draw(cell, np.random.default_rng(drawn))
+    if not isinstance(truth, Parameters):
+        truth = world.robot(cell.nominal).replace(**truth)
     effects = _words(effects, 'effects', "give text such as 'object_radius[disc_2]:radius=6e-5'")
     _whole(seed, 'seed', 0)
     _whole(per_disc, 'per_disc', 1)
     if isinstance(preload, bool) or not isinstance(preload, (int, float)):
         raise ParameterError('preload', f'expected a number, got {preload!r:.40}')
     robot = with_effects(truth, [parse_effect(text, cell) for text in effects])
-    return simulate_touches(cell, robot, default_plan(cell, per_disc, preload=preload), cell.noise or USUAL_NOISE, seed)
+    plan, noise = default_plan(cell, per_disc, preload=preload), cell.noise or USUAL_NOISE
+    return world.reported(simulate_touches(world.cell, robot, plan, noise, seed))
 
 
 def diagnose(
