@@ -57,9 +57,9 @@ class Moment(NamedTuple):
     @property
     def text(self) -> str:
         """What is said of it; empty where the effect says nothing."""
-        text = self.effect.place_text(self.low, self.high)
         first, second = (number + 1 for number in self.recordings)
-        return text if not text or first == second else f'{text}, that is between the recordings {first} and {second}'
+        where = f'that is between the recordings {first} and {second}' if first != second else ''
+        return self.effect.place_text(self.low, self.high, where)
 
 
 class _Scanned(NamedTuple):

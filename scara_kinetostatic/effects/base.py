@@ -285,8 +285,11 @@ class Effect(ABC):
         """Further trials, up to `width` steps on both sides of one of `trials`, where these are a grid."""
         return ()
 
-    def place_text(self, low: float, high: float) -> str:
-        """What is said of a found effect whose grid parameter lies between two values, a clause; empty for nothing."""
+    def place_text(self, low: float, high: float, where: str = '') -> str:
+        """What is said of a found effect whose grid parameter lies between two values, a clause; empty for nothing.
+
+        `where` says more of that place.
+        """
         return ''
 
     def acts_on(self, at: TouchState) -> NDArray[np.bool_]:

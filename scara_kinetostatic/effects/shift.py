@@ -115,8 +115,8 @@ class _Step(Effect):
         near = moments[max(k - reach, 0) : k + reach + 1]
         return self._at(at, at.force, near[:: 1 + (len(near) - 1) // _FINER])
 
-    def place_text(self, low: float, high: float) -> str:
-        between = f'between the touches {low:.0f} and {high:.0f}'
+    def place_text(self, low: float, high: float, where: str = '') -> str:
+        between = f'between the touches {low:.0f} and {high:.0f}' + (f', {where}' if where else '')
         return f'{self.finding} {between}' + (f'; {self.remains}' if self.remains else '')
 
     def random_values(self, random: np.random.Generator) -> Floats:
