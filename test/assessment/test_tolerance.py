@@ -1,0 +1,106 @@
+"""The tip's expanded uncertainty against a tolerance, and what is advised."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import scara_kinetostatic as sk
+from scara_kinetostatic.assessment.conformity import Conformity, Decision, conformity
+from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.assessment.tolerance import action
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.improvements import Improvement
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
+from scara_kinetostatic.model.cell import PAPER_CELL
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.report.text import text_report
+
+CELL = replace(PAPER_CELL, discs=tuple(disc._replace(center_std=1.5e-5) for disc in PAPER_CELL.discs))
+
+
+@pytest.fixture(scope='module')
+def outcome() -> Outcome:
+    return calibrate_touches(sk.simulate(CELL, PAPER_ACTUAL, seed=2), CELL)
+
+
+@pytest.fixture(scope='module')
+def estimated() -> Calibration:
+    cell = replace(PAPER_CELL, noise=None)
+    return calibrate(sk.simulate(cell, PAPER_ACTUAL, seed=2), cell)
+
+
+def with_tolerance(outcome: Outcome, tolerance: float) -> Outcome:
+    c = outcome.final
+    return replace(outcome, calibration=replace(c, cell=replace(c.cell, tolerance=tolerance)))
+
+
+def test_a_tolerance_that_is_kept_everywhere_is_fit(outcome: Outcome) -> None:
+    found = with_tolerance(outcome, 1.01 * outcome.tip_uncertainty.worst)
+    assert found.assessment.grade.value == 'fit'
+    assert 'it conforms (ISO 14253-1)' in ' '.join(found.assessment.reasons)
+
+
+def test_beyond_only_far_from_the_touches_is_caution(outcome: Outcome) -> None:
+    tip = outcome.tip_uncertainty
+    assert tip.worst_touched < tip.median < tip.worst
+    found = with_tolerance(outcome, 1.05 * tip.median)
+    assert found.assessment.grade.value == 'caution'
+    assert 'wherever the joint angles are between those of the touches' in found.assessment.reasons[0]
+    assert 'falls from' in found.assessment.actions[0]
+
+
+def test_beyond_between_the_touches_is_unfit(outcome: Outcome) -> None:
+    found = with_tolerance(outcome, 0.9 * outcome.tip_uncertainty.worst_touched)
+    assert found.assessment.grade.value == 'unfit'
+    assert found.assessment.actions[0].startswith('measure the place')
+
+
+def test_a_stated_noise_has_no_guard_band(outcome: Outcome) -> None:
+    found = conformity_at(outcome.final, 1e-4)
+    assert found.low == pytest.approx(found.worst) == pytest.approx(found.high)
+    assert np.isinf(found.effective_freedoms)
+
+
+def test_an_estimated_noise_has_a_guard_band(estimated: Calibration) -> None:
+    worst = tip_uncertainty(estimated).worst
+    found = conformity_at(estimated, worst)
+    assert found.decision is Decision.UNDECIDED
+    assert found.effective_freedoms == pytest.approx(estimated.degrees_of_freedom)
+    # 90 % of chi-square with 132 degrees of freedom is between 106.3 and 159.8
+    assert (found.low / worst, found.high / worst) == pytest.approx((0.909, 1.114), abs=2e-3)
+    assert conformity_at(estimated, 1.12 * worst).decision is Decision.CONFORMS
+    assert conformity_at(estimated, 0.9 * worst).decision is Decision.DOES_NOT_CONFORM
+
+
+def conformity_at(c: Calibration, tolerance: float) -> Conformity:
+    c = replace(c, cell=replace(c.cell, tolerance=tolerance))
+    found = conformity(c, tip_uncertainty(c))
+    assert found is not None
+    return found
+
+
+def test_the_text_says_what_dominates_and_what_would_help(outcome: Outcome) -> None:
+    text = ' '.join(text_report(outcome).split())
+    assert 'Largest contribution there: place of disc_' in text
+    assert 'What would help most: measure the places of all objects to 5 µm' in text
+
+
+@pytest.mark.parametrize(
+    ('labels', 'declared', 'wanted', 'unit', 'text'),
+    [
+        (('object_position[disc_2]',), 1.5e-5, 5e-6, 'm', 'measure the place of disc_2 to 5 µm'),
+        (('object_radius[a]', 'object_radius[b]'), 5e-6, 1e-6, 'm', 'measure the radii of all objects to 1 µm'),
+        (('plate_angle[a]',), 2e-3, 5e-4, 'rad', 'measure the rotation of plate a to 500 µrad'),
+        (('radius',), 5e-6, 1e-6, 'm', 'measure the radius of the tip to 1 µm'),
+        (('force_gain',), 0.005, 0.001, '1', 'calibrate the gain of the force sensor to 0.1 %'),
+        (('nominal[l1]',), 1e-3, 2e-4, 'm', 'find out l1 to 200 µm'),
+        (('noise',), 72, 144, '', 'record 144 touches of the same kind instead of 72'),
+    ],
+)
+def test_actions_in_words(labels: tuple[str, ...], declared: float, wanted: float, unit: str, text: str) -> None:
+    assert action(Improvement(labels, declared, wanted, unit, 1e-5, 1e-5)) == text
