@@ -33,7 +33,7 @@ class Record:
         verdict: of the diagnosis.
         p_value: of the twelve parameters alone.
         remaining: p-value of the extended model.
-        named: effects in every credible model.
+        named: effects stated as found.
         rivals: groups of rivals.
         naming: of each true effect: alone, rivals, unnamed, wrong, none.
         more: in every credible model, but not simulated.

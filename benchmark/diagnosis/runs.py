@@ -144,7 +144,8 @@ def _record_naming(record: Record, found: Diagnosis, before: Calibration) -> Non
     """Notes the effects that were named."""
     record.verdict, record.p_value, record.remaining = found.verdict, found.p_value, found.remaining_p_value
     record.chi_square = before.reduced_chi_square
-    record.named = tuple(item.effect.label for item in found.found if item.in_every_model)
+    record.named = tuple(item.effect.label for item in found.found if item.is_found)
+    possible = [item.effect.label for item in found.found if item.is_possible]
     record.rivals = found.rivals
     expected = [ALIAS_OF.get(label, label) for label in record.simulated]
     naming: dict[str, str] = {}
@@ -155,7 +156,7 @@ def _record_naming(record: Record, found: Diagnosis, before: Calibration) -> Non
         elif wanted in record.named:
             naming[label] = ALONE
         else:
-            naming[label] = NONE if found.verdict == 'none' else UNNAMED if unnamed else WRONG
+            naming[label] = NONE if found.verdict == 'none' else UNNAMED if unnamed or wanted in possible else WRONG
     record.naming = naming
     record.more = tuple(label for label in record.named if label not in expected)
 

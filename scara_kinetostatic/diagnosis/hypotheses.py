@@ -74,9 +74,15 @@ def _fit_hypotheses(c: Calibration, known: Sequence[Effect], alarm: bool, off_no
         hypotheses.append(search(c, known, replace(c, used=np.ones(len(c.touches), dtype=bool))))
     if alarm and c.cell.noise is None and not any(found.extended for found in hypotheses):
         hypotheses += _with_usual_noise(c, known)
-    if off_normal and not any(found.extended and _is_radial(found.extended) for found in hypotheses):
+    fits = [found.extended for found in hypotheses if found.extended]
+    if (off_normal or _shows_off_normal(fits)) and not any(_is_radial(fit) for fit in fits):
         hypotheses += _with_off_normal_forces(c, known)
     return hypotheses
+
+
+def _shows_off_normal(fits: Sequence[Calibration]) -> bool:
+    """Whether off-normal angles are significant beside effects that hide them in the base model."""
+    return any(not fit.model.off_normal_std and off_normal_p_value(fit) < FRICTION_SIGNIFICANCE for fit in fits)
 
 
 def _with_usual_noise(calibration: Calibration, known: Sequence[Effect]) -> list[Search]:
