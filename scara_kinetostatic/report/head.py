@@ -88,10 +88,10 @@ def numbers(outcome: Outcome) -> list[Number]:
     final, folds = compared.extended, outcome.extended_held_out.folds
     tip = Number(
         'Tip error, before → after',
-        f'{_mm(compared.nominal_tip)} → {_mm(final.tip.fitted)}',
+        f'{_mm(compared.nominal_tip)} → {_mm(final.tip.held_out)}',
         'mm',
-        'rms distance from the touched circles, nominal → calibrated; '
-        f'{_mm(final.tip.noise)} mm is expected from noise',
+        'rms distance from the touched circles: nominal → calibrated, each touch by a fit without it; '
+        f'{_mm(final.tip.fitted)} mm in the fit, {_mm(final.tip.noise)} mm is expected from noise',
     )
     held_out = Number(
         'Force error on held-out touches',

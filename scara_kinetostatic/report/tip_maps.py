@@ -102,10 +102,11 @@ class Maps(NamedTuple):
 
 
 def maps_context(outcome: Outcome) -> Maps:
-    """All maps of an outcome; to be called within `render.figure.style`."""
+    """All maps, none where the data do not determine the tip; to be called within `render.figure.style`."""
     c, tip = outcome.final, outcome.tip_uncertainty
     places = [tip_map(c, each.posture) for each in tip.maps]
-    found = [deviation(c, each) for each in places]
+    is_determined = bool(np.isfinite(tip.worst))
+    found = [deviation(c, each) for each in places] if is_determined else []
     tolerance = c.cell.tolerance
     uncertain = [
         uncertainty_picture(c, where, each, tolerance)
@@ -116,7 +117,7 @@ def maps_context(outcome: Outcome) -> Maps:
         uncertainty=uncertain,
         uncertainty_caption=_uncertainty_caption(tip, tolerance) if uncertain else '',
         deviation=[deviation_picture(c, each) for each in found],
-        deviation_caption=_deviation_caption(found),
+        deviation_caption=_deviation_caption(found) if found else '',
     )
 
 

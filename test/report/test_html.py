@@ -112,7 +112,7 @@ def test_everything_is_said(page: str, nasty: Outcome) -> None:
     assert 'The base model explains these touches' in text
     assert f'{c.force_error:.3g} N in the fit, {c.force_error_nominal:.3g} N with nominal parameters' in text
     compared = nasty.comparison
-    assert f'{1e3 * compared.nominal_tip:.3g} → {1e3 * compared.extended.tip.fitted:.3g} mm' in text
+    assert f'{1e3 * compared.nominal_tip:.3g} → {1e3 * compared.extended.tip.held_out:.3g} mm' in text
     assert '2 of 37 touches were not used' in text
     assert 'disagrees with the other touches' in text
     assert nasty.warnings[0] in text
@@ -202,7 +202,7 @@ def test_the_answer_comes_first_and_the_appendix_last(page: str) -> None:
     parts = [
         'class="head"',
         'class="verdict',
-        'class="facts"',
+        'class="facts numbers"',
         '>Parameters<',
         '>Uncertainty of the tip<',
         '>Deviation',
