@@ -113,12 +113,16 @@ class _Scene(NamedTuple):
 
 
 def fit_statements(statements: Statements) -> Agreement:
-    """Fit every statement to the touches.
+    """Fit every statement to the touches; the misfit of one that cannot be evaluated is infinite.
 
     Args:
         statements: k of them.
     """
-    s = statements
+    with np.errstate(all='ignore'):
+        return _fit_statements(statements)
+
+
+def _fit_statements(s: Statements) -> Agreement:
     k = len(s.nominal)
     prior = np.concatenate([_prior() * s.free, s.rotation[:, None]], axis=1)
     change = np.zeros((k, len(NAMES) + 1))
@@ -130,7 +134,8 @@ def fit_statements(statements: Statements) -> Agreement:
     scene = _scene(s, change)
     loss = np.log1p((scene.distance / DISTANCE) ** 2) + np.log1p((scene.angle / ANGLE) ** 2)
     parameters = s.nominal + change[:, :-1]
-    return Agreement(parameters, change[:, -1], scene.disc, scene.distance, scene.angle, loss.mean(axis=1))
+    misfit = np.nan_to_num(loss.mean(axis=1), nan=np.inf)
+    return Agreement(parameters, change[:, -1], scene.disc, scene.distance, scene.angle, misfit)
 
 
 def _prior() -> Floats:
