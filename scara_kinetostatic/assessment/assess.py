@@ -10,6 +10,7 @@ from scara_kinetostatic.assessment import completeness, coverage, redundancy, re
 from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark, quantity
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
+from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.object_position import ObjectPosition
 from scara_kinetostatic.effects.object_radius import ObjectRadius
 
@@ -58,18 +59,23 @@ def _nothing_against(evidence: Evidence) -> str:
 
 
 def _corrections(evidence: Evidence) -> Iterator[tuple[str, str]]:
-    """Statements of the cell description that the touches contradict: corrected in the result, wrong in the file."""
+    """Model errors that the result corrects; those of the cell description are to be corrected there as well."""
     for item in evidence.diagnosis.found:
-        found = {value.name: value.value for value in item.values}
-        target, effect = item.effect.target, item.effect
-        if not item.in_every_model or not found or not np.isfinite(list(found.values())).all():
-            continue
-        if isinstance(effect, ObjectPosition):
-            place = rejections.displacement(found['x'], found['y'])
-            yield effect.finding, f'measure {target} again: it stands {place}'
-        elif isinstance(effect, ObjectRadius):
-            size = f'{quantity(abs(found["radius"]), "m")} {"larger" if found["radius"] > 0 else "smaller"}'
-            yield effect.finding, f'measure the radius of {target} again: it is {size}'
+        if item.in_every_model and item.effect.is_physical and not item.effect.is_stepwise:
+            yield f'{item.effect.finding}: corrected in this result', _correction(item)
+
+
+def _correction(item: Found) -> str:
+    """What to measure again; empty where the cell description says nothing of it."""
+    found = {value.name: value.value for value in item.values}
+    if not found or not np.isfinite(list(found.values())).all():
+        return ''
+    if isinstance(item.effect, ObjectPosition):
+        return f'measure {item.effect.target} again: it stands {rejections.displacement(found["x"], found["y"])}'
+    if isinstance(item.effect, ObjectRadius):
+        size = f'{quantity(abs(found["radius"]), "m")} {"larger" if found["radius"] > 0 else "smaller"}'
+        return f'measure the radius of {item.effect.target} again: it is {size}'
+    return ''
 
 
 def _notes(evidence: Evidence) -> Iterator[str]:
