@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Sensor, SensorFrame
@@ -13,6 +14,7 @@ from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
+from scara_kinetostatic.studies.design.held_out import MOST_HELD_OUT, held_out_ratio
 from scara_kinetostatic.studies.design.prediction import Robot, exact_plan, observability, predict
 from scara_kinetostatic.studies.design.workspace import Region, free_tip, loaded_tip, make_workspace, tip_std
 
@@ -89,6 +91,16 @@ def test_derivative_of_the_tip(load):
         before, _ = inverse_kinetostatics(PAPER_ACTUAL, places, force, side, CELL.gripper)
         after, _ = inverse_kinetostatics(moved, places + step, force, side, CELL.gripper)
         np.testing.assert_allclose(after, before, atol=1e-10)
+
+
+def test_error_on_touches_not_seen_is_that_of_calibrations():
+    plan, ratios = default_plan(CELL, per_disc=4), []
+    for seed in range(6):
+        found = calibrate(simulate_touches(CELL, PAPER_ACTUAL, plan, seed=seed), CELL)
+        fitted = max(found.force_error, CELL.noise.force_rms)
+        ratios.append(held_out_force_error(found).force_error / fitted)
+    assert held_out_ratio(ROBOT, plan) == pytest.approx(np.mean(ratios), rel=0.25)
+    assert held_out_ratio(ROBOT, plan.select(np.arange(13))) > 2 * MOST_HELD_OUT
 
 
 def test_workspace_keeps_to_its_region_and_refuses_none():

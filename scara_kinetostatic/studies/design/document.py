@@ -102,6 +102,7 @@ def _designed_set(designed: DesignedSet, design: Design) -> dict[str, Any]:
         'largest_leverage': float(prediction.leverage.max()),
         'leverage': _numbers(prediction.leverage),
         'without_each_touch': _numbers(check.without_each),
+        'held_out_ratio': _number(check.held_out),
         'std_growth_by_loss': _numbers(check.growth),
         'random_sets': {'number': len(check.random), 'best': _number(check.random[0]),
                         'median': _number(float(np.median(check.random)))},

@@ -85,10 +85,10 @@ def without_picture(design: Design) -> Markup:
         axes.plot(k, value, look.shape, ms=6, mfc=fill, mec=look.colour, mew=1.2)
     axes.axhline(target, color=WARN, lw=1.0)
     axes.axhline(base, color=SERIES[0], lw=1.0)
-    axes.set(xlabel='touch left out', ylabel='largest std of the tip  [µm]', yscale='log')
-    axes.set_ylim(0.93 * base, 1.15 * max(float(values.max()), target))
+    axes.set(xlabel='touch left out', ylabel='largest std of the tip  [µm]')
+    top = max(float(values.max()), target)
+    axes.set_ylim(base - 0.1 * (top - base), top + 0.15 * (top - base))
     axes.set_xticks(np.arange(0, len(plan), max(1, len(plan) // 12)))
-    _plain_ticks(axes)
     axes.grid(visible=False, axis='x')
     return as_svg(figure, 'without', 'largest standard deviation of the tip without each touch')
 

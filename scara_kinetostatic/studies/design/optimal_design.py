@@ -19,6 +19,7 @@ from scara_kinetostatic.studies.design.attainable import check_attainable
 from scara_kinetostatic.studies.design.candidates import CandidateTouches, candidate_plan, prepare_candidates
 from scara_kinetostatic.studies.design.disc_layout import TouchPattern
 from scara_kinetostatic.studies.design.disc_placement import DiscMap, Layout, map_additional_disc, place_discs
+from scara_kinetostatic.studies.design.held_out import MOST_HELD_OUT, held_out_ratio
 from scara_kinetostatic.studies.design.lower_bound import LowerBound, find_lower_bound
 from scara_kinetostatic.studies.design.prediction import Robot, predict
 from scara_kinetostatic.studies.design.result import Design, DesignedSet, DiscUse, PlacedDiscs, Requirements
@@ -192,10 +193,12 @@ def _designed_set(
 def _reached(robot: Robot, plan: Plan, tip: Tip, checked: bool, rank: int) -> float:
     """Largest standard deviation of the tip over the full workspace; with checks after the worst loss, m.
 
-    Infinite where the rank is too low, or the leverage too large.
+    Infinite where the rank is too low, and of a set that does not check itself.
     """
     prediction = predict(robot, plan)
-    if prediction.rank < rank or (checked and prediction.leverage.max() > MOST_LEVERAGE):
+    if prediction.rank < rank:
+        return float('inf')
+    if checked and (prediction.leverage.max() > MOST_LEVERAGE or held_out_ratio(robot, plan) > MOST_HELD_OUT):
         return float('inf')
     return float(without_each(robot, plan, tip).max()) if checked else tip_std(tip, prediction).largest
 

@@ -25,6 +25,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.studies.design.candidates import PRIOR, CandidateTouches, prepare_candidates
 from scara_kinetostatic.studies.design.exchange import Counts, improve, largest_variance
+from scara_kinetostatic.studies.design.held_out import held_out_ratio
 from scara_kinetostatic.studies.design.lower_bound import MOST_TOUCHES, LowerBound
 from scara_kinetostatic.studies.design.prediction import Robot, predict
 from scara_kinetostatic.studies.design.self_check import MOST_LEVERAGE, least_on_discs, leverages
@@ -178,6 +179,7 @@ class SetCheck(NamedTuple):
         more_compliant: that for a robot with compliances `COMPLIANCE_FACTOR` times as large, m.
         more_joint_noise: that with a joint noise `NOISE_FACTOR` times as large, m.
         more_force_noise: that with a force noise `NOISE_FACTOR` times as large, m.
+        held_out: force error on touches not seen, in that of the fit.
     """
 
     without_each: Floats
@@ -186,6 +188,7 @@ class SetCheck(NamedTuple):
     more_compliant: float
     more_joint_noise: float
     more_force_noise: float
+    held_out: float
 
 
 def check_set(
@@ -206,11 +209,15 @@ def check_set(
     joint = noise._replace(joint=noise.scaled(NOISE_FACTOR).joint)
     force = noise.scaled(NOISE_FACTOR)._replace(joint=noise.joint)
     others = (replace(robot, parameters=more), replace(robot, noise=joint), replace(robot, noise=force))
+    compliant, more_joint, more_force = (tip_std(tip, predict(other, plan)).largest for other in others)
     return SetCheck(
-        without_each(robot, plan, tip),
-        _growth(prepare_candidates(robot, plan, tip)),
-        np.sort(largest_of_sets(candidates, random_sets(candidates, len(chosen), seed=seed))),
-        *(tip_std(tip, predict(other, plan)).largest for other in others),
+        without_each=without_each(robot, plan, tip),
+        growth=_growth(prepare_candidates(robot, plan, tip)),
+        random=np.sort(largest_of_sets(candidates, random_sets(candidates, len(chosen), seed=seed))),
+        more_compliant=compliant,
+        more_joint_noise=more_joint,
+        more_force_noise=more_force,
+        held_out=held_out_ratio(robot, plan),
     )
 
 

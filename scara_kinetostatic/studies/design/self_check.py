@@ -7,6 +7,8 @@ combination of parameters becomes at most 1/√(1 - λ) times as large. In a set
 no single touch is so important that its loss makes a standard deviation more than `LOSS_FACTOR` times as large: one
 bound on the leverages stands for both.
 
+**Touches not seen.** One touch lost is not all that the assessment of a calibration asks for: see `held_out`.
+
 **Discs.** A disc that was moved or measured wrongly shows in its own touches. Two find its new place, a third one
 checks that.
 

@@ -131,12 +131,12 @@ def _recommended(designed: DesignedSet, design: Design) -> list[str]:
         fewer = max(designed.tried)
         reached = f'gives {um(designed.tried[fewer])} µm after a loss'
         if not math.isfinite(designed.tried[fewer]):
-            reached = f'has a leverage above {100 * MOST_LEVERAGE:.0f} %'
+            reached = 'does not check itself'
         sentences.append(f'The best set of {fewer} touches found {reached}.')
     sentences += [
         f'Every touch is checked by the others: largest leverage {100 * designed.row.prediction.leverage.max():.0f} %. '
         f'The loss of one makes the standard deviation of no parameter more than {check.growth.max():.2g} times as '
-        'large.',
+        f'large. Touches that a fit has not seen are predicted with {check.held_out:.2g} times its force error.',
         f'{len(check.random)} random sets of {n} touches: {um(check.random[0])} µm at best, '
         f'{um(float(np.median(check.random)))} µm in the median.',
         f'With compliances 1.5 times as large: {um(check.more_compliant)} µm.',
@@ -180,7 +180,7 @@ def disc_sentences(design: Design) -> list[str]:
         if not math.isfinite(placed.row.free.largest):
             alone = ': touches of one disc do not determine the rotation about its centre' if number == 1 else ''
             reached = f'the tip is not determined{alone}'
-        needed = f'; {placed.needed} touches reach the accuracy' if placed.needed else ''
+        needed = f'; the smallest set at all has {placed.needed} touches' if placed.needed else ''
         sentences.append(f'{count(number, "disc")}: {places}: {reached}{needed}.')
     place, additional = best_place(design), design.additional_disc
     if place is not None:
