@@ -92,7 +92,7 @@ def condition_sentences(design: Design) -> list[str]:
     if design.plate is not None and design.in_base_frame is not None:
         sentences.append(
             f'All discs stand on plate {design.plate.name}, whose place no touch shows. The accuracy holds in its '
-            f'frame; in the base frame the recommended touches give {um(design.in_base_frame)} µm.'
+            f'frame; in the base frame the recommended touches give {1e3 * design.in_base_frame:.3g} mm.'
         )
     return sentences + _unused(design)
 
