@@ -2,9 +2,10 @@
 
 The recording is the one that the parameter `recording` names or, if that is
 empty, the one that the collector has announced last on `collector/recording`.
-The results become parameters of the node and files in the folder `output`. A
-calibration runs in a thread of its own, so that the node answers meanwhile;
-there is only one at a time. One that fails does not change the former results.
+The results become parameters of the node and files in the folder `output`,
+where an earlier result is kept under its date. A calibration runs in a thread
+of its own, so that the node answers meanwhile; there is only one at a time. One
+that fails does not change the former results.
 """
 
 from __future__ import annotations
