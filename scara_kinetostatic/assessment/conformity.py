@@ -79,9 +79,11 @@ def conformity(c: Calibration, tip: TipUncertainty) -> Conformity | None:
     values = np.concatenate([each.expanded.ravel() for each in tip.maps])
     values = values[np.isfinite(values)]
     parts = low / u / COVERAGE_FACTOR, high / u / COVERAGE_FACTOR
-    between = tip.worst_touched
+    between, decision = tip.worst_touched, _decide(low, high, tolerance)
+    if tip.undetermined > 0 and decision is Decision.CONFORMS:
+        decision = Decision.UNDECIDED
     return Conformity(
-        decision=_decide(low, high, tolerance),
+        decision=decision,
         tolerance=tolerance,
         worst=tip.worst,
         low=low,

@@ -51,6 +51,10 @@ def conformity(evidence: Evidence) -> Iterator[Remark]:
 
 def _reason(evidence: Evidence, found: Conformity) -> str:
     worst, tolerance = quantity(found.worst, 'm'), quantity(found.tolerance, 'm')
+    undetermined = evidence.tip_uncertainty.undetermined
+    if undetermined > 0:
+        where = f'in {100 * undetermined:.0f} % of the workspace'
+        return f'the uncertainty of the tip is not determined {where}: it may be beyond the tolerance of {tolerance}'
     if found.decision is Decision.UNDECIDED:
         limits = f'{quantity(found.low, "m")} to {quantity(found.high, "m")}, as the noise is estimated'
         near = f'too near the tolerance of {tolerance} to decide'

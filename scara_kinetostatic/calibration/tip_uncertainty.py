@@ -110,7 +110,7 @@ class TipUncertainty(NamedTuple):
 
     Attributes:
         median: over the places of the workspace, m; NaN where the data do not determine it.
-        worst: the largest, m.
+        worst: the largest, of the places where it is determined, m.
         at: where that is; None where nothing is determined.
         median_touched: the median where the joint angles are between those of the touches, m.
         worst_touched: the largest there, m.
@@ -171,9 +171,10 @@ class Workspace(NamedTuple):
         return np.where(undetermined, np.nan, mean + np.hypot(half, off)).reshape(self.places, -1)
 
     def worst(self, covariance: Floats) -> int | None:
-        """Number of the pose with the largest variance."""
+        """Number of the pose with the largest variance, of the places where it is determined under all forces."""
         variances = self._variances(covariance)
-        return None if np.isnan(variances).all() else int(np.nanargmax(variances))
+        known = np.where(np.isnan(variances).any(axis=1, keepdims=True), -1.0, variances)
+        return int(np.argmax(known)) if known.max() >= 0 else None
 
 
 def tip_covariance(derivative: Floats, covariance: Floats) -> Floats:

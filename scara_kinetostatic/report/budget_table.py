@@ -56,7 +56,7 @@ def _part(size: float, total: float) -> tuple[str, str]:
 def tip_sentences(outcome: Outcome) -> list[str]:
     """How uncertain the tip is, what dominates, and what would help most."""
     tip = outcome.tip_uncertainty
-    if tip.at is None:
+    if tip.at is None or not math.isfinite(tip.worst):
         return ['The uncertainty of the tip is not determined by these touches']
     largest = max(outcome.budget, key=lambda item: item.tip)
     share = largest.tip**2 / sum(item.tip**2 for item in outcome.budget)

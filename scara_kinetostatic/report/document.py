@@ -94,6 +94,7 @@ def _tip_uncertainty(outcome: Outcome) -> Document:
             'force': at.force.tolist(),
             'direction': at.direction.tolist(),
         },
+        'undetermined': tip.undetermined,
         'between_touches': {'median': _number(tip.median_touched), 'worst': _number(tip.worst_touched)},
     }
 

@@ -107,12 +107,15 @@ def test_one_posture_has_one_map() -> None:
 
 
 def test_where_the_tip_is_not_determined_nothing_is_stated() -> None:
-    touches = sk.simulate(PAPER_CELL, PAPER_ACTUAL)
-    near = touches.select(touches.disc == 1)
-    c = calibrate(near, PAPER_CELL)
+    touches = sk.simulate(PAPER_CELL, PAPER_ACTUAL, per_disc=24)
+    c = calibrate(touches.select(touches.disc == 0), PAPER_CELL)
+    assert 'confounded' in c.status.values()
     tip = tip_uncertainty(c)
-    assert tip.undetermined > 0.5 or np.isfinite(tip.worst)
+    assert tip.undetermined == 1
+    assert tip.at is None
+    assert np.isnan([tip.median, tip.worst, tip.worst_touched]).all()
     budget = uncertainty_budget(c, tip)
+    assert np.isnan(budget[0].tip)
     for name, status in c.status.items():
         assert (status == 'confounded') == bool(np.isnan(budget[0].parameters[NAMES.index(name)]))
 
