@@ -7,8 +7,9 @@ from collections.abc import Iterator
 from scara_kinetostatic.assessment.conformity import Conformity, Decision
 from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import Grade, Remark, quantity
+from scara_kinetostatic.calibration.contributions import ALTERNATIVES
 from scara_kinetostatic.calibration.improvements import MORE_TOUCHES, Improvement, best_improvement
-from scara_kinetostatic.calibration.uncertainty_budget import source_title
+from scara_kinetostatic.calibration.uncertainty_budget import source_title, uncertainty_budget
 
 _MOST_BEYOND = 0.5
 """Part of the workspace beyond the tolerance from which on a result is unfit."""
@@ -71,6 +72,9 @@ def _reason(evidence: Evidence, found: Conformity) -> str:
 def advice(evidence: Evidence) -> str:
     """The action that reduces the uncertainty of the tip most, one clause with numbers; empty if none is known."""
     worst, tolerance = evidence.tip_uncertainty.worst, evidence.final.cell.tolerance
+    budget = uncertainty_budget(evidence.final, evidence.tip_uncertainty)
+    if max(budget, key=lambda item: item.tip).label == ALTERNATIVES:
+        return 'make the touches that tell the possible causes apart: the choice among them dominates'
     best = best_improvement(evidence.improvements, worst, tolerance)
     return '' if best is None else f'{action(best)}: {_fall(worst, best.worst)}'
 

@@ -12,6 +12,7 @@ from scara_kinetostatic.assessment.conformity import Conformity, Decision, confo
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.assessment.tolerance import action
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.contributions import ALTERNATIVES, Contribution
 from scara_kinetostatic.calibration.improvements import Improvement
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
@@ -58,6 +59,14 @@ def test_beyond_between_the_touches_is_unfit(outcome: Outcome) -> None:
     found = with_tolerance(outcome, 0.9 * outcome.tip_uncertainty.worst_touched)
     assert found.assessment.grade.value == 'unfit'
     assert found.assessment.actions[0].startswith('measure the place')
+
+
+def test_where_credible_models_dominate_they_are_to_be_told_apart(outcome: Outcome) -> None:
+    c = outcome.final
+    scatter = Contribution(ALTERNATIVES, None, '', 10 * c.covariance)
+    wide = replace(c, covariance=11 * c.covariance, contributions=(*c.contributions, scatter))
+    found = with_tolerance(replace(outcome, calibration=wide), outcome.tip_uncertainty.worst)
+    assert found.assessment.actions[0].startswith('make the touches that tell the possible causes apart')
 
 
 def test_a_stated_noise_has_no_guard_band(outcome: Outcome) -> None:
