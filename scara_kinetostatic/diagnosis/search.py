@@ -30,7 +30,8 @@ _MOST_FAILURES = 10
 _MOST_RIVAL_FITS = 8
 """Credible sets that are fitted by themselves at most."""
 _DISTINGUISHABLE = 0.1
-"""Least singular value of the unit columns of effects that may be fitted together though one diverges with an alias."""
+"""Least singular value of the unit columns of effects that may be fitted together though one diverges with an alias, or
+though all errors beyond their declared uncertainties are rivals."""
 _MOST_IN_UNION = 5
 """Effects of several credible sets that are fitted together at most; of more, those of the best sets."""
 
@@ -212,7 +213,7 @@ def _fit_first(
     """
     union = selection.union(subsets)
     attempts = [selection.members(subset) for subset in subsets[:_ATTEMPTS]]
-    for members in [union, *attempts] if _are_distinguishable(union) else attempts:
+    for members in [union, *attempts] if _are_distinguishable(selection.problem, union) else attempts:
         labels = _labels(members)
         if labels in failed:
             continue
@@ -223,10 +224,12 @@ def _fit_first(
     return None, failed
 
 
-def _are_distinguishable(members: Sequence[Candidate]) -> bool:
+def _are_distinguishable(problem: Problem, members: Sequence[Candidate]) -> bool:
+    """Whether effects may be fitted together; else the best set is, and its rivals widen the standard deviations."""
     columns = np.concatenate([member.unit for member in members], axis=1)
     least = float(np.linalg.svd(columns, compute_uv=False)[-1])
-    return least > _DISTINGUISHABLE or not any(member.effect.diverges_with_alias for member in members)
+    diverges = any(member.effect.diverges_with_alias or problem.is_declared(member.effect) for member in members)
+    return least > _DISTINGUISHABLE or not diverges
 
 
 def _after_failure(selection: _Selection, state: _State) -> _State:
