@@ -201,7 +201,7 @@ def cell_outcome(text: str, number: int, folder: Path) -> Outcome:
         cell = load_cell(path)
         if parse_cell(dump_cell(cell)) != cell:
             raise ValueError('comes back as another cell')
-        numbers = [*cell.nominal.as_dict().values(), *(value for disc in cell.discs for value in disc[1:])]
+        numbers = [*cell.nominal.as_dict().values(), *(value for disc in cell.discs for value in disc[1:-1])]
         if not np.all(np.isfinite(numbers)):
             raise ValueError('not finite')
         return float(cell != parse_cell(text)), ''
