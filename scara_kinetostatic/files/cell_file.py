@@ -26,6 +26,7 @@ from scara_kinetostatic.files.declared_uncertainty import (
     read_optional,
     read_plates,
     read_stds,
+    read_tolerance,
     read_uncertainty,
     uncertainty_entries,
 )
@@ -89,7 +90,7 @@ def parse_cell(text: str, where: str | Path = 'cell description') -> Cell:
         gripper_excess=_excess(model),
         plates=plates,
         uncertainty=read_uncertainty(top.section('uncertainty', (), (*COMMON, 'nominal'))),
-        tolerance=read_optional(top.section('tolerance', (), ('tip',)), 'tip'),
+        tolerance=read_tolerance(top),
         tip_radius=read_optional(top.section('tip', (), ('radius',)), 'radius'),
         identification=_identification(top.section('identification', (), Identification._fields)),
     )

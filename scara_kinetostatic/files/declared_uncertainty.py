@@ -13,8 +13,17 @@ from scara_kinetostatic.model.parameters import NAMES, UNITS
 
 COMMON = ('radius', 'force_gain', 'force_rotation')
 """Keys of the section `uncertainty` beside `nominal`."""
-_LARGEST_STD = {'m': 0.02, 'rad': 0.2, '': 0.5}
+_LARGEST_STD = {'m': 2e-3, 'rad': 0.2, '': 0.2}
 """Largest standard uncertainty that is accepted, by unit: what is known worse than that is not known."""
+_LARGEST_OF_PLATE = 0.02
+"""The same of the place of a plate, m: it is found by touch."""
+_LARGEST_TOLERANCE = 5e-3
+"""Largest tolerance of the tip that is accepted, m: any calibration meets it."""
+_REMEDIES = {
+    'm': 'it is in m: 1.5e-5 for 15 µm',
+    'rad': 'it is in rad: 1.0e-3 for 0.06 deg',
+    '': 'it is a part of 1: 0.005 for 0.5 %',
+}
 
 
 def disc_entry(disc: Disc) -> dict[str, Any]:
@@ -45,24 +54,24 @@ def read_plates(top: Section) -> tuple[Plate, ...]:
         if name in (plate.name for plate in plates):
             raise section.error('name', f'another plate is named {name!r}, too', 'give every plate its own name')
         x, y = section.vector('origin', ('x', 'y'), 'm')
-        plates.append(Plate(name, x, y, *read_stds(section, {'center': 'm', 'angle': 'rad'})))
+        plates.append(Plate(name, x, y, *read_stds(section, {'center': 'm', 'angle': 'rad'}, _LARGEST_OF_PLATE)))
     return tuple(plates)
 
 
-def read_stds(section: Section, units: dict[str, str]) -> list[float]:
-    """Standard uncertainties under the key `uncertainty`, 0 for those that are not there."""
+def read_stds(section: Section, units: dict[str, str], longest: float = _LARGEST_STD['m']) -> list[float]:
+    """Standard uncertainties under the key `uncertainty`, 0 where absent; lengths are at most `longest`, m."""
     inner = section.section('uncertainty', (), units)
-    return [_std(inner, name, unit) for name, unit in units.items()]
+    return [_std(inner, name, unit, longest) for name, unit in units.items()]
 
 
-def _std(section: Section, name: str, unit: str = '') -> float:
+def _std(section: Section, name: str, unit: str = '', longest: float = _LARGEST_STD['m']) -> float:
     """A standard uncertainty of a plausible size, 0 where it is not there."""
     if section.data.get(name) is None:
         return 0.0
-    std, most = section.not_negative(name, unit), _LARGEST_STD[unit]
+    std, most = section.not_negative(name), longest if unit == 'm' else _LARGEST_STD[unit]
     if std > most:
-        problem = f'expected a standard uncertainty of at most {most:g} {unit}'.rstrip()
-        raise section.error(name, f'{problem}, got {std:g}', 'give SI units, or measure it')
+        expected = f'expected at most {most:g} {unit}'.rstrip()
+        raise section.error(name, f'{expected}, got {std:g}', _REMEDIES[unit])
     return std
 
 
@@ -82,6 +91,18 @@ def read_uncertainty(section: Section) -> Uncertainty:
 def read_optional(section: Section, name: str) -> float | None:
     """A length above 0, None where it is not there."""
     return None if section.data.get(name) is None else section.positive(name, 'm')
+
+
+def read_tolerance(top: Section) -> float | None:
+    """The tolerance of the tip, m; None where none is stated."""
+    section = top.section('tolerance', (), ('tip',))
+    if section.data.get('tip') is None:
+        return None
+    tolerance = section.positive('tip')
+    if tolerance > _LARGEST_TOLERANCE:
+        problem = f'expected a tolerance of at most {_LARGEST_TOLERANCE:g} m, got {tolerance:g}'
+        raise section.error('tip', problem, 'give it in m: 5.0e-5 for 50 µm')
+    return tolerance
 
 
 def uncertainty_entries(cell: Cell) -> dict[str, Any]:

@@ -39,6 +39,10 @@ def test_reads_what_is_declared() -> None:
     assert different_parts(cell, PAPER_CELL) == ['disc_1', 'plates', 'uncertainty', 'tolerance']
 
 
+def test_a_plate_may_be_known_to_20_mm() -> None:
+    assert parse_cell(CONTRACT.replace('center: 1.0e-3', 'center: 0.02')).plates[0].center_std == 0.02
+
+
 def test_what_is_absent_is_exactly_known() -> None:
     cell = parse_cell(PLAIN)
     assert cell == PAPER_CELL
@@ -52,7 +56,12 @@ def test_what_is_absent_is_exactly_known() -> None:
         ('plate: a', 'plate: b', "objects[0].plate: no plate is named 'b'; the plates are a"),
         ('radius: 5.0e-6}', 'radius: -5.0e-6}', 'objects[0].uncertainty.radius: expected 0 or more'),
         ('center: 1.5e-5', 'centre: 1.5e-5', "objects[0].uncertainty: unknown key 'centre'"),
-        ('center: 1.0e-3', 'center: 1.0', 'plates[0].uncertainty.center: expected a standard uncertainty of at most'),
+        ('center: 1.0e-3', 'center: 0.03', 'plates[0].uncertainty.center: expected at most 0.02 m, got 0.03'),
+        ('center: 1.5e-5', 'center: 0.015', 'objects[0].uncertainty.center: expected at most 0.002 m, got 0.015'),
+        ('radius: 5.0e-6}', 'radius: 5.0}', 'expected at most 0.002 m, got 5; it is in m: 1.5e-5 for 15 µm'),
+        ('  radius: 5.0e-6', '  radius: 0.005', 'uncertainty.radius: expected at most 0.002 m, got 0.005'),
+        ('force_gain: 0.005', 'force_gain: 0.5', 'expected at most 0.2, got 0.5; it is a part of 1: 0.005 for 0.5 %'),
+        ('tip: 5.0e-5', 'tip: 50', 'tip: expected a tolerance of at most 0.005 m, got 50; give it in m: 5.0e-5 for 50'),
         ('l2: 1.0e-3}', 'l2: 0}', 'uncertainty.nominal.l2: expected a number above 0'),
         ('l2: 1.0e-3}', 'l3: 1.0e-3}', "uncertainty.nominal: unknown key 'l3'"),
         ('tip: 5.0e-5', 'tip: 0', 'tolerance.tip: expected a number above 0'),
