@@ -8,6 +8,7 @@ from scara_kinetostatic.assessment.conformity import Conformity, Decision
 from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import Grade, Remark, quantity
 from scara_kinetostatic.calibration.contributions import ALTERNATIVES
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.improvements import MORE_TOUCHES, Improvement, best_improvement
 from scara_kinetostatic.calibration.uncertainty_budget import source_title, uncertainty_budget
 
@@ -23,6 +24,10 @@ _ACTIONS = {
     'force_rotation': 'measure the rotation of the force sensor to {1}',
     'nominal': 'find out {} to {}',
 }
+NOT_STATED = 'cannot be stated: the cause of a model error is unknown, and the uncertainties do not contain it'
+"""Of conformity, where the verdict is ``unexplained``."""
+_SHOWN = 'conforms (ISO 14253-1)'
+_NOISE_ALONE = 'conforms as far as noise goes; no uncertainties of discs and sensor are declared'
 _ALL = {
     'object_position': 'measure the places of all objects to {}',
     'object_radius': 'measure the radii of all objects to {}',
@@ -57,7 +62,7 @@ def _reason(evidence: Evidence, found: Conformity) -> str:
         where = f'in {100 * undetermined:.0f} % of the workspace'
         return f'the uncertainty of the tip is not determined {where}: it may be beyond the tolerance of {tolerance}'
     if found.decision is Decision.UNDECIDED:
-        limits = f'{quantity(found.low, "m")} to {quantity(found.high, "m")}, as the noise is estimated'
+        limits = f'{quantity(found.low, "m")} to {quantity(found.high, "m")}, {_why_a_range(evidence)}'
         near = f'too near the tolerance of {tolerance} to decide'
         return f'the expanded uncertainty of the tip is {worst} ({limits}): {near}'
     at = evidence.tip_uncertainty.at
@@ -67,6 +72,12 @@ def _reason(evidence: Evidence, found: Conformity) -> str:
     if found.touched is Decision.CONFORMS:
         where += f', and wherever the joint angles are between those of the touches (up to {quantity(between, "m")})'
     return f'the expanded uncertainty of the tip is up to {worst} (k = 2){place}, the tolerance {tolerance}; {where}'
+
+
+def _why_a_range(evidence: Evidence) -> str:
+    """Why the expanded uncertainty is itself uncertain."""
+    stated = evidence.final.noise_source == 'given'
+    return 'as the residuals are larger than the stated noise' if stated else 'as the noise is estimated'
 
 
 def advice(evidence: Evidence) -> str:
@@ -96,10 +107,15 @@ def action(item: Improvement) -> str:
 
 
 def kept(evidence: Evidence) -> Iterator[str]:
-    """A note where the tolerance is kept."""
+    """A note where the tolerance is kept, or would be if no model error of unknown cause were there."""
     found = evidence.conformity
-    if found is not None and found.decision is Decision.CONFORMS:
-        yield (
-            f'the expanded uncertainty of the tip is at most {quantity(found.worst, "m")} (k = 2) all over the '
-            f'workspace, the tolerance {quantity(found.tolerance, "m")}: it conforms (ISO 14253-1)'
-        )
+    if found is None or found.decision is not Decision.CONFORMS:
+        return
+    if evidence.diagnosis.verdict == 'unexplained':
+        yield f'conformity with the tolerance of {quantity(found.tolerance, "m")} {NOT_STATED}'
+        return
+    declared = DeclaredErrors.of(evidence.final.cell) is not None
+    yield (
+        f'the expanded uncertainty of the tip is at most {quantity(found.worst, "m")} (k = 2) all over the workspace, '
+        f'the tolerance {quantity(found.tolerance, "m")}: it {_SHOWN if declared else _NOISE_ALONE}'
+    )

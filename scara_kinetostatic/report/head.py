@@ -9,6 +9,8 @@ import numpy as np
 
 from scara_kinetostatic.assessment.conformity import Decision, conformity
 from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.assessment.tolerance import NOT_STATED
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.render.quantities import count
 
@@ -121,8 +123,17 @@ def _uncertainty(outcome: Outcome) -> Number:
         parts.append(allowed)
     else:
         value = f'{value} of {_mm(found.tolerance)}'
-        parts.append(f'conformity {_DECISIONS[found.decision]}')
+        parts.append(f'conformity {_decision(outcome, found.decision)}')
     return Number(title, value, 'mm', '; '.join(parts))
+
+
+def _decision(outcome: Outcome, decision: Decision) -> str:
+    """What is said of conformity: as much as the uncertainties contain."""
+    if decision is Decision.CONFORMS and outcome.diagnosis.verdict == 'unexplained':
+        return NOT_STATED
+    if decision is Decision.CONFORMS and DeclaredErrors.of(outcome.final.cell) is None:
+        return 'shown as far as noise goes: no uncertainties of discs and sensor are declared'
+    return _DECISIONS[decision]
 
 
 def _mm(metres: float) -> str:

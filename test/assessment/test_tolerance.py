@@ -19,6 +19,7 @@ from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.report.head import numbers
 from scara_kinetostatic.report.text import text_report
 
 CELL = replace(PAPER_CELL, discs=tuple(disc._replace(center_std=1.5e-5) for disc in PAPER_CELL.discs))
@@ -44,6 +45,34 @@ def test_a_tolerance_that_is_kept_everywhere_is_fit(outcome: Outcome) -> None:
     found = with_tolerance(outcome, 1.01 * outcome.tip_uncertainty.worst)
     assert found.assessment.grade.value == 'fit'
     assert 'it conforms (ISO 14253-1)' in ' '.join(found.assessment.reasons)
+
+
+def test_conformity_is_not_stated_beside_a_model_error_of_unknown_cause(outcome: Outcome) -> None:
+    kept = with_tolerance(outcome, 1.01 * outcome.tip_uncertainty.worst)
+    found = replace(kept, diagnosis=replace(kept.diagnosis, verdict='unexplained'))
+    reasons = ' '.join(found.assessment.reasons)
+    assert 'it conforms' not in reasons
+    assert 'conformity with the tolerance of' in reasons
+    assert 'cannot be stated: the cause of a model error is unknown' in reasons
+    assert 'cannot be stated' in numbers(found)[1].remark
+    assert numbers(kept)[1].remark.endswith('conformity shown')
+
+
+def test_without_declared_uncertainties_noise_alone_conforms() -> None:
+    found = calibrate_touches(sk.simulate(PAPER_CELL, PAPER_ACTUAL, seed=2), replace(PAPER_CELL, tolerance=1e-3))
+    reasons = ' '.join(found.assessment.reasons)
+    assert 'it conforms as far as noise goes; no uncertainties of discs and sensor are declared' in reasons
+    assert 'ISO 14253-1' not in reasons
+    assert 'as far as noise goes' in numbers(found)[1].remark
+
+
+def test_why_the_uncertainty_is_a_range(outcome: Outcome) -> None:
+    tip = outcome.tip_uncertainty
+    at_limit = with_tolerance(outcome, tip.worst)
+    c = at_limit.calibration
+    larger = replace(c, chi_square=1.5 * c.degrees_of_freedom)
+    reasons = replace(at_limit, calibration=larger).assessment.reasons
+    assert any('as the residuals are larger than the stated noise' in reason for reason in reasons)
 
 
 def test_beyond_only_far_from_the_touches_is_caution(outcome: Outcome) -> None:
