@@ -27,6 +27,7 @@ from scara_kinetostatic.files.touch_table import is_touch_table, load_touch_tabl
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import Rejection, TouchSet, common_reason
 from scara_kinetostatic.touches.detection import Detection, find_touches
+from scara_kinetostatic.touches.sequence import UNKNOWN_SEQUENCE, first_places, sequence_of
 from scara_kinetostatic.touches.table import cell_of_files, touches_of_table
 
 _OTHER_UNITS = (
@@ -87,18 +88,21 @@ def _recording(path: str | Path, start: int) -> Recording:
 def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress | None = None) -> Detection:
     """The touches of several recordings and tables, numbered on from one to the next.
 
+    Their order in time is that of the recordings where it is known, else the one given.
+
     Raises:
         RecordingError: a recording cannot be read.
     """
     parts: list[Detection] = []
-    first_touches: list[int] = []
-    found = 0
     for number, path in enumerate(paths):
         _report(progress, f'reading {path}', number / len(paths))
-        part = touches_of_file(path, cell).renumbered(found, number)
+        part = touches_of_file(path, cell)
         parts.append(replace(part, warnings=tuple(_with_source(path, text, paths) for text in part.warnings)))
-        first_touches.append(found)
-        found += part.found
+    given, sequence = np.arange(len(parts)), sequence_of(parts)
+    first_touches = first_places(parts, given)
+    in_time = first_places(parts, given if sequence is None else sequence)
+    parts = [part.renumbered(first_touches[k], k, in_time[k]) for k, part in enumerate(parts)]
+    found = sum(part.found for part in parts)
     _report(progress, f'{found} touches found', 1.0)
     return Detection(
         touches=TouchSet.concatenate([part.touches for part in parts]),
@@ -110,6 +114,7 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress |
         start=parts[0].start,
         starts=tuple(part.start for part in parts),
         first_touches=tuple(first_touches),
+        sequence_known=sequence is not None,
         contradiction=next((part.contradiction for part in parts if part.contradiction), ''),
     )
 
@@ -226,9 +231,17 @@ def _calibrate_touches(
         found=detection.found,
         rejected=tuple(rejected[index] for index in sorted(rejected)),
         sources=tuple(map(str, sources)),
-        warnings=detection.warnings,
+        warnings=(*detection.warnings, *_unknown_sequence(detection, diagnosis)),
         first_touches=detection.first_touches,
+        sequence_known=detection.sequence_known,
     )
+
+
+def _unknown_sequence(detection: Detection, diagnosis: Diagnosis) -> list[str]:
+    """A warning where something shifted and the order in time of the recordings is not known."""
+    if detection.sequence_known or not any(item.effect.is_stepwise for item in diagnosis.found):
+        return []
+    return [f'{UNKNOWN_SEQUENCE}: after a shift the result is that of the last']
 
 
 def left_out(calibration: Calibration) -> tuple[Rejection, ...]:

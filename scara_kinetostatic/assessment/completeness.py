@@ -56,6 +56,7 @@ def shifted(evidence: Evidence) -> Iterator[Remark]:
         if not (effect.is_stepwise and item.in_every_model):
             continue
         moment = _moment(evidence.final.touches, values.get('moment', np.nan), effect)
+        moment += '' if evidence.sequence_known else ', in the order given, as that in time is not known'
         if effect.on_object:
             what = f'{effect.target} has moved {moment}, {displacement(values["x"], values["y"])}: corrected'
             yield Remark(Grade.CAUTION, what, f'fasten {effect.target}, measure its place again, and record again')

@@ -31,6 +31,7 @@ class Evidence:
         found: touches in the recordings, rejected ones included.
         rejected: all that were not used.
         first_touches: number of the first touch of each recording.
+        sequence_known: whether the order in time of the recordings is known.
     """
 
     base: Calibration
@@ -40,6 +41,7 @@ class Evidence:
     found: int
     rejected: tuple[Rejection, ...]
     first_touches: tuple[int, ...] = (0,)
+    sequence_known: bool = True
 
     @cached_property
     def leverages(self) -> Floats:

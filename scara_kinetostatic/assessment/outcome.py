@@ -57,6 +57,7 @@ class Outcome:
         recordings: the files that the touches come from; empty where they come from elsewhere.
         created: when the calibration was calculated, UTC, whole seconds.
         first_touches: number of the first touch of each recording.
+        sequence_known: whether the order in time of the recordings is known.
 
     Example:
         >>> import scara_kinetostatic as sk
@@ -81,6 +82,7 @@ class Outcome:
     recordings: tuple[Recording, ...] = ()
     created: datetime = field(default_factory=_now)
     first_touches: tuple[int, ...] = (0,)
+    sequence_known: bool = True
 
     def __repr__(self) -> str:
         found = ' '.join(item.effect.label for item in self.diagnosis.found) or 'none'
@@ -160,4 +162,5 @@ class Outcome:
             found=self.found,
             rejected=self.rejected,
             first_touches=self.first_touches,
+            sequence_known=self.sequence_known,
         )

@@ -29,7 +29,7 @@ def rejected(evidence: Evidence) -> Iterator[Remark]:
         bad = bad & ~moved.there
         groups = _groups(c, bad)
     if groups and groups[0].p_value < thresholds.CONCENTRATION:
-        yield _about_group(c, groups[0], int(bad.sum()))
+        yield _about_group(c, groups[0], int(bad.sum()), evidence.sequence_known)
     elif bad.sum() > thresholds.MOST_REJECTED * len(bad):
         yield Remark(
             Grade.CAUTION,
@@ -95,8 +95,8 @@ def displacement(x: float, y: float) -> str:
     )
 
 
-def _about_group(c: Calibration, group: Group, bad: int) -> Remark:
-    """A concentration that no displaced object explains; unfit where the touches end with it."""
+def _about_group(c: Calibration, group: Group, bad: int, sequence_known: bool) -> Remark:
+    """A concentration that no displaced object explains; unfit where the touches end with it, or may."""
     share, chance = f'{group.rejected} of {bad} rejected touches', f'p = {group.p_value:.1g} by chance'
     if group.kind == 'object':
         name = c.cell.discs[group.label].name
@@ -107,14 +107,21 @@ def _about_group(c: Calibration, group: Group, bad: int) -> Remark:
         )
     order = c.touches.order
     ends = not bool((c.used & (order > order[group.members & ~c.used].max())).any())
+    may_end = group.kind == 'recording' and not sequence_known
     numbers = c.touches.index[group.members]
     where = f'in recording {group.label + 1}' if group.kind == 'recording' else f'touch {numbers[0]} to {numbers[-1]}'
     return Remark(
-        Grade.UNFIT if ends else Grade.CAUTION,
+        Grade.UNFIT if ends or may_end else Grade.CAUTION,
         f'{share} are {where} ({chance}): something has changed there, such as base, tool, a zero or an object'
-        + ('; the result is that of before' if ends else ''),
+        + _of_before(ends, may_end),
         'find out what changed, and record again without that',
     )
+
+
+def _of_before(ends: bool, may_end: bool) -> str:
+    if may_end:
+        return "; the result may be that of before, as the recordings' order in time is not known"
+    return '; the result is that of before' if ends else ''
 
 
 def unusable(evidence: Evidence) -> Iterator[Remark]:

@@ -45,6 +45,7 @@ class Moment(NamedTuple):
         low: the last touch that is before it with a probability of `_COVERAGE`, place in the order of time.
         high: the first touch that is after it, likewise.
         recordings: the numbers of the recordings of these two.
+        is_renumbered: whether the place in time of one of the two is not its number.
         covariance: what the choice adds to that of all values of the model, (12 + k, 12 + k).
     """
 
@@ -52,13 +53,16 @@ class Moment(NamedTuple):
     low: float
     high: float
     recordings: tuple[int, int]
+    is_renumbered: bool
     covariance: Floats
 
     @property
     def text(self) -> str:
         """What is said of it; empty where the effect says nothing."""
         first, second = (number + 1 for number in self.recordings)
-        where = f'that is between the recordings {first} and {second}' if first != second else ''
+        where = 'numbered in the order of time' if self.is_renumbered else ''
+        if first != second:
+            where += (', ' if where else '') + f'that is between the recordings {first} and {second}'
         return self.effect.place_text(self.low, self.high, where)
 
 
@@ -169,11 +173,13 @@ def _moment(extended: Calibration, problem: Problem, found: list[Candidate], pla
     likely = moments[likeliest[:enough]]
     low = float(acts[acts < likely.min()].max(initial=order[0]))
     high = float(acts[acts > likely.max()].min(initial=order[-1]))
-    recordings = tuple(int(extended.touches.recording[extended.touches.order == one][0]) for one in (low, high))
+    two = [int(np.flatnonzero(extended.touches.order == one)[0]) for one in (low, high)]
+    first, second = extended.touches.recording[two].tolist()
+    is_renumbered = bool(np.any(extended.touches.index[two] != extended.touches.order[two]))
     covariance = _scatter(extended, problem, found, place, scanned, weight)
     row = len(NAMES) + sum(len(values) for values in extended.model.effect_values[:place]) + effect.grid_parameter_index
     covariance[row, row] += _gap(acts, moments, weight)
-    return Moment(effect, low, high, (recordings[0], recordings[1]), covariance)
+    return Moment(effect, low, high, (first, second), is_renumbered, covariance)
 
 
 def _gap(acts: Floats | Indices, moments: Floats, weight: Floats) -> float:

@@ -43,7 +43,7 @@ class TouchSet:
             in front by the unloaded joints of the hold. K = 0: nothing is known, and the joints are taken as relaxed.
         recording: number of the recording or table, 0-based, (n,).
         order: place in the order of time, over all recordings, (n,); by default `index`, which differs from it only
-            where the rows of a table are not in the order of time.
+            where the rows of a table, or the recordings, are not given in the order of time.
 
     Raises:
         ValueError: shapes that do not fit, or values that are not finite.

@@ -61,6 +61,7 @@ class Detection:
         start: first stamp of the recording, ns; 0 where unknown. Of several recordings, of the first.
         starts: first stamp of each recording, ns; empty for one.
         first_touches: number of the first touch of each recording.
+        sequence_known: whether the touches of several recordings are in the order of time.
         contradiction: a sentence where most touches meet no disc but would with another frame or sign of the sensor;
             empty otherwise.
         memories: what the joints remember of the load after each contact, in the order of time.
@@ -75,6 +76,7 @@ class Detection:
     start: int = 0
     starts: tuple[int, ...] = ()
     first_touches: tuple[int, ...] = (0,)
+    sequence_known: bool = True
     contradiction: str = ''
     memories: tuple[LoadMemory, ...] = field(default=(), repr=False)
     elsewhere: TouchSet = field(default_factory=lambda: no_touches(), repr=False)
@@ -105,11 +107,15 @@ class Detection:
             episodes=tuple(replace(item, index=place[item.index]) for item in self.episodes if item.index in place),
         )
 
-    def renumbered(self, first: int, recording: int = 0) -> Detection:
-        """The same with the touches numbered from `first`, as those of one of several recordings."""
+    def renumbered(self, first: int, recording: int = 0, first_in_time: int | None = None) -> Detection:
+        """The same with the touches numbered from `first`, as those of one of several recordings.
+
+        Their order in time starts at `first_in_time`, at `first` where that is not given.
+        """
+        before = first if first_in_time is None else first_in_time
 
         def numbered(t: TouchSet) -> TouchSet:
-            return t.replace(index=t.index + first, order=t.order + first, recording=np.full(len(t), recording))
+            return t.replace(index=t.index + first, order=t.order + before, recording=np.full(len(t), recording))
 
         return replace(
             self,

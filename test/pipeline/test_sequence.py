@@ -1,0 +1,74 @@
+"""Several recordings: what shifted between them is sought in the order of time, however they are given."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scara_kinetostatic.bags.writer import write_streams
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+from scara_kinetostatic.pipeline import calibrate_recordings, gather_touches
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import START, simulate_streams, simulate_touches
+from scara_kinetostatic.touches.detection import Detection, Episode, no_touches
+from scara_kinetostatic.touches.sequence import first_places, sequence_of
+
+CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
+LATER = replace(PAPER_ACTUAL, x0=PAPER_ACTUAL.x0 + 1.5e-4)
+UNKNOWN = np.full(2, np.nan)
+
+
+def recorded(start: int, last: float, found: int = 10) -> Detection:
+    return Detection(
+        no_touches(), found=found, start=start, episodes=(Episode(0, (1.0, last), (1.0, last), UNKNOWN, ''),)
+    )
+
+
+@pytest.mark.parametrize(
+    ('starts', 'sequence', 'first'),
+    [
+        ((2e12, 1e12), [1, 0], [5, 0]),
+        ((1e12, 2e12), [0, 1], [0, 10]),
+        ((1e12, 1.05e12), None, None),
+        ((0, 1e12), None, None),
+    ],
+    ids=['the other way round', 'in turn', 'overlapping', 'unknown'],
+)
+def test_the_sequence_is_that_of_the_starts(starts, sequence, first):
+    parts = [recorded(int(starts[0]), 100.0, 10), recorded(int(starts[1]), 100.0, 5)]
+    found = sequence_of(parts)
+    assert (None if found is None else found.tolist()) == sequence
+    if found is not None:
+        assert first_places(parts, found) == first
+
+
+def test_recordings_are_ordered_by_their_starts(tmp_path):
+    plan = default_plan(CELL, per_disc=8)
+    a, b = tmp_path / 'a', tmp_path / 'b'
+    write_streams(a, simulate_streams(CELL, PAPER_ACTUAL, plan, seed=1), CELL)
+    write_streams(b, simulate_streams(CELL, LATER, plan, seed=2, start=START + 3600 * 10**9), CELL)
+    one, touches = (gather_touches(paths, CELL).touches for paths in ([a, b], [b, a]))
+    assert np.array_equal(one.joints, touches.joints[np.argsort(touches.order)])
+    other = calibrate_recordings([b, a], CELL)
+    assert [item.effect.label for item in other.diagnosis.found] == ['shift[base]']
+    assert abs(other['x0'].value - LATER.x0) < 4 * other['x0'].std
+    assert [str(item.path) for item in other.recordings] == [str(b), str(a)]
+    assert not any('order' in text for text in other.warnings)
+    assert 'between recording 2 and 1: corrected' in other.assessment.reasons[0]
+
+
+def test_tables_do_not_tell_their_order_and_it_is_said(tmp_path):
+    for name, robot in (('a', PAPER_ACTUAL), ('b', LATER)):
+        touches = simulate_touches(CELL, robot, default_plan(CELL, per_disc=8), CELL.noise, seed=3)
+        rows = np.hstack([touches.joints, touches.force]).tolist()
+        lines = ['q1_rad,q2_rad,fx_N,fy_N', *(','.join(map(str, row)) for row in rows)]
+        (tmp_path / f'{name}.csv').write_text('\n'.join(lines))
+    paths = [tmp_path / 'a.csv', tmp_path / 'b.csv']
+    assert not gather_touches(paths, CELL).sequence_known
+    assert gather_touches(paths[:1], CELL).sequence_known
+    found = calibrate_recordings(paths, CELL)
+    assert found.warnings[-1].startswith("the recordings' order in time is not known, that of the command is taken")
+    assert 'in the order given, as that in time is not known: corrected' in found.assessment.reasons[0]
