@@ -216,7 +216,7 @@ def widened_by(extended: Calibration, others: Sequence[Calibration]) -> Calibrat
     std = np.sqrt(np.diag(covariance))
     known = np.concatenate([extended.std, extended.effect_std])
     std = np.where(known > 0, std, known)
-    contributions = _with_alternatives(extended, covariance)
+    contributions = with_alternatives(extended, covariance)
     return replace(
         extended,
         covariance=covariance,
@@ -226,7 +226,7 @@ def widened_by(extended: Calibration, others: Sequence[Calibration]) -> Calibrat
     )
 
 
-def _with_alternatives(extended: Calibration, covariance: Floats) -> tuple[Contribution, ...]:
+def with_alternatives(extended: Calibration, covariance: Floats) -> tuple[Contribution, ...]:
     """The contributions to a covariance that has grown, what it has grown by as that of other credible models."""
     known = [part for part in extended.contributions if part.label != ALTERNATIVES]
     rest = covariance - np.sum([part.covariance for part in known], axis=0)
@@ -259,4 +259,4 @@ def widened_by_constants(extended: Calibration, fits: Sequence[Calibration]) -> 
     std = np.where(extended.std > 0, np.sqrt(np.diag(covariance)[: len(NAMES)]), extended.std)
     if not largest:
         return extended
-    return replace(extended, covariance=covariance, contributions=_with_alternatives(extended, covariance), std=std)
+    return replace(extended, covariance=covariance, contributions=with_alternatives(extended, covariance), std=std)

@@ -91,7 +91,7 @@ def _with_estimated_noise(calibration: Calibration) -> Calibration:
     c = calibration
     try:
         warm_start = WarmStart(c.model, c.noise, c.used, c.errors)
-        return calibrate(c.touches, replace(c.cell, noise=None), fixed=c.fixed, warm_start=warm_start)
+        return calibrate(c.touches, replace(c.cell, noise=None), c.model.effects, fixed=c.fixed, warm_start=warm_start)
     except UnsupportedDataError:
         return c
 
@@ -147,7 +147,8 @@ def _test_base_model(c: Calibration, known: tuple[Effect, ...]) -> _BaseTests:
     fit = _adequacy(c, problem, candidate_set)
     off_normal = off_normal_p_value(c)
     halves = 2 if fit.declared_p_value is not None else 1
-    p_value = min(1.0, 2 * halves * min(fit.p_value, off_normal), halves * (fit.declared_p_value or 1.0))
+    declared = 1.0 if fit.declared_p_value is None else fit.declared_p_value
+    p_value = min(1.0, 2 * halves * min(fit.p_value, off_normal), halves * declared)
     return _BaseTests(problem, candidate_set, p_value, fit.dependences, off_normal, noise_advice.implausible_noise(c))
 
 

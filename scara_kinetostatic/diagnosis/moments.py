@@ -17,6 +17,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.diagnosis.alternatives import with_alternatives
 from scara_kinetostatic.diagnosis.candidates import Candidate, as_fitted, gains, independent_part, scan_trials
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
 from scara_kinetostatic.diagnosis.refit import fitted_effects, penalised_deviance, start_from, with_rejections_of
@@ -129,7 +130,13 @@ def widened_by_moments(extended: Calibration, moments: tuple[Moment, ...]) -> Ca
     covariance = extended.covariance + np.sum([moment.covariance for moment in moments], axis=0)
     std, known = np.sqrt(np.diag(covariance)), np.concatenate([extended.std, extended.effect_std])
     std[np.isnan(known)] = np.nan
-    return replace(extended, covariance=covariance, std=std[: len(NAMES)], effect_std=std[len(NAMES) :])
+    return replace(
+        extended,
+        covariance=covariance,
+        contributions=with_alternatives(extended, covariance),
+        std=std[: len(NAMES)],
+        effect_std=std[len(NAMES) :],
+    )
 
 
 def _linear(extended: Calibration) -> tuple[Problem, list[Candidate]]:

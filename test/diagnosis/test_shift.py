@@ -105,3 +105,11 @@ def test_a_name_beside_an_incomplete_model_is_only_possible():
     assert 'possible, not proved' in text
     assert 'Model error found and corrected' not in text
     json.dumps(document, allow_nan=False)
+
+
+def test_the_budget_adds_up_where_a_moment_was_found():
+    _, found = examined('shift[base]', SHIFTS['shift[base]'])
+    extended = found.extended
+    assert extended is not None
+    together = np.sum([part.covariance for part in extended.contributions], axis=0)
+    np.testing.assert_allclose(np.diag(together)[:12], extended.std**2, rtol=1e-9)
