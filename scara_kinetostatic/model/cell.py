@@ -211,6 +211,7 @@ class Cell:
                 raise ParameterError(name, f'expected a number above 0, got {value}', 'or leave it out')
         if self.noise is not None:
             self.noise.check()
+            object.__setattr__(self, 'noise', self.noise.in_pairs)
 
     @property
     def gripper(self) -> Gripper:

@@ -93,6 +93,11 @@ class Noise(NamedTuple):
         """The same ratios of the axes and the same growth, with other levels."""
         return Noise(_with_rms(self.joint, joint), _with_rms(self.force, force), self.force_relative)
 
+    @property
+    def in_pairs(self) -> Noise:
+        """The same with levels of both axes as a tuple, where they were given as a list or an array."""
+        return self._replace(joint=_level(self.joint), force=_level(self.force))
+
     def check(self) -> None:
         """Whether it can be that of a measurement.
 
@@ -141,6 +146,10 @@ def _entry(level: Level, as_stated: bool) -> float | list[float]:
     first, second = _pair(level)
     is_one = not isinstance(level, tuple) if as_stated else first == second
     return first if is_one else [first, second]
+
+
+def _level(level: Level) -> Level:
+    return level if isinstance(level, tuple) or not np.shape(level) else (float(level[0]), float(level[1]))
 
 
 def _pair(level: Level) -> tuple[float, float]:

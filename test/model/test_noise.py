@@ -72,3 +72,8 @@ def test_fit_with_stated_noise_by_axis_is_weighted_by_it(frame):
 def test_impossible_noise_is_refused(noise):
     with pytest.raises(ParameterError, match='noise'):
         replace(PAPER_CELL, noise=noise)
+
+
+def test_levels_given_as_lists_are_pairs():
+    cell = replace(PAPER_CELL, noise=Noise([1e-5, 2e-5], np.array([0.3, 0.2])))
+    assert cell.noise == Noise((1e-5, 2e-5), (0.3, 0.2))
