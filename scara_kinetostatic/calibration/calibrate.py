@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from scara_kinetostatic.calibration.declared_errors import without_sources
 from scara_kinetostatic.calibration.estimate import WarmStart, check_number, estimate
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.prediction import base_force, observe
@@ -54,7 +55,7 @@ def calibrate(
         start: where to begin, its effects being those of the fit; by default the nominal values and the start values
             of `effects`.
         fixed: parameters to hold, by name, at these values; those of `effects` by label and name, such as
-            ``encoder_gain[joint1].gain``.
+            ``encoder_gain[joint1].gain``. The declared uncertainty of an effect that is held does not count.
         warm_start: an earlier fit of the same touches close to this one, with the same effects; the coarse stage is
             then left out.
 
@@ -85,6 +86,7 @@ def calibrate(
     expect(cell, Cell, 'cell', "read it by load_cell('cell.yaml')")
     fixed = _checked(fixed)
     start = _start(cell, _expect_effects(effects), start, fixed)
+    cell = without_sources(cell, _held_sources(start, fixed))
     if warm_start is not None:
         if warm_start.model.effects != start.effects:
             raise ParameterError('warm start', 'its effects are not those of the fit', 'give the same effects')
@@ -126,6 +128,12 @@ def _with_fixed(model: ExtendedModel, fixed: Mapping[str, float]) -> ExtendedMod
         return model
     pairs = zip(model.names, model.as_array().tolist(), strict=True)
     return model.with_array([fixed.get(name, value) for name, value in pairs])
+
+
+def _held_sources(model: ExtendedModel, fixed: Mapping[str, float]) -> set[str]:
+    """Labels of the sources of uncertainty whose errors are those of effects that are held at given values."""
+    held = [law for law in model.effects if all(f'{law.label}.{p.name}' in fixed for p in law.parameters)]
+    return {getattr(law, 'declared_as', '') or law.label for law in held if law.parameters}
 
 
 def _checked(fixed: Mapping[str, float] | None) -> dict[str, float]:

@@ -20,7 +20,8 @@ Observations and Least Squares (1976), on parameters observed directly.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Set
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -189,6 +190,32 @@ class DeclaredErrors:
             std=stds,
             errors=self.count,
         )
+
+
+def without_sources(cell: Cell, labels: Set[str]) -> Cell:
+    """The cell with some sources of uncertainty taken as exactly known: what is held at a value is no unknown error.
+
+    Args:
+        cell: as stated.
+        labels: of sources; others are ignored.
+    """
+    if not labels:
+        return cell
+    discs = [
+        disc._replace(
+            center_std=0.0 if f'object_position[{disc.name}]' in labels else disc.center_std,
+            radius_std=0.0 if f'object_radius[{disc.name}]' in labels else disc.radius_std,
+        )
+        for disc in cell.discs
+    ]
+    u = cell.uncertainty
+    common = replace(
+        u,
+        radius=0.0 if 'radius' in labels else u.radius,
+        force_gain=0.0 if 'force_gain' in labels else u.force_gain,
+        force_rotation=0.0 if 'force_rotation' in labels else u.force_rotation,
+    )
+    return replace(cell, discs=tuple(discs), uncertainty=common)
 
 
 class _ByDisc(NamedTuple):

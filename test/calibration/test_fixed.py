@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import scara_kinetostatic as sk
 from scara_kinetostatic.calibration.fixed import check_units, fixed_effects, fixed_values, parse_fixed
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.cell import PAPER_CELL
+from scara_kinetostatic.model.cell import PAPER_CELL, Uncertainty
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 
 NAME = 'object_radius[disc_2].radius'
@@ -100,3 +102,15 @@ def test_another_effect_is_found_beside_one_that_is_held():
 def test_an_effect_held_at_zero_is_not_found():
     touches = sk.simulate(PAPER_CELL, PAPER_ACTUAL, effects='object_radius[disc_2]:radius=2e-4', per_disc=8, seed=2)
     assert 'object_radius[disc_2]' not in sk.diagnose(touches, PAPER_CELL, fixed={NAME: 0.0}).effects
+
+
+def test_the_declared_uncertainty_of_what_is_held_does_not_count():
+    discs = tuple(disc._replace(center_std=1e-5, radius_std=5e-6) for disc in PAPER_CELL.discs)
+    cell = replace(PAPER_CELL, discs=discs, uncertainty=Uncertainty(force_rotation=1e-3))
+    touches = sk.simulate(PAPER_CELL, PAPER_ACTUAL, seed=1)
+    fixed = {NAME: 0.0, 'sensor_rotation.angle': 0.0}
+    held = sk.calibrate(touches, cell, fixed_effects(fixed, cell), fixed=fixed)
+    free = sk.calibrate(touches, cell)
+    gone = {part.label for part in free.contributions} - {part.label for part in held.contributions}
+    assert gone == {'object_radius[disc_2]', 'force_rotation'}
+    assert held.std_of('g_ee') < free.std_of('g_ee')
