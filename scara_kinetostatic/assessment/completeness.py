@@ -32,7 +32,7 @@ def ambiguous(evidence: Evidence) -> Iterator[Remark]:
         Grade.CAUTION,
         f'a model error was corrected, but its cause is open: {groups}; the twelve parameters and their uncertainties '
         'hold whichever it is, the effects do not',
-        _to_discriminate(d),
+        to_discriminate(d),
     )
 
 
@@ -42,9 +42,14 @@ def _one_of(d: Diagnosis, group: Sequence[str]) -> str:
     return ' or '.join([*titles[:_MOST_NAMED], *([f'one of {left} more'] if left > 0 else [])])
 
 
-def _to_discriminate(d: Diagnosis) -> str:
+def to_discriminate(d: Diagnosis) -> str:
+    """What tells rivals apart: touches or, where no touch would, another measurement; empty if nothing is known."""
     effects = d.effects_by_label()
     labels = [label for group in d.rivals for label in group[:_MOST_NAMED] if label in effects]
+    if labels and d.discriminating == ():
+        effect = effects[labels[0]]
+        fixed = ' '.join(f"--fix '{effect.label}.{parameter.name}=VALUE'" for parameter in effect.parameters)
+        return f'measure one of the possible causes by other means and hold it, such as by {fixed}'
     touches = dict.fromkeys(effects[label].identified_by for label in labels)
     return f'to tell the causes apart, record {"; or ".join(touches)}' if touches else ''
 

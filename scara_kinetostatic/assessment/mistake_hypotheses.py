@@ -258,15 +258,15 @@ def _radii(r: Reading, source: Source) -> Iterator[Hypothesis]:
     """Diameters for radii, and radii at the wrong discs."""
     m, names = len(r.radii), source.discs
     for factor, word, action in (
-        (0.5, 'diameter', 'halve it and add the radius of the tip if it is not contained'),
-        (2.0, 'half of the radius', 'double it'),
+        (0.5, 'radius is the diameter of {}', 'halve it and add the radius of the tip if it is not contained'),
+        (2.0, 'radius of {} is half of what it should be', 'double it'),
     ):
-        every = f'radius is the {word} of every disc' if m > 1 else f'radius is the {word} of the disc'
+        every = word.format('every disc' if m > 1 else 'the disc')
         yield Hypothesis('objects', every, action, r._replace(radii=r.radii * factor))
         for d in range(m) if m > 1 else ():
             radii = np.where(np.arange(m) == d, factor * r.radii, r.radii)
-            statement = f'radius is the {word} of {names[d]}'
-            yield Hypothesis(f'objects: {names[d]}', statement, action, r._replace(radii=radii))
+            where = f'objects: {names[d]}'
+            yield Hypothesis(where, word.format(names[d]), action, r._replace(radii=radii))
     for order in _orders(m):
         radii = r.radii[order]
         moved = tuple(d for d in range(m) if abs(radii[d] - r.radii[d]) > _ALIKE)

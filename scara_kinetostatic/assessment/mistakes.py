@@ -23,6 +23,7 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import CellError, InputError
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
+from scara_kinetostatic.model.layout import layout_problems
 from scara_kinetostatic.model.parameters import G_EE, NAMES
 from scara_kinetostatic.model.touch import TouchSet
 
@@ -167,6 +168,9 @@ def _gross(reading: Reading, stated: Agreement, cell: Cell, named: Indices, orig
     on_robot = cell.sensor.sign is SensorSign.ON_ROBOT
     names = tuple(disc.name for disc in cell.discs)
     tried = hypotheses(reading, Source(origin, reading.tool, on_robot, names, cell.joint_names))
+    tried = [h for h in tried if not layout_problems(cell, h.mended.centers, h.mended.radii)]
+    if not tried:
+        return None
     found = _fit([hypothesis.mended for hypothesis in tried])
     before, best = float(stated.misfit[0]), float(found.misfit.min())
     if best > min(_AGREES, _PART * before):

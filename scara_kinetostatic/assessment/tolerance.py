@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from scara_kinetostatic.assessment.completeness import to_discriminate
 from scara_kinetostatic.assessment.conformity import Conformity, Decision
 from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import Grade, Remark, quantity
@@ -85,6 +86,8 @@ def advice(evidence: Evidence) -> str:
     worst, tolerance = evidence.tip_uncertainty.worst, evidence.final.cell.tolerance
     budget = uncertainty_budget(evidence.final, evidence.tip_uncertainty)
     if max(budget, key=lambda item: item.tip).label == ALTERNATIVES:
+        if evidence.diagnosis.discriminating == ():
+            return f'{to_discriminate(evidence.diagnosis)}: the choice among them dominates'
         return 'make the touches that tell the possible causes apart: the choice among them dominates'
     best = best_improvement(evidence.improvements, worst, tolerance)
     return '' if best is None else f'{action(best)}: {_fall(worst, best.worst)}'

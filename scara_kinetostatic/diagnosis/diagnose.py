@@ -215,6 +215,7 @@ def _extended(
             advice.alternative_laws(fitted, extended),
             noise_advice.large_noise(fitted),
         ),
+        discriminating=touches,
     )
 
 

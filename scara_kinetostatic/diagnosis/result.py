@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.discriminating_touches import DiscriminatingTouch
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.effects.base import Effect
 
@@ -88,6 +89,8 @@ class Diagnosis:
         advice: what to do next; empty if nothing.
         refitted: the base model with the noise that the touches ask for, which is to be used; None where the noise
             is as stated, or of two levels.
+        discriminating: touches that would distinguish the rivals, none where no touch would; None where they were not
+            looked for.
     """
 
     verdict: str
@@ -101,6 +104,7 @@ class Diagnosis:
     ranking: tuple[Ranked, ...] = ()
     advice: str = ''
     refitted: Calibration | None = None
+    discriminating: tuple[DiscriminatingTouch, ...] | None = None
 
     def effects_by_label(self) -> dict[str, Effect]:
         """All effects in the ranking and in the extended model, by label."""

@@ -16,7 +16,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
 
 from scara_kinetostatic.errors import CellError
@@ -34,6 +33,7 @@ from scara_kinetostatic.files.noise_section import parse_noise
 from scara_kinetostatic.files.yaml_section import Section, shown
 from scara_kinetostatic.files.yaml_text import parse_yaml, read_text
 from scara_kinetostatic.model.cell import Cell, Disc, GripperSign, Identification, Plate, Sensor
+from scara_kinetostatic.model.layout import layout_problems
 from scara_kinetostatic.model.parameters import NAMES, UNITS, Parameters
 
 CELL_TOPIC = '/cell_description'
@@ -206,21 +206,16 @@ def _identification(section: Section) -> Identification:
 
 def _check_layout(cell: Cell, top: Section) -> None:
     """Refuses discs that cannot be touched, or not without touching another one."""
-    base = np.array([cell.nominal.x0, cell.nominal.y0])
-    farthest, nearest = cell.nominal.l1 + cell.nominal.l2, abs(cell.nominal.l1 - cell.nominal.l2)
+    problems = layout_problems(cell, cell.centers, cell.radii)
+    if not problems:
+        return
     remedy = 'check center and radius (in m, to the centre of the tip)'
-    for disc, away in zip(cell.discs, np.linalg.norm(cell.centers - base, axis=1), strict=True):
-        if away <= disc.radius:
-            raise top.error('objects', f'disc {disc.name!r} covers the base of the robot', remedy)
-        if away - disc.radius > farthest or away + disc.radius < nearest:
-            problem = f'disc {disc.name!r} is out of reach, {away:.4g} m from the base'
-            raise top.error('objects', f'{problem} where the tip reaches {nearest:.4g} to {farthest:.4g} m', remedy)
-    for i, disc in enumerate(cell.discs[1:], start=1):
-        gaps = np.linalg.norm(cell.centers[:i] - cell.centers[i], axis=1) - cell.radii[:i] - disc.radius
-        worst = int(np.argmin(gaps))
-        if gaps[worst] < 0:
-            both = f'discs {cell.discs[worst].name!r} and {disc.name!r}'
-            raise top.error('objects', f'{both} overlap by {-gaps[worst]:.4g} m', remedy)
+    if not layout_problems(cell, cell.centers, cell.radii / 2):
+        halve = 'halve it, and add the radius of the tip if it is not contained'
+        if len(problems) > 1:
+            raise top.error('objects', f'{problems[0]}: radius seems to be the diameter of every disc', halve)
+        remedy += f'; if radius is the diameter of every disc, {halve}'
+    raise top.error('objects', problems[0], remedy)
 
 
 class _Dumper(yaml.SafeDumper):

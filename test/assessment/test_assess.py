@@ -13,6 +13,8 @@ from scara_kinetostatic.assessment.leverage import leverages
 from scara_kinetostatic.assessment.moved_object import find_moved_object
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.diagnosis.result import Diagnosis, Found
+from scara_kinetostatic.effects.object_radius import ObjectRadius
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
@@ -81,6 +83,17 @@ def test_one_force_level_and_one_posture_are_an_extrapolation() -> None:
     found = calibrate_touches(touch(default_plan(PAPER_CELL, 16, postures=(1,))), PAPER_CELL).assessment
     assert found.grade is Grade.CAUTION
     assert 'with the elbow right the result is an extrapolation' in found.reasons[0]
+
+
+def test_touches_that_would_not_help_are_not_advised() -> None:
+    effects = [ObjectRadius.of(0, 'disc_1'), ObjectRadius.of(1, 'disc_2')]
+    rivals = (tuple(effect.label for effect in effects),)
+    d = Diagnosis('ambiguous', 1e-9, tuple(Found(effect, (), False) for effect in effects), rivals)
+    actions = replace(good(), diagnosis=d).assessment.actions
+    assert actions[0].startswith('to tell the causes apart, record touches of two or more discs')
+    actions = replace(good(), diagnosis=replace(d, discriminating=())).assessment.actions
+    assert actions[0].endswith("by other means and hold it, such as by --fix 'object_radius[disc_1].radius=VALUE'")
+    assert 'record' not in ' '.join(actions)
 
 
 def test_one_disc_does_not_tell_where_the_tip_is() -> None:

@@ -15,6 +15,7 @@ from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import CellError, InputError
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Disc, Sensor, SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.layout import layout_problems
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
@@ -220,3 +221,11 @@ def test_derivatives_of_the_coarse_fit(touches):
             assert found.shape == (n,)
             # what the torques add is left out: of second order, but where one of them is nearly zero
             assert np.quantile(np.abs(found - expected), 0.9) < 0.02 * max(np.abs(expected).max(), 1e-2), (j, value)
+
+
+def test_a_mended_cell_that_would_be_refused_is_not_proposed(touches):
+    stated = first_disc(lambda d: d._replace(radius=d.radius / 2))(PAPER_CELL)
+    mistake = find_mistake(touches['paper'], stated)
+    assert mistake.statement == 'radius of disc_1 is half of what it should be'
+    assert layout_problems(PAPER_CELL, PAPER_CELL.centers, PAPER_CELL.radii) == []
+    assert any('overlap' in text for text in layout_problems(PAPER_CELL, PAPER_CELL.centers, 2 * PAPER_CELL.radii))
