@@ -1,13 +1,13 @@
 """Whether rejected touches of one object agree with each other once that object is displaced.
 
-All touches are fitted together, with the rejected ones on an object of their own: a copy of theirs whose place is
-estimated along (effect `object_position`). If none of them is rejected any more, and their distances are those of
-noise, the object stood there when it was touched.
+All touches are fitted together, with the displacement of the object in the rejected ones estimated along. If none of
+them is rejected any more, and their distances are those of noise, the object stood there when it was touched. Declared
+errors of its place and radius are common to all its touches: the displacement is that from its true place.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.effects.object_position import ObjectPosition
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.model.arrays import Mask
-from scara_kinetostatic.model.cell import Disc
+from scara_kinetostatic.model.effect_law import Shift, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
 
@@ -43,6 +43,25 @@ class MovedObject(NamedTuple):
     std: float
     there: Mask
     stated: Mask
+
+
+@dataclass(frozen=True)
+class _Displaced(ObjectPosition):
+    """The displacement of an object in some of its touches.
+
+    Attributes:
+        touches: places of these in the order of time.
+    """
+
+    touches: frozenset[int] = frozenset()
+
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
+        there = self.acts_on(at)[:, None]
+        return tuple(Shift(place=place * there) for place in self.places(at))
+
+    def acts_on(self, at: TouchState) -> Mask:
+        order = at.metadata.order
+        return np.zeros(len(at.magnitude), dtype=bool) if order is None else np.isin(order, [*self.touches])
 
 
 def find_moved_object(c: Calibration, disc: int) -> MovedObject | None:
@@ -69,26 +88,29 @@ def find_moved_object(c: Calibration, disc: int) -> MovedObject | None:
 
 
 def _fit_displaced(c: Calibration, disc: int, there: Mask) -> Calibration | None:
-    """The fit of used and rejected touches, these on a displaced copy of their object; None where there is none."""
-    stated = c.cell.discs[disc]
-    copy = Disc(f'{stated.name} displaced', stated.x, stated.y, stated.radius)
-    cell = replace(c.cell, discs=(*c.cell.discs, copy), noise=c.noise)
-    number = len(c.cell.discs)
-    touches = c.touches.replace(disc=np.where(there, number, c.touches.disc)).select(c.used | there)
-    effects = (*c.model.effects, ObjectPosition.of(number, copy.name))
+    """The fit of used and rejected touches, these with their object displaced; None where there is none."""
+    effects = (*c.model.effects, _displaced(c, disc, there))
     start = ExtendedModel(c.parameters, effects, (*c.model.effect_values, (0.0, 0.0)))
+    cell = replace(c.cell, noise=c.noise)
     try:
-        return calibrate(touches, cell, effects, start=start, fixed=c.fixed)
+        return calibrate(c.touches.select(c.used | there), cell, effects, start=start, fixed=c.fixed)
     except ScaraKinetostaticError:
         return None
 
 
+def _displaced(c: Calibration, disc: int, where: Mask) -> _Displaced:
+    """The displacement of an object in some of its touches, (n,)."""
+    touches = frozenset(c.touches.order[where].tolist())
+    return _Displaced(f'{c.cell.discs[disc].name} displaced', disc, touches)
+
+
 def _not_there(fit: Calibration, c: Calibration, disc: int) -> Mask:
-    """The used touches of an object that do not agree with its displaced copy, (n,)."""
-    places = np.flatnonzero(c.used & (c.touches.disc == disc))
+    """The used touches of an object that do not agree with its displaced place, (n,)."""
+    own = c.touches.disc == disc
+    places = np.flatnonzero(c.used & own)
     moved = np.zeros(len(c.used), dtype=bool)
     if len(places):
-        touches = c.touches.select(places).replace(disc=np.full(len(places), len(fit.cell.discs) - 1))
-        point = project(observe(touches, fit.cell, fit.errors), fit.model, fit.noise)
+        model = replace(fit.model, effects=(*fit.model.effects[:-1], _displaced(c, disc, own)))
+        point = project(observe(c.touches.select(places), fit.cell, fit.errors), model, fit.noise)
         moved[places] = special.chdtrc(2, point.distance) < CONSISTENT
     return moved
