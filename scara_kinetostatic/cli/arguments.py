@@ -50,6 +50,7 @@ def add_verb(
     example: str,
     run: Callable[[argparse.Namespace], int],
     aliases: Sequence[str] = (),
+    unsupported: str = '',
 ) -> argparse.ArgumentParser:
     """A verb with its help: what it does, an example, the exit statuses.
 
@@ -61,12 +62,13 @@ def add_verb(
         example: one or more command lines.
         run: from the parsed arguments to the exit status.
         aliases: former names of the verb, which the help does not list.
+        unsupported: when else the exit status is 3, a clause; empty for never.
     """
     parser = subparsers.add_parser(
         name,
         help=summary,
         description=description,
-        epilog=f'example:\n{example}\n{EXIT_STATUSES}',
+        epilog=f'example:\n{example}\n{EXIT_STATUSES}{f"     {unsupported}" if unsupported else ""}',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(run=run)

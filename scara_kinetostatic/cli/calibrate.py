@@ -46,7 +46,15 @@ EXAMPLE = """\
 
 def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Adds the verb."""
-    parser = add_verb(subparsers, 'calibrate', 'estimate the parameters from recordings', DESCRIPTION, EXAMPLE, run)
+    parser = add_verb(
+        subparsers,
+        'calibrate',
+        'estimate the parameters from recordings',
+        DESCRIPTION,
+        EXAMPLE,
+        run,
+        unsupported='with --strict also: the result is unfit for use',
+    )
     parser.add_argument(
         'bags', nargs='+', type=Path, metavar='BAG', help='recordings, or touch tables (.csv), of one robot'
     )

@@ -20,7 +20,12 @@ def parse_noise(top: Section) -> Noise | None:
     """
     if top.data.get('noise') is None:
         return None
-    section = top.section('noise', ('joint', 'force'), ('force_relative',))
+    section = top.section('noise', (), ('joint', 'force', 'force_relative'))
+    missing = [key for key in ('joint', 'force') if section.data.get(key) is None]
+    if missing:
+        problem = f'{" and ".join(missing)} {"is" if len(missing) == 1 else "are"} missing'
+        remedy = 'joint and force are given together or not at all; leave out noise to have both estimated'
+        raise section.error('', problem, f'{remedy}; force_relative may be left out')
     return Noise(_level(section, 'joint'), _level(section, 'force'), _relative(section))
 
 

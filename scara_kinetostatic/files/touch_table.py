@@ -232,6 +232,8 @@ def _values(rows: CsvRows, columns: Mapping[str, int], where: str) -> tuple[dict
                 numbers[name].append(value)
         if problem:
             wrong.append((line, problem))
+    if wrong:
+        _check_degrees(numbers, rows.body[0][0], where)
     raise_wrong_rows(where, wrong)
     blank = [name for name, values in numbers.items() if np.isnan(values).any()]
     if 'time_s' in blank:  # some of the touches without a time: none has one
@@ -240,6 +242,21 @@ def _values(rows: CsvRows, columns: Mapping[str, int], where: str) -> tuple[dict
         del numbers['time_s']
     arrays = {name: np.nan_to_num(np.array(values), nan=0.0) for name, values in numbers.items()}
     return arrays, tuple(objects) if objects else ('',) * len(rows.body)
+
+
+def _check_degrees(numbers: Mapping[str, Sequence[float]], first: int, where: str) -> None:
+    """Refuse a table with angles in degrees: most of a column are beyond a turn in rad, none beyond three in degrees.
+
+    Raises:
+        RecordingError: names the columns and the number in the line `first`.
+    """
+    sizes = {name: np.abs(numbers[name]) for name in ('q1_rad', 'q2_rad')}
+    columns = [name for name, size in sizes.items() if len(size) and np.median(size) > 2 * np.pi]
+    if columns and all(sizes[name].max() <= _MOST_DEGREES for name in columns):
+        verb = 'seems' if len(columns) == 1 else 'seem'
+        shown = f'line {first}: {numbers[columns[0]][0]:.4g}'
+        problem = f'{" and ".join(columns)} {verb} to be in degrees ({shown})'
+        raise RecordingError(where, problem, f'give rad: multiply by {np.deg2rad(1.0):.6g}')
 
 
 def _number(cell: str, name: str, decimal_comma: bool) -> tuple[float, str]:
@@ -253,7 +270,7 @@ def _number(cell: str, name: str, decimal_comma: bool) -> tuple[float, str]:
     if abs(value) > _LARGEST[name]:
         degrees = name.endswith('_rad') and abs(value) <= _MOST_DEGREES
         unit = 'it seems to be in degrees, not in rad' if degrees else 'check the unit'
-        return 0.0, f'{name}: {cell.strip()[:40]} is not plausible; {unit}'
+        return value, f'{name}: {cell.strip()[:40]} is not plausible; {unit}'
     return value, ''
 
 

@@ -10,11 +10,12 @@ from scipy import special
 
 from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.assessment.thresholds import LEAST_FREEDOMS
 from scara_kinetostatic.calibration.identifiability import Combination
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.diagnosis.thresholds import SIGNIFICANCE
-from scara_kinetostatic.model.parameters import UNITS
+from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.render.quantities import SCALES, Scale, count, decimals, p_equals
 from scara_kinetostatic.report.parameter_rows import base_rank
 
@@ -74,7 +75,9 @@ def verdict(outcome: Outcome) -> Verdict:
         sentences.append(sentence(d.advice))
     groups = c.identifiability.confounded
     if groups and level == 'good':
-        level, headline = 'caution', 'The fit is good, but these data do not determine every parameter'
+        unchecked = ' nothing checks it:' if c.degrees_of_freedom < LEAST_FREEDOMS else ''
+        level = 'caution'
+        headline = f'The base model fits, but{unchecked} these data do not determine every parameter'
     if groups:
         sentences.append(sentence(c.identifiability.advice))
     if c.termination is not Termination.CONVERGED:
@@ -238,11 +241,22 @@ def identifiability(outcome: Outcome, scales: Mapping[str, Scale] = SCALES) -> l
     """Which parameters the data determine; the verdict says which touches would determine the others."""
     c, found = outcome.final, outcome.final.identifiability
     free = sum(status != 'fixed' for status in c.status.values())
-    lines = [f'{base_rank(c)} of {free} free parameters are determined (condition number {found.condition:.3g}).']
+    known, rank = sum(status == 'estimated' for status in c.status.values()), base_rank(c)
+    how_many = f'{known} of {free} free parameters are determined'
+    if rank != known:
+        how_many += f', {rank} of {free} independent combinations of them'
+    lines = [f'{how_many} (condition number {found.condition:.3g}).']
     for group in found.confounded:
         values = 'the value shown is near the nominal one' if len(group) == 1 else 'other values fit as well'
-        lines.append(f'Not determined: {" and ".join(group)}; {values}.')
+        lines.append(f'Not determined: {_listed(group)}; {values}.')
     return lines + [_combination(item, scales) for item in found.combinations]
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names in a sentence; all twelve parameters are not listed."""
+    if set(NAMES) <= set(names):
+        names = ['all twelve parameters', *(name for name in names if name not in NAMES)]
+    return ' and '.join(filter(None, [', '.join(names[:-1]), names[-1]]))
 
 
 def _combination(item: Combination, scales: Mapping[str, Scale]) -> str:

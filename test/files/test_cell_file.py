@@ -151,7 +151,10 @@ def test_round_trip(nominal, joint_names, disc_name, sensor, noise, gripper_sign
         (changed('force: 0.3', 'force: [0.3, 0]'), 'noise.force: expected 1e-12 to 100 N, got 0'),
         (changed('force: 0.3', 'force: 0.3, force_relative: 1'), 'noise.force_relative: expected 0 to 0.2, got 1'),
         (changed('force: 0.3', 'force: -1'), 'noise.force: expected a number above 0'),
-        (changed('{joint: 1.0e-5, force: 0.3}', '{joint: 1.0e-5}'), "noise: the key 'force' is missing"),
+        (
+            changed('{joint: 1.0e-5, force: 0.3}', '{joint: 1.0e-5}'),
+            'noise: force is missing; joint and force are given together',
+        ),
         (changed('{joint: 1.0e-5, force: 0.3}', '3'), 'noise: expected a mapping'),
         (changed('[0.20, 0.40]', '[-0.20, 0.40]'), "discs 'disc_1' and 'disc_2' overlap"),
         (changed('[0.20, 0.40]', '[0.70, 0.40]'), "disc 'disc_2' is out of reach"),

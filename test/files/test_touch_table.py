@@ -109,7 +109,7 @@ def test_ways_of_writing_the_same(text, tmp_path):
         ([HEADING, '1,inf,3,4'], "line 2: q2_rad: expected a number, got 'inf'"),
         ([HEADING, '1,1e400,3,4'], 'line 2: q2_rad: 1e400 is not plausible'),
         ([HEADING, '1,2,3,4,5'], 'line 2: expected 4 columns, got 5 (a decimal comma needs semicolons'),
-        ([HEADING, '25,117,3,4'], 'line 2: q2_rad: 117 is not plausible; it seems to be in degrees, not in rad'),
+        ([HEADING, '25,117,3,4'], 'q1_rad and q2_rad seem to be in degrees (line 2: 25); give rad: multiply by'),
         ([HEADING, '1,2,1e9,4'], 'line 2: fx_N: 1e9 is not plausible'),
         ([HEADING, 'a,2,3,4', ROW, 'b,1,1,1', '1,1,1,c'], "line 2: q1_rad: expected a number, got 'a'; also"),
         ([HEADING + ',time_s', ROW + ',1', ROW + ','], 'time_s: some cells are empty; give the time of every touch'),

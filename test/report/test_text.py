@@ -43,6 +43,12 @@ def test_what_is_not_determined_has_no_uncertainty(confounded: Outcome) -> None:
     assert 'not determined by these data' in line
     assert ' fixed' in next(line for line in text.splitlines() if line.startswith('l1 '))
     assert 'these data do not determine every parameter' in text
+    assert 'free parameters are determined, ' in ' '.join(text.split())
+    assert 'The base model fits, but these data do not' in text
+    few = replace(confounded.calibration, degrees_of_freedom=2)
+    headline = messages.verdict(replace(confounded, calibration=few)).headline
+    assert headline.startswith('The base model fits, but nothing checks it: these data')
+    assert 'independent combinations of them (condition number' in ' '.join(text.split())
 
 
 def test_rejected_touches_are_named_up_to_a_point(plain: Outcome) -> None:
