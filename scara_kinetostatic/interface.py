@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.calibration.estimate import USUAL_NOISE
+from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.calibration.prediction import base_force, force_residual, observe
 from scara_kinetostatic.calibration.propagation import Prediction, compensate_joints, locate_tip, tip_under_force
 from scara_kinetostatic.calibration.result import Calibration

@@ -15,7 +15,7 @@ from scara_kinetostatic.calibration import least_squares, outliers
 from scara_kinetostatic.calibration.fit_point import COARSE, FINAL, ROBUST, Point, Stage, select
 from scara_kinetostatic.calibration.gauss_helmert import Adjusted, first_guess
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
-from scara_kinetostatic.calibration.noise_estimation import as_stated, estimate_noise, is_estimated
+from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, as_stated, estimate_noise, is_estimated
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.projection import project, turn_radial
 from scara_kinetostatic.calibration.solver import Fit, Termination, minimise
@@ -26,8 +26,6 @@ from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.touch import common_reason
 
-USUAL_NOISE = Noise(joint=1e-5, force=0.3)
-"""Where the cell does not give it: the first guess of an estimation, and the noise of simulated touches."""
 _ROUNDS = 20
 """Rounds after the first at most."""
 _FREE_ROUNDS = 4

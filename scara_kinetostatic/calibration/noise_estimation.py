@@ -27,6 +27,8 @@ from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, ou
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.noise import Level, Noise
 
+USUAL_NOISE = Noise(joint=1e-5, force=0.3)
+"""Where the cell does not give it: the first guess of an estimation, and the noise of simulated touches."""
 _LEAST_JOINT, _LEAST_FORCE = 1e-8, 1e-5
 """The least that a noise level is taken to be, rad and N: joint readings may repeat to the last bit, and below this
 the weights would be those of rounding errors."""
@@ -37,7 +39,8 @@ _LARGEST_DIFFERENCE = 0.98
 """Largest difference of the variances of two axes, as a part of their sum: a ratio of the levels of ten."""
 _LEAST_SHARE = 0.5
 _FEWEST_FREEDOMS = 10
-"""With fewer degrees of freedom the ratio of the levels is kept and only their size estimated."""
+"""With fewer degrees of freedom the ratio of the levels is kept, beside declared uncertainties that of `USUAL_NOISE`,
+and only their size estimated."""
 
 
 def is_estimated(noise: Noise, stated: Noise | None) -> bool:
@@ -93,9 +96,11 @@ def estimate_noise(
     parts = [whiten_matrix(part.entries, whitened.root) for part in components.free]
     parts += [whiten_matrix(entries, whitened.root) for entries in components.known]
     r, jacobian, count = whitened.residual, whitened.jacobian, len(components.free)
-    freedoms = r.size + (0 if prior is None else len(prior)) - int(np.linalg.matrix_rank(covariance))
+    freedoms = _freedoms(whitened, covariance, prior is not None)
     factor = float(np.sqrt(float((r**2).sum()) / max(freedoms, 1)))
     same_ratio = noise if stated else _bounded(noise, noise.scaled(factor))
+    if prior is not None and noise.is_plain and noise.force_relative is None and stated is None:
+        same_ratio = _bounded(noise, _of_usual_ratio(linear, whitened).scaled(factor))
     if freedoms < _FEWEST_FREEDOMS:
         return same_ratio
     weighted = [np.einsum('nij,njk->nik', part, jacobian) for part in parts]
@@ -116,6 +121,23 @@ def estimate_noise(
         return same_ratio
     signed = np.array([part.is_difference for part in components.free])
     return _bounded(noise, _with_variances(noise, components, _distinguishable(matrix, vector, signed)))
+
+
+def _freedoms(whitened: Whitened, covariance: Floats, has_prior: bool) -> float:
+    """Expected sum of the squared residuals of the touches: 2n less the number of parameters fitted, and less only a
+    part of that where more is known of them than the touches say: tr(I - J C Jᵀ).
+    """
+    if not has_prior:
+        return whitened.residual.size - int(np.linalg.matrix_rank(covariance))
+    jacobian = whitened.jacobian.reshape(whitened.residual.size, -1)
+    return whitened.residual.size - float(np.einsum('ik,kl,il->', jacobian, covariance, jacobian, optimize=True))
+
+
+def _of_usual_ratio(linear: Linearisation, whitened: Whitened) -> Noise:
+    """`USUAL_NOISE` scaled so that the residuals have the same variance in the mean as with the noise so far."""
+    joint, force = (whiten_matrix(outer(by), whitened.root) for by in (linear.by_joints, linear.by_force))
+    together = USUAL_NOISE.joint_rms**2 * joint + USUAL_NOISE.force_rms**2 * force
+    return USUAL_NOISE.scaled(1 / float(np.sqrt(np.einsum('nii->', together) / whitened.residual.size)))
 
 
 class _Component(NamedTuple):

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.estimate import USUAL_NOISE
+from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.contact_angle import fit_with_off_normal, growing_p_value, off_normal_p_value

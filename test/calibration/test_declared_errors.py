@@ -146,3 +146,12 @@ def test_estimated_noise_is_that_of_the_touches():
     levels = [calibrate(played(FULL, seed, CELL.noise)[0], replace(FULL, noise=None)).noise for seed in range(6)]
     assert np.mean([level.force_rms for level in levels]) == pytest.approx(CELL.noise.force_rms, rel=0.1)
     assert np.mean([level.joint_rms for level in levels]) == pytest.approx(CELL.noise.joint_rms, rel=0.25)
+
+
+def test_estimated_noise_of_few_touches_does_not_grow_with_what_is_declared():
+    cell = replace(declared(1.5e-5, 5e-6, radius=5e-6, force_gain=5e-3, force_rotation=1e-3), noise=None)
+    rows = np.sort(np.random.default_rng(3).permutation(len(TOUCHES))[:10])
+    fit = calibrate(TOUCHES.select(rows), cell)
+    assert 0.4 < fit.noise.force_rms / CELL.noise.force_rms < 2
+    assert 0.4 < fit.noise.joint_rms / CELL.noise.joint_rms < 2
+    assert fit.enlargement == 1
