@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 from common import MarkdownDirective, code, table
@@ -13,9 +14,10 @@ from sphinx.application import Sphinx
 
 from scara_kinetostatic.effects.base import Effect, Parameter
 from scara_kinetostatic.effects.off_normal_force import OffNormalForce
+from scara_kinetostatic.effects.plate_position import PlatePosition
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.variables import VARIABLES
-from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
+from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.render.figure import style
@@ -25,6 +27,12 @@ from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
+PLATED = replace(
+    CELL,
+    discs=tuple(disc._replace(plate='a') for disc in CELL.discs[:2]) + CELL.discs[2:],
+    plates=(Plate('a', 0.0, 0.3),),
+)
+"""The same with two of its discs on a plate, for the effects of plates."""
 SHOWN = {
     'sensor_nonlinearity': 'sensor_nonlinearity:rate=0.008',
     'encoder_gain': 'encoder_gain[joint2]:gain=1e-4',
@@ -54,7 +62,7 @@ def kinds() -> Iterator[list[Effect]]:
     Friction of random direction is no effect of the catalogue, but a result of the diagnosis under the same name.
     """
     by_name: dict[str, list[Effect]] = {}
-    for effect in (*catalogue(CELL), OffNormalForce()):
+    for effect in (*catalogue(CELL), *PlatePosition.instances(PLATED), OffNormalForce()):
         by_name.setdefault(effect.name, []).append(effect)
     yield from by_name.values()
 
@@ -125,10 +133,11 @@ class EffectPicture(MarkdownDirective):
         self.note_sources()
         shown = self.arguments[0]
         label = shown.split(':')[0]
-        chosen = parse_effect(shown, CELL)
+        cell = PLATED if label.startswith(f'{PlatePosition.name}[') else CELL
+        chosen = parse_effect(shown, cell)
         robot = with_effects(PAPER_ACTUAL, [chosen])
-        touches = simulate_touches(CELL, robot, default_plan(CELL, per_disc=18, preload=0.3))
-        outcome = calibrate_touches(touches, CELL)
+        touches = simulate_touches(cell, robot, default_plan(cell, per_disc=18, preload=0.3))
+        outcome = calibrate_touches(touches, cell)
         labels = [item.effect.label for item in outcome.diagnosis.found]
         found = dict(zip(labels, outcome.effect_residuals, strict=True))
         result = nodes.container(classes=['effect-picture'])

@@ -101,7 +101,7 @@ def _fit_displaced(c: Calibration, disc: int, there: Mask) -> Calibration | None
 def _displaced(c: Calibration, disc: int, where: Mask) -> _Displaced:
     """The displacement of an object in some of its touches, (n,)."""
     touches = frozenset(c.touches.order[where].tolist())
-    return _Displaced(f'{c.cell.discs[disc].name} displaced', disc, touches)
+    return _Displaced(f'{c.cell.discs[disc].name} displaced', disc, touches=touches)
 
 
 def _not_there(fit: Calibration, c: Calibration, disc: int) -> Mask:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import DiscEffect, Parameter
+from scara_kinetostatic.effects.base import DiscEffect, Effect, Parameter
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import TouchState
 
 
@@ -18,7 +20,12 @@ class ObjectPosition(DiscEffect):
 
     What the touches show are the distances between the discs, as x0, y0 and theta1 are free. With three discs a move
     that changes only the distance of two of them may be that of either.
+
+    Attributes:
+        plate: name of the plate that carries this disc alone, which may be what is displaced; empty if there is none.
     """
+
+    plate: str = ''
 
     name: ClassVar[str] = 'object_position'
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -33,6 +40,17 @@ class ObjectPosition(DiscEffect):
     identified_by: ClassVar[str] = 'touches all round three or more discs, in both elbow postures'
     plot_variable: ClassVar[str] = 'place'
     order: ClassVar[int] = 16
+
+    @classmethod
+    def instances(cls, cell: Cell) -> Iterable[Effect]:
+        plates = [disc.plate for disc in cell.discs]
+        return [
+            cls(disc.name, number, disc.plate if plates.count(disc.plate) == 1 else '')
+            for number, disc in enumerate(cell.discs)
+        ]
+
+    def _about(self, text: str) -> str:
+        return super()._about(text.replace('{target}', f'{{target}} or its plate {self.plate}') if self.plate else text)
 
     def places(self, at: TouchState) -> tuple[Floats, ...]:
         return tuple(-np.broadcast_to(unit, at.normal.shape) for unit in np.eye(2))

@@ -77,8 +77,8 @@ def test_a_wrong_attribute_is_named_with_the_class(changes, message):
 
 
 def test_all_built_in_ones_are_found_in_their_order():
-    assert len(built_in()) == 27
-    assert [kind.order for kind in built_in()[:-2]] == list(range(1, 26))
+    assert len(built_in()) == 28
+    assert [kind.order for kind in built_in()[:-2]] == list(range(1, 27))
     first = [effect.label for effect in catalogue(CELL)][:4]
     assert first == ['contact_friction', 'sensor_rotation', 'sensor_bias', 'sensor_nonlinearity']
 
