@@ -8,12 +8,9 @@ import numpy as np
 
 from scara_kinetostatic.assessment import completeness, coverage, redundancy, rejections, tolerance, values
 from scara_kinetostatic.assessment.evidence import Evidence
-from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark, quantity
+from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.diagnosis.result import Found
-from scara_kinetostatic.effects.object_position import ObjectPosition
-from scara_kinetostatic.effects.object_radius import ObjectRadius
-from scara_kinetostatic.effects.plate_position import PlatePosition
 
 CRITERIA: tuple[Callable[[Evidence], Iterator[Remark]], ...] = (
     values.mistake,
@@ -71,15 +68,7 @@ def _correction(item: Found) -> str:
     found = {value.name: value.value for value in item.values}
     if not found or not np.isfinite(list(found.values())).all():
         return ''
-    if isinstance(item.effect, ObjectPosition):
-        return f'measure {item.effect.target} again: it stands {rejections.displacement(found["x"], found["y"])}'
-    if isinstance(item.effect, PlatePosition):
-        moved = rejections.displacement(found['x'], found['y'])
-        return f'measure the place of plate {item.effect.target} again: it stands {moved}'
-    if isinstance(item.effect, ObjectRadius):
-        size = f'{quantity(abs(found["radius"]), "m")} {"larger" if found["radius"] > 0 else "smaller"}'
-        return f'measure the radius of {item.effect.target} again: it is {size}'
-    return ''
+    return item.effect.correction(found)
 
 
 def _notes(evidence: Evidence) -> Iterator[str]:

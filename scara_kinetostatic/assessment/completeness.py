@@ -9,14 +9,13 @@ import numpy as np
 from scara_kinetostatic.assessment import thresholds
 from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import Grade, Remark, quantity
-from scara_kinetostatic.assessment.rejections import between, displacement
+from scara_kinetostatic.assessment.rejections import between
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.noise_advice import implausible_noise, large_noise
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.shift import DiscShift
-from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.model.quantity import displacement
 
 _MOST_NAMED = 4
 """So many rivals are named."""
@@ -60,7 +59,7 @@ def shifted(evidence: Evidence) -> Iterator[Remark]:
         effect, values = item.effect, {value.name: value.value for value in item.values}
         if not (effect.is_stepwise and item.in_every_model):
             continue
-        moment = _moment(evidence.final.touches, values.get('moment', np.nan), effect)
+        moment = _moment(evidence.final, values.get('moment', np.nan), effect)
         moment += '' if evidence.sequence_known else ', in the order given, as that in time is not known'
         if effect.on_object:
             what = f'{effect.target} has moved {moment}, {displacement(values["x"], values["y"])}: corrected'
@@ -70,9 +69,11 @@ def shifted(evidence: Evidence) -> Iterator[Remark]:
             yield Remark(Grade.CAUTION, what, f'find out why {effect.finding}, and record again without that')
 
 
-def _moment(touches: TouchSet, moment: float, effect: Effect) -> str:
+def _moment(c: Calibration, moment: float, effect: Effect) -> str:
     """The two touches between which a moment lies; of a disc, two of its own."""
-    own = touches.disc == effect.disc if isinstance(effect, DiscShift) else np.ones(len(touches), dtype=bool)
+    touches, own = c.touches, np.ones(len(c.touches), dtype=bool)
+    if effect.on_object:
+        own = touches.disc == [disc.name for disc in c.cell.discs].index(effect.target or '')
     before, after = own & (touches.order < moment), own & (touches.order > moment)
     if not (before.any() and after.any()):
         return 'at a moment'

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
+from scara_kinetostatic.model.quantity import quantity as quantity
+
 
 class Grade(str, Enum):
     """The answer to "may I use these numbers?".
@@ -26,16 +28,6 @@ class Grade(str, Enum):
     def severity(self) -> int:
         """0 of `FIT`, 1 of `CAUTION`, 2 of `UNFIT`."""
         return list(Grade).index(self)
-
-
-_PREFIXES = (('', 1.0), ('m', 1e3), ('µ', 1e6))
-
-
-def quantity(value: float, unit: str) -> str:
-    """A value in SI units with a prefix that fits: `943 µm`, `-12 µm/N`, `3.1 mm`."""
-    prefix, factor = next(((p, f) for p, f in _PREFIXES if abs(value) * f >= 1.0), _PREFIXES[-1])
-    size = value * factor
-    return f'{size:.2g} {prefix}{unit}' if abs(size) < 100 else f'{size:.0f} {prefix}{unit}'
 
 
 class Remark(NamedTuple):

@@ -13,6 +13,7 @@ from scara_kinetostatic.assessment.grade import Grade, Remark, quantity
 from scara_kinetostatic.assessment.moved_object import MovedObject, find_moved_object
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.model.arrays import Mask
+from scara_kinetostatic.model.quantity import displacement
 from scara_kinetostatic.model.touch import TouchSet
 
 _INSPECT = 'see in the list of rejected touches why; `inspect` shows them in the recording'
@@ -85,14 +86,6 @@ def between(touches: TouchSet, before: int, after: int) -> str:
     if first != second:
         return f'between recording {first} and {second}'
     return f'between touch {touches.index[before]} and {touches.index[after]}'
-
-
-def displacement(x: float, y: float) -> str:
-    """A displacement in words: `75 µm further in x, 38 µm less in y`."""
-    return ', '.join(
-        f'{quantity(abs(value), "m")} {"further" if value > 0 else "less"} in {axis}'
-        for axis, value in (('x', x), ('y', y))
-    )
 
 
 def _about_group(c: Calibration, group: Group, bad: int, sequence_known: bool) -> Remark:

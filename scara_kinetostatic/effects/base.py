@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any, ClassVar, NamedTuple
@@ -292,6 +292,12 @@ class Effect(ABC):
         """
         return ''
 
+    def correction(self, values: Mapping[str, float]) -> str:
+        """What is to be corrected in the cell description where it is found with values by name, in the imperative;
+        empty if that says nothing of it.
+        """
+        return ''
+
     def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
         """The touches whose residual is to be plotted, (n,): of an effect of one disc, those on it."""
         return np.ones(len(at.magnitude), dtype=bool)
@@ -450,6 +456,12 @@ class DiscEffect(LinearEffect):
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         touched = (at.metadata.disc == self.disc)[:, None]
         return tuple(Shift(place=place * touched) for place in self.places(at))
+
+    def correction(self, values: Mapping[str, float]) -> str:
+        """What is to be corrected in the cell description where it is found with values by name, in the imperative;
+        empty if that says nothing of it.
+        """
+        return ''
 
     def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
         return np.asarray((at.metadata.disc == self.disc) | (self.plot_variable == 'disc'))

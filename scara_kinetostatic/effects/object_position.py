@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -12,6 +12,7 @@ from scara_kinetostatic.effects.base import DiscEffect, Effect, Parameter
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import TouchState
+from scara_kinetostatic.model.quantity import displacement
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,9 @@ class ObjectPosition(DiscEffect):
 
     def _about(self, text: str) -> str:
         return super()._about(text.replace('{target}', f'{{target}} or its plate {self.plate}') if self.plate else text)
+
+    def correction(self, values: Mapping[str, float]) -> str:
+        return f'measure {self.target} again: it stands {displacement(values["x"], values["y"])}'
 
     def places(self, at: TouchState) -> tuple[Floats, ...]:
         return tuple(-np.broadcast_to(unit, at.normal.shape) for unit in np.eye(2))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 from scara_kinetostatic.effects.base import DiscEffect, Parameter
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import TouchState
+from scara_kinetostatic.model.quantity import quantity
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,11 @@ class ObjectRadius(DiscEffect):
     identified_by: ClassVar[str] = 'touches of two or more discs, all round each'
     plot_variable: ClassVar[str] = 'disc'
     order: ClassVar[int] = 17
+
+    def correction(self, values: Mapping[str, float]) -> str:
+        error = values['radius']
+        size = f'{quantity(abs(error), "m")} {"larger" if error > 0 else "smaller"}'
+        return f'measure the radius of {self.target} again: it is {size}'
 
     def places(self, at: TouchState) -> tuple[Floats, ...]:
         return (at.normal,)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.effects.base import Effect, LinearEffect, Parameter
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import Shift, TouchState
+from scara_kinetostatic.model.quantity import displacement
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,9 @@ class PlatePosition(LinearEffect):
             discs = tuple(number for number, disc in enumerate(cell.discs) if disc.plate == plate.name)
             if 1 < len(discs) < len(cell.discs):
                 yield cls(target=plate.name, discs=discs)
+
+    def correction(self, values: Mapping[str, float]) -> str:
+        return f'measure the place of plate {self.target} again: it stands {displacement(values["x"], values["y"])}'
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         touched = self.acts_on(at)[:, None]

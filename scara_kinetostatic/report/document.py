@@ -16,6 +16,7 @@ from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.files.declared_uncertainty import disc_entry, uncertainty_entries
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES, UNITS
@@ -153,13 +154,16 @@ def _errors(outcome: Outcome) -> Document:
 
 
 def _cell(cell: Cell) -> Document:
+    """The cell as its description states it; what that leaves out is left out here, too."""
     return {
         'joint_names': list(cell.joint_names),
-        'objects': [{'name': disc.name, 'center': [disc.x, disc.y], 'radius': disc.radius} for disc in cell.discs],
+        'objects': [disc_entry(disc) for disc in cell.discs],
         'sensor': {'frame': cell.sensor.frame.value, 'sign': cell.sensor.sign.value},
         'gripper_sign': cell.gripper_sign.value,
         'gripper_excess': [list(row) for row in cell.gripper_excess],
         'identification': cell.identification.given(),
+        **({} if cell.noise is None else {'noise': cell.noise.as_dict(as_stated=True)}),
+        **uncertainty_entries(cell),
     }
 
 

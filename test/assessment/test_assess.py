@@ -14,6 +14,7 @@ from scara_kinetostatic.assessment.moved_object import find_moved_object
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
+from scara_kinetostatic.effects.object_position import ObjectPosition
 from scara_kinetostatic.effects.object_radius import ObjectRadius
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Plate
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -181,3 +182,10 @@ def test_the_gravest_reason_comes_first() -> None:
 )
 def test_quantities(value: float, unit: str, text: str) -> None:
     assert quantity(value, unit) == text
+
+
+def test_effects_of_the_cell_description_say_what_to_correct() -> None:
+    position, radius = ObjectPosition.of(1, 'disc_2'), ObjectRadius.of(0, 'disc_1')
+    found = position.correction({'x': 7.5e-5, 'y': -3.8e-5})
+    assert found == 'measure disc_2 again: it stands 75 µm further in x, 38 µm less in y'
+    assert radius.correction({'radius': -6e-5}) == 'measure the radius of disc_1 again: it is 60 µm smaller'
