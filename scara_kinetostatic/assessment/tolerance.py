@@ -29,6 +29,8 @@ NOT_STATED = 'cannot be stated: the cause of a model error is unknown, and the u
 """Of conformity, where the verdict is ``unexplained``."""
 _SHOWN = 'conforms (ISO 14253-1)'
 _NOISE_ALONE = 'conforms as far as noise goes; no uncertainties of discs and sensor are declared'
+_ONE_MM = 1e-3
+"""Where the first of two lengths is in mm, the second is, too, m."""
 _ALL = {
     'object_position': 'measure the places of all objects to {}',
     'object_radius': 'measure the radii of all objects to {}',
@@ -95,6 +97,8 @@ def advice(evidence: Evidence) -> str:
 
 def _fall(before: float, after: float) -> str:
     sizes = f'from {quantity(before, "m")} to {quantity(after, "m")}'
+    if before >= _ONE_MM > after:
+        sizes = f'from {1e3 * before:.2g} mm to {1e3 * after:.2g} mm'
     return f"the tip's expanded uncertainty, where it is largest, falls {sizes}"
 
 

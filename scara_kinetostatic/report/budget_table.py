@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from scara_kinetostatic.render.table import NOT_DETERMINED, Table
 
 LARGEST = 5
 """So many sources are listed in the text; the others together."""
+_FROM_MM = 999.5
+"""Largest contribution from which on the text has them in mm, µm."""
+_TEXT_UNITS = {**PAGE_UNITS, 'rad': Scale('mrad', 1e3)}
 
 
 def tip_budget(outcome: Outcome) -> Table | None:
@@ -42,15 +46,16 @@ def largest_of_tip(outcome: Outcome) -> Table | None:
     if not total > 0 or not math.isfinite(total):
         return None
     first, others = items[:LARGEST], items[LARGEST:]
-    rows = [(item.title, _declared(item), *_part(item.tip, total)) for item in first]
+    scale = Scale('mm', 1e3) if first[0].tip * 1e6 >= _FROM_MM else Scale('µm', 1e6)
+    rows = [(item.title, _declared(item, _TEXT_UNITS), *_part(item.tip, total, scale)) for item in first]
     if others:
         rest = math.sqrt(sum(item.tip**2 for item in others))
-        rows.append((f'{len(others)} others', '', *_part(rest, total)))
-    return Table(('tip: source', 'declared', 'contribution', 'share'), ('', '', 'µm', ''), tuple(rows))
+        rows.append((f'{len(others)} others', '', *_part(rest, total, scale)))
+    return Table(('tip: source', 'declared', 'contribution', 'share'), ('', '', scale.unit, ''), tuple(rows))
 
 
-def _part(size: float, total: float) -> tuple[str, str]:
-    return f'{1e6 * size:.3g}', _percent((size / total) ** 2)
+def _part(size: float, total: float, scale: Scale) -> tuple[str, str]:
+    return f'{scale.per_si * size:.3g}', _percent((size / total) ** 2)
 
 
 def tip_sentences(outcome: Outcome) -> list[str]:
@@ -97,8 +102,8 @@ def _short(value: float, scale: Scale) -> str:
     return f'{value * scale.per_si:.2g}'
 
 
-def _declared(item: Item) -> str:
-    return '' if item.declared is None else shown(item.declared, math.nan, item.unit, PAGE_UNITS).text
+def _declared(item: Item, units: Mapping[str, Scale] = PAGE_UNITS) -> str:
+    return '' if item.declared is None else shown(item.declared, math.nan, item.unit, units).text
 
 
 def _percent(share: float) -> str:

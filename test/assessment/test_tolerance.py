@@ -10,15 +10,17 @@ import pytest
 import scara_kinetostatic as sk
 from scara_kinetostatic.assessment.conformity import Conformity, Decision, conformity
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.assessment.tolerance import action
+from scara_kinetostatic.assessment.tolerance import _fall, action
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.contributions import ALTERNATIVES, Contribution
 from scara_kinetostatic.calibration.improvements import Improvement
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
+from scara_kinetostatic.calibration.uncertainty_budget import Item
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.report.budget_table import largest_of_tip
 from scara_kinetostatic.report.head import numbers
 from scara_kinetostatic.report.text import text_report
 
@@ -126,6 +128,22 @@ def test_the_text_says_what_dominates_and_what_would_help(outcome: Outcome) -> N
     text = ' '.join(text_report(outcome).split())
     assert 'Largest contribution there: place of disc_' in text
     assert 'What would help most: measure the places of all objects to 5 µm' in text
+
+
+def test_a_sentence_has_one_unit() -> None:
+    assert _fall(2.6e-3, 8.8e-4).endswith('falls from 2.6 mm to 0.88 mm')
+    assert _fall(2.4e-4, 9.8e-5).endswith('falls from 240 µm to 98 µm')
+
+
+def test_the_text_has_large_contributions_in_mm_and_rotations_in_mrad(outcome: Outcome) -> None:
+    plate = Item('plate_angle[a]', 2e-3, 'rad', np.zeros(12), 1.2e-3)
+    wide = replace(outcome)
+    vars(wide)['budget'] = (plate,)
+    lines = '\n'.join(largest_of_tip(wide).lines())  # type: ignore[union-attr]
+    assert '2 mrad' in lines
+    assert '1.2' in lines
+    assert 'mm' in lines
+    assert 'e+0' not in lines
 
 
 @pytest.mark.parametrize(
