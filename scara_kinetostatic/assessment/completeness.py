@@ -11,6 +11,7 @@ from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import Grade, Remark, quantity
 from scara_kinetostatic.assessment.rejections import between
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.advice import contradicted
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.noise_advice import implausible_noise, large_noise
 from scara_kinetostatic.diagnosis.result import Diagnosis
@@ -85,7 +86,10 @@ def _moment(c: Calibration, moment: float, effect: Effect) -> str:
 def unexplained(evidence: Evidence) -> Iterator[Remark]:
     """A model error that no effect explains: what it does to the tip decides."""
     d, c = evidence.diagnosis, evidence.final
-    if d.verdict != 'unexplained':
+    for test in d.contradicted:
+        action = f'correct the nominal value of {test.name}, or leave it out of uncertainty.nominal'
+        yield Remark(Grade.CAUTION, f'{contradicted(test)}: the result is without it', action)
+    if d.verdict != 'unexplained' or (d.contradicted and not d.remaining and not d.found):
         return
     implausible = implausible_noise(c)
     if implausible:

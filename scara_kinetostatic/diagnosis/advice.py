@@ -11,6 +11,7 @@ from scara_kinetostatic.diagnosis.moments import Moment
 from scara_kinetostatic.diagnosis.refit import fitted_effects
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked
 from scara_kinetostatic.diagnosis.thresholds import DISTINCT
+from scara_kinetostatic.diagnosis.trusted import Contradiction
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.touch import TouchSet
@@ -28,6 +29,21 @@ def joined(*texts: str) -> str:
     """Sentences as one text, without a capital at its beginning; empty ones are left out."""
     first, *others = [text for text in texts if text] or ['']
     return '. '.join([first, *(text[0].upper() + text[1:] for text in others)])
+
+
+def contradicted(test: Contradiction) -> str:
+    """A trusted nominal value that the touches contradict, in words."""
+    unit = UNITS[test.name]
+    return (
+        f'the nominal value of {test.name}, which is trusted to {_with_prefix(test.std, unit)}, is '
+        f'{_with_prefix(abs(test.off), unit)} ({abs(test.off) / test.std:.2g} times its uncertainty) off'
+    )
+
+
+def of_contradicted(tests: Sequence[Contradiction]) -> str:
+    """Message where trusted nominal values were left out of the fit."""
+    what = '; '.join(contradicted(test) for test in tests)
+    return f'{what}: the result is without it; correct it in the cell file, or leave it out of uncertainty.nominal'
 
 
 def unexplained(c: Calibration, dependences: Sequence[Dependence]) -> str:

@@ -39,6 +39,7 @@ from scara_kinetostatic.diagnosis.refit import FittedEffect, fitted_effects
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.diagnosis.search import Search, all_candidates
 from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, SIGNIFICANCE, STRICT_SIGNIFICANCE
+from scara_kinetostatic.diagnosis.trusted import Contradiction, contradictions, without_trust
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import UnsupportedDataError
@@ -59,6 +60,51 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
     """
     offered = catalogue(calibration.cell) if effects is None else effects
     known = tuple(effect for effect in offered if effect.label not in calibration.held_effects)
+    found = _diagnose_noise_and_effects(calibration, known)
+    return _with_trusted_tested(calibration, found, known) if calibration.trusted else found
+
+
+def _with_trusted_tested(calibration: Calibration, first: Diagnosis, known: tuple[Effect, ...]) -> Diagnosis:
+    """The diagnosis without the trusted nominal values that the touches contradict, the worst taken out first.
+
+    Args:
+        calibration: the base model with all of them.
+        first: its diagnosis.
+        known: the catalogue.
+    """
+    found, base, left_out = first, calibration, list[Contradiction]()
+    shares = 2 * _shares(calibration)
+    while tests := contradictions(found.extended or found.refitted or base):
+        p_value = shares * tests[0].p_value
+        found = replace(found, p_value=min(found.p_value, p_value) if p_value < SIGNIFICANCE else found.p_value)
+        fit = without_trust(base, tests[0].name) if p_value < SIGNIFICANCE else None
+        if fit is None:
+            if p_value < SIGNIFICANCE:
+                left_out.append(tests[0])
+            break
+        base = fit
+        left_out.append(tests[0])
+        again = _diagnose_noise_and_effects(base, known)
+        found = replace(again, p_value=min(found.p_value, again.p_value), refitted=again.refitted or base)
+    if not left_out:
+        return found
+    named = tuple(Dependence(advice.contradicted(test), test.p_value, 0.0) for test in left_out)
+    return replace(
+        found,
+        verdict='unexplained' if found.verdict == 'none' else found.verdict,
+        contradicted=tuple(left_out),
+        dependences=(*named, *found.dependences),
+        advice=advice.joined(advice.of_contradicted(left_out), found.advice),
+    )
+
+
+def _shares(c: Calibration) -> int:
+    """Among how many kinds of tests of what is declared their half of the false alarms is divided."""
+    return int(len(c.errors) > 0) + int(c.trusted > 0)
+
+
+def _diagnose_noise_and_effects(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
+    """The diagnosis with the noise as stated or estimated, or with the components that the touches ask for."""
     found = _diagnose_with_noise(calibration, known)
     refitted = noise_candidate(calibration, found)
     if refitted is None:
@@ -146,9 +192,9 @@ def _test_base_model(c: Calibration, known: tuple[Effect, ...]) -> _BaseTests:
     candidate_set = all_candidates(c, problem, known, together=False)
     fit = _adequacy(c, problem, candidate_set)
     off_normal = off_normal_p_value(c)
-    halves = 2 if fit.declared_p_value is not None else 1
+    halves = 2 if fit.declared_p_value is not None or c.trusted else 1
     declared = 1.0 if fit.declared_p_value is None else fit.declared_p_value
-    p_value = min(1.0, 2 * halves * min(fit.p_value, off_normal), halves * declared)
+    p_value = min(1.0, 2 * halves * min(fit.p_value, off_normal), halves * max(_shares(c), 1) * declared)
     return _BaseTests(problem, candidate_set, p_value, fit.dependences, off_normal, noise_advice.implausible_noise(c))
 
 
@@ -260,6 +306,9 @@ def _adequacy(
             tested = Dependence(candidate.effect.title, *significance(problem, candidate))
             (declared if problem.is_declared(candidate.effect) else dependences).append(tested)
     given = c.noise_source == 'given'
+    if not given and problem is not None and c.prior_cost:
+        beyond = float(special.chdtrc(len(c.errors) + c.trusted, c.prior_cost))
+        declared.append(Dependence('errors beyond what is declared', beyond, c.prior_cost / c.chi_square))
     size = float(special.chdtrc(c.degrees_of_freedom, c.chi_square)) if given else 1.0
     tests = max(len(dependences) + given, 1)
     smallest = tests * min([size, *(item.p_value for item in dependences)])

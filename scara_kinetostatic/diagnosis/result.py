@@ -10,6 +10,7 @@ import numpy as np
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.discriminating_touches import DiscriminatingTouch
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
+from scara_kinetostatic.diagnosis.trusted import Contradiction
 from scara_kinetostatic.effects.base import Effect
 
 
@@ -87,8 +88,9 @@ class Diagnosis:
         remaining_p_value: of "the extended model is complete"; that of the base model if there is none.
         ranking: the whole catalogue, the best first.
         advice: what to do next; empty if nothing.
-        refitted: the base model with the noise that the touches ask for, which is to be used; None where the noise
-            is as stated, or of two levels.
+        refitted: the base model with the noise that the touches ask for, or without the trusted nominal values that
+            they contradict, which is to be used; None where it is as it was.
+        contradicted: trusted nominal values that the touches contradict; the result is without them.
         discriminating: touches that would distinguish the rivals, none where no touch would; None where they were not
             looked for.
     """
@@ -104,6 +106,7 @@ class Diagnosis:
     ranking: tuple[Ranked, ...] = ()
     advice: str = ''
     refitted: Calibration | None = None
+    contradicted: tuple[Contradiction, ...] = ()
     discriminating: tuple[DiscriminatingTouch, ...] | None = None
 
     def effects_by_label(self) -> dict[str, Effect]:
