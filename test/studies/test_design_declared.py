@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -145,3 +146,15 @@ def test_trusted_nominal_values_are_as_certain_as_they_were_declared():
 def test_noise_that_nobody_stated_is_marked():
     assert Robot.of(replace(CELL, noise=None)).assumed == ('joint', 'force')
     assert Robot.of(CELL).assumed == ()
+
+
+def test_an_unattainable_tolerance_is_named_in_plain_lengths() -> None:
+    robot = Robot.of(replace(CELL, tolerance=2e-6))
+    wanted = with_usual_accuracy(robot, Requirements())
+    bound = SimpleNamespace(variance=lambda count: np.inf)
+    with pytest.raises(UnsupportedDataError) as caught:
+        check_attainable(robot, wanted, required_tip(robot, wanted), bound)  # type: ignore[arg-type]
+    message = str(caught.value)
+    assert message.startswith('an accuracy of 1 µm (half of tolerance.tip: k = 2) is out of reach')
+    assert 'e-0' not in message
+    assert '(--accuracy 0.00' in message

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.quantity import quantity
 from scara_kinetostatic.studies.design.candidates import candidate_plan
 from scara_kinetostatic.studies.design.lower_bound import MOST_TOUCHES, LowerBound
 from scara_kinetostatic.studies.design.prediction import Prediction, Robot, predict
@@ -77,11 +78,13 @@ def check_attainable(robot: Robot, requirements: Requirements, tip: Tip, bound: 
     if prediction is not None and bound.variance(MOST_TOUCHES) > requirements.accuracy**2:
         kind, part = max(contributions(prediction, tip).items(), key=lambda item: item[1])
         enough = float(f'{_ABOVE_LIMIT * lowest:.2g}')
+        half = requirements.accuracy_source is AccuracySource.TOLERANCE
+        why = ' (half of tolerance.tip: k = 2)' if half else ''
         raise UnsupportedDataError(
-            f'an accuracy of {1e6 * requirements.accuracy:.3g} µm is out of reach: {MOST_TOUCHES} touches leave '
-            f'{1e6 * lowest:.3g} µm, {kind} alone {1e6 * part:.3g} µm of it as the cell declares it',
-            f'ask for {1e6 * enough:.3g} µm (--accuracy {enough:g}), or reduce what limits it: that is where more '
-            'touches help least',
+            f'an accuracy of {quantity(requirements.accuracy, "m")}{why} is out of reach: {MOST_TOUCHES} touches leave '
+            f'{quantity(lowest, "m")}, {kind} alone {quantity(part, "m")} of it as the cell declares it',
+            f'ask for {quantity(enough, "m")} (--accuracy {np.format_float_positional(enough)}), or reduce what limits '
+            'it: that is where more touches help least',
         )
     return lowest
 
