@@ -208,6 +208,13 @@ def without_sources(cell: Cell, labels: Set[str]) -> Cell:
         )
         for disc in cell.discs
     ]
+    plates = [
+        plate._replace(
+            center_std=0.0 if f'plate_position[{plate.name}]' in labels else plate.center_std,
+            angle_std=0.0 if f'plate_angle[{plate.name}]' in labels else plate.angle_std,
+        )
+        for plate in cell.plates
+    ]
     u = cell.uncertainty
     common = replace(
         u,
@@ -215,7 +222,7 @@ def without_sources(cell: Cell, labels: Set[str]) -> Cell:
         force_gain=0.0 if 'force_gain' in labels else u.force_gain,
         force_rotation=0.0 if 'force_rotation' in labels else u.force_rotation,
     )
-    return replace(cell, discs=tuple(discs), uncertainty=common)
+    return replace(cell, discs=tuple(discs), plates=tuple(plates), uncertainty=common)
 
 
 class _ByDisc(NamedTuple):
