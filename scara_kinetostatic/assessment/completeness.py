@@ -127,7 +127,7 @@ def _about_dependence(dependence: Dependence, evidence: Evidence) -> Remark:
         small = dependence.share <= thresholds.MODEL_ERROR_SHARE
     return Remark(
         Grade.CAUTION if small else Grade.UNFIT,
-        f'a model error is not explained; it depends on {dependence.name}: the touches are '
+        f'a model error is not explained; the residual is correlated with: {dependence.name}; the touches are '
         f'{quantity(tip.fitted, "m")} off (rms), {quantity(tip.noise, "m")} by noise; the stated uncertainties do not '
         'cover its bias',
         'look in the report at what the residuals depend on, mend it, and record again',
