@@ -55,7 +55,19 @@ def conformity(evidence: Evidence) -> Iterator[Remark]:
         return
     beyond = found.touched is Decision.DOES_NOT_CONFORM or found.share < 1 - _MOST_BEYOND
     grade = Grade.UNFIT if beyond else Grade.CAUTION
-    yield Remark(grade, _reason(evidence, found), advice(evidence) or 'use it only where the tolerance is met')
+    action = advice(evidence) or 'use it only where the tolerance is met'
+    yield Remark(grade, _reason(evidence, found), action + _not_enough(evidence, found))
+
+
+def _not_enough(evidence: Evidence, found: Conformity) -> str:
+    """That no single action meets the tolerance, and what does without the uncertainty of plates; empty if one does."""
+    if not evidence.improvements or any(item.worst <= found.tolerance for item in evidence.improvements):
+        return ''
+    text = f'; no single measurement meets the tolerance of {quantity(found.tolerance, "m")}'
+    if not any(plate.center_std or plate.angle_std for plate in evidence.final.cell.plates):
+        return text
+    relative = "leave out the plate's uncertainty: the result then holds relative to the plate"
+    return f'{text}; or, if poses are taught on the plate, {relative}'
 
 
 def _reason(evidence: Evidence, found: Conformity) -> str:

@@ -130,6 +130,12 @@ def test_the_text_says_what_dominates_and_what_would_help(outcome: Outcome) -> N
     assert 'What would help most: measure the places of all objects to 5 µm' in text
 
 
+def test_that_no_single_measurement_is_enough_is_said(outcome: Outcome) -> None:
+    best = outcome.evidence.improvements[0].worst
+    assert 'no single measurement meets' in with_tolerance(outcome, 0.5 * best).assessment.actions[0]
+    assert 'no single' not in with_tolerance(outcome, 1.01 * best).assessment.actions[0]
+
+
 def test_a_sentence_has_one_unit() -> None:
     assert _fall(2.6e-3, 8.8e-4).endswith('falls from 2.6 mm to 0.88 mm')
     assert _fall(2.4e-4, 9.8e-5).endswith('falls from 240 µm to 98 µm')
