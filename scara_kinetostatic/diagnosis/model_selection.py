@@ -19,28 +19,26 @@ those that replace each other are rivals.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet
 from scara_kinetostatic.diagnosis.linear_problem import Problem
 from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, STRICT_SIGNIFICANCE
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Indices
 
 _LARGEST = 4
 """Effects in a set at most."""
 _KEPT = 12
 """Sets of each size from which larger ones are made."""
-_WIDEST = 64
-"""More than the columns of any effect."""
 _MOST_SETS = 2000
 """Sets of one size that are kept."""
 _PARALLEL = 1e-4
 """Least eigenvalue of the Gram matrix of the unit columns of a set; a direction with less adds no rank."""
+_NO_MEMBERS = np.empty((1, 0), dtype=np.intp)
+"""The empty set alone, (1, 0)."""
 
 
 class Subset(NamedTuple):
@@ -93,21 +91,15 @@ def score_subsets(problem: Problem, candidate_set: CandidateSet) -> ScoredSubset
     No set is credible unless its score is below that of the empty one by `CREDIBLE`.
     """
     scorer = _SubsetScorer(problem, candidate_set)
-    subsets = scorer.score([()])
-    layer = scorer.score([(k,) for k in range(len(candidate_set.candidates))])
-    while layer:
-        subsets += layer
-        size = len(layer[0].members) + 1
-        if size > _LARGEST:
-            break
-        pairs = combinations(range(len(candidate_set.candidates)), 2)
-        sets = pairs if size == 2 else _grown(sorted(layer, key=lambda e: e.rest + e.penalty)[:_KEPT], scorer)
-        layer = scorer.score([members for members in sets if scorer.allows(members)])
-    scale = _scale(problem, subsets)
-    ranked = sorted((_scored(problem, subset, scale) for subset in subsets), key=lambda subset: subset.score)
-    scored_subsets = ScoredSubsets(candidate_set, tuple(ranked), (), scale, scorer.penalty)
-    empty = next(subset for subset in ranked if not subset.members)
-    if ranked[0].score > empty.score - CREDIBLE:
+    number = len(candidate_set.candidates)
+    pairs = np.transpose(np.triu_indices(number, 1))
+    layers = [scorer.score(sets) for sets in (_NO_MEMBERS, _singles(number), scorer.allowed(pairs))]
+    while len(layers[-1].members) and len(layers) <= _LARGEST:
+        layers.append(scorer.score(scorer.allowed(_grown(layers[-1], number))))
+    scored_subsets = _ranked(problem, candidate_set, scorer, layers)
+    best = scored_subsets.subsets[0]
+    empty = next(subset for subset in scored_subsets.subsets if not subset.members)
+    if best.score > empty.score - CREDIBLE:
         return scored_subsets
     return scored_subsets._replace(credible=_credible(scored_subsets))
 
@@ -115,10 +107,24 @@ def score_subsets(problem: Problem, candidate_set: CandidateSet) -> ScoredSubset
 def rank_singles(problem: Problem, candidate_set: CandidateSet) -> ScoredSubsets:
     """Score single effects only, for the ranking where nothing is missing."""
     scorer = _SubsetScorer(problem, candidate_set)
-    subsets = scorer.score([()]) + scorer.score([(k,) for k in range(len(candidate_set.candidates))])
-    scale = _scale(problem, subsets)
-    ranked = sorted((_scored(problem, subset, scale) for subset in subsets), key=lambda subset: subset.score)
-    return ScoredSubsets(candidate_set, tuple(ranked), (), scale, scorer.penalty)
+    layers = [scorer.score(_NO_MEMBERS), scorer.score(_singles(len(candidate_set.candidates)))]
+    return _ranked(problem, candidate_set, scorer, layers)
+
+
+class _Layer(NamedTuple):
+    """Sets of one size.
+
+    Attributes:
+        members: indices of the candidates of each set, ascending, (s, k).
+        rest: residual sums of squares, (s,).
+        rank: columns that each set adds, (s,).
+        penalty: of each set, (s,).
+    """
+
+    members: Indices
+    rest: Floats
+    rank: Indices
+    penalty: Floats
 
 
 class _SubsetScorer:
@@ -127,65 +133,95 @@ class _SubsetScorer:
     def __init__(self, problem: Problem, candidate_set: CandidateSet) -> None:
         candidates = candidate_set.candidates
         together = np.concatenate([np.empty((len(problem.left), 0)), *(c.unit for c in candidates)], axis=1)
-        ends = np.cumsum([c.unit.shape[1] for c in candidates])
-        self.places = [np.arange(end - c.unit.shape[1], end) for c, end in zip(candidates, ends, strict=True)]
         self.gram, self.projected = together.T @ together, together.T @ problem.left
+        self.places = _places([c.unit.shape[1] for c in candidates])
         self.total = float(problem.left @ problem.left)
         self.touches = len(problem.left) // 2
-        self.names = [c.effect.label for c in candidates]
-        declared = [c.effect.label for c in candidates if problem.is_declared(c.effect)]
-        self.declared = [c.effect.label in declared for c in candidates]
-        self.penalties = [
-            self._penalty(c, len(set(declared)), 0.0)
-            if c.effect.label in declared
-            else self._penalty(c, candidate_set.number, 0.0 if c.effect.is_physical else CREDIBLE)
-            for c in candidates
-        ]
+        self.effects = np.unique([c.effect.label for c in candidates], return_inverse=True)[1]
+        labels, number = {c.effect.label for c in candidates if problem.is_declared(c.effect)}, candidate_set.number
+        self.declared = np.array([c.effect.label in labels for c in candidates], dtype=bool)
+        self.penalties = np.array(
+            [
+                self._penalty(c, len(labels), 0.0)
+                if c.effect.label in labels
+                else self._penalty(c, number, 0.0 if c.effect.is_physical else CREDIBLE)
+                for c in candidates
+            ]
+        )
 
     def _penalty(self, candidate: Candidate, number: int, more: float) -> float:
         return float(candidate.freedoms * np.log(self.touches) + 2 * np.log(number * candidate.tried)) + more
 
     def penalty(self, members: Sequence[int]) -> float:
         """Penalty of a set."""
-        less = CREDIBLE if any(self.declared[k] for k in members) else 0.0
-        return sum(self.penalties[k] for k in members) - less
+        return float(self._penalty_of_each(np.array([members], dtype=np.intp))[0])
 
-    def allows(self, members: Sequence[int]) -> bool:
-        """Whether no effect is in a set twice."""
-        return len({self.names[k] for k in members}) == len(members)
+    def _penalty_of_each(self, sets: Indices) -> Floats:
+        less = np.where(self.declared[sets].any(axis=1), CREDIBLE, 0.0)
+        return np.asarray(self.penalties[sets].sum(axis=1) - less)
 
-    def score(self, sets: Sequence[tuple[int, ...]]) -> list[Subset]:
-        """Residual sum of squares, rank and penalty of each set, all of one size; of very many only the best.
+    def allowed(self, sets: Indices) -> Indices:
+        """Those of the sets (s, k) in which no effect is twice."""
+        return sets[np.diff(np.sort(self.effects[sets], axis=1), axis=1).all(axis=1)]
 
-        Sets whose members have equally many columns, one by one, are solved together.
+    def score(self, sets: Indices) -> _Layer:
+        """Residual sum of squares, rank and penalty of each set (s, k); of very many only the best.
+
+        Sets with equally many columns are solved together.
         """
-        if not sets:
-            return []
-        members = np.array(sets, dtype=np.intp).reshape(len(sets), -1)
-        widths = np.array([len(place) for place in self.places], dtype=np.intp)[members]
-        starts = np.array([place[0] if len(place) else 0 for place in self.places], dtype=np.intp)
+        columns = np.sort(self.places[sets].reshape(len(sets), sets.shape[1] * self.places.shape[1]), axis=1)
+        width = (columns < len(self.gram)).sum(axis=1)
         explained, rank = np.zeros(len(sets)), np.zeros(len(sets), dtype=np.intp)
-        code = widths @ (_WIDEST ** np.arange(widths.shape[1]))
-        for pattern in np.unique(code[widths.sum(axis=1) > 0]):
-            alike = np.flatnonzero(code == pattern)
-            width = widths[alike[0]].tolist()
-            parts = [starts[members[alike, k], None] + np.arange(w) for k, w in enumerate(width)]
-            explained[alike], rank[alike] = self._solve(np.concatenate(parts, axis=1))
-        rest, penalty = self.total - explained, np.array([self.penalty(each) for each in sets])
-        return [
-            Subset(sets[k], float(rest[k]), int(rank[k]), float(penalty[k])) for k in _promising(rest, penalty).tolist()
-        ]
+        for w in np.unique(width[width > 0]).tolist():
+            alike = np.flatnonzero(width == w)
+            explained[alike], rank[alike] = self._solve(columns[alike, :w])
+        rest, penalty = self.total - explained, self._penalty_of_each(sets)
+        kept = _promising(rest, penalty)
+        return _Layer(sets[kept], rest[kept], rank[kept], penalty[kept])
 
-    def _solve(self, at: NDArray[np.intp]) -> tuple[Floats, NDArray[np.intp]]:
-        """Decrease of the sum of squares by columns (s, w) of each set, and their rank, (s,) each."""
-        values, vectors = np.linalg.eigh(self.gram[at[:, :, None], at[:, None, :]])
-        part = np.einsum('ski,sk->si', vectors, self.projected[at])
-        kept = values > _PARALLEL
-        explained = np.sum(np.where(kept, part**2 / np.where(kept, values, 1.0), 0.0), axis=1)
-        return np.asarray(explained), np.asarray(kept.sum(axis=1))
+    def _solve(self, at: Indices) -> tuple[Floats, Indices]:
+        """Decrease of the sum of squares by columns (s, w) of each set, and their rank, (s,) each.
+
+        The eigenvalues of a Gram matrix of w unit columns add up to w. So the product of all but the least is less than
+        e, and only where the determinant is less than e `_PARALLEL` the least may be less than `_PARALLEL`.
+        """
+        gram, projected = self.gram[at[:, :, None], at[:, None, :]], self.projected[at]
+        explained, rank = np.empty(len(at)), np.full(len(at), at.shape[1])
+        doubtful = np.linalg.det(gram) < np.e * _PARALLEL
+        explained[doubtful], rank[doubtful] = _explained_by_independent(gram[doubtful], projected[doubtful])
+        gram, projected = gram[~doubtful], projected[~doubtful]
+        coefficients = np.linalg.solve(gram, projected[:, :, None])[:, :, 0]
+        explained[~doubtful] = (projected * coefficients).sum(axis=1)
+        return explained, rank
 
 
-def _promising(rest: Floats, penalty: Floats) -> NDArray[np.intp]:
+def _explained_by_independent(gram: Floats, projected: Floats) -> tuple[Floats, Indices]:
+    """Decrease of the sum of squares without the directions that add no rank, and the rank, (s,) each.
+
+    Args:
+        gram: inner products of the columns of each set, (s, w, w).
+        projected: those of the columns with y, (s, w).
+    """
+    values, vectors = np.linalg.eigh(gram)
+    part = np.einsum('ski,sk->si', vectors, projected)
+    kept = values > _PARALLEL
+    explained = np.sum(np.where(kept, part**2 / np.where(kept, values, 1.0), 0.0), axis=1)
+    return np.asarray(explained), np.asarray(kept.sum(axis=1))
+
+
+def _places(widths: Sequence[int]) -> Indices:
+    """The columns of each candidate in the matrix of all, (M, largest width); the number of all columns for none."""
+    columns = np.arange(max(widths, default=0))
+    starts = np.cumsum([0, *widths])
+    return np.where(columns < np.array(widths)[:, None], starts[:-1, None] + columns, starts[-1])
+
+
+def _singles(number: int) -> Indices:
+    """The sets of one candidate, (M, 1)."""
+    return np.arange(number)[:, None]
+
+
+def _promising(rest: Floats, penalty: Floats) -> Indices:
     """Which sets are kept, in their order: all of few; of very many those best by several measures."""
     if len(rest) <= _MOST_SETS:
         return np.arange(len(rest))
@@ -230,21 +266,33 @@ def _has_special_case(scored_subsets: ScoredSubsets, subset: Subset) -> bool:
     return False
 
 
-def _grown(best: Sequence[Subset], scorer: _SubsetScorer) -> set[tuple[int, ...]]:
-    everyone = range(len(scorer.places))
-    return {tuple(sorted((*subset.members, k))) for subset in best for k in everyone if k not in subset.members}
+def _grown(layer: _Layer, number: int) -> Indices:
+    """The best sets of a layer, each with each of the candidates, (s, k + 1)."""
+    best = layer.members[np.argsort(layer.rest + layer.penalty, kind='stable')[:_KEPT]]
+    more = np.tile(np.arange(number), len(best))[:, None]
+    return np.unique(np.sort(np.concatenate([np.repeat(best, number, axis=0), more], axis=1), axis=1), axis=0)
 
 
-def _scale(problem: Problem, subsets: Sequence[Subset]) -> float:
+def _ranked(
+    problem: Problem, candidate_set: CandidateSet, scorer: _SubsetScorer, layers: Sequence[_Layer]
+) -> ScoredSubsets:
+    """The sets of all layers, scored, the best first."""
+    rest, rank, penalty = (np.concatenate([layer[k] for layer in layers]) for k in (1, 2, 3))
+    scale = _scale(problem, rest, rank)
+    deviance = rest / scale if problem.noise_given else problem.freedoms * np.log(np.maximum(rest, 1e-300))
+    score = deviance + penalty
+    order = np.argsort(score, kind='stable')
+    members = [tuple(each) for layer in layers for each in layer.members.tolist()]
+    sorted_members = [members[k] for k in order.tolist()]
+    columns = (values[order].tolist() for values in (rest, rank, penalty, score))
+    subsets = tuple(Subset(*row) for row in zip(sorted_members, *columns, strict=True))
+    return ScoredSubsets(candidate_set, subsets, (), scale, scorer.penalty)
+
+
+def _scale(problem: Problem, rest: Floats, rank: Indices) -> float:
     """s²: 1 if the noise is given and some set reduces the residual to it; else the variance left by the best set."""
-    least = min(subset.rest / max(problem.freedoms - subset.rank, 1) for subset in subsets)
+    least = float((rest / np.maximum(problem.freedoms - rank, 1)).min())
     return max(least, 1.0) if problem.noise_given else least
-
-
-def _scored(problem: Problem, subset: Subset, scale: float) -> Subset:
-    likelihood = problem.freedoms * np.log(max(subset.rest, 1e-300))
-    deviance = subset.rest / scale if problem.noise_given else float(likelihood)
-    return subset._replace(score=deviance + subset.penalty)
 
 
 def _credible(scored_subsets: ScoredSubsets) -> tuple[Subset, ...]:
