@@ -8,8 +8,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from scara_kinetostatic.errors import InputError, RecordingError
-
 if TYPE_CHECKING:
     from scara_kinetostatic.model.cell import Cell
 
@@ -137,35 +135,7 @@ def cell_or_recorded(path: Path | None, bags: Sequence[Path]) -> Cell:
         CellError: it cannot be read or is invalid.
         RecordingError: `path` is None, and a recording has no cell description or another one than the first.
     """
-    from scara_kinetostatic.bags.reader import embedded_cell
+    from scara_kinetostatic.bags.inputs import recorded_cell
     from scara_kinetostatic.files.cell_file import load_cell
-    from scara_kinetostatic.files.touch_table import is_touch_table
 
-    if path is not None:
-        return load_cell(path)
-    cells = {bag: embedded_cell(bag) for bag in bags if not is_touch_table(bag)}
-    if not cells:
-        raise RecordingError(bags[0], 'a table contains no cell description', 'give one by --cell cell.yaml')
-    first = next(iter(cells))
-    for bag, cell in cells.items():
-        if cell is None:
-            raise RecordingError(bag, 'contains no cell description', 'give one by --cell cell.yaml')
-        if cell != cells[first]:
-            raise RecordingError(bag, f'contains another cell description than {first}', 'choose one by --cell')
-    common = cells[first]
-    assert common is not None
-    return common
-
-
-def check_different(paths: Sequence[Path]) -> None:
-    """Check that no input is given twice: counted twice, its data would make the result look better than it is.
-
-    Raises:
-        InputError: two paths are the same file or folder.
-    """
-    places: set[Path] = set()
-    for path in paths:
-        place = path.resolve()
-        if place in places:
-            raise InputError(path, 'is given twice', 'give each input once')
-        places.add(place)
+    return recorded_cell(bags, '--cell') if path is None else load_cell(path)

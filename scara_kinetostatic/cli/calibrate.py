@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import Subparsers, add_cell, add_verb, cell_or_recorded, check_different
+from scara_kinetostatic.cli.arguments import Subparsers, add_cell, add_verb, cell_or_recorded
 from scara_kinetostatic.cli.output import progress
 from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataError
-
-if TYPE_CHECKING:
-    from scara_kinetostatic.model.cell import Cell
 
 DESCRIPTION = """\
 Finds the touches in recordings of joint angles and forces, and estimates the
@@ -91,15 +86,17 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: the data cannot support a calibration; with ``--strict``, or the result, which is written
             all the same, is unfit for use.
     """
-    check_different(args.bags)
     from scara_kinetostatic.assessment.grade import Grade
+    from scara_kinetostatic.bags.inputs import other_descriptions
     from scara_kinetostatic.calibration.fixed import fixed_values, parse_fixed
     from scara_kinetostatic.files.atomic import write_texts
+    from scara_kinetostatic.files.checksum import check_different
     from scara_kinetostatic.pipeline import calibrate_recordings
     from scara_kinetostatic.report import residuals
     from scara_kinetostatic.report.text import text_report
     from scara_kinetostatic.report.write import RESULTS, write_results
 
+    check_different(args.bags)
     inputs = [*args.bags, *([args.cell] if args.cell else [])]
     _check_results(args.out, RESULTS, inputs)
     for text in args.fix:
@@ -115,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
             where = args.cell or f'the cell description in {args.bags[0]}'
             raise CellError(f'{where}: {error.where}', error.problem, error.remedy) from error
         if args.cell:
-            outcome = replace(outcome, warnings=(*outcome.warnings, *_other_descriptions(cell, args.bags)))
+            outcome = replace(outcome, warnings=(*outcome.warnings, *other_descriptions(cell, args.bags, '--cell')))
         show_progress('writing the report', 1.0)
         if args.residuals and args.residuals.resolve() != (args.out / residuals.NAME).resolve():
             write_texts(args.residuals.parent, {args.residuals.name: residuals.residual_table(outcome)})
@@ -129,22 +126,6 @@ def run(args: argparse.Namespace) -> int:
             outcome.assessment.headline, f'the results are written to {files.folder} all the same'
         )
     return 0
-
-
-def _other_descriptions(cell: Cell, bags: list[Path]) -> list[str]:
-    """One sentence for each recording that contains another cell description than that of ``--cell``."""
-    from scara_kinetostatic.bags.reader import embedded_cell
-    from scara_kinetostatic.files.touch_table import is_touch_table
-    from scara_kinetostatic.model.cell import different_parts
-
-    sentences = []
-    for bag in (bag for bag in bags if not is_touch_table(bag)):
-        with suppress(InputError):  # an invalid one may be the reason for --cell
-            recorded = embedded_cell(bag)
-            keys = [] if recorded is None else different_parts(cell, recorded)
-            if keys:
-                sentences.append(f'{bag} contains another cell description ({", ".join(keys)}); that of --cell is used')
-    return sentences
 
 
 def _check_results(out: Path, results: Sequence[str], inputs: Sequence[Path]) -> None:

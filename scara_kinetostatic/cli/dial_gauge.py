@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb, check_different, real
+from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real
 from scara_kinetostatic.cli.output import print_result
 from scara_kinetostatic.errors import InputError
 
@@ -99,6 +99,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _tables(args: argparse.Namespace) -> list[DialGaugeReadings]:
+    from scara_kinetostatic.files.checksum import check_different
     from scara_kinetostatic.studies.dial_gauge.table_file import TableDefaults, load_readings
 
     if args.lever is not None and args.lever > _LONGEST_LEVER:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb, check_different, real
+from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real
 from scara_kinetostatic.cli.output import print_result
 from scara_kinetostatic.errors import InputError
 
@@ -132,6 +132,7 @@ def _run_load_driven(args: argparse.Namespace, tables: list[RecordTable]) -> int
 
 
 def _tables(args: argparse.Namespace) -> list[RecordTable]:
+    from scara_kinetostatic.files.checksum import check_different
     from scara_kinetostatic.studies.hysteresis.record_table import check_alike, load_record_table
 
     paths = [*args.tables, *args.predict]

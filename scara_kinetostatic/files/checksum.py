@@ -13,7 +13,10 @@ Other files in the folder, such as notes or results, do not count. Files are rea
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from pathlib import Path
+
+from scara_kinetostatic.errors import InputError
 
 _METADATA = 'metadata.yaml'
 _SUFFIXES = frozenset(('.mcap', '.db3', '.zstd', '.part'))
@@ -45,3 +48,17 @@ def _file_checksum(file: Path) -> str:
         while piece := stream.read(_PIECE):
             digest.update(piece)
     return digest.hexdigest()
+
+
+def check_different(paths: Sequence[Path]) -> None:
+    """Check that no input is given twice: counted twice, its data would make the result look better than it is.
+
+    Raises:
+        InputError: two paths are the same file or folder.
+    """
+    places: set[Path] = set()
+    for path in paths:
+        place = path.resolve()
+        if place in places:
+            raise InputError(path, 'is given twice', 'give each input once')
+        places.add(place)

@@ -3,14 +3,16 @@
 The names are those of the node `calibrator`: `calibrated.<name>` and `calibrated_std.<name>`, and for the effects
 that were found `effects.<name>.<target>.<parameter>` and `effects_std…`. An effect without a target has `all` there, a
 fitted curve its channel and variable; whatever is not a letter, a digit or `_` becomes `_`. A standard deviation that
-the data do not determine is `.nan`.
+the data do not determine is `.nan`. `calibration.<name>` says what the numbers are made from and worth (`facts`); a list
+without entries is left out, as it has no type in ROS.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
 from typing import NamedTuple
 
@@ -18,6 +20,7 @@ from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, UNITS
+from scara_kinetostatic.report.facts import FACTS, GROUP, Value, facts
 
 NAME = 'calibration.yaml'
 EFFECTS, EFFECTS_STD = 'effects', 'effects_std'
@@ -79,8 +82,32 @@ def parameter_text(outcome: Outcome) -> str:
         *(f'      {name}: {_real(c.std_of(name))}' for name in NAMES),
         *_effects(EFFECTS, effects, lambda item: f'{_real(item.value)}  # {_comment(f"{item.unit}, {item.meaning}")}'),
         *_effects(EFFECTS_STD, effects, lambda item: _real(item.std)),
+        f'    {GROUP}:',
+        *_facts(facts(outcome)),
     ]
     return '\n'.join(lines) + '\n'
+
+
+def _facts(values: Mapping[str, Value]) -> list[str]:
+    """The branch of the tree that says what the result is made from and worth; no lists without entries."""
+    lines = []
+    given = {name: value for name, value in values.items() if value != []}
+    for head, names in groupby(given, lambda name: name.rpartition('.')[0]):
+        lines += [f'      {head}:'] if head else []
+        for name in names:
+            indent = '        ' if head else '      '
+            comment = f'  # {FACTS[name].meaning}' if isinstance(given[name], (int, float)) else ''
+            lines.append(f'{indent}{name.rpartition(".")[2]}: {_plain(given[name])}{comment}')
+    return lines
+
+
+def _plain(value: Value) -> str:
+    """Any value of a ROS parameter in YAML."""
+    if isinstance(value, list):
+        return f'[{", ".join(map(_plain, value))}]'
+    if isinstance(value, str):
+        return json.dumps(_comment(value), ensure_ascii=False)
+    return _real(value) if isinstance(value, float) else str(value)
 
 
 def _effects(group: str, items: Sequence[EffectParameter], text: Callable[[EffectParameter], str]) -> list[str]:
@@ -116,7 +143,7 @@ def _comment(text: str) -> str:
 
 def _real(value: float) -> str:
     """A number that every YAML reader takes for a real one: with a point, even before an exponent."""
-    if math.isnan(value):
+    if not math.isfinite(value):
         return '.nan'
     text = repr(float(value))
     if 'e' in text and '.' not in text:

@@ -13,6 +13,7 @@ from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Found, Value
 from scara_kinetostatic.effects.object_radius import ObjectRadius
 from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.report.facts import facts
 from scara_kinetostatic.report.parameter_file import effect_parameters, parameter_text
 
 
@@ -22,7 +23,7 @@ def test_values(which: str, request: pytest.FixtureRequest) -> None:
     c = outcome.calibration
     tree = yaml.safe_load(parameter_text(outcome))
     found = tree['/**']['ros__parameters']
-    assert list(found) == ['calibrated', 'calibrated_std']
+    assert list(found) == ['calibrated', 'calibrated_std', 'calibration']
     assert found['calibrated'] == c.parameters.as_dict()
     for name in NAMES:
         std = found['calibrated_std'][name]
@@ -47,7 +48,7 @@ def test_effects_stand_behind_the_twelve(grown: Outcome, ambiguous: Outcome, unn
         (unnamed, {'unnamed': {'joint1_over_q2': curve}}),
     ):
         found = yaml.safe_load(parameter_text(outcome))['/**']['ros__parameters']
-        assert list(found) == ['calibrated', 'calibrated_std', 'effects', 'effects_std']
+        assert list(found) == ['calibrated', 'calibrated_std', 'effects', 'effects_std', 'calibration']
         assert found['calibrated'] == outcome.final.parameters.as_dict()
         for group, kind in (('effects', 0), ('effects_std', 1)):
             tree = found[group]
@@ -75,3 +76,18 @@ def test_names_that_yaml_takes_for_something_else(plain: Outcome) -> None:
 def test_a_name_with_a_line_break_stays_in_its_comment(plain: Outcome) -> None:
     outcome = replace(plain, sources=('a\n/**: {b: c}\u2028d',))
     assert list(yaml.safe_load(parameter_text(outcome))) == ['/**']
+
+
+def test_the_file_says_what_the_numbers_are_made_from_and_worth(plain: Outcome, ambiguous: Outcome) -> None:
+    for outcome in (plain, replace(ambiguous, warnings=('a "quoted": # one', 'b\nc'), sources=('C:\\bag', '~/é'))):
+        tree = yaml.safe_load(parameter_text(outcome))['/**']['ros__parameters']['calibration']
+        flat = {}
+        for name, value in tree.items():
+            flat |= {f'{name}.{key}': item for key, item in value.items()} if isinstance(value, dict) else {name: value}
+        expected = {name: value for name, value in facts(outcome).items() if value != []}
+        if outcome is not plain:
+            expected['warnings'] = ['a "quoted": # one', 'b?c']
+        np.testing.assert_equal(flat, expected)
+        assert {name: type(value) for name, value in flat.items()} == {n: type(v) for n, v in expected.items()}
+    assert flat['assessment'] == 'caution'
+    assert flat['rivals'] == ['contact_friction, sensor_rotation']
