@@ -3,7 +3,7 @@
 The names are those of the node `calibrator`: `calibrated.<name>` and `calibrated_std.<name>`, and for the effects
 that were found `effects.<name>.<target>.<parameter>` and `effects_std…`. An effect without a target has `all` there, a
 fitted curve its channel and variable; whatever is not a letter, a digit or `_` becomes `_`. A standard deviation that
-the data do not determine is `.nan`. `calibration.<name>` says what the numbers are made from and worth (`facts`); a list
+the data do not determine is `.nan`. `calibration.<name>` says what they are made from and worth (`facts`); a list
 without entries is left out, as it has no type in ROS.
 """
 

@@ -90,4 +90,4 @@ def test_the_file_says_what_the_numbers_are_made_from_and_worth(plain: Outcome, 
         np.testing.assert_equal(flat, expected)
         assert {name: type(value) for name, value in flat.items()} == {n: type(v) for n, v in expected.items()}
     assert flat['assessment'] == 'caution'
-    assert flat['rivals'] == ['contact_friction, sensor_rotation']
+    assert flat['rivals'] == ['sensor_rotation, contact_friction']
