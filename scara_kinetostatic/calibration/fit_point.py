@@ -94,12 +94,19 @@ class Point(NamedTuple):
 
 
 def evaluate(
-    observations: Observations, model: ExtendedModel, adjusted: Adjusted, noise: Noise, stage: Stage = FINAL
+    observations: Observations,
+    model: ExtendedModel,
+    adjusted: Adjusted,
+    noise: Noise,
+    stage: Stage = FINAL,
+    arm: Arm | None = None,
 ) -> Point:
-    """The adjustment linearised and whitened at one model, block by block."""
+    """The adjustment linearised and whitened at one model, block by block; `arm` saves work where that of the adjusted
+    state is known.
+    """
 
     def part(where: slice) -> tuple[Linearisation, Whitened, Floats]:
-        return _evaluate(observations.select(where), model, pick(adjusted, where), noise, stage)
+        return _evaluate(observations.select(where), model, pick(adjusted, where), noise, stage, pick(arm, where))
 
     return Point(model, adjusted, *in_blocks(len(observations.joints), part), observations.errors)
 

@@ -84,10 +84,21 @@ def first_guess(observations: Observations, model: ExtendedModel) -> Adjusted:
 def place_force(observations: Observations, model: ExtendedModel, joints: Floats, force: Floats, state: State) -> State:
     """The state with magnitude and base-frame direction of a force as the sensor reports it."""
     force = true_force(model, force, observations.metadata)
-    direction = np.arctan2(force[:, 1], force[:, 0])
-    if observations.frame is SensorFrame.TOOL:
-        direction = direction + joints[:, 0] + joints[:, 1] + model.parameters.theta1 + model.parameters.theta2
+    direction = np.arctan2(force[:, 1], force[:, 0]) + _sensor_angle(observations, model, joints)
     return state._replace(magnitude=np.hypot(force[:, 0], force[:, 1]), direction=direction)
+
+
+def _sensor_angle(observations: Observations, model: ExtendedModel, joints: Floats) -> Floats | float:
+    """Angle of the sensor's frame in the base frame, (n,), rad."""
+    if observations.frame is not SensorFrame.TOOL:
+        return 0.0
+    return joints[:, 0] + joints[:, 1] + model.parameters.theta1 + model.parameters.theta2
+
+
+def _in_sensor_frame(observations: Observations, model: ExtendedModel, joints: Floats, state: State) -> Floats:
+    """The true force of a state in the sensor's frame, (n, 2), N."""
+    direction = state.direction - _sensor_angle(observations, model, joints)
+    return np.array([state.magnitude * np.cos(direction), state.magnitude * np.sin(direction)]).T
 
 
 def linearise(
@@ -112,8 +123,9 @@ def linearise(
     by_force[:, 0, 0], by_force[:, 1, 0] = e.normal_f, e.tangent_f
     by_force[:, 0, 1], by_force[:, 1, 1] = e.normal_d * per_force, e.tangent_d * per_force
     if has_sensor_error(model):
-        by_force = by_force @ true_force_derivative(model, adjusted.force, o.metadata)
-        derivative[:, :, len(NAMES) :] += sensor_error_columns(model, adjusted.force, by_force, o.metadata)
+        true = _in_sensor_frame(o, model, adjusted.joints, state)
+        by_force = by_force @ true_force_derivative(model, adjusted.force, true, o.metadata)
+        derivative[:, :, len(NAMES) :] += sensor_error_columns(model, adjusted.force, true, by_force, o.metadata)
     misclosure = by_touch(2, len(o.joints))
     off = _off_measured(o, adjusted)
     misclosure[:, 0] = e.normal + _row_times(by_joints[:, 0], by_force[:, 0], off)
@@ -174,7 +186,7 @@ def adjust(
     step: Floats,
     noise: Noise,
     frozen: bool = False,
-) -> tuple[Adjusted, Arm | None]:
+) -> tuple[Adjusted, Arm]:
     """Adjusted observations after a step ΔL̄: [Q̂; F̂] = [Q; F] - Σ Bᵀ V⁻¹ (w + h_L̄ ΔL̄).
 
     Touches that are grossly off keep what they measured, but for the direction of the
@@ -191,7 +203,7 @@ def adjust(
         frozen: whether every joint stays on its flank.
 
     Returns:
-        The adjusted observations, and the arm at their state if it was worked out on the way.
+        The adjusted observations, and the arm at their state.
     """
     o, b_q, b_f = observations, linear.by_joints, linear.by_force
     multiplier, close = _multiplier(whitened, step)
@@ -253,21 +265,19 @@ def solve_links(
     if not model.effects:
         return solve_link_angles(model.parameters, joints, state, observations.gripper, frozen, again)
     contact_problem = observations.contact_problem(joints, off_normal)
-    state = extended_link_angles(model, contact_problem, state, frozen)
-    return LinkAngles(extended_link_angles(model, contact_problem, state, frozen) if again else state, None)
+    state, arm = extended_link_angles(model, contact_problem, state, frozen)
+    return extended_link_angles(model, contact_problem, state, frozen, arm) if again else LinkAngles(state, arm)
 
 
 def _turned_radial(observations: Observations, model: ExtendedModel, state: State) -> Floats:
     """The measured forces turned so that they point from the tip to the disc's centre, as the sensor reports them."""
     o = observations
-    tip = forward(model.parameters, np.stack([state.link1, state.link2], axis=-1))
+    tip = forward(model.parameters, np.array([state.link1, state.link2]).T)
     to_disc = o.contact_problem(o.joints).shifted(model, state).centers - tip
     direction = np.arctan2(to_disc[:, 1], to_disc[:, 0])
-    if o.frame is SensorFrame.TOOL:
-        direction = direction - (o.joints[:, 0] + o.joints[:, 1] + model.parameters.theta1 + model.parameters.theta2)
     magnitude = np.hypot(*true_force(model, o.force, o.metadata).T)
-    turned = np.stack([magnitude * np.cos(direction), magnitude * np.sin(direction)], axis=-1)
-    return reported_force(model, turned, o.metadata) if model.effects else turned
+    turned = _in_sensor_frame(o, model, o.joints, state._replace(magnitude=magnitude, direction=direction))
+    return reported_force(model, turned, o.metadata)
 
 
 def as_radial(observations: Observations, model: ExtendedModel, state: State) -> Adjusted:
@@ -289,7 +299,7 @@ def as_radial(observations: Observations, model: ExtendedModel, state: State) ->
     )
 
 
-def as_measured(observations: Observations, model: ExtendedModel, state: State) -> tuple[Adjusted, Arm | None]:
+def as_measured(observations: Observations, model: ExtendedModel, state: State) -> tuple[Adjusted, Arm]:
     """The observations as measured, with the link angles that go with a new L̄: the coarse stage. As `adjust`."""
     o = observations
     state = place_force(o, model, o.joints, o.force, state)

@@ -40,13 +40,13 @@ def project(observations: Observations, model: ExtendedModel, noise: Noise) -> P
     """
     with np.errstate(all='ignore'):
         point = evaluate(observations, model, first_guess(observations, model), noise, COARSE)
-        adjusted = turn_radial(observations, point)
+        adjusted, arm = turn_radial(observations, point), None
         before = np.full(len(observations.joints), np.inf)
         for number in range(_MOST_ROUNDS):
-            point = evaluate(observations, model, adjusted, noise)
+            point = evaluate(observations, model, adjusted, noise, arm=arm)
             if number >= _ROUNDS and not np.any(np.abs(point.distance - before) > _CONVERGED * (1 + point.distance)):
                 return point
             before = point.distance
             still = np.zeros(point.whitened.derivative.shape[2] + len(observations.errors))
-            adjusted, _ = adjust(observations, model, point.adjusted, point.linear, point.whitened, still, noise)
-        return evaluate(observations, model, adjusted, noise)
+            adjusted, arm = adjust(observations, model, point.adjusted, point.linear, point.whitened, still, noise)
+        return evaluate(observations, model, adjusted, noise, arm=arm)

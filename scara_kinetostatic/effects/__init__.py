@@ -16,12 +16,13 @@ from scara_kinetostatic.effects.base import (
 from scara_kinetostatic.effects.registry import catalogue, find, register, unregister
 from scara_kinetostatic.effects.unnamed import empirical_effects
 from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis
-from scara_kinetostatic.model.effect_law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchState
 
 __all__ = [
     'VARIABLES',
     'DiscEffect',
     'Effect',
+    'ForceDependence',
     'JointEffect',
     'LinearEffect',
     'Parameter',

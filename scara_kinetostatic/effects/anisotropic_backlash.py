@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from scara_kinetostatic.effects.base import LinearEffect, Parameter
-from scara_kinetostatic.model.effect_law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchState
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,7 @@ class AnisotropicBacklash(LinearEffect):
     identified_by: ClassVar[str] = 'forces from all directions relative to link 2, at several levels, small ones too'
     plot_variable: ClassVar[str] = 'direction_from_link2'
     order: ClassVar[int] = 11
+    force_dependence: ClassVar[ForceDependence] = ForceDependence.DIRECTION
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         along = (at.normal * at.link2).sum(axis=1)

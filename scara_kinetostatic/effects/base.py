@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import Shift, TouchMetadata, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
 
 LAST = 1000
 """`Effect.order` of a class that does not say."""
@@ -101,6 +101,8 @@ class Effect(ABC):
         diverges_with_alias: whether it runs to large values beside a rival that is nearly the same, instead of
             sharing with it.
         scaled_by: names of those base parameters that the shift is proportional to.
+        force_dependence: what of the force of a touch the shift depends on; unless stated, on all of it. Where it is
+            less, fits are faster.
         is_physical: whether it has a physical meaning; else it is a fitted curve.
         is_linear: whether the shift is linear in the parameters.
         is_smooth: whether the shift has a derivative everywhere, over the state of a touch and over the parameters.
@@ -144,6 +146,7 @@ class Effect(ABC):
     special_cases: ClassVar[tuple[str, ...]] = ()
     diverges_with_alias: ClassVar[bool] = False
     scaled_by: ClassVar[tuple[str, ...]] = ()
+    force_dependence: ClassVar[ForceDependence] = ForceDependence.ALL
     is_physical: ClassVar[bool] = True
     is_linear: ClassVar[bool] = False
     is_smooth: ClassVar[bool] = True
@@ -373,7 +376,7 @@ class LinearEffect(Effect):
     def shift(self, at: TouchState, values: Floats) -> Shift:
         parts = self.basis(at)
         return Shift(
-            _combine([part.joints for part in parts], values), _combine([part.place for part in parts], values)
+            combined([part.joints for part in parts], values), combined([part.place for part in parts], values)
         )
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
@@ -383,6 +386,8 @@ class LinearEffect(Effect):
 @dataclass(frozen=True)
 class SensorEffect(Effect):
     """An error of the force sensor: it moves nothing."""
+
+    force_dependence: ClassVar[ForceDependence] = ForceDependence.NONE
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
         return Shift()
@@ -474,6 +479,12 @@ def at_joint(angle: Floats, joint: int) -> Floats:
     return out
 
 
-def _combine(parts: list[Floats | None], values: Floats) -> Floats | None:
+def unit_vectors(n: int) -> tuple[Floats, Floats]:
+    """The unit vectors along x and along y, n times each, (n, 2) each."""
+    return at_joint(np.ones(n), 0), at_joint(np.ones(n), 1)
+
+
+def combined(parts: Sequence[Floats | None], values: Floats) -> Floats | None:
+    """The sum of parts (n, 2) times values (k,); None where there is none."""
     terms = [value * part for part, value in zip(parts, values, strict=True) if part is not None]
-    return None if not terms else np.asarray(np.sum(terms, axis=0))
+    return sum(terms[1:], terms[0]) if terms else None

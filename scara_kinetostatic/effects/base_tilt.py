@@ -9,7 +9,7 @@ import numpy as np
 
 from scara_kinetostatic.effects.base import LinearEffect, Parameter, at_joint
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.effect_law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchState
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,7 @@ class BaseTilt(LinearEffect):
     )
     plot_variable: ClassVar[str] = 'angle'
     order: ClassVar[int] = 14
+    force_dependence: ClassVar[ForceDependence] = ForceDependence.NONE
     scaled_by: ClassVar[tuple[str, ...]] = ('p1', 'p2')
 
     def random_values(self, random: np.random.Generator) -> Floats:

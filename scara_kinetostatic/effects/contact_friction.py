@@ -12,7 +12,7 @@ from scara_kinetostatic.effects.base import Effect, Parameter
 from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis, slide
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchState
 from scara_kinetostatic.model.parameters import Parameters
 
 
@@ -41,6 +41,7 @@ class ContactFriction(Effect):
     identified_by: ClassVar[str] = 'touches that slide in both directions: preload every other touch'
     plot_variable: ClassVar[str] = 'slide'
     order: ClassVar[int] = 1
+    force_dependence: ClassVar[ForceDependence] = ForceDependence.DIRECTION
     on_object: ClassVar[bool] = True
 
     @classmethod

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from scara_kinetostatic.effects.base import JointEffect, Parameter
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.effect_law import TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, TouchState
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class EncoderGain(JointEffect):
     identified_by: ClassVar[str] = 'touches over the whole range of the joint, in both elbow postures'
     plot_variable: ClassVar[str] = 'angle'
     order: ClassVar[int] = 5
+    force_dependence: ClassVar[ForceDependence] = ForceDependence.NONE
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (-at.joints[:, self.joint],)

@@ -9,7 +9,7 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.contact_state import State
-from scara_kinetostatic.model.effect_law import Shift, TouchMetadata, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_equations import ContactProblem
 from scara_kinetostatic.model.kinematics import forward
 
@@ -28,11 +28,21 @@ def evaluate_once(effect: Effect, cell: Cell) -> None:
         ValueError: an array has the wrong shape or a value that is not finite; names it.
         Exception: whatever the effect raises.
     """
-    at = _some_touches(cell)
+    contact_problem, state = _some_touches(cell)
+    at = contact_problem.touch_state(cell.nominal, state)
     values, force = np.array(effect.typical), at.force
     with np.errstate(all='ignore'):
         _check_shift('shift', effect.shift(at, values), at)
         _check_shifts('derivative', effect.derivative(at, values), len(values), at)
+        stronger, turned = (
+            contact_problem.touch_state(cell.nominal, other)
+            for other in (
+                state._replace(magnitude=state.magnitude + 1.0),
+                state._replace(direction=state.direction + 0.1),
+            )
+        )
+        _check_independence(effect, values, at, stronger, ForceDependence.ALL, 'magnitude')
+        _check_independence(effect, values, at, turned, ForceDependence.DIRECTION, 'direction')
         error = effect.sensor_error(force, values)
         if error is not None:
             _check_array('sensor_error', error, force.shape)
@@ -46,7 +56,19 @@ def evaluate_once(effect: Effect, cell: Cell) -> None:
         _check_array('plot_axis', effect.plot_axis(at, values).values, at.magnitude.shape)
 
 
-def _some_touches(cell: Cell) -> TouchState:
+def _check_independence(
+    effect: Effect, values: Floats, at: TouchState, other: TouchState, needed: ForceDependence, what: str
+) -> None:
+    """That touches with another force have the same shift where the effect says so."""
+    if effect.force_dependence >= needed:
+        return
+    for before, after in zip(effect.shift(at, values), effect.shift(other, values), strict=True):
+        if before is not None and (after is None or not np.array_equal(before, after)):
+            stated = effect.force_dependence.name
+            raise ValueError(f'force_dependence: {stated} is stated, but the shift depends on the {what} of the force')
+
+
+def _some_touches(cell: Cell) -> tuple[ContactProblem, State]:
     """Touches of all discs in both postures, at different angles, forces and times."""
     number = np.arange(_TOUCHES)
     disc, posture, k = number % len(cell.discs), 1 - 2 * (number % 2), number.astype(float)
@@ -59,7 +81,7 @@ def _some_touches(cell: Cell) -> TouchState:
     approach = np.asarray(1e-4 * np.stack([sense, -sense], axis=-1))
     metadata = TouchMetadata(disc, np.asarray(60.0 * k), approach, posture, approach, order=number)
     state = State(joints[:, 0], joints[:, 1], np.asarray(10.0 + 5.0 * k), direction, *np.ones((2, _TOUCHES)))
-    return ContactProblem(joints, centers, radii, cell.gripper, metadata).touch_state(cell.nominal, state)
+    return ContactProblem(joints, centers, radii, cell.gripper, metadata), state
 
 
 def _check_shifts(method: str, shifts: tuple[Shift, ...], count: int, at: TouchState) -> None:

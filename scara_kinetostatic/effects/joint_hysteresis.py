@@ -9,7 +9,7 @@ import numpy as np
 
 from scara_kinetostatic.effects.base import JointEffect, Parameter
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.effect_law import TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, TouchState
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,7 @@ class JointHysteresis(JointEffect):
     identified_by: ClassVar[str] = 'touches reached from both sides: preload every other touch'
     plot_variable: ClassVar[str] = 'approach'
     order: ClassVar[int] = 8
+    force_dependence: ClassVar[ForceDependence] = ForceDependence.NONE
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (np.sign(at.metadata.approach[:, self.joint]),)

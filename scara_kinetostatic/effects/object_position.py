@@ -6,12 +6,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from scara_kinetostatic.effects.base import DiscEffect, Effect, Parameter
+from scara_kinetostatic.effects.base import DiscEffect, Effect, Parameter, unit_vectors
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, TouchState
 from scara_kinetostatic.model.quantity import displacement
 
 
@@ -41,6 +39,7 @@ class ObjectPosition(DiscEffect):
     identified_by: ClassVar[str] = 'touches all round three or more discs, in both elbow postures'
     plot_variable: ClassVar[str] = 'place'
     order: ClassVar[int] = 16
+    force_dependence: ClassVar[ForceDependence] = ForceDependence.NONE
 
     @classmethod
     def instances(cls, cell: Cell) -> Iterable[Effect]:
@@ -57,4 +56,4 @@ class ObjectPosition(DiscEffect):
         return f'measure {self.target} again: it stands {displacement(values["x"], values["y"])}'
 
     def places(self, at: TouchState) -> tuple[Floats, ...]:
-        return tuple(-np.broadcast_to(unit, at.normal.shape) for unit in np.eye(2))
+        return tuple(-unit for unit in unit_vectors(len(at.normal)))

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from scara_kinetostatic.effects.base import DiscEffect, Parameter
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.effect_law import TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, TouchState
 from scara_kinetostatic.model.quantity import quantity
 
 
@@ -26,6 +26,7 @@ class ObjectRadius(DiscEffect):
     identified_by: ClassVar[str] = 'touches of two or more discs, all round each'
     plot_variable: ClassVar[str] = 'disc'
     order: ClassVar[int] = 17
+    force_dependence: ClassVar[ForceDependence] = ForceDependence.DIRECTION
 
     def correction(self, values: Mapping[str, float]) -> str:
         error = values['radius']

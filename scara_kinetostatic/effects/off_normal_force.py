@@ -11,7 +11,7 @@ import numpy as np
 from scara_kinetostatic.effects.base import Effect, Parameter
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchState
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,7 @@ class OffNormalForce(Effect):
     identified_by: ClassVar[str] = 'touches at several force levels: friction grows with the force, noise does not'
     plot_variable: ClassVar[str] = 'magnitude'
     on_object: ClassVar[bool] = True
+    force_dependence: ClassVar[ForceDependence] = ForceDependence.DIRECTION
 
     @property
     def off_normal_std(self) -> float:

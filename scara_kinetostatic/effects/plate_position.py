@@ -9,9 +9,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.effects.base import Effect, LinearEffect, Parameter
+from scara_kinetostatic.effects.base import Effect, LinearEffect, Parameter, unit_vectors
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchState
 from scara_kinetostatic.model.quantity import displacement
 
 
@@ -40,6 +40,7 @@ class PlatePosition(LinearEffect):
     plot_variable: ClassVar[str] = 'place'
     on_object: ClassVar[bool] = True
     order: ClassVar[int] = 26
+    force_dependence: ClassVar[ForceDependence] = ForceDependence.NONE
 
     @classmethod
     def instances(cls, cell: Cell) -> Iterable[Effect]:
@@ -53,7 +54,7 @@ class PlatePosition(LinearEffect):
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         touched = self.acts_on(at)[:, None]
-        return tuple(Shift(place=touched * -np.broadcast_to(unit, at.normal.shape)) for unit in np.eye(2))
+        return tuple(Shift(place=touched * -unit) for unit in unit_vectors(len(touched)))
 
     def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
         return np.asarray(np.isin(at.metadata.disc, self.discs))

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import Parameter, SensorEffect
+from scara_kinetostatic.effects.base import Parameter, SensorEffect, unit_vectors
 from scara_kinetostatic.model.arrays import Floats
 
 
@@ -28,7 +28,7 @@ class SensorBias(SensorEffect):
     order: ClassVar[int] = 3
 
     def sensor_error(self, force: Floats, values: Floats) -> Floats:
-        return np.broadcast_to(np.asarray(values, dtype=float), force.shape)
+        return np.full(force.shape, values)
 
     def sensor_error_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
-        return tuple(np.broadcast_to(unit, force.shape) for unit in np.eye(2))
+        return unit_vectors(len(force))

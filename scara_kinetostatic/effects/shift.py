@@ -18,11 +18,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.effects.base import Effect, Parameter, Trial, at_joint
+from scara_kinetostatic.effects.base import Effect, Parameter, Trial, at_joint, combined, unit_vectors
 from scara_kinetostatic.effects.variables import VARIABLES, PlotAxis
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import Shift, TouchMetadata, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
 
 _LEAST = 3
 """Touches on either side of a moment at least; with fewer they are outliers."""
@@ -54,6 +54,7 @@ class _Step(Effect):
     plot_variable: ClassVar[str] = 'touch'
     grid_parameter: ClassVar[str] = 'moment'
     is_stepwise: ClassVar[bool] = True
+    force_dependence: ClassVar[ForceDependence] = ForceDependence.NONE
     diverges_with_alias: ClassVar[bool] = True
 
     @abstractmethod
@@ -65,12 +66,12 @@ class _Step(Effect):
         return ()
 
     def shift(self, at: TouchState, values: Floats) -> Shift:
-        parts, size = self.derivative(at, values)[:-1], values[:-1]
-        if not self.units(at):
+        units = self.units(at)
+        if not units:
             return Shift()
-        joints = [value * part.joints for value, part in zip(size, parts, strict=True) if part.joints is not None]
-        place = [value * part.place for value, part in zip(size, parts, strict=True) if part.place is not None]
-        return Shift(sum(joints) if joints else None, sum(place) if place else None)
+        weight = self._weight(at.metadata, len(at.magnitude), values[-1])[:, None]
+        whole = combined([unit.joints for unit in units], values[:-1]), combined([u.place for u in units], values[:-1])
+        return Shift(*(None if part is None else weight * part for part in whole))
 
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         units = self.units(at)
@@ -78,7 +79,7 @@ class _Step(Effect):
             return tuple(Shift() for _ in values)
         weight = self._weight(at.metadata, len(at.magnitude), values[-1])[:, None]
         parts = [Shift(*(None if one is None else weight * one for one in unit)) for unit in units]
-        still = Shift(*(None if one is None else np.zeros_like(at.joints) for one in units[0]))
+        still = Shift(*(None if one is None else np.zeros(at.joints.shape) for one in units[0]))
         return (*parts, still)
 
     def sensor_error(self, force: Floats, values: Floats) -> Floats | None:
@@ -89,14 +90,16 @@ class _Step(Effect):
 
     def sensor_error_of_touches(self, force: Floats, values: Floats, metadata: TouchMetadata | None) -> Floats | None:
         parts = self.sensor_error_of_touches_derivative(force, values, metadata)
-        return np.sum([v * part for v, part in zip(values, parts, strict=True)], axis=0) if parts else None
+        return combined(parts, values) if parts else None
 
     def sensor_error_of_touches_derivative(
         self, force: Floats, values: Floats, metadata: TouchMetadata | None
     ) -> tuple[Floats, ...]:
         units = self.unit_errors(force)
+        if not units:
+            return ()
         weight = self._weight(metadata, len(force), values[-1])[:, None]
-        return (*(weight * unit for unit in units), np.zeros_like(force)) if units else ()
+        return (*(weight * unit for unit in units), np.zeros(force.shape))
 
     def amplitudes(self, values: Floats) -> Floats:
         """All but the moment."""
@@ -190,7 +193,7 @@ class BaseShift(_Step):
         return [cls(target='base')]
 
     def units(self, at: TouchState) -> tuple[Shift, ...]:
-        return tuple(Shift(place=np.broadcast_to(unit, at.normal.shape)) for unit in np.eye(2))
+        return tuple(Shift(place=unit) for unit in unit_vectors(len(at.normal)))
 
 
 @dataclass(frozen=True)
@@ -249,7 +252,7 @@ class DiscShift(_Step):
 
     def units(self, at: TouchState) -> tuple[Shift, ...]:
         touched = 1.0 * (at.metadata.disc == self.disc)[:, None]
-        return tuple(Shift(place=-touched * np.broadcast_to(unit, at.normal.shape)) for unit in np.eye(2))
+        return tuple(Shift(place=-touched * unit) for unit in unit_vectors(len(touched)))
 
     def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
         return np.asarray(at.metadata.disc == self.disc)
@@ -316,4 +319,4 @@ class SensorShift(_Step):
         return ()
 
     def unit_errors(self, force: Floats) -> tuple[Floats, ...]:
-        return tuple(np.broadcast_to(unit, force.shape) for unit in np.eye(2))
+        return unit_vectors(len(force))

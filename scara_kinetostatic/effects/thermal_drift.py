@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from scara_kinetostatic.effects.base import JointEffect, LinearEffect, Parameter
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.effect_law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchState
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class LinkGrowth(LinearEffect):
     identified_by: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
     plot_variable: ClassVar[str] = 'time'
     order: ClassVar[int] = 18
+    force_dependence: ClassVar[ForceDependence] = ForceDependence.NONE
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         reach = at.parameters.l1 * at.link1 + at.parameters.l2 * at.link2
@@ -50,6 +51,7 @@ class ZeroDrift(JointEffect):
     identified_by: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
     plot_variable: ClassVar[str] = 'time'
     order: ClassVar[int] = 19
+    force_dependence: ClassVar[ForceDependence] = ForceDependence.NONE
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (-at.metadata.time,)

@@ -13,7 +13,7 @@ from scara_kinetostatic.effects.base import Effect, Parameter, Trial, at_joint
 from scara_kinetostatic.effects.variables import PlotAxis
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchState
 
 LOWEST, HIGHEST = 1.0, 120.0
 """Frequencies of the trials, cycles per turn of the joint."""
@@ -57,6 +57,7 @@ class TransmissionError(Effect):
     )
     plot_variable: ClassVar[str] = 'angle'
     order: ClassVar[int] = 6
+    force_dependence: ClassVar[ForceDependence] = ForceDependence.NONE
     grid_parameter: ClassVar[str] = 'cycles'
     diverges_with_alias: ClassVar[bool] = True
 

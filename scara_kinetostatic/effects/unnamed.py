@@ -6,7 +6,7 @@ function fitted to it. Such a term says where the model deviates and by how much
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,7 +17,7 @@ from scara_kinetostatic.effects.base import Effect, LinearEffect, Parameter, at_
 from scara_kinetostatic.effects.variables import PlotAxis
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.effect_law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchState
 
 WAVES = 3
 """Highest order of the waves over an angle."""
@@ -44,6 +44,14 @@ CURVE_VARIABLES = {
     'time': ('time', 's'),
 }
 """What a curve may depend on: in words, and the unit."""
+_FORCE_DEPENDENCE = {
+    'q1': ForceDependence.NONE,
+    'q2': ForceDependence.NONE,
+    'time': ForceDependence.NONE,
+    'direction': ForceDependence.DIRECTION,
+    'direction_from_link2': ForceDependence.DIRECTION,
+}
+"""Of these variables; the others depend on all of the force."""
 CHANNELS = {
     'joint1': 'joint 1 deviates by an angle',
     'joint2': 'joint 2 deviates by an angle',
@@ -116,6 +124,12 @@ class Unnamed(LinearEffect):
         return self.disc >= 0
 
     @property
+    def force_dependence(self) -> ForceDependence:  # type: ignore[override]
+        """That of its variable; along and across the force it turns with it at least."""
+        of_variable = _FORCE_DEPENDENCE.get(self.variable, ForceDependence.ALL)
+        return of_variable if self.channel in JOINT_CHANNELS else max(of_variable, ForceDependence.DIRECTION)
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         """One coefficient per function."""
         unit, scale = {'along': ('m', 1e-3), 'across': ('m', 1e-3), 'reading': ('N', 1.0)}.get(
@@ -180,18 +194,24 @@ class Unnamed(LinearEffect):
 
 def _variable(at: TouchState, name: str) -> Floats:
     """A key of `CURVE_VARIABLES` at n touches, (n,); SI units."""
-    direction = np.arctan2(at.normal[:, 1], at.normal[:, 0])
-    values: dict[str, Floats] = {
-        'q1': at.joints[:, 0],
-        'q2': at.joints[:, 1],
-        'torque1': at.torques[:, 0],
-        'torque2': at.torques[:, 1],
-        'force': at.magnitude,
-        'direction': direction,
-        'direction_from_link2': direction - np.arctan2(at.link2[:, 1], at.link2[:, 0]),
-        'time': at.metadata.time,
-    }
-    return values[name]
+    return _VALUES[name](at)
+
+
+def _direction(vectors: Floats) -> Floats:
+    """Of vectors (n, 2), (n,), rad."""
+    return np.asarray(np.arctan2(vectors[:, 1], vectors[:, 0]))
+
+
+_VALUES: dict[str, Callable[[TouchState], Floats]] = {
+    'q1': lambda at: at.joints[:, 0],
+    'q2': lambda at: at.joints[:, 1],
+    'torque1': lambda at: at.torques[:, 0],
+    'torque2': lambda at: at.torques[:, 1],
+    'force': lambda at: at.magnitude,
+    'direction': lambda at: _direction(at.normal),
+    'direction_from_link2': lambda at: _direction(at.normal) - _direction(at.link2),
+    'time': lambda at: at.metadata.time,
+}
 
 
 def empirical_effects(at: TouchState, discs: Sequence[str], one_level: bool = False) -> Iterator[Effect]:

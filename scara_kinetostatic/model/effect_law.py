@@ -12,6 +12,7 @@ An `EffectLaw` gives these three as functions of the state of a touch and of the
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -134,7 +135,7 @@ class TouchState(NamedTuple):
     @property
     def tangent(self) -> Floats:
         """T = R90 n, (n, 2)."""
-        return np.stack([-self.normal[:, 1], self.normal[:, 0]], axis=-1)
+        return np.array([-self.normal[:, 1], self.normal[:, 0]]).T
 
     def history_torques(self, joint: int) -> Floats:
         """C of joint 0 or 1 at the turning points of the load before the hold, (n, K), Nm; K = 0 where none are known.
@@ -171,6 +172,20 @@ class Shift(NamedTuple):
     place: Floats | None = None
 
 
+class ForceDependence(IntEnum):
+    """What of the force of a touch the shift of an effect depends on, the least first.
+
+    The torques depend on both, the directions of the links, the disc and all metadata on neither.
+    """
+
+    NONE = 0
+    """On nothing: the shift is the same under any force."""
+    DIRECTION = 1
+    """On its direction φ, or its off-normal angle, but not on its magnitude f."""
+    ALL = 2
+    """On its magnitude as well."""
+
+
 class EffectLaw(Protocol):
     """What the model needs of an effect."""
 
@@ -189,6 +204,10 @@ class EffectLaw(Protocol):
     @property
     def on_object(self) -> bool:
         """Whether `place` belongs to the object rather than to the robot: then it is no part of H̄ and Ḡ."""
+
+    @property
+    def force_dependence(self) -> ForceDependence:
+        """What of the force the shift depends on."""
 
     @property
     def is_smooth(self) -> bool:

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.model.contact_state import State
-from scara_kinetostatic.model.effect_law import Shift, TouchMetadata, TouchState
+from scara_kinetostatic.model.contact_state import State, next_modes
+from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.gripper import Gripper
-from scara_kinetostatic.model.joint_equations import LinkAngles, solve_link_angles, update_modes
+from scara_kinetostatic.model.joint_equations import LinkAngles, solve_link_angles
 from scara_kinetostatic.model.lever_arms import Arm, view_arm
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch_equations import Equations, parameter_derivative, touch_equations
@@ -49,48 +49,64 @@ class ContactProblem(NamedTuple):
             self.joints[which], self.centers[which], self.radii[which], self.gripper, metadata, off_normal
         )
 
-    def touch_state(self, parameters: Parameters, state: State) -> TouchState:
-        """The touches at a state, as effects take them."""
+    def touch_state(self, parameters: Parameters, state: State, arm: Arm | None = None) -> TouchState:
+        """The touches at a state, as effects take them; `arm` saves work where that of the state is known."""
         assert self.metadata is not None
-        arm = view_arm(parameters, *state[:4], self.gripper)
-        f, normal = state.magnitude, np.stack([arm.nx, arm.ny], axis=-1)
+        arm = view_arm(parameters, *state[:4], self.gripper) if arm is None else arm
+        f, normal = state.magnitude, np.array([arm.nx, arm.ny]).T
         return TouchState(
             parameters=parameters,
             joints=self.joints,
             force=f[:, None] * normal,
             magnitude=f,
             normal=normal,
-            torques=np.stack([f * arm.lever1, f * arm.lever2], axis=-1),
-            link1=np.stack([arm.ux, arm.uy], axis=-1),
-            link2=np.stack([arm.vx, arm.vy], axis=-1),
+            torques=np.array([f * arm.lever1, f * arm.lever2]).T,
+            link1=np.array([arm.ux, arm.uy]).T,
+            link2=np.array([arm.vx, arm.vy]).T,
             centers=self.centers,
             radii=self.radii,
             metadata=self.metadata,
-            off_normal=np.zeros_like(f) if self.off_normal is None else self.off_normal,
+            off_normal=np.zeros(len(f)) if self.off_normal is None else self.off_normal,
         )
 
-    def shifted(self, model: ExtendedModel, state: State) -> ContactProblem:
-        """The same touches for the base model: Q - δ and S_c - d instead of Q and S_c."""
+    def shifted(self, model: ExtendedModel, state: State, arm: Arm | None = None) -> ContactProblem:
+        """The same touches for the base model: Q - δ and S_c - d instead of Q and S_c; `arm` as in `touch_state`."""
         if not model.effects:
             return self
-        joints, place = model.shift(self.touch_state(model.parameters, state))
+        joints, place = model.shift(self.touch_state(model.parameters, state, arm))
         return self._replace(joints=self.joints - joints, centers=self.centers - place, off_normal=None)
 
 
-def _shift_by_force(
-    model: ExtendedModel, contact_problem: ContactProblem, state: State
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """The derivatives of δ and d by f and φ: δ_f, d_f, δ_φ, d_φ, (n, 2) each, by central differences."""
-    parts: list[Floats] = []
+def _shift_by_magnitude(model: ExtendedModel, contact_problem: ContactProblem, state: State, arm: Arm) -> Shift:
+    """The derivatives of δ and d by f, by central differences; nothing where no effect depends on f."""
+    if model.force_dependence < ForceDependence.ALL:
+        return Shift()
     step = _FORCE_STEP * np.maximum(np.abs(state.magnitude), 1.0)
-    for name, size in (('magnitude', step), ('direction', np.full_like(step, _ANGLE_STEP))):
-        value = getattr(state, name)
-        up, down = (
-            model.shift(contact_problem.touch_state(model.parameters, state._replace(**{name: value + sign * size})))
-            for sign in (1, -1)
-        )
-        parts += [(a - b) / (2 * size[:, None]) for a, b in zip(up, down, strict=True)]
-    return parts[0], parts[1], parts[2], parts[3]
+    same = arm if arm.skew is None else None
+    up, down = (
+        contact_problem.touch_state(model.parameters, state._replace(magnitude=state.magnitude + change), same)
+        for change in (step, -step)
+    )
+    return _difference(model, up, down, 2 * step[:, None], ForceDependence.ALL)
+
+
+def _shift_by_direction(model: ExtendedModel, contact_problem: ContactProblem, state: State) -> Shift:
+    """The derivatives of δ and d by φ, by central differences; nothing where no effect depends on φ."""
+    if model.force_dependence < ForceDependence.DIRECTION:
+        return Shift()
+    up, down = (
+        contact_problem.touch_state(model.parameters, state._replace(direction=state.direction + change))
+        for change in (_ANGLE_STEP, -_ANGLE_STEP)
+    )
+    return _difference(model, up, down, 2 * _ANGLE_STEP, ForceDependence.DIRECTION)
+
+
+def _difference(
+    model: ExtendedModel, up: TouchState, down: TouchState, step: Floats | float, least: ForceDependence
+) -> Shift:
+    """What the effects that depend on so much of the force differ by in two states, per `step`."""
+    pairs = zip(model.shift(up, least=least), model.shift(down, least=least), strict=True)
+    return Shift(*((a - b) / step for a, b in pairs))
 
 
 def extended_equations(
@@ -106,39 +122,51 @@ def extended_equations(
         state: where to evaluate.
         arm: the arm at the state, where it is known.
     """
-    joints, centers, radii, gripper, *_ = contact_problem.shifted(model, state)
+    if arm is None:
+        arm = view_arm(model.parameters, *state[:4], contact_problem.gripper)
+    joints, centers, radii, gripper, *_ = contact_problem.shifted(model, state, arm)
     e = touch_equations(model.parameters, joints, centers, radii, state, gripper, arm)
-    if not model.effects:
-        return e
-    joints_f, place_f, joints_d, place_d = _shift_by_force(model, contact_problem, state)
-    on = np.stack([state.mode1 != 0, state.mode2 != 0])
-    (f1, f2), (d1, d2) = on * joints_f.T, on * joints_d.T
-    nx, ny = e.rows.arm.nx, e.rows.arm.ny
-    return e._replace(
-        row1_f=e.row1_f + f1,
-        row2_f=e.row2_f + f2,
-        row1_d=e.row1_d + d1,
-        row2_d=e.row2_d + d2,
-        normal_f=e.normal_f - e.g11 * f1 - e.g12 * f2 + place_f[:, 0] * nx + place_f[:, 1] * ny,
-        tangent_f=e.tangent_f - e.g21 * f1 - e.g22 * f2 + place_f[:, 1] * nx - place_f[:, 0] * ny,
-        normal_d=e.normal_d - e.g11 * d1 - e.g12 * d2 + place_d[:, 0] * nx + place_d[:, 1] * ny,
-        tangent_d=e.tangent_d - e.g21 * d1 - e.g22 * d2 + place_d[:, 1] * nx - place_d[:, 0] * ny,
-    )
+    by_magnitude = _shift_by_magnitude(model, contact_problem, state, arm)
+    by_direction = _shift_by_direction(model, contact_problem, state)
+    if by_magnitude.joints is not None:
+        normal, tangent = shift_column(by_magnitude, state, e).T
+        turn1, turn2 = _turns(by_magnitude.joints, e)
+        e = e._replace(
+            row1_f=e.row1_f + turn1,
+            row2_f=e.row2_f + turn2,
+            normal_f=e.normal_f + normal,
+            tangent_f=e.tangent_f + tangent,
+        )
+    if by_direction.joints is not None:
+        normal, tangent = shift_column(by_direction, state, e).T
+        turn1, turn2 = _turns(by_direction.joints, e)
+        e = e._replace(
+            row1_d=e.row1_d + turn1,
+            row2_d=e.row2_d + turn2,
+            normal_d=e.normal_d + normal,
+            tangent_d=e.tangent_d + tangent,
+        )
+    return e
+
+
+def _turns(joints: Floats, equations: Equations) -> tuple[Floats, Floats]:
+    """δ of joint 1 and of joint 2, (n,) each, rad; zero where the joint floats."""
+    return joints[:, 0] * equations.rows.on1, joints[:, 1] * equations.rows.on2
 
 
 def shift_column(shift: Shift, state: State, equations: Equations) -> Floats:
     """What a shift adds to h along n and t, (n, 2), m."""
     e, arm = equations, equations.rows.arm
-    out = np.zeros((len(state.magnitude), 2))
+    out = np.zeros((2, len(state.magnitude)))
     if shift.joints is not None:
-        turn1, turn2 = shift.joints[:, 0] * (state.mode1 != 0), shift.joints[:, 1] * (state.mode2 != 0)
-        out[:, 0] -= e.g11 * turn1 + e.g12 * turn2
-        out[:, 1] -= e.g21 * turn1 + e.g22 * turn2
+        turn1, turn2 = _turns(shift.joints, e)
+        out[0] -= e.g11 * turn1 + e.g12 * turn2
+        out[1] -= e.g21 * turn1 + e.g22 * turn2
     if shift.place is not None:
         x, y = shift.place.T
-        out[:, 0] += x * arm.nx + y * arm.ny
-        out[:, 1] += y * arm.nx - x * arm.ny
-    return out
+        out[0] += x * arm.nx + y * arm.ny
+        out[1] += y * arm.nx - x * arm.ny
+    return out.T
 
 
 def all_derivatives(
@@ -148,37 +176,38 @@ def all_derivatives(
     base = parameter_derivative(state, equations, contact_problem.gripper)
     if not model.effects:
         return base
-    at = contact_problem.touch_state(model.parameters, state)
+    at = contact_problem.touch_state(model.parameters, state, equations.rows.arm)
     for name, shift in model.shift_by_robot(at).items():
         base[:, :, NAMES.index(name)] += shift_column(shift, state, equations)
-    columns = [shift_column(shift, state, equations)[:, :, None] for shift in model.shift_by_effects(at)]
-    return np.concatenate([base, *columns], axis=2)
+    columns = [shift_column(shift, state, equations).T[None] for shift in model.shift_by_effects(at)]
+    return np.concatenate([base.transpose(2, 1, 0), *columns]).transpose(2, 1, 0)
 
 
 def off_normal_derivative(
     model: ExtendedModel, contact_problem: ContactProblem, state: State, equations: Equations
 ) -> Floats:
     """∂h by the off-normal angle of each touch's force, (n, 2), m/rad, by central differences."""
-    off_normal = np.zeros_like(state.magnitude) if contact_problem.off_normal is None else contact_problem.off_normal
-    up, down = (
-        model.shift(
-            contact_problem._replace(off_normal=off_normal + sign * _ANGLE_STEP).touch_state(model.parameters, state)
-        )
-        for sign in (1, -1)
-    )
-    joints, place = ((a - b) / (2 * _ANGLE_STEP) for a, b in zip(up, down, strict=True))
-    return shift_column(Shift(joints, place), state, equations)
+    at = contact_problem.touch_state(model.parameters, state, equations.rows.arm)
+    up, down = (at._replace(off_normal=at.off_normal + change) for change in (_ANGLE_STEP, -_ANGLE_STEP))
+    return shift_column(_difference(model, up, down, 2 * _ANGLE_STEP, ForceDependence.DIRECTION), state, equations)
 
 
 def with_updated_modes(model: ExtendedModel, contact_problem: ContactProblem, state: State) -> LinkAngles:
     """`update_modes` of an extended model."""
-    shifted = contact_problem.shifted(model, state)
-    return update_modes(model.parameters, shifted.joints, state, contact_problem.gripper)
+    arm = view_arm(model.parameters, *state[:4], contact_problem.gripper)
+    shifted = contact_problem.shifted(model, state, arm)
+    return LinkAngles(next_modes(model.parameters, shifted.joints, state, arm), arm)
 
 
 def extended_link_angles(
-    model: ExtendedModel, contact_problem: ContactProblem, state: State, frozen: bool = False
-) -> State:
-    """`solve_link_angles` of an extended model, one step."""
-    shifted = contact_problem.shifted(model, state)
-    return solve_link_angles(model.parameters, shifted.joints, state, contact_problem.gripper, frozen).state
+    model: ExtendedModel,
+    contact_problem: ContactProblem,
+    state: State,
+    frozen: bool = False,
+    arm: Arm | None = None,
+) -> LinkAngles:
+    """`solve_link_angles` of an extended model, one step; `arm` saves work where that of the state is known."""
+    if arm is None:
+        arm = view_arm(model.parameters, *state[:4], contact_problem.gripper)
+    shifted = contact_problem.shifted(model, state, arm)
+    return solve_link_angles(model.parameters, shifted.joints, state, contact_problem.gripper, frozen, arm=arm)

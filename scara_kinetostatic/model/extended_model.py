@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.effect_law import EffectLaw, Shift, TouchState
+from scara_kinetostatic.model.effect_law import EffectLaw, ForceDependence, Shift, TouchState
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 
 _ROBOT_STEP = 1e-6
@@ -126,21 +126,24 @@ class ExtendedModel:
         """Standard deviation of the off-normal angle of the force, rad; 0 where no effect has one."""
         return max((effect.off_normal_std for effect in self.effects), default=0.0)
 
-    def shift(self, at: TouchState, robot_only: bool = False) -> tuple[Floats, Floats]:
+    @property
+    def force_dependence(self) -> ForceDependence:
+        """What of the force the shift of any effect depends on."""
+        return max((effect.force_dependence for effect in self.effects), default=ForceDependence.NONE)
+
+    def shift(
+        self, at: TouchState, robot_only: bool = False, least: ForceDependence = ForceDependence.NONE
+    ) -> tuple[Floats, Floats]:
         """δ, rad, and d, m, of all effects together, (n, 2) each.
 
         Args:
             at: the touches.
             robot_only: whether to leave out the displacements d of effects on the object.
+            least: effects that depend on less of the force are left out; a difference over the force needs the
+                others alone.
         """
-        joints, place = np.zeros_like(at.joints), np.zeros_like(at.joints)
-        for effect, values in zip(self.effects, self.effect_arrays, strict=True):
-            part = effect.shift(at, values)
-            if part.joints is not None:
-                joints = joints + part.joints
-            if part.place is not None and not (robot_only and effect.on_object):
-                place = place + part.place
-        return joints, place
+        pairs = zip(self.effects, self.effect_arrays, strict=True)
+        return _sum_of_shifts(at, (pair for pair in pairs if pair[0].force_dependence >= least), robot_only)
 
     def contact_normal(self, at: TouchState) -> Floats:
         """Unit vector m from the tip to the centre of the circle of contact, (n, 2), base frame.
@@ -161,12 +164,29 @@ class ExtendedModel:
         found = {}
         for name in dict.fromkeys(name for effect in self.effects for name in effect.scaled_by):
             value = getattr(at.parameters, name)
+            scaled = [pair for pair in zip(self.effects, self.effect_arrays, strict=True) if name in pair[0].scaled_by]
             up, down = (
-                self.shift(at._replace(parameters=at.parameters.replace(**{name: value + sign * _ROBOT_STEP})))
+                _sum_of_shifts(
+                    at._replace(parameters=at.parameters.replace(**{name: value + sign * _ROBOT_STEP})), scaled
+                )
                 for sign in (1, -1)
             )
             found[name] = Shift(*((a - b) / (2 * _ROBOT_STEP) for a, b in zip(up, down, strict=True)))
         return found
+
+
+def _sum_of_shifts(
+    at: TouchState, pairs: Iterable[tuple[EffectLaw, Floats]], robot_only: bool = False
+) -> tuple[Floats, Floats]:
+    """δ and d of effects with their values; `robot_only` as in `ExtendedModel.shift`."""
+    joints, place = np.zeros(at.joints.shape), np.zeros(at.joints.shape)
+    for effect, values in pairs:
+        part = effect.shift(at, values)
+        if part.joints is not None:
+            joints += part.joints
+        if part.place is not None and not (robot_only and effect.on_object):
+            place += part.place
+    return joints, place
 
 
 def as_model(model: ExtendedModel | Parameters) -> ExtendedModel:

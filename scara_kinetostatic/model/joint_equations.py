@@ -60,11 +60,11 @@ class LinkAngles(NamedTuple):
 
     Attributes:
         state: the state.
-        arm: the arm there; None where nothing asked for it.
+        arm: the arm there.
     """
 
     state: State
-    arm: Arm | None
+    arm: Arm
 
 
 def solve_link_angles(
@@ -74,6 +74,7 @@ def solve_link_angles(
     gripper: Gripper,
     frozen: bool = False,
     again: bool = False,
+    arm: Arm | None = None,
 ) -> LinkAngles:
     """One Newton step of the rows alone, then, unless frozen, the modes that the new link angles call for.
 
@@ -84,10 +85,11 @@ def solve_link_angles(
         gripper: the form of (7).
         frozen: whether every joint stays on its flank.
         again: whether to repeat it where a mode has changed.
+        arm: the arm at `state`, where it is known.
     """
-    moved = _step_links(parameters, joints, state, gripper)
+    moved = _step_links(parameters, joints, state, gripper, arm)
     if frozen:
-        return LinkAngles(moved, None)
+        return LinkAngles(moved, view_arm(parameters, *moved[:4], gripper))
     updated, arm = update_modes(parameters, joints, moved, gripper)
     if not again or ((updated.mode1 == state.mode1) & (updated.mode2 == state.mode2)).all():
         return LinkAngles(updated, arm)

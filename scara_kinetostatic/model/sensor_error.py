@@ -16,6 +16,8 @@ _PASSES = 12
 """Newton steps at most."""
 _STEP = 1e-5
 """Step of the central difference over a force, as a part of it (of 1 N at least)."""
+_FAST = 0.1
+"""The derivative is worked out anew where a step leaves more than this part of the error."""
 _ROUNDING = 1e-15
 """Error of the force that a true force gives, as a part of the largest one, at which the iteration ends."""
 _UNSOLVED = 1e-9
@@ -35,41 +37,49 @@ def has_sensor_error(model: ExtendedModel) -> bool:
 
 def reported_force(model: ExtendedModel, force: Floats, metadata: TouchMetadata | None = None) -> Floats:
     """F + e(F) for true forces (n, 2) in the sensor's frame, N; `metadata` is that of the touches."""
-    total = np.zeros_like(force)
-    for effect, values in zip(model.effects, model.effect_arrays, strict=True):
-        part = effect.sensor_error_of_touches(force, values, metadata)
-        total = total if part is None else total + part
-    return force + total
+    parts = (
+        effect.sensor_error_of_touches(force, values, metadata)
+        for effect, values in zip(model.effects, model.effect_arrays, strict=True)
+    )
+    return sum((part for part in parts if part is not None), force)
 
 
 def true_force(model: ExtendedModel, reported: Floats, metadata: TouchMetadata | None = None) -> Floats:
     """The true forces behind reported ones, (n, 2), N, in the sensor's frame; NaN where there is none.
 
-    By Newton's method.
+    By Newton's method, whose derivative stays for as long as the error falls fast.
     """
     if not has_sensor_error(model):
         return reported
     force, most = reported, np.abs(reported).max(initial=0.0)
+    inverse, before = None, np.inf
     with np.errstate(all='ignore'):
         for _ in range(_PASSES):
             off = reported_force(model, force, metadata) - reported
-            if not np.any(np.abs(off) > _ROUNDING * most):
+            error = np.fmax.reduce(np.abs(off), axis=None)  # of those touches whose force is a number
+            if not error > _ROUNDING * most:
                 break
-            force = force - np.einsum('nij,nj->ni', _true_by_reported(model, force, metadata), off)
+            if inverse is None or error > _FAST * before:
+                inverse = _true_by_reported(model, force, metadata)
+            force, before = force - _times(inverse, off), error
         return np.where(np.abs(off) <= _UNSOLVED * most, force, np.nan)
 
 
-def true_force_derivative(model: ExtendedModel, reported: Floats, metadata: TouchMetadata | None = None) -> Floats:
-    """∂F/∂(reported F) at reported forces (n, 2), each in components along and across itself, (n, 2, 2)."""
-    force = true_force(model, reported, metadata)
-    matrix = _true_by_reported(model, force, metadata)
-    unit = reported / np.hypot(reported[:, 0], reported[:, 1])[:, None]
-    columns = [matrix @ unit[:, :, None], matrix @ np.stack([-unit[:, 1], unit[:, 0]], axis=-1)[:, :, None]]
-    return np.stack([along_and_across(column[:, :, 0], force) for column in columns], axis=-1)
+def true_force_derivative(
+    model: ExtendedModel, reported: Floats, true: Floats, metadata: TouchMetadata | None = None
+) -> Floats:
+    """∂F/∂(reported F) at reported forces (n, 2) and the true ones behind them, (n, 2), N.
+
+    Both are in components along and across the force itself, (n, 2, 2).
+    """
+    matrix = _true_by_reported(model, true, metadata)
+    x, y = (reported / np.hypot(reported[:, 0], reported[:, 1])[:, None]).T
+    columns = [_times(matrix, np.array([x, y]).T), _times(matrix, np.array([-y, x]).T)]
+    return np.stack([along_and_across(column, true) for column in columns], axis=-1)
 
 
 def sensor_error_columns(
-    model: ExtendedModel, reported: Floats, by_reported: Floats, metadata: TouchMetadata | None = None
+    model: ExtendedModel, reported: Floats, true: Floats, by_reported: Floats, metadata: TouchMetadata | None = None
 ) -> Floats:
     """The derivatives of h by the parameters of the effects through the sensor error, (n, 2, k).
 
@@ -78,21 +88,29 @@ def sensor_error_columns(
     Args:
         model: with k parameters of effects.
         reported: forces, (n, 2), N.
+        true: those behind them, (n, 2), N.
         by_reported: ∂h by the reported force, along and across it, (n, 2, 2).
         metadata: of the touches.
     """
-    columns, force = [], true_force(model, reported, metadata)
+    columns = np.zeros((len(model.effect_scales), 2, len(true)))
+    first = 0
     for effect, values in zip(model.effects, model.effect_arrays, strict=True):
-        none = (np.zeros_like(force),) * len(effect.parameters)
-        for error in effect.sensor_error_of_touches_derivative(force, values, metadata) or none:
-            columns.append(-np.einsum('nij,nj->ni', by_reported, along_and_across(error, reported)))
-    return np.stack(columns, axis=-1)
+        for k, error in enumerate(effect.sensor_error_of_touches_derivative(true, values, metadata), first):
+            columns[k] = -_times(by_reported, along_and_across(error, reported)).T
+        first += len(values)
+    return columns.transpose(2, 1, 0)
 
 
 def along_and_across(vectors: Floats, force: Floats) -> Floats:
     """Components of vectors (n, 2) along and across forces (n, 2)."""
-    x, y = np.moveaxis(force / np.hypot(force[:, 0], force[:, 1])[:, None], -1, 0)
-    return np.stack([vectors[:, 0] * x + vectors[:, 1] * y, vectors[:, 1] * x - vectors[:, 0] * y], axis=-1)
+    x, y = (force / np.hypot(force[:, 0], force[:, 1])[:, None]).T
+    return np.array([vectors[:, 0] * x + vectors[:, 1] * y, vectors[:, 1] * x - vectors[:, 0] * y]).T
+
+
+def _times(matrices: Floats, vectors: Floats) -> Floats:
+    """Matrices (n, 2, 2) times vectors (n, 2), touch by touch."""
+    x, y = vectors.T
+    return np.array([matrices[:, 0, 0] * x + matrices[:, 0, 1] * y, matrices[:, 1, 0] * x + matrices[:, 1, 1] * y]).T
 
 
 def _true_by_reported(model: ExtendedModel, force: Floats, metadata: TouchMetadata | None) -> Floats:
@@ -104,5 +122,4 @@ def _true_by_reported(model: ExtendedModel, force: Floats, metadata: TouchMetada
         for unit in np.eye(2)
     ]
     (a, c), (b, d) = (column.T for column in columns)
-    inverse = np.stack([np.stack([d, -b], axis=-1), np.stack([-c, a], axis=-1)], axis=-2)
-    return np.asarray(inverse / (a * d - b * c)[:, None, None])
+    return (np.array([[d, -b], [-c, a]]) / (a * d - b * c)).transpose(2, 0, 1)

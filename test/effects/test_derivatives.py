@@ -9,7 +9,10 @@ from model.helpers import ROBOTS, assert_derivative
 
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.contact_friction import ContactFriction
+from scara_kinetostatic.effects.off_normal_force import OffNormalForce
+from scara_kinetostatic.effects.unnamed import empirical_effects
 from scara_kinetostatic.model.contact_state import State
+from scara_kinetostatic.model.effect_law import ForceDependence
 from scara_kinetostatic.model.extended_equations import (
     ContactProblem,
     all_derivatives,
@@ -53,7 +56,7 @@ def test_derivatives_of_friction_whose_slide_follows_the_estimate():
 def converged_state(model: ExtendedModel, contact_problem: ContactProblem, state: State, frozen: bool) -> State:
     """The state whose link angles go with the joint angles."""
     for _ in range(5):
-        state = extended_link_angles(model, contact_problem, state, frozen)
+        state = extended_link_angles(model, contact_problem, state, frozen).state
     return state
 
 
@@ -73,6 +76,38 @@ def test_what_a_compliance_scales_is_in_its_derivative(effect):
         found = np.stack([up.normal - down.normal, up.tangent - down.tangent], axis=-1) / (2 * step)
         # what the turn of the force does to the effect is of second order
         assert np.abs(found - given[:, :, place]).max() < 0.01 * np.abs(given[:, :, place]).max()
+
+
+def changes(effect: Effect, **change: np.ndarray) -> bool:
+    """Whether a change of the state of touches changes the shift of an effect at all."""
+    scene, values = random_scene(4, 60), 1e-3 * np.ones(len(effect.parameters))
+    values = values if effect.name == 'unnamed' else plausible(effect)
+    state = scene.state._replace(**{name: getattr(scene.state, name) + by for name, by in change.items()})
+    before, after = (
+        effect.shift(scene.contact_problem.touch_state(scene.parameters, s), values) for s in (scene.state, state)
+    )
+    return any(not np.array_equal(a, b) for a, b in zip(before, after, strict=True) if a is not None)
+
+
+CURVES = tuple(empirical_effects(random_scene(4, 60).touch_state, ['disc_1', 'disc_2', 'disc_3']))
+
+
+@pytest.mark.parametrize('effect', (*EFFECTS, *CURVES), ids=lambda effect: effect.label)
+def test_what_an_effect_says_of_the_force_is_what_its_shift_depends_on(effect):
+    by_magnitude, by_direction = changes(effect, magnitude=3.0), changes(effect, direction=0.2)
+    needed = (
+        ForceDependence.ALL if by_magnitude else ForceDependence.DIRECTION if by_direction else ForceDependence.NONE
+    )
+    assert effect.force_dependence == needed
+
+
+def test_a_random_off_normal_angle_does_not_depend_on_the_magnitude():
+    scene, effect = random_scene(4, 60), OffNormalForce()
+    problem = scene.contact_problem._replace(off_normal=np.linspace(-0.1, 0.1, 60))
+    more = scene.state._replace(magnitude=scene.state.magnitude + 3.0)
+    before, after = (effect.shift(problem.touch_state(scene.parameters, s), np.empty(0)) for s in (scene.state, more))
+    assert effect.force_dependence == ForceDependence.DIRECTION
+    np.testing.assert_array_equal(before.place, after.place)
 
 
 @pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)

@@ -11,9 +11,12 @@ from effects.scenes import EFFECTS, LABELS, random_scene
 
 from scara_kinetostatic.effects.encoder_gain import EncoderGain
 from scara_kinetostatic.effects.evaluation import evaluate_once
+from scara_kinetostatic.effects.joint_hardening import JointHardening
+from scara_kinetostatic.effects.object_radius import ObjectRadius
 from scara_kinetostatic.effects.registry import catalogue, find, register, unregister
 from scara_kinetostatic.effects.variables import VARIABLES
 from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.effect_law import ForceDependence
 
 NAMES = {
     'contact_friction', 'sensor_rotation', 'sensor_bias', 'sensor_nonlinearity', 'encoder_gain', 'transmission_error',
@@ -107,6 +110,19 @@ def test_a_class_may_be_registered_as_its_entry_point_may_be():
 @pytest.mark.parametrize('effect', EFFECTS, ids=LABELS)
 def test_every_effect_of_the_catalogue_can_be_evaluated_at_a_few_touches(effect):
     evaluate_once(effect, CELL)
+
+
+def test_an_effect_that_depends_on_more_of_the_force_than_it_says_is_refused():
+    class Stiff(JointHardening):
+        force_dependence = ForceDependence.NONE
+
+    class Larger(ObjectRadius):
+        force_dependence = ForceDependence.NONE
+
+    with pytest.raises(ValueError, match='force_dependence: NONE is stated, but the shift depends on the magnitude'):
+        evaluate_once(Stiff.of(0), CELL)
+    with pytest.raises(ValueError, match='force_dependence: NONE is stated, but the shift depends on the direction'):
+        evaluate_once(Larger.of(0, 'disc_1'), CELL)
 
 
 def test_two_of_one_label_are_refused():
