@@ -22,10 +22,10 @@ from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.candidates import (
     Candidate,
     Scan,
+    ScannedTrial,
     as_fitted,
     explained,
     gains,
-    independent_part,
     refined,
     scan_trials,
 )
@@ -117,12 +117,8 @@ def _credible_trials(problem: Problem, found: list[Candidate], place: int, scale
     unit = unit if beside is None else orthonormal(unit - beside @ (beside.T @ unit))
     best = max(float(gained.max()), float(np.sum((unit.T @ problem.left) ** 2)))
     near = np.flatnonzero(gained > best - CREDIBLE * scale)
-    units = [independent_part(problem, scan.columns[:, k])[0] for k in near]
-    return [
-        Candidate(scan.effect, scan.trials[k], unit, scan.tried)
-        for k, unit in zip(near.tolist(), units, strict=True)
-        if unit.shape[1]
-    ]
+    candidates = [ScannedTrial(scan, k).candidate(problem) for k in near.tolist()]
+    return [candidate for candidate in candidates if candidate.unit.shape[1]]
 
 
 def _is_plausible(fit: Calibration) -> bool:
@@ -145,7 +141,8 @@ def _peaks(problem: Problem, found: list[Candidate], place: int, scale: float) -
     padded = np.concatenate([[-np.inf], gained, [-np.inf]])
     tops = np.flatnonzero((gained >= padded[:-2]) & (gained >= padded[2:]))
     least = (1 - _GRID_LOSS) * float(gained.max()) - CREDIBLE * scale
-    peaks = [refined(problem, scan, int(k), beside) for k in tops if gained[k] > least]
+    found_at = [ScannedTrial(scan, k) for k in tops.tolist() if gained[k] > least]
+    peaks = [refined(problem, top, float(gained[top.k]), beside).candidate(problem) for top in found_at]
     return sorted(peaks, key=lambda peak: -explained(problem, peak))[:_MOST_PEAKS]
 
 

@@ -81,6 +81,28 @@ class Scan(NamedTuple):
     projected: Floats
 
 
+class ScannedTrial(NamedTuple):
+    """One trial of a scan.
+
+    Attributes:
+        scan: the effect and its trials.
+        k: index of the trial.
+    """
+
+    scan: Scan
+    k: int
+
+    @property
+    def trial(self) -> Trial:
+        """The trial."""
+        return self.scan.trials[self.k]
+
+    def candidate(self, problem: Problem) -> Candidate:
+        """The effect at this trial."""
+        unit, _ = independent_part(problem, self.scan.columns[:, self.k])
+        return Candidate(self.scan.effect, self.trial, unit, self.scan.tried)
+
+
 class CandidateSet(NamedTuple):
     """All candidates.
 
@@ -126,32 +148,33 @@ def gather(
             else:
                 unidentifiable.append(Unidentifiable(effect, scan.independent_part))
             continue
-        unit, part = independent_part(problem, problem.columns(trials[0]), problem.noise_columns(effect, trials[0]))
+        unit, part = independent_part(problem, *problem.columns_and_noise(effect, trials[0]))
         if effect.label in fitted and not effect.is_linear:
             found.append(as_fitted(problem, effect, fitted[effect.label], 1))
         elif unit.shape[1]:
             found.append(Candidate(effect, trials[0], unit, 1))
         else:
             unidentifiable.append(Unidentifiable(effect, part))
-    alone = [_best_trial(problem, scan) for scan in scans]
+    best = [_best_trial(problem, scan) for scan in scans]
+    alone = [trial.candidate(problem) for trial in best]
     partners = sorted(found + alone, key=lambda c: -explained(problem, c))[: _PARTNERS if together else 0]
-    for scan, first in zip(scans, alone, strict=True):
+    for scan, first, candidate in zip(scans, best, alone, strict=True):
         beside = [_best_trial(problem, scan, partner.unit) for partner in partners if partner.effect != scan.effect]
+        found += [candidate, *(trial.candidate(problem) for trial in _distinct([first, *beside])[1:])]
         if scan.effect.label in fitted:
-            beside.append(as_fitted(problem, scan.effect, fitted[scan.effect.label], scan.tried))
-        found += _distinct([first, *beside])
+            found.append(as_fitted(problem, scan.effect, fitted[scan.effect.label], scan.tried))
     labels = {candidate.effect.label for candidate in found}
     others = {item.effect.label: item for item in unidentifiable if item.effect.label not in labels}
     return CandidateSet(tuple(found), tuple(others.values()))
 
 
-def _distinct(candidates: Sequence[Candidate]) -> list[Candidate]:
+def _distinct(trials: Sequence[ScannedTrial]) -> list[ScannedTrial]:
     """One effect at several trials, each once; of steps that are a few touches apart only the first."""
-    kept: dict[float, Candidate] = {}
-    for candidate in candidates:
-        trial = candidate.trial
-        key = float(round(trial.place / _SAME_STEP)) if candidate.effect.is_stepwise else float(id(trial))
-        kept.setdefault(key, candidate)
+    kept: dict[float, ScannedTrial] = {}
+    for scanned in trials:
+        trial = scanned.trial
+        key = float(round(trial.place / _SAME_STEP)) if scanned.scan.effect.is_stepwise else float(id(trial))
+        kept.setdefault(key, scanned)
     return list(kept.values())
 
 
@@ -198,36 +221,40 @@ def _least_independent_part(problem: Problem) -> float:
     return INDEPENDENT_PART_CAUTIOUS if problem.one_level else INDEPENDENT_PART
 
 
-def _best_trial(problem: Problem, scan: Scan, beside: Floats | None = None) -> Candidate:
+def _best_trial(problem: Problem, scan: Scan, beside: Floats | None = None) -> ScannedTrial:
     """The trial that explains most, by itself or beside an orthonormal basis (2n, r), refined on finer grids."""
-    return refined(problem, scan, int(np.argmax(gains(problem, scan, beside))), beside)
+    gained = gains(problem, scan, beside)
+    k = int(np.argmax(gained))
+    return refined(problem, ScannedTrial(scan, k), float(gained[k]), beside)
 
 
-def refined(problem: Problem, scan: Scan, k: int, beside: Floats | None = None) -> Candidate:
-    """The best trial near that with index k.
+def refined(problem: Problem, best: ScannedTrial, most: float, beside: Floats | None = None) -> ScannedTrial:
+    """The best trial near one of a grid.
 
     It is looked for on ever finer grids, until a step changes what is explained by less than `_NEGLIGIBLE_GAIN` of the
     residual variance.
+
+    Args:
+        problem: the touches.
+        best: the trial of the grid.
+        most: decrease of the sum of squares by it.
+        beside: orthonormal basis beside which it is compared, (2n, r); None for none.
     """
     taken = 0.0 if beside is None else float(np.sum((beside.T @ problem.left) ** 2))
-    most = float(gains(problem, scan, beside)[k])
-    width = 1.0
+    total = float(problem.left @ problem.left) - taken
+    effect, width = best.scan.effect, 1.0
     for _ in range(_FINEST):
-        finer = scan.effect.finer(problem.touch_state, scan.trials[k], width)
+        finer = effect.finer(problem.touch_state, best.trial, width)
         if not finer:
             break
-        before = most
-        scan = scan_trials(problem, scan.effect, finer, scan.tried)
+        before, scan = most, scan_trials(problem, effect, finer, best.scan.tried)
         gained = gains(problem, scan, beside)
-        k = int(np.argmax(gained))
-        most = float(gained[k])
-        if (
-            most - before
-            < _NEGLIGIBLE_GAIN * max(float(problem.left @ problem.left) - taken - most, 0.0) / problem.freedoms
-        ):
+        best = ScannedTrial(scan, int(np.argmax(gained)))
+        most = float(gained[best.k])
+        if most - before < _NEGLIGIBLE_GAIN * max(total - most, 0.0) / problem.freedoms:
             break
         width *= 2 / (len(finer) - 1)
-    return Candidate(scan.effect, scan.trials[k], independent_part(problem, scan.columns[:, k])[0], scan.tried)
+    return best
 
 
 def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
@@ -248,14 +275,14 @@ def scan_trials(problem: Problem, effect: Effect, trials: Sequence[Trial], tried
 
     A column that these touches do not tell from the base model is 0 where it is the only one of its trial.
     """
-    columns = np.stack([problem.columns(trial) for trial in trials], axis=1)
-    flat = columns.reshape(len(problem.left), -1)
+    flat = problem.columns(*trials)
+    shape = len(problem.left), len(trials), flat.shape[1] // len(trials)
     size = np.linalg.norm(flat, axis=0)
     flat = flat - problem.base @ (problem.base.T @ flat)
     part = np.divide(np.linalg.norm(flat, axis=0), size, out=np.zeros_like(size), where=size > 0)
-    if columns.shape[2] == 1:
+    if shape[2] == 1:
         flat = flat * (part > _least_independent_part(problem))
-    projected, by_trial = flat.reshape(columns.shape), flat.reshape(columns.shape).transpose(1, 2, 0)
+    by_trial = flat.transpose().reshape(*shape[1:], len(flat))
     gram = by_trial @ by_trial.transpose(0, 2, 1)
-    left = (problem.left @ flat).reshape(columns.shape[1:])
-    return Scan(effect, trials, projected, tried, float(min(1.0, part.max())), gram, left)
+    left = (problem.left @ flat).reshape(shape[1:])
+    return Scan(effect, trials, flat.reshape(shape), tried, float(min(1.0, part.max())), gram, left)

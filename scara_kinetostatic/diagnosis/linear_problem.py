@@ -14,6 +14,7 @@ multiplied by M (`calibration.declared_errors.Marginal`): an effect has to excee
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -44,12 +45,26 @@ _NEGLIGIBLE = 1e-9
 """Singular value of unit columns below which a direction adds no rank."""
 
 
+class UnitChanges(NamedTuple):
+    """Change of the whitened misclosures of each touch per unit of the two components of what an effect changes.
+
+    Attributes:
+        joints: by δ, (n, 2, 2), 1/rad.
+        place: by d, (n, 2, 2), 1/m.
+        sensor_error: by e, (n, 2, 2), 1/N.
+    """
+
+    joints: Floats
+    place: Floats
+    sensor_error: Floats
+
+
 class Problem(NamedTuple):
     """The linear problem of n touches.
 
     Attributes:
         point: of the linearisation.
-        equations: of the touches there.
+        by_unit: what the effects change there.
         touch_state: what effects depend on, for each touch.
         force: true forces in the sensor's frame, (n, 2), N.
         larger_by_noise: the same touches, each force larger by one standard deviation of the noise left in it.
@@ -65,7 +80,7 @@ class Problem(NamedTuple):
     """
 
     point: Point
-    equations: Equations
+    by_unit: UnitChanges
     touch_state: TouchState
     force: Floats
     larger_by_noise: TouchState
@@ -88,31 +103,36 @@ class Problem(NamedTuple):
         """Whether an effect is the error of something whose uncertainty is declared: it is then larger than stated."""
         return (effect.declared_as or effect.label) in self.declared
 
-    def columns(self, trial: Trial) -> Floats:
-        """X of a trial, whitened, (2n, m); m may be 0, as random off-normal angles have no column."""
-        sensor_errors = trial.sensor_errors or (None,) * len(trial.columns)
-        columns = [
-            self.column(shift, sensor_error) for shift, sensor_error in zip(trial.columns, sensor_errors, strict=True)
-        ]
-        return np.stack(columns, axis=-1) if columns else np.empty((len(self.point.whitened.residual.ravel()), 0))
+    def columns(self, *trials: Trial) -> Floats:
+        """X of trials side by side, whitened, (2n, m); m may be 0, as random off-normal angles have no column."""
+        shifts = [shift for trial in trials for shift in trial.columns]
+        errors = [error for trial in trials for error in trial.sensor_errors or (None,) * len(trial.columns)]
+        return self.marginal.apply(self._changes(shifts, errors))
 
-    def noise_columns(self, effect: Effect, trial: Trial) -> Floats:
-        """How the columns of an effect's only trial change by one standard deviation of the noise in F̂, (2n, m)."""
+    def columns_and_noise(self, effect: Effect, trial: Trial) -> tuple[Floats, Floats]:
+        """X of an effect's only trial, and its change by one standard deviation of the noise in F̂, (2n, m) each."""
         grown = self.force * (self.larger_by_noise.magnitude / self.touch_state.magnitude)[:, None]
         (changed,) = effect.trials(self.larger_by_noise, grown)
-        return self.columns(changed) - self.columns(trial)
-
-    def column(self, shift: Shift, sensor_error: Floats | None = None) -> Floats:
-        """Column of X by a shift and an error of the sensor, (2n,)."""
-        return self.marginal.apply(self.change(shift, sensor_error))
+        columns, with_noise = np.split(self.columns(trial, changed), 2, axis=1)
+        return columns, with_noise - columns
 
     def change(self, shift: Shift, sensor_error: Floats | None = None) -> Floats:
         """Change of the whitened misclosures by a shift and an error of the sensor, touch by touch, (2n,)."""
-        h = shift_column(shift, self.point.adjusted.state, self.equations)
-        if sensor_error is not None:
-            off = along_and_across(sensor_error, self.point.adjusted.force)
-            h = h - np.einsum('nij,nj->ni', self.point.linear.by_force, off)
-        return whiten_by(h, self.point.whitened.root).ravel()
+        return self._changes([shift], [sensor_error])[:, 0]
+
+    def _changes(self, shifts: Sequence[Shift], errors: Sequence[Floats | None]) -> Floats:
+        """Changes of the whitened misclosures by shifts and errors of the sensor, (2n, k)."""
+        n = len(self.force)
+        changes = np.zeros((len(shifts), n, 2))
+        for by_unit, parts in (
+            (self.by_unit.joints, [shift.joints for shift in shifts]),
+            (self.by_unit.place, [shift.place for shift in shifts]),
+            (self.by_unit.sensor_error, errors),
+        ):
+            acting = {k: part for k, part in enumerate(parts) if part is not None}
+            if acting:
+                changes[list(acting)] += np.einsum('nij,knj->kni', by_unit, np.array(list(acting.values())))
+        return changes.reshape(len(shifts), 2 * n).transpose()
 
     def refitted(self, change: Floats, errors: Floats | None = None, beside: Floats | None = None) -> Floats:
         """What is left of changes of the whitened misclosures after another fit.
@@ -160,7 +180,7 @@ def pose_problem(calibration: Calibration) -> Problem:
     declared = observations.declared
     problem = Problem(
         point=point,
-        equations=equations,
+        by_unit=_unit_changes(point, equations),
         touch_state=touch_state,
         force=true_force(c.model, point.adjusted.force, observations.metadata),
         larger_by_noise=_with_larger_force(touch_state, noise_left(point.linear, point.whitened.root, c.noise, 0)),
@@ -181,6 +201,16 @@ def pose_problem(calibration: Calibration) -> Problem:
     effects = point.whitened.derivative[:, :, len(NAMES) :].reshape(len(base), -1)
     y = unprojected - marginal.apply(effects @ np.concatenate([np.empty(0), *amplitudes]))
     return problem._replace(left=y - base @ (base.T @ y), without_effects=problem.response @ y)
+
+
+def _unit_changes(point: Point, equations: Equations) -> UnitChanges:
+    """What the components of δ, d and e change at a point."""
+    state, force = point.adjusted.state, point.adjusted.force
+    units = [np.broadcast_to(unit, force.shape) for unit in np.eye(2)]
+    joints = [shift_column(Shift(joints=unit), state, equations) for unit in units]
+    place = [shift_column(Shift(place=unit), state, equations) for unit in units]
+    error = [-np.einsum('nij,nj->ni', point.linear.by_force, along_and_across(unit, force)) for unit in units]
+    return UnitChanges(*(whiten_by(np.stack(h, axis=-1), point.whitened.root) for h in (joints, place, error)))
 
 
 def _is_one_level(point: Point, noise: Noise) -> bool:

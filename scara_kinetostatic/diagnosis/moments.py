@@ -18,7 +18,7 @@ from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.alternatives import with_alternatives
-from scara_kinetostatic.diagnosis.candidates import Candidate, as_fitted, gains, independent_part, scan_trials
+from scara_kinetostatic.diagnosis.candidates import Candidate, Scan, ScannedTrial, as_fitted, gains, scan_trials
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
 from scara_kinetostatic.diagnosis.refit import fitted_effects, penalised_deviance, start_from, with_rejections_of
 from scara_kinetostatic.effects.base import Effect
@@ -71,12 +71,12 @@ class _Scanned(NamedTuple):
     """All moments of one effect of a fit, the others held as they are.
 
     Attributes:
-        candidates: the effect at each moment.
+        scan: the effect and the moments.
         gains: decrease of χ² by each, in units of s².
         fitted: that of the moment of the fit.
     """
 
-    candidates: tuple[Candidate, ...]
+    scan: Scan
     gains: Floats
     fitted: float
 
@@ -98,7 +98,7 @@ def _at_better_moment(extended: Calibration) -> Calibration | None:
         scanned = _scan(extended, problem, found, place) if effect.is_stepwise else None
         if scanned is None or scanned.gains.max() < scanned.fitted + _BETTER:
             continue
-        other = scanned.candidates[int(np.argmax(scanned.gains))]
+        other = ScannedTrial(scanned.scan, int(np.argmax(scanned.gains))).candidate(problem)
         start = start_from(problem, [*found[:place], other, *found[place + 1 :]])[0]
         warm_start = WarmStart(start, extended.noise, extended.used)
         try:
@@ -158,20 +158,16 @@ def _scan(extended: Calibration, problem: Problem, found: list[Candidate], place
         return None
     scale = max(1.0, extended.reduced_chi_square) if problem.noise_given else extended.reduced_chi_square
     scale = max(scale, 1e-300)
-    candidates = tuple(
-        Candidate(effect, trial, independent_part(problem, scan.columns[:, k])[0], len(trials))
-        for k, trial in enumerate(trials)
-    )
     unit = found[place].unit
     unit = unit if beside is None or not unit.size else orthonormal(unit - beside @ (beside.T @ unit))
     fitted = float(np.sum((unit.T @ problem.left) ** 2)) / scale
-    return _Scanned(candidates, gains(problem, scan, beside) / scale, fitted)
+    return _Scanned(scan, gains(problem, scan, beside) / scale, fitted)
 
 
 def _moment(extended: Calibration, problem: Problem, found: list[Candidate], place: int, scanned: _Scanned) -> Moment:
     weight = np.exp((scanned.gains - scanned.gains.max()) / 2)
-    moments = np.array([candidate.trial.place for candidate in scanned.candidates])
-    effect = scanned.candidates[0].effect
+    moments = np.array([trial.place for trial in scanned.scan.trials])
+    effect = scanned.scan.effect
     order = np.sort(extended.touches.order[extended.used])
     known = problem.touch_state.metadata.order
     acts = order if known is None else np.sort(known[effect.acts_on(problem.touch_state)])
@@ -203,9 +199,10 @@ def _scatter(
     here = start_from(problem, found)[0].as_array()
     scatter, total = np.zeros((len(own), len(own))), float(weight.sum())
     for k in np.flatnonzero(weight > _LEAST_WEIGHT):
-        if not scanned.candidates[k].unit.shape[1]:
+        candidate = ScannedTrial(scanned.scan, int(k)).candidate(problem)
+        if not candidate.unit.shape[1]:
             continue
-        members = [*found[:place], scanned.candidates[k], *found[place + 1 :]]
+        members = [*found[:place], candidate, *found[place + 1 :]]
         off = start_from(problem, members)[0].as_array() - here
         off[np.isnan(np.concatenate([extended.std, extended.effect_std]))] = 0.0
         scatter += weight[k] / total * np.outer(off, off)
