@@ -27,6 +27,7 @@ from scara_kinetostatic.files.touch_table import is_touch_table, load_touch_tabl
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import Rejection, TouchSet, common_reason
 from scara_kinetostatic.touches.detection import Detection, find_touches
+from scara_kinetostatic.touches.left_out import LeftOut, kept_recordings, leave_out
 from scara_kinetostatic.touches.sequence import UNKNOWN_SEQUENCE, first_places, sequence_of
 from scara_kinetostatic.touches.table import cell_of_files, touches_of_table
 
@@ -47,6 +48,7 @@ def calibrate_recordings(
     cell: Cell,
     *,
     fixed: Mapping[str, float] | None = None,
+    left_out: Sequence[LeftOut] = (),
     progress: Progress | None = None,
 ) -> Outcome:
     """Read recordings and touch tables, find their touches, calibrate, diagnose.
@@ -55,6 +57,7 @@ def calibrate_recordings(
         paths: the recordings, and tables of touches (`.csv`).
         cell: the cell.
         fixed: parameters to hold, by name.
+        left_out: touches and recordings to leave out.
         progress: called at each step.
 
     Raises:
@@ -62,11 +65,12 @@ def calibrate_recordings(
         InputError: tables together with recordings of a sensor in the tool frame.
         CellError: the forces contradict the cell's sensor sign or frame.
         UnsupportedDataError: no touches, too few, or a fit that does not converge.
-        ParameterError: `fixed` names no parameter.
+        ParameterError: `fixed` names no parameter, or `left_out` no touch or recording.
     """
+    paths = kept_recordings(paths, left_out)
     tables = [path for path in paths if is_touch_table(path)]
     cell = cell_of_files(cell, tables, [path for path in paths if path not in tables])
-    detection = gather_touches(paths, cell, progress)
+    detection = leave_out(gather_touches(paths, cell, progress), paths, left_out)
     if len(detection.held) < FEWEST_TOUCHES:
         _check_units(paths, cell)
     recordings = tuple(_recording(path, start) for path, start in zip(paths, detection.starts, strict=True))

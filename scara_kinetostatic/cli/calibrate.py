@@ -69,6 +69,14 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         help='hold a parameter at VALUE in SI units, or at its nominal value; of an effect, such as '
         'object_radius[disc_2].radius=0, it is in the model with VALUE, or absent; may be given several times',
     )
+    parser.add_argument(
+        '--leave-out',
+        action='append',
+        default=[],
+        metavar='TOUCHES',
+        help='leave out touches by their numbers in the result (5 or 10-14) or in one recording (NAME:5), or a whole '
+        'recording (NAME); may be given several times',
+    )
     parser.add_argument('--residuals', type=Path, metavar='FILE.csv', help='write residuals.csv there as well')
     parser.add_argument(
         '--strict',
@@ -95,19 +103,21 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.report import residuals
     from scara_kinetostatic.report.text import text_report
     from scara_kinetostatic.report.write import RESULTS, write_results
+    from scara_kinetostatic.touches.left_out import parse_left_out
 
     check_different(args.bags)
     inputs = [*args.bags, *([args.cell] if args.cell else [])]
     _check_results(args.out, RESULTS, inputs)
     for text in args.fix:
         parse_fixed(text, '--fix')
+    left_out = parse_left_out(args.leave_out, '--leave-out')
     if args.residuals:
         _check_residuals(args.residuals, inputs, args.out, RESULTS)
     cell = cell_or_recorded(args.cell, args.bags)
     fixed = fixed_values(args.fix, cell.nominal, '--fix')
     with progress() as show_progress:
         try:
-            outcome = calibrate_recordings(args.bags, cell, fixed=fixed, progress=show_progress)
+            outcome = calibrate_recordings(args.bags, cell, fixed=fixed, left_out=left_out, progress=show_progress)
         except CellError as error:  # the data contradict it: name its file
             where = args.cell or f'the cell description in {args.bags[0]}'
             raise CellError(f'{where}: {error.where}', error.problem, error.remedy) from error

@@ -9,7 +9,7 @@ count (`online`) and the calibration of a recording use this same code.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -105,6 +105,23 @@ class Detection:
             rejected=tuple(replace(item, index=place[item.index]) for item in self.rejected if item.index in place),
             found=len(place),
             episodes=tuple(replace(item, index=place[item.index]) for item in self.episodes if item.index in place),
+        )
+
+    def without(self, numbers: Collection[int], reason: str) -> Detection:
+        """The same with some of the touches rejected for a reason; one that is rejected already keeps its own."""
+        listed = np.fromiter(numbers, dtype=np.intp, count=len(numbers))
+        left_out = {int(index) for index in self.held.index if index in numbers}
+        left_out |= {item.index for item in self.episodes if item.index in numbers and not item.reason}
+        known = {item.index for item in self.rejected}
+        added = [Rejection(index, reason) for index in sorted(left_out - known)]
+        return replace(
+            self,
+            touches=self.touches.select(~np.isin(self.touches.index, listed)),
+            elsewhere=self.elsewhere.select(~np.isin(self.elsewhere.index, listed)),
+            rejected=tuple(sorted((*self.rejected, *added), key=lambda item: item.index)),
+            episodes=tuple(
+                replace(item, reason=reason) if item.index in left_out - known else item for item in self.episodes
+            ),
         )
 
     def renumbered(self, first: int, recording: int = 0, first_in_time: int | None = None) -> Detection:

@@ -1,0 +1,70 @@
+"""Touches and recordings that the user leaves out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.cell import PAPER_CELL
+from scara_kinetostatic.model.parameters import PAPER_MEASURED
+from scara_kinetostatic.model.touch import Rejection
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
+from scara_kinetostatic.touches.detection import Detection
+from scara_kinetostatic.touches.left_out import REASON, kept_recordings, leave_out, parse_left_out
+
+PATHS = ['bags/monday', 'bags/tuesday.mcap']
+
+
+@pytest.fixture(scope='module')
+def detection() -> Detection:
+    """Two recordings of 10 touches each, of which touch 12 is rejected."""
+    touches = simulate_touches(PAPER_CELL, PAPER_MEASURED, default_plan(PAPER_CELL))
+    touches = touches.select(np.isin(np.arange(len(touches)), [*range(12), *range(13, 20)]))
+    touches = touches.replace(index=np.array([*range(12), *range(13, 20)]))
+    return Detection(touches, rejected=(Rejection(12, 'slides'),), found=20, first_touches=(0, 10))
+
+
+@pytest.mark.parametrize(
+    ('entries', 'numbers'),
+    [
+        ([], []),
+        (['3', ' 5-7 '], [3, 5, 6, 7]),
+        (['tuesday:0', 'tuesday.mcap:3-4', 'bags/monday:9'], [9, 10, 13, 14]),
+        (['19', '11-12'], [11, 19]),
+    ],
+)
+def test_touches_by_number(detection: Detection, entries: list[str], numbers: list[int]) -> None:
+    left = leave_out(detection, PATHS, parse_left_out(entries, '--leave-out'))
+    assert [item.index for item in left.rejected if item.reason == REASON] == numbers
+    assert Rejection(12, 'slides') in left.rejected
+    assert left.touches.index.tolist() == [n for n in detection.touches.index if n not in numbers]
+    assert left.found == 20
+
+
+def test_recordings_by_name() -> None:
+    assert kept_recordings(PATHS, parse_left_out(['monday', '3'], 'x')) == ['bags/tuesday.mcap']
+    assert kept_recordings(PATHS, parse_left_out(['tuesday:3'], 'x')) == PATHS
+
+
+@pytest.mark.parametrize(
+    ('entry', 'message'),
+    [
+        ('wednesday', "'wednesday' is none of the recordings monday, tuesday.mcap"),
+        ('wednesday:3', "'wednesday' is none of the recordings"),
+        ('20', '20: the touches are numbered from 0 to 19'),
+        ('monday:8-10', 'monday:8-10: the touches are numbered from 0 to 9'),
+        ('7-5', '7-5: expected a range'),
+        ('-3', "'-3' is none of the recordings"),
+    ],
+)
+def test_entries_that_name_nothing_are_refused(detection: Detection, entry: str, message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
+        entries = parse_left_out([entry], '--leave-out')
+        leave_out(detection, kept_recordings(PATHS, entries), entries)
+
+
+def test_one_recording_is_kept() -> None:
+    with pytest.raises(ParameterError, match='every recording'):
+        kept_recordings(PATHS, parse_left_out(['monday', 'tuesday'], 'x'))
