@@ -10,7 +10,6 @@ from __future__ import annotations
 from contextlib import closing
 from pathlib import Path
 
-from scara_kinetostatic.bags.clock import counted, on_one_clock
 from scara_kinetostatic.bags.decoding import Decoder, Samples, decode_string
 from scara_kinetostatic.bags.decompression import decompress_messages
 from scara_kinetostatic.bags.messages import JOINT_STATE, STRING, WRENCH_STAMPED, Source, Topic, printable, reading
@@ -18,6 +17,8 @@ from scara_kinetostatic.bags.sources import open_recording
 from scara_kinetostatic.errors import RecordingError, one_line
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
 from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.touches import clock
+from scara_kinetostatic.touches.clock import counted, on_one_clock
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 _ENCODINGS = ('cdr', 'ros1')
@@ -50,7 +51,8 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
             if len(samples.stamp) == 0:
                 raise _nothing_usable(path, source, topic, types[topic], samples, cell)
             warnings += [f'{topic}: {counted(number)} {why} dropped' for why, number in samples.dropped.items()]
-        joints, wrench = on_one_clock(str(path), streams, warnings)
+        clocked = {topic: clock.Samples(*samples[:3]) for topic, samples in streams.items()}
+        joints, wrench = on_one_clock(str(path), clocked, warnings)
         return Streams(str(path), JointStream(*joints), WrenchStream(*wrench), tuple(map(one_line, warnings)))
 
 

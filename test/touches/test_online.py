@@ -6,15 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from touches.scenes import CELL, Scene
+from touches.scenes import CELL, START, Scene
 
 from scara_kinetostatic.model.cell import SensorFrame, SensorSign
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
+from scara_kinetostatic.touches.clock import Samples, on_one_clock
 from scara_kinetostatic.touches.detection import find_touches
-from scara_kinetostatic.touches.online import OnlineDetector
+from scara_kinetostatic.touches.online import _MOST, OnlineDetector
+from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 PLAN = default_plan(CELL, per_disc=5)
 TOOL_REACTION = replace(CELL, sensor=CELL.sensor._replace(frame=SensorFrame.TOOL, sign=SensorSign.ON_ROBOT))
@@ -75,9 +77,9 @@ def test_long_run_keeps_little():
     streams = simulate_streams(CELL, PAPER_MEASURED, PLAN)
     detector, answers = feed(streams, CELL, 50)
     assert sum(answer.found for _, answer in answers) == len(PLAN)
-    kept = 1e-9 * (detector._wrench.stamps[-1] - detector._wrench.stamps[0])
-    assert kept < 45.0
-    assert len(detector._wrench._stamps) < 3 * len(detector._wrench.stamps) + 2048
+    stamps = detector._wrench.samples.stamp
+    assert 1e-9 * (stamps[-1] - stamps[0]) < 45.0
+    assert len(detector._wrench._room.stamp) < 3 * len(stamps) + 2048
 
 
 def test_clock_that_starts_again():
@@ -102,3 +104,77 @@ def test_nothing_to_report():
     assert detector.poll().found == 0
     detector.add_wrench(1, (0.0, 0.0))
     assert detector.poll().found == detector.finish().found == detector.found == 0
+
+
+SECOND = 10**9
+CLOCKS = {
+    **{f'{offset:+g} s apart': (0, round(offset * SECOND)) for offset in (-5, -1, -0.5, 0.5, 1, 5)},
+    'joints without stamp': (None, 0),
+    'forces without stamp': (0, None),
+    'both without stamp': (None, None),
+    'joints since 1970': (-START, 0),
+    'both since 1970': (-START, -START),
+    'one clock': (0, 0),
+}
+
+
+def stamped(received, offset):
+    return np.zeros_like(received) if offset is None else received + offset
+
+
+@pytest.mark.parametrize('offsets', CLOCKS.values(), ids=list(CLOCKS))
+def test_clocks_are_judged_live_as_in_a_recording(offsets):
+    streams = simulate_streams(CELL, PAPER_MEASURED, PLAN.select(np.arange(6)), seed=4, start=START)
+    rng = np.random.default_rng(1)
+    topics, values = [], (streams.joints.position, streams.wrench.force)
+    for stamp, offset, value in zip((streams.joints.stamp, streams.wrench.stamp), offsets, values, strict=True):
+        late = np.sort(stamp + rng.integers(0, 1_000_000, len(stamp)))
+        topics.append(Samples(stamped(stamp, offset), late, value))
+    recorded = Streams(
+        'recorded',
+        *(kind(*timed) for kind, timed in zip(
+            (JointStream, WrenchStream), on_one_clock('recorded', dict(zip('jw', topics, strict=True)), []), strict=True
+        )),
+    )  # fmt: skip
+    offline = find_touches(recorded, CELL)
+    detector, found = OnlineDetector(CELL), []
+    arrival = np.concatenate([topic.log_time for topic in topics])
+    for number, place in enumerate(np.argsort(arrival, kind='stable').tolist()):
+        of_joints = place < len(topics[0].stamp)
+        topic, row = (topics[0], place) if of_joints else (topics[1], place - len(topics[0].stamp))
+        add = detector.add_joint_state if of_joints else detector.add_wrench
+        add(int(topic.stamp[row]), topic.values[row].tolist(), int(topic.log_time[row]))
+        if number % 100 == 0:
+            found.append(detector.poll())
+    found.append(detector.finish())
+    online = TouchSet.concatenate([answer.touches for answer in found if answer.found])
+    assert detector.found == offline.found == len(offline.touches) == 6
+    np.testing.assert_array_equal(online.index, offline.touches.index)
+    np.testing.assert_allclose(online.joints, offline.touches.joints, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(online.force, offline.touches.force, rtol=0, atol=0.01)
+    apart = offsets not in ((0, 0), (-START, -START))
+    assert bool(detector.clock_warning) is apart
+
+
+def test_a_stamp_far_ahead_loses_no_touch():
+    streams = Scene().touches(3).streams()
+    stamp = streams.wrench.stamp.copy()
+    stamp[len(stamp) // 2] += 3600 * SECOND
+    spoiled = replace(streams, wrench=WrenchStream(stamp, streams.wrench.force))
+    detector, _ = feed(spoiled, CELL)
+    assert detector.found == find_touches(streams, CELL).found == 3
+
+
+@pytest.mark.parametrize('standstill', [False, True])
+def test_an_idle_feed_keeps_no_more_than_the_horizon(standstill):
+    """Nothing is touched, with stamps that run on or stand still."""
+    detector = OnlineDetector(CELL)
+    for number in range(2 * _MOST):
+        stamp = START if standstill else START + number * SECOND // 1000
+        detector.add_joint_state(stamp, (0.5, 0.7), stamp)
+        detector.add_wrench(stamp, (0.0, 0.01 * (number % 2)), stamp)
+        if number % 500 == 0:
+            detector.poll()
+    assert max(len(buffer._room.stamp) for buffer in (detector._joints, detector._wrench)) <= 3 * _MOST
+    if not standstill:
+        assert len(detector._wrench.samples.stamp) < 31_000

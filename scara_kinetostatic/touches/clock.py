@@ -4,7 +4,7 @@ Joint angles and forces are matched by their stamps, so both must come from one 
 they are zero or constant, where they step back by more than `_LARGEST_STEP_BACK` (a simulation restarted, a bag played
 in a loop), or where the clocks of the topics differ. The recording times (log times) then replace them in both topics,
 if these are valid. Where both step back, as when the computer's clock was set back, the parts between the steps are
-placed one after another.
+placed one after another. The same judgement serves recordings and the streams of a running cell.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from scara_kinetostatic.bags.decoding import Samples
 from scara_kinetostatic.errors import RecordingError
 
 _LARGEST_STEP_BACK = 1_000_000_000
@@ -37,6 +36,20 @@ _SAME_RATE = 0.03
 """Stamps and recording times run at the same rate if they differ by less over an interval; clocks drift far less."""
 
 
+class Samples(NamedTuple):
+    """The samples of one topic in the order of their arrival.
+
+    Attributes:
+        stamp: header stamps, (n,), ns.
+        log_time: when each was recorded, (n,), ns.
+        values: q1, q2 or fx, fy, (n, 2), rad or N.
+    """
+
+    stamp: NDArray[np.int64]
+    log_time: NDArray[np.int64]
+    values: NDArray[np.float64]
+
+
 class Timed(NamedTuple):
     """Samples in the order of their stamps, each stamp once: (n,) ns and (n, 2)."""
 
@@ -44,37 +57,58 @@ class Timed(NamedTuple):
     values: NDArray[np.float64]
 
 
+class Judgement(NamedTuple):
+    """Which clock is valid for both topics.
+
+    Attributes:
+        topics: the samples of each topic in the order given, on that clock.
+        by_log_time: whether it is that of the recording times.
+        joined: where parts between steps back were placed one after another: the samples so shifted, in the order of
+            arrival, by topic; else empty.
+        at_one_rate: whether stamps and recording times run at the same rate.
+    """
+
+    topics: list[Timed]
+    by_log_time: bool
+    joined: dict[str, Samples]
+    at_one_rate: bool
+
+
 def on_one_clock(source: str, streams: dict[str, Samples], warnings: list[str]) -> list[Timed]:
-    """Both topics sorted by time on one clock.
+    """Both topics sorted by time on one clock; arguments and errors are those of `judge_clocks`."""
+    return judge_clocks(source, streams, warnings).topics
+
+
+def judge_clocks(source: str, streams: dict[str, Samples], warnings: list[str]) -> Judgement:
+    """Both topics sorted by time on one clock, and which that is.
 
     Args:
         source: the recording, for messages.
         streams: by topic, at least one sample each.
         warnings: what was corrected is appended here.
 
-    Returns:
-        The samples of each topic in the order given.
-
     Raises:
         RecordingError: neither the header stamps nor the recording times are valid.
     """
     streams = {topic: _without_outliers(topic, samples, warnings) for topic, samples in streams.items()}
     problem = _problem(streams, 'stamp') or _clock_offset(streams)
-    use = 'stamp'
+    use, in_turn, one_rate = 'stamp', False, True
     if problem:
         joined = _parts_in_turn(streams, 'stamp')
         valid = not _problem(streams, 'log_time')
-        if valid and (joined is None or _at_one_rate(streams)):
+        one_rate = _at_one_rate(streams)
+        if valid and (joined is None or one_rate):
             use = 'log_time'
             warnings.append(f'{problem}: the recording times were used instead')
         elif (joined := joined or _parts_in_turn(streams, 'log_time')) is not None:
-            streams = joined
+            streams, in_turn = joined, True
             why = 'the recording times run at another rate' if valid else 'so do the recording times'
             warnings.append(f'{problem}, {why}: the parts were placed one after another')
         else:
             remedy = 'record in one run, with stamps from one clock'
             raise RecordingError(source, f'{problem}, and the recording times are not valid either', remedy)
-    return [_in_order(topic, getattr(samples, use), samples.values, warnings) for topic, samples in streams.items()]
+    topics = [_in_order(topic, getattr(samples, use), samples.values, warnings) for topic, samples in streams.items()]
+    return Judgement(topics, use == 'log_time', streams if in_turn else {}, one_rate)
 
 
 def _without_outliers(topic: str, samples: Samples, warnings: list[str]) -> Samples:
