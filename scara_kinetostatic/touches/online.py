@@ -1,9 +1,9 @@
 """Online detection: the touches in two streams that are still running.
 
 The latest `_HORIZON` of samples is kept, whether anything is touched or not, and never more than `_MOST` of a topic. A
-poll compares only the new forces with the zero of the sensor; once the force has deviated from it and returned,
-`find_touches` runs on all kept samples, and each contact that has ended is reported once. What the joints remember of
-the load is kept without a limit of time.
+poll compares only the new forces, smoothed, with the zero of the sensor; once the force has deviated from it and
+returned, `find_touches` runs on all kept samples, and each contact that has ended is reported once. What the joints
+remember of the load is kept without a limit of time.
 
 Which clock is valid for both topics is judged as for a recording (`clock.judge_clocks`), by the samples kept: the
 header stamps, else the times at which the messages were received. Once these had to be used, they are used on.
@@ -23,7 +23,7 @@ from scara_kinetostatic.touches.clock import Judgement, Samples, judge_clocks
 from scara_kinetostatic.touches.detection import Detection, find_touches, no_touches
 from scara_kinetostatic.touches.load_history import LoadMemory
 from scara_kinetostatic.touches.segmentation import CONTACT_FORCE, END_RATIO
-from scara_kinetostatic.touches.signals import as_signals
+from scara_kinetostatic.touches.signals import SMOOTHING, as_signals, median_of_three, moving_mean
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 from scara_kinetostatic.touches.tare import coarse_tare
 
@@ -38,6 +38,8 @@ _LONGEST_WAIT = 5 * SECOND
 """During a contact the detection runs once in so long, ns,"""
 _SHORTEST_WAIT = SECOND // 2
 """and never more often than once in so long, ns."""
+_NEAR = 0.8
+"""A poll looks for touches from this part of the force on at which a contact begins: the zero may drift meanwhile."""
 _NEVER = -(1 << 62)
 
 
@@ -60,6 +62,7 @@ class OnlineDetector:
         self._found = 0
         self._joints, self._wrench = _Buffer(), _Buffer()
         self._tare: NDArray[np.float64] | None = None
+        self._width = 1
         self._reported = self._searched = _NEVER
         self._in_contact = False
         self._memory = LoadMemory()
@@ -92,7 +95,7 @@ class OnlineDetector:
 
     def _is_due(self) -> bool:
         """Whether a contact has ended, or `_LONGEST_WAIT` is over."""
-        fresh = self._wrench.fresh()
+        fresh = self._wrench.fresh(self._width)
         if not len(fresh):
             return False
         now = self._wrench.now
@@ -101,7 +104,8 @@ class OnlineDetector:
         waited = abs(now - self._searched)
         if self._tare is None:
             return waited > _SHORTEST_WAIT
-        self._in_contact |= bool(np.any(_deviation(fresh, self._tare) > CONTACT_FORCE))
+        smooth = moving_mean(median_of_three(fresh), self._width)
+        self._in_contact |= bool(np.any(_deviation(smooth, self._tare) > _NEAR * CONTACT_FORCE))
         last = self._wrench.latest(4 * _CLEAR // 3).mean(axis=0)
         back = bool(_deviation(last, self._tare) < END_RATIO * CONTACT_FORCE)
         return self._in_contact and (waited > _LONGEST_WAIT or (back and waited > _SHORTEST_WAIT))
@@ -123,6 +127,7 @@ class OnlineDetector:
         if signals is None:
             return none
         self._tare = coarse_tare(signals)[-1]
+        self._width = 2 * round(0.5 * SMOOTHING / signals.wrench.period) + 1
         latest = min(int(wrench.stamp[-1]) - _CLEAR, int(joints.stamp[-1]))
         new = self._new(find_touches(streams, self._cell, self._memory), np.iinfo(np.int64).max if open_too else latest)
         self._forget()
@@ -210,11 +215,12 @@ class _Buffer:
         latest = sorted(self.samples.stamp[-7:].tolist())
         return int(latest[len(latest) // 2]) if latest else 0
 
-    def fresh(self) -> Floats:
-        """The values added since the last call, (k, 2)."""
-        values = self.samples.values[max(self._seen - self._first, 0) :]
+    def fresh(self, before: int) -> Floats:
+        """The values added since the last call, and so many before them, (k, 2); none where none were added."""
+        values = self.samples.values
+        begin = max(self._seen - self._first, 0)
         self._seen = self._last
-        return values
+        return values[max(begin - before, 0) if begin < len(values) else begin :]
 
     def latest(self, span: int) -> Floats:
         """The values of the last so many ns, at least one, (k, 2)."""
