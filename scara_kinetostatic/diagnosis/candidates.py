@@ -261,13 +261,13 @@ def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
     """Decrease of the sum of squares by each trial beside an orthonormal basis (2n, r), (t,)."""
     gram, projected = scan.gram, scan.projected
     if beside is not None and beside.size:
-        part = (beside.T @ scan.columns.reshape(len(beside), -1)).reshape(-1, *projected.shape)
-        gram = gram - np.einsum('ktm,ktl->tml', part, part)
-        projected = projected - np.einsum('k,ktm->tm', beside.T @ problem.left, part)
+        part = (beside.T @ scan.columns.reshape(len(beside), -1)).reshape(-1, *projected.shape).transpose(1, 2, 0)
+        gram = gram - part @ part.transpose(0, 2, 1)
+        projected = projected - part @ (beside.T @ problem.left)
     size = np.trace(gram, axis1=1, axis2=2)
     ridge = (_RIDGE * size.max())[..., None, None] * np.eye(projected.shape[1])
     coefficients = np.linalg.solve(gram + ridge, projected[..., None])[..., 0]
-    return np.einsum('tm,tm->t', projected, coefficients)
+    return np.asarray((projected * coefficients).sum(axis=1))
 
 
 def scan_trials(problem: Problem, effect: Effect, trials: Sequence[Trial], tried: int) -> Scan:

@@ -123,7 +123,7 @@ class Problem(NamedTuple):
     def _changes(self, shifts: Sequence[Shift], errors: Sequence[Floats | None]) -> Floats:
         """Changes of the whitened misclosures by shifts and errors of the sensor, (2n, k)."""
         n = len(self.force)
-        changes = np.zeros((len(shifts), n, 2))
+        changes = np.zeros((n, 2, len(shifts)))
         for by_unit, parts in (
             (self.by_unit.joints, [shift.joints for shift in shifts]),
             (self.by_unit.place, [shift.place for shift in shifts]),
@@ -131,8 +131,8 @@ class Problem(NamedTuple):
         ):
             acting = {k: part for k, part in enumerate(parts) if part is not None}
             if acting:
-                changes[list(acting)] += np.einsum('nij,knj->kni', by_unit, np.array(list(acting.values())))
-        return changes.reshape(len(shifts), 2 * n).transpose()
+                changes[:, :, list(acting)] += by_unit @ np.stack(list(acting.values()), axis=-1)
+        return changes.reshape(2 * n, len(shifts))
 
     def refitted(self, change: Floats, errors: Floats | None = None, beside: Floats | None = None) -> Floats:
         """What is left of changes of the whitened misclosures after another fit.

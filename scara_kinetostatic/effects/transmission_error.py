@@ -91,7 +91,7 @@ class TransmissionError(Effect):
     def trials(self, at: TouchState, force: Floats) -> Sequence[Trial]:
         """One per frequency of a grid: a cosine and a sine."""
         angle = at.joints[:, self.joint]
-        return [self._trial(angle, float(cycles)) for cycles in frequencies(angle)]
+        return self._at(angle, frequencies(angle))
 
     def finer(self, at: TouchState, trial: Trial, width: float) -> Sequence[Trial]:
         """Frequencies about that of a trial, `width` steps of the grid on both sides."""
@@ -99,7 +99,7 @@ class TransmissionError(Effect):
         grid = frequencies(angle)
         step = grid[1] - grid[0] if len(grid) > 1 else 0.0
         places = trial.place + step * np.linspace(-width, width, FINER)
-        return [self._trial(angle, float(place)) for place in np.maximum(places, LOWEST)]
+        return self._at(angle, np.maximum(places, LOWEST))
 
     def plot_axis(self, at: TouchState, values: Floats) -> PlotAxis:
         """The phase of the wave."""
@@ -117,10 +117,15 @@ class TransmissionError(Effect):
         turn = values[1] + (np.pi if values[0] < 0 else 0.0) - others[1]
         return np.array([abs(values[0]) - others[0], (turn + np.pi) % (2 * np.pi) - np.pi, values[2] - others[2]])
 
-    def _trial(self, angle: Floats, cycles: float) -> Trial:
-        waves = np.cos(cycles * angle), np.sin(cycles * angle)
-        columns = tuple(Shift(joints=at_joint(wave, self.joint)) for wave in waves)
-        return Trial(columns, values=partial(_as_wave, cycles=cycles), place=cycles)
+    def _at(self, angle: Floats, cycles: Floats) -> Sequence[Trial]:
+        """A trial for each frequency."""
+        phase = np.multiply.outer(cycles, angle)
+        waves = np.zeros((len(cycles), 2, len(angle), 2))
+        waves[:, 0, :, self.joint], waves[:, 1, :, self.joint] = np.cos(phase), np.sin(phase)
+        return [
+            Trial((Shift(cosine), Shift(sine)), values=partial(_as_wave, cycles=place), place=place)
+            for (cosine, sine), place in zip(waves, cycles.tolist(), strict=True)
+        ]
 
 
 def frequencies(angle: Floats) -> Floats:
