@@ -133,7 +133,7 @@ def linearise(
     by_errors = None if o.declared is None else _by_errors(o, adjusted.force, state, by_force)
     if not model.off_normal_std:
         return Linearisation(misclosure, derivative, by_joints, by_force, adjusted.force, by_errors=by_errors)
-    by_off_normal = off_normal_derivative(model, contact_problem, state, e)
+    by_off_normal = off_normal_derivative(model, state, e)
     if adjusted.off_normal is not None:
         misclosure -= by_off_normal * adjusted.off_normal[:, None]
     by_angle = model.off_normal_std * by_off_normal

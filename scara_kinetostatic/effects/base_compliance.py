@@ -38,4 +38,4 @@ class BaseCompliance(LinearEffect):
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         x, y = at.force.T
-        return Shift(place=np.stack([-x, y], axis=-1)), Shift(place=np.stack([-y, -x], axis=-1))
+        return Shift(place=np.array([-x, y]).T), Shift(place=np.array([-y, -x]).T)

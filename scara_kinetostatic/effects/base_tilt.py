@@ -56,9 +56,7 @@ class BaseTilt(LinearEffect):
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         first = [-at.parameters.p1 * torque for torque in _torques(at.link1)]
-        second = [
-            np.stack([-at.parameters.p1 * torque, -at.parameters.p2 * torque], axis=-1) for torque in _torques(at.link2)
-        ]
+        second = [np.array([-at.parameters.p1 * torque, -at.parameters.p2 * torque]).T for torque in _torques(at.link2)]
         return (*(Shift(joints=at_joint(angle, 0)) for angle in first), *(Shift(joints=angles) for angles in second))
 
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from scara_kinetostatic.effects.base import Effect, LinearEffect, Parameter
+from scara_kinetostatic.effects.base import Effect, LinearEffect, Parameter, at_joint
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import Shift, TouchState
 
@@ -75,8 +75,8 @@ class LinkBending(LinearEffect):
         c1, c2 = at.torques.T
         if self.link == 0:
             first, second = (1 / 3, 1 / 3) if self.hinge is None else self._beside_coupling(self.hinge)
-            return (Shift(joints=np.stack([first * c1 + c2 / 6, c1 / 6 + second * c2], axis=-1)),)
-        return (Shift(joints=np.stack([np.zeros_like(c2), c2 / 3], axis=-1)),)
+            return (Shift(joints=np.array([first * c1 + c2 / 6, c1 / 6 + second * c2]).T),)
+        return (Shift(joints=at_joint(c2 / 3, 1)),)
 
     @staticmethod
     def _beside_coupling(hinge: float) -> tuple[float, float]:

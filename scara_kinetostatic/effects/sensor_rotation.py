@@ -29,8 +29,8 @@ class SensorRotation(SensorEffect):
 
     def sensor_error(self, force: Floats, values: Floats) -> Floats:
         c, s = np.cos(values[0]) - 1, np.sin(values[0])
-        return np.stack([c * force[:, 0] - s * force[:, 1], s * force[:, 0] + c * force[:, 1]], axis=-1)
+        return np.array([c * force[:, 0] - s * force[:, 1], s * force[:, 0] + c * force[:, 1]]).T
 
     def sensor_error_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
         c, s = np.cos(values[0]), np.sin(values[0])
-        return (np.stack([-s * force[:, 0] - c * force[:, 1], c * force[:, 0] - s * force[:, 1]], axis=-1),)
+        return (np.array([-s * force[:, 0] - c * force[:, 1], c * force[:, 0] - s * force[:, 1]]).T,)

@@ -220,7 +220,7 @@ class ToolShift(_Step):
 
     def units(self, at: TouchState) -> tuple[Shift, ...]:
         x, y = at.link2.T
-        return Shift(place=at.link2), Shift(place=np.stack([-y, x], axis=-1))
+        return Shift(place=at.link2), Shift(place=np.array([-y, x]).T)
 
 
 @dataclass(frozen=True)

@@ -120,7 +120,7 @@ def _as_contact(model: ExtendedModel, contact_problem: ContactProblem, state: St
     discs = contact_problem.centers
     if model.effects:
         at = contact_problem.touch_state(model.parameters, state)
-        discs = discs - model.shift(at)[1] + model.shift(at, robot_only=True)[1]
+        discs = discs - model.object_shift(at)
     unit = np.stack([np.cos(state.direction), np.sin(state.direction)], axis=-1)
     links = np.stack([state.link1, state.link2], axis=-1)
     rigid = forward(model.parameters, links)

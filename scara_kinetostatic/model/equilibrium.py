@@ -50,7 +50,7 @@ def solve_state(model: ExtendedModel, contact_problem: ContactProblem) -> tuple[
         arm: Arm | None = None
         for _ in range(_EXTENDED_STEPS if model.effects else _STEPS):
             e = extended_equations(model, contact_problem, state, arm)
-            solved = _obeys(e, model, contact_problem, state)
+            solved = _obeys(e, model, state)
             if solved.all():
                 return _newton_step(e, state), solved
             state, arm = with_updated_modes(model, contact_problem, _newton_step(e, state))
@@ -70,12 +70,12 @@ def _newton_step(e: Equations, state: State) -> State:
 
 def _is_solved(model: ExtendedModel, contact_problem: ContactProblem, state: State) -> Mask:
     """Whether the state obeys equations and modes, (n,)."""
-    return _obeys(extended_equations(model, contact_problem, state), model, contact_problem, state)
+    return _obeys(extended_equations(model, contact_problem, state), model, state)
 
 
-def _obeys(e: Equations, model: ExtendedModel, contact_problem: ContactProblem, state: State) -> Mask:
+def _obeys(e: Equations, model: ExtendedModel, state: State) -> Mask:
     error = np.max(np.abs([e.normal, e.tangent, e.rows.row1, e.rows.row2]), axis=0)
-    wanted = next_modes(model.parameters, contact_problem.shifted(model, state).joints, state, e.rows.arm)
+    wanted = next_modes(model.parameters, e.rows.joints, state, e.rows.arm)
     return (error < _TOLERANCE) & (wanted.mode1 == state.mode1) & (wanted.mode2 == state.mode2)
 
 

@@ -73,7 +73,10 @@ class ContactProblem(NamedTuple):
         """The same touches for the base model: Q - δ and S_c - d instead of Q and S_c; `arm` as in `touch_state`."""
         if not model.effects:
             return self
-        joints, place = model.shift(self.touch_state(model.parameters, state, arm))
+        return self.shifted_by(*model.shift(self.touch_state(model.parameters, state, arm)))
+
+    def shifted_by(self, joints: Floats, place: Floats) -> ContactProblem:
+        """Q - δ and S_c - d instead of Q and S_c."""
         return self._replace(joints=self.joints - joints, centers=self.centers - place, off_normal=None)
 
 
@@ -122,36 +125,34 @@ def extended_equations(
         state: where to evaluate.
         arm: the arm at the state, where it is known.
     """
-    if arm is None:
-        arm = view_arm(model.parameters, *state[:4], contact_problem.gripper)
-    joints, centers, radii, gripper, *_ = contact_problem.shifted(model, state, arm)
-    e = touch_equations(model.parameters, joints, centers, radii, state, gripper, arm)
+    p, gripper = model.parameters, contact_problem.gripper
+    if not model.effects:
+        return touch_equations(p, *contact_problem[:3], state, gripper, arm)
+    arm = view_arm(p, *state[:4], gripper) if arm is None else arm
+    at = contact_problem.touch_state(p, state, arm)
+    e = touch_equations(p, *contact_problem.shifted_by(*model.shift(at))[:3], state, gripper, arm)
     by_magnitude = _shift_by_magnitude(model, contact_problem, state, arm)
     by_direction = _shift_by_direction(model, contact_problem, state)
-    if by_magnitude.joints is not None:
-        normal, tangent = shift_column(by_magnitude, state, e).T
-        turn1, turn2 = _turns(by_magnitude.joints, e)
-        e = e._replace(
-            row1_f=e.row1_f + turn1,
-            row2_f=e.row2_f + turn2,
-            normal_f=e.normal_f + normal,
-            tangent_f=e.tangent_f + tangent,
-        )
-    if by_direction.joints is not None:
-        normal, tangent = shift_column(by_direction, state, e).T
-        turn1, turn2 = _turns(by_direction.joints, e)
-        e = e._replace(
-            row1_d=e.row1_d + turn1,
-            row2_d=e.row2_d + turn2,
-            normal_d=e.normal_d + normal,
-            tangent_d=e.tangent_d + tangent,
-        )
-    return e
+    (row1_f, row2_f), (normal_f, tangent_f) = _turns(by_magnitude, e), shift_column(by_magnitude, state, e).T
+    (row1_d, row2_d), (normal_d, tangent_d) = _turns(by_direction, e), shift_column(by_direction, state, e).T
+    return e._replace(
+        row1_f=e.row1_f + row1_f,
+        row2_f=e.row2_f + row2_f,
+        row1_d=e.row1_d + row1_d,
+        row2_d=e.row2_d + row2_d,
+        normal_f=e.normal_f + normal_f,
+        tangent_f=e.tangent_f + tangent_f,
+        normal_d=e.normal_d + normal_d,
+        tangent_d=e.tangent_d + tangent_d,
+        touch_state=at,
+    )
 
 
-def _turns(joints: Floats, equations: Equations) -> tuple[Floats, Floats]:
-    """δ of joint 1 and of joint 2, (n,) each, rad; zero where the joint floats."""
-    return joints[:, 0] * equations.rows.on1, joints[:, 1] * equations.rows.on2
+def _turns(shift: Shift, equations: Equations) -> tuple[Floats | float, Floats | float]:
+    """δ of joint 1 and of joint 2, (n,) each, rad; zero where the joint floats, and where there is none."""
+    if shift.joints is None:
+        return 0.0, 0.0
+    return shift.joints[:, 0] * equations.rows.on1, shift.joints[:, 1] * equations.rows.on2
 
 
 def shift_column(shift: Shift, state: State, equations: Equations) -> Floats:
@@ -159,7 +160,7 @@ def shift_column(shift: Shift, state: State, equations: Equations) -> Floats:
     e, arm = equations, equations.rows.arm
     out = np.zeros((2, len(state.magnitude)))
     if shift.joints is not None:
-        turn1, turn2 = _turns(shift.joints, e)
+        turn1, turn2 = _turns(shift, e)
         out[0] -= e.g11 * turn1 + e.g12 * turn2
         out[1] -= e.g21 * turn1 + e.g22 * turn2
     if shift.place is not None:
@@ -173,21 +174,19 @@ def all_derivatives(
     model: ExtendedModel, contact_problem: ContactProblem, state: State, equations: Equations
 ) -> Floats:
     """∂h/∂L̄ of n touches, f and φ held, and by the parameters of the effects behind, (n, 2, 12 + k)."""
-    base = parameter_derivative(state, equations, contact_problem.gripper)
-    if not model.effects:
+    base, at = parameter_derivative(state, equations, contact_problem.gripper), equations.touch_state
+    if at is None:
         return base
-    at = contact_problem.touch_state(model.parameters, state, equations.rows.arm)
     for name, shift in model.shift_by_robot(at).items():
         base[:, :, NAMES.index(name)] += shift_column(shift, state, equations)
     columns = [shift_column(shift, state, equations).T[None] for shift in model.shift_by_effects(at)]
     return np.concatenate([base.transpose(2, 1, 0), *columns]).transpose(2, 1, 0)
 
 
-def off_normal_derivative(
-    model: ExtendedModel, contact_problem: ContactProblem, state: State, equations: Equations
-) -> Floats:
-    """∂h by the off-normal angle of each touch's force, (n, 2), m/rad, by central differences."""
-    at = contact_problem.touch_state(model.parameters, state, equations.rows.arm)
+def off_normal_derivative(model: ExtendedModel, state: State, equations: Equations) -> Floats:
+    """∂h by the off-normal angle of each touch's force, (n, 2), m/rad, by central differences; there are effects."""
+    at = equations.touch_state
+    assert at is not None
     up, down = (at._replace(off_normal=at.off_normal + change) for change in (_ANGLE_STEP, -_ANGLE_STEP))
     return shift_column(_difference(model, up, down, 2 * _ANGLE_STEP, ForceDependence.DIRECTION), state, equations)
 

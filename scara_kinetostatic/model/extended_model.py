@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import accumulate
 from math import isfinite
 
 import numpy as np
@@ -96,7 +97,8 @@ class ExtendedModel:
         """One value per parameter of the effects, (k,), as one array per effect."""
         if not self.effects:
             return []
-        return np.split(values, np.cumsum([len(effect.parameters) for effect in self.effects])[:-1])
+        ends = list(accumulate(len(effect.parameters) for effect in self.effects[:-1]))
+        return [values[first:end] for first, end in zip([0, *ends], [*ends, len(values)], strict=True)]
 
     def with_effects(self, effects: Iterable[EffectLaw]) -> ExtendedModel:
         """L̄ with other effects: those that this model has, too, with their values here, the others at their start."""
@@ -145,13 +147,18 @@ class ExtendedModel:
         pairs = zip(self.effects, self.effect_arrays, strict=True)
         return _sum_of_shifts(at, (pair for pair in pairs if pair[0].force_dependence >= least), robot_only)
 
+    def object_shift(self, at: TouchState) -> Floats:
+        """The displacements d by effects on the object, (n, 2), m."""
+        pairs = zip(self.effects, self.effect_arrays, strict=True)
+        return _sum_of_shifts(at, (pair for pair in pairs if pair[0].on_object))[1]
+
     def contact_normal(self, at: TouchState) -> Floats:
         """Unit vector m from the tip to the centre of the circle of contact, (n, 2), base frame.
 
         m is along r n + d_object, with d_object the displacement d by effects on the object. It is the direction n of
         the force unless friction turns the force.
         """
-        inward = at.radii[:, None] * at.normal + self.shift(at)[1] - self.shift(at, robot_only=True)[1]
+        inward = at.radii[:, None] * at.normal + self.object_shift(at)
         return np.asarray(inward / np.linalg.norm(inward, axis=1)[:, None])
 
     def shift_by_effects(self, at: TouchState) -> list[Shift]:

@@ -16,6 +16,7 @@ class Rows(NamedTuple):
 
     Attributes:
         arm: the arm along the force.
+        joints: the measured angles that they hold for, Q less what effects add, (n, 2), rad.
         row1: residual of joint 1's row.
         row2: the same of joint 2.
         w1: how strongly row 1 feels its lever arm: p f on a flank, 1 where the joint floats.
@@ -29,6 +30,7 @@ class Rows(NamedTuple):
     """
 
     arm: Arm
+    joints: Floats
     row1: Floats
     row2: Floats
     w1: Floats
@@ -52,7 +54,8 @@ def joint_rows(parameters: Parameters, joints: Floats, state: State, gripper: Gr
     m11, n12, n21 = on1 - w1 * arm.turn1, w1 * arm.turn2, w2 * arm.turn2
     m22 = on2 - n21
     inverse = 1.0 / (m11 * m22 - n12 * n21)
-    return Rows(arm, row1, row2, w1, w2, on1, on2, m22 * inverse, n12 * inverse, n21 * inverse, m11 * inverse)
+    i11, i12, i21, i22 = m22 * inverse, n12 * inverse, n21 * inverse, m11 * inverse
+    return Rows(arm, joints, row1, row2, w1, w2, on1, on2, i11, i12, i21, i22)
 
 
 class LinkAngles(NamedTuple):

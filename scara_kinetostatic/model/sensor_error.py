@@ -26,13 +26,9 @@ _UNSOLVED = 1e-9
 
 def has_sensor_error(model: ExtendedModel) -> bool:
     """Whether any effect of a model is an error of the sensor."""
-    if not model.effects:
-        return False
     probe = np.ones((1, 2))
-    return any(
-        effect.sensor_error_of_touches(probe, np.ones(len(effect.parameters)), None) is not None
-        for effect in model.effects
-    )
+    pairs = zip(model.effects, model.effect_arrays, strict=True)
+    return any(effect.sensor_error_of_touches(probe, values, None) is not None for effect, values in pairs)
 
 
 def reported_force(model: ExtendedModel, force: Floats, metadata: TouchMetadata | None = None) -> Floats:

@@ -31,6 +31,7 @@ import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.contact_state import State
+from scara_kinetostatic.model.effect_law import TouchState
 from scara_kinetostatic.model.gripper import Gripper
 from scara_kinetostatic.model.joint_equations import Rows, joint_rows
 from scara_kinetostatic.model.lever_arms import Arm
@@ -71,6 +72,7 @@ class Equations(NamedTuple):
         tangent_f: ∂h/∂f along t, m/N.
         normal_d: ∂h/∂φ along n, m/rad.
         tangent_d: ∂h/∂φ along t, m/rad.
+        touch_state: the touches as effects take them; None for the base model.
     """
 
     rows: Rows
@@ -88,6 +90,7 @@ class Equations(NamedTuple):
     tangent_f: Floats
     normal_d: Floats
     tangent_d: Floats
+    touch_state: TouchState | None = None
 
 
 def touch_equations(
