@@ -37,6 +37,7 @@ class BagWriter:
         folder: the new folder; `fresh_folder` finds a name.
         cell: the cell, whose description becomes the first message.
         log_time: time of that message, ns; now by default.
+        topics: names of joint states and wrenches; by default those of the cell, in the root namespace.
 
     Attributes:
         folder: the folder.
@@ -46,9 +47,11 @@ class BagWriter:
             stays.
     """
 
-    def __init__(self, folder: str | Path, cell: Cell, *, log_time: int | None = None) -> None:
+    def __init__(
+        self, folder: str | Path, cell: Cell, *, log_time: int | None = None, topics: tuple[str, str] | None = None
+    ) -> None:
         self.folder = Path(folder)
-        self._channels = channels(cell)
+        self._channels = channels(cell, topics)
         self._lock = threading.RLock()
         self._files: list[FileInfo] = []
         self._open: McapWriter | None = None

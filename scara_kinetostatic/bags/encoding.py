@@ -39,12 +39,18 @@ class Channel(NamedTuple):
     qos: Qos
 
 
-def channels(cell: Cell) -> tuple[Channel, Channel, Channel]:
-    """The topics of a recording of a cell: its description, joint states, wrenches."""
+def channels(cell: Cell, topics: tuple[str, str] | None = None) -> tuple[Channel, Channel, Channel]:
+    """The topics of a recording of a cell: its description, joint states, wrenches.
+
+    Args:
+        cell: the cell.
+        topics: names of the last two as recorded; by default those of the cell, in the root namespace.
+    """
+    joint_states, wrench = topics or cell.sensor.topics
     return (
         _channel(CELL_TOPIC, STRING, QosDurability.TRANSIENT_LOCAL, 1),
-        _channel(cell.sensor.joint_states, JOINT_STATE, QosDurability.VOLATILE, 10),
-        _channel(cell.sensor.wrench, WRENCH_STAMPED, QosDurability.VOLATILE, 10),
+        _channel(joint_states, JOINT_STATE, QosDurability.VOLATILE, 10),
+        _channel(wrench, WRENCH_STAMPED, QosDurability.VOLATILE, 10),
     )
 
 

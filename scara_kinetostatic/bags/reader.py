@@ -7,16 +7,17 @@ recording that cannot be used is a `RecordingError` that says what to do.
 
 from __future__ import annotations
 
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
+from scara_kinetostatic.bags.cell_topics import cell_topics
 from scara_kinetostatic.bags.decoding import Decoder, Samples, decode_string
 from scara_kinetostatic.bags.decompression import decompress_messages
 from scara_kinetostatic.bags.messages import JOINT_STATE, STRING, WRENCH_STAMPED, Source, Topic, printable, reading
 from scara_kinetostatic.bags.sources import open_recording
-from scara_kinetostatic.errors import RecordingError, one_line
+from scara_kinetostatic.errors import CellError, RecordingError, one_line
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.cell import Cell, Sensor
 from scara_kinetostatic.touches import clock
 from scara_kinetostatic.touches.clock import counted, on_one_clock
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
@@ -37,23 +38,43 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
     Raises:
         RecordingError: there is no such recording, it cannot be read, or it lacks what is needed.
     """
-    types = {cell.sensor.joint_states: JOINT_STATE, cell.sensor.wrench: WRENCH_STAMPED}
-    decoders = {cell.sensor.joint_states: Decoder(cell.joint_names), cell.sensor.wrench: Decoder()}
     with reading(path):
-        source = open_recording(path)
-        for batch in source.batches(types):
-            if batch.topic.msgtype == types[batch.topic.name] and batch.topic.encoding in _ENCODINGS:
-                for portion in decompress_messages(batch):
-                    decoders[batch.topic.name].add(portion)
+        names = cell.sensor.topics
+        source, streams = _samples(path, names, cell)
+        found = cell_topics(str(path), source.topics(), cell.sensor, lambda: _recorded_sensor(path, source))
+        if found != names:
+            names = found
+            source, streams = _samples(path, names, cell)
         warnings = list(source.warnings)
-        streams = {topic: decoder.samples() for topic, decoder in decoders.items()}
-        for topic, samples in streams.items():
+        for (topic, samples), msgtype in zip(streams.items(), (JOINT_STATE, WRENCH_STAMPED), strict=True):
             if len(samples.stamp) == 0:
-                raise _nothing_usable(path, source, topic, types[topic], samples, cell)
+                raise _nothing_usable(path, source, topic, msgtype, samples, cell)
             warnings += [f'{topic}: {counted(number)} {why} dropped' for why, number in samples.dropped.items()]
         clocked = {topic: clock.Samples(*samples[:3]) for topic, samples in streams.items()}
         joints, wrench = on_one_clock(str(path), clocked, warnings)
-        return Streams(str(path), JointStream(*joints), WrenchStream(*wrench), tuple(map(one_line, warnings)))
+        return Streams(str(path), JointStream(*joints), WrenchStream(*wrench), tuple(map(one_line, warnings)), names)
+
+
+def _samples(path: str | Path, names: tuple[str, str], cell: Cell) -> tuple[Source, dict[str, Samples]]:
+    """The messages of the two topics, decoded, and their source, which then knows all topics."""
+    types = dict(zip(names, (JOINT_STATE, WRENCH_STAMPED), strict=True))
+    decoders = dict(zip(names, (Decoder(cell.joint_names), Decoder()), strict=True))
+    source = open_recording(path)
+    for batch in source.batches(types):
+        if batch.topic.msgtype == types[batch.topic.name] and batch.topic.encoding in _ENCODINGS:
+            for portion in decompress_messages(batch):
+                decoders[batch.topic.name].add(portion)
+    return source, {topic: decoder.samples() for topic, decoder in decoders.items()}
+
+
+def _recorded_sensor(path: str | Path, source: Source) -> Sensor | None:
+    """The sensor of the cell description in the recording; None where there is none that is valid."""
+    if not any(item.name == CELL_TOPIC for item in source.topics()):
+        return None
+    with suppress(CellError):
+        cell = embedded_cell(path)
+        return cell.sensor if cell else None
+    return None
 
 
 def embedded_cell(path: str | Path) -> Cell | None:

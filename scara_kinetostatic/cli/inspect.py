@@ -65,12 +65,13 @@ def _inspection(bag: Path, streams: Streams | None, detection: Detection, cell: 
 
     A touch table has no streams.
     """
+    joint_states, wrench = (streams and streams.topics) or cell.sensor.topics
     return {
         'recording': str(bag),
         'topics': [{'name': name, 'type': kind} for name, kind in _topics(bag)] if streams else [],
         'streams': {
-            cell.sensor.joint_states: _stream(streams.joints.stamp),
-            cell.sensor.wrench: _stream(streams.wrench.stamp),
+            joint_states: _stream(streams.joints.stamp),
+            wrench: _stream(streams.wrench.stamp),
         }
         if streams
         else {},

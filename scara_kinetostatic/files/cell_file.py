@@ -186,10 +186,9 @@ def _sensor(section: Section) -> Sensor:
     for name, topic in topics.items():
         if not _TOPIC.match(topic):
             raise section.error(name, f'{topic!r} is not a topic name', f'write it like {getattr(default, name)}')
-        topics[name] = '/' + topic.lstrip('/')
-        if topics[name] == CELL_TOPIC:
+        if '/' + topic.lstrip('/') == CELL_TOPIC:
             raise section.error(name, f'{CELL_TOPIC} carries the cell description', 'choose another topic')
-    if topics['joint_states'] == topics['wrench']:
+    if topics['joint_states'].lstrip('/') == topics['wrench'].lstrip('/'):
         raise section.error('wrench', f'both topics are named {topics["wrench"]}', 'they carry different messages')
     return Sensor(
         topics['joint_states'],

@@ -105,12 +105,24 @@ class Uncertainty:
 
 
 class Sensor(NamedTuple):
-    """The two topics and how the wrench is to be read."""
+    """The two topics and how the wrench is to be read.
+
+    Attributes:
+        joint_states: name of the topic; without a leading slash it is in the namespace of the node.
+        wrench: the same of the other one.
+        frame: in which the wrench is reported.
+        sign: whose force is reported.
+    """
 
     joint_states: str = '/joint_states'
     wrench: str = '/wrench'
     frame: SensorFrame = SensorFrame.BASE
     sign: SensorSign = SensorSign.ON_OBJECT
+
+    @property
+    def topics(self) -> tuple[str, str]:
+        """Both names as seen from the root namespace."""
+        return '/' + self.joint_states.lstrip('/'), '/' + self.wrench.lstrip('/')
 
 
 class Identification(NamedTuple):
@@ -259,5 +271,7 @@ PAPER_DISCS = (
     Disc('disc_3', 0.05, 0.25, 0.08),
 )
 """The three discs of figure 3."""
-PAPER_CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
-"""The cell of the paper, with typical noise."""
+PAPER_CELL = Cell(
+    PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3), sensor=Sensor('joint_states', 'wrench')
+)
+"""The cell of the paper, with typical noise; its topics are in the namespace of the nodes."""

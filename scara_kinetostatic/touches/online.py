@@ -38,7 +38,7 @@ _LONGEST_WAIT = 5 * SECOND
 """During a contact the detection runs once in so long, ns,"""
 _SHORTEST_WAIT = SECOND // 2
 """and never more often than once in so long, ns."""
-_NEAR = 0.8
+_ALERT = 0.8
 """A poll looks for touches from this part of the force on at which a contact begins: the zero may drift meanwhile."""
 _NEVER = -(1 << 62)
 
@@ -51,13 +51,15 @@ class OnlineDetector:
     Args:
         cell: nominal parameters, discs, frame and sign of the sensor.
         horizon: length of the streams that is kept, ns.
+        topics: names of both, for messages; those of the cell by default.
 
     Attributes:
         clock_warning: what had to be corrected in the stamps, the last time the touches were looked for; or empty.
     """
 
-    def __init__(self, cell: Cell, horizon: int = _HORIZON) -> None:
+    def __init__(self, cell: Cell, horizon: int = _HORIZON, topics: tuple[str, str] | None = None) -> None:
         self._cell = cell
+        self._topics = topics or cell.sensor.topics
         self._horizon = horizon
         self._found = 0
         self._joints, self._wrench = _Buffer(), _Buffer()
@@ -105,7 +107,7 @@ class OnlineDetector:
         if self._tare is None:
             return waited > _SHORTEST_WAIT
         smooth = moving_mean(median_of_three(fresh), self._width)
-        self._in_contact |= bool(np.any(_deviation(smooth, self._tare) > _NEAR * CONTACT_FORCE))
+        self._in_contact |= bool(np.any(_deviation(smooth, self._tare) > _ALERT * CONTACT_FORCE))
         last = self._wrench.latest(4 * _CLEAR // 3).mean(axis=0)
         back = bool(_deviation(last, self._tare) < END_RATIO * CONTACT_FORCE)
         return self._in_contact and (waited > _LONGEST_WAIT or (back and waited > _SHORTEST_WAIT))
@@ -122,7 +124,7 @@ class OnlineDetector:
             return none
         self._correct(judged)
         joints, wrench = judged.topics
-        streams = Streams('online', JointStream(*joints), WrenchStream(*wrench))
+        streams = Streams('online', JointStream(*joints), WrenchStream(*wrench), topics=self._topics)
         signals = as_signals(streams, self._cell)
         if signals is None:
             return none
@@ -135,11 +137,10 @@ class OnlineDetector:
 
     def _judge(self) -> Judgement | None:
         """Both topics on one clock; None where there is none, or not yet: one topic stepped, the other will."""
-        sensor, warnings = self._cell.sensor, list[str]()
+        warnings: list[str] = []
+        samples = (self._joints.samples, self._wrench.samples)
         try:
-            judged = judge_clocks(
-                'online', {sensor.joint_states: self._joints.samples, sensor.wrench: self._wrench.samples}, warnings
-            )
+            judged = judge_clocks('online', dict(zip(self._topics, samples, strict=True)), warnings)
         except RecordingError as error:
             self.clock_warning = error.problem
             return None

@@ -106,9 +106,10 @@ def as_signals(streams: Streams, cell: Cell) -> Signals | None:
     Returns:
         The signals; None where a topic has fewer than two such samples.
     """
+    joint_states, wrench_topic = streams.topics or cell.sensor.topics
     pairs = (
-        (cell.sensor.joint_states, streams.joints.stamp, streams.joints.position),
-        (cell.sensor.wrench, streams.wrench.stamp, streams.wrench.force),
+        (joint_states, streams.joints.stamp, streams.joints.position),
+        (wrench_topic, streams.wrench.stamp, streams.wrench.force),
     )
     if min(len(stamp) for _, stamp, _ in pairs) < 2:
         return None

@@ -43,9 +43,11 @@ class Streams:
         joints: joint angles.
         wrench: forces.
         warnings: what was dropped or mended on reading, one sentence each.
+        topics: the names of both, where they are not those of the cell description.
     """
 
     source: str
     joints: JointStream
     wrench: WrenchStream
     warnings: tuple[str, ...] = field(default=())
+    topics: tuple[str, str] | None = None

@@ -32,7 +32,7 @@ from scara_kinetostatic.bags import decompression as decompress
 from scara_kinetostatic.bags.encoding import joint_state_messages, string_message
 from scara_kinetostatic.bags.messages import JOINT_STATE, WRENCH_STAMPED
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
-from scara_kinetostatic.bags.writer import write_streams
+from scara_kinetostatic.bags.writer import BagWriter, write_streams
 from scara_kinetostatic.errors import CellError, RecordingError
 from scara_kinetostatic.model.cell import Cell, Sensor
 from scara_kinetostatic.touches.streams import Streams
@@ -98,6 +98,58 @@ def test_no_recording_at_all(tmp_path: Path) -> None:
 )
 def test_recordings_of_others(data: Path, name: str, expected: str) -> None:
     assert expected in refused(data / name)
+
+
+def in_namespace(space: str, items: list[Message]) -> list[Message]:
+    return [item._replace(topic=space + item.topic) for item in items]
+
+
+RELATIVE = Cell(CELL.nominal, CELL.discs, sensor=Sensor('joint_states', 'wrench'))
+
+
+@pytest.mark.parametrize('space', ['', '/left', '/plant/left'])
+def test_relative_names_are_found_in_the_namespace_of_the_recording(
+    tmp_path: Path, streams: Streams, space: str
+) -> None:
+    write_mcap(tmp_path / 'a.mcap', in_namespace(space, messages(streams)))
+    read = read_streams(tmp_path / 'a.mcap', RELATIVE)
+    assert_same(read, streams)
+    assert read.topics == (f'{space}/joint_states', f'{space}/wrench')
+    if space:
+        assert f'{JOINT_STATE} is on {space}/joint_states' in refused(tmp_path / 'a.mcap', CELL)
+
+
+def test_relative_names_of_two_cells_are_refused(tmp_path: Path, streams: Streams) -> None:
+    """Whatever is taken would be a guess; a full name says which."""
+    items = [item for space in ('', '/left') for item in in_namespace(space, messages(streams))]
+    write_mcap(tmp_path / 'a.mcap', sorted(items, key=lambda item: item.log_time))
+    message = refused(tmp_path / 'a.mcap', RELATIVE)
+    assert 'several cells: /joint_states with /wrench and /left/joint_states with /left/wrench' in message
+    full = Cell(CELL.nominal, CELL.discs, sensor=Sensor('/left/joint_states', 'wrench'))
+    assert 'several cells' in refused(tmp_path / 'a.mcap', full)
+    full = Cell(CELL.nominal, CELL.discs, sensor=Sensor('/left/joint_states', '/left/wrench'))
+    assert_same(read_streams(tmp_path / 'a.mcap', full), streams)
+
+
+def test_relative_names_are_taken_from_one_namespace(tmp_path: Path, streams: Streams) -> None:
+    items = in_namespace('/left', joint_messages(streams)) + in_namespace('/right', force_messages(streams))
+    write_mcap(tmp_path / 'a.mcap', items)
+    assert 'has no topic /joint_states' in refused(tmp_path / 'a.mcap', RELATIVE)
+    write_mcap(tmp_path / 'b.mcap', [*items, *in_namespace('/right', joint_messages(streams))])
+    assert read_streams(tmp_path / 'b.mcap', RELATIVE).topics == ('/right/joint_states', '/right/wrench')
+
+
+@pytest.mark.parametrize('cell', [CELL, RELATIVE])
+def test_topics_that_were_remapped_while_recording(tmp_path: Path, streams: Streams, cell: Cell) -> None:
+    """The collector records the names as they are, and the description as it is written."""
+    with BagWriter(tmp_path / 'bag', cell, log_time=0, topics=('/arm/state', '/ft')) as bag:
+        for item in messages(streams):
+            (bag.write_joint_state if item.topic == '/joint_states' else bag.write_wrench)(item.payload, item.log_time)
+    read = read_streams(tmp_path / 'bag', cell)
+    assert_same(read, streams)
+    assert read.topics == ('/arm/state', '/ft')
+    other = Cell(CELL.nominal, CELL.discs, sensor=Sensor('/arm/state', '/wrench'))
+    assert f'{WRENCH_STAMPED} is on /ft: put that into sensor.wrench' in refused(tmp_path / 'bag', other)
 
 
 def test_another_topic_of_the_right_type(tmp_path: Path, streams: Streams) -> None:

@@ -71,8 +71,12 @@ def test_numbers_as_people_write_them() -> None:
     assert parse_cell(text).nominal == PAPER_NOMINAL
 
 
-def test_relative_topics_become_absolute() -> None:
-    assert parse_cell(changed('/wrench ', 'ft/wrench ')).sensor.wrench == '/ft/wrench'
+def test_relative_topics_stay_relative() -> None:
+    sensor = parse_cell(changed('/wrench ', 'ft/wrench ')).sensor
+    assert sensor.wrench == 'ft/wrench'
+    assert sensor.topics == ('/joint_states', '/ft/wrench')
+    with pytest.raises(CellError, match='both topics are named joint_states'):
+        parse_cell(changed('/wrench ', 'joint_states '))
 
 
 def test_accepts_a_byte_order_mark(tmp_path: Path) -> None:
@@ -99,7 +103,7 @@ names = st.text(st.characters(exclude_categories=['Cc', 'Cs', 'Zs', 'Zl', 'Zp', 
     disc_name=names,
     sensor=st.builds(
         Sensor,
-        st.just('/joint_states'),
+        st.sampled_from(['/joint_states', 'joint_states', 'arm/joint_states']),
         st.just('/ft/wrench'),
         st.sampled_from(SensorFrame),
         st.sampled_from(SensorSign),
