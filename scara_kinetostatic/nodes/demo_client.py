@@ -27,7 +27,7 @@ from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain
-from scara_kinetostatic.nodes.results import DEVIATION, VALUE
+from scara_kinetostatic.nodes.result_parameters import DEVIATION, VALUE
 from scara_kinetostatic.nodes.stream_subscription import LATCHED
 
 START_UP = 30.0

@@ -1,4 +1,9 @@
-"""The status of a node on `/diagnostics`, once a second."""
+"""The status of a node on `/diagnostics`, once a second.
+
+Its name begins with the full name of the node, `/left/collector: recording`: two cells in two namespaces do not
+collide, and `rqt_robot_monitor` groups by namespace. Its `hardware_id` is the cell: the namespace, `scara_kinetostatic`
+without one.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +19,8 @@ from scara_kinetostatic.nodes.stream_subscription import DIAGNOSTICS
 OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
 ERROR = DiagnosticStatus.ERROR
+HARDWARE = 'scara_kinetostatic'
+"""`hardware_id` of a cell without a namespace."""
 _PERIOD = 1.0
 """Between two messages, s."""
 
@@ -43,7 +50,8 @@ class DiagnosticsPublisher:
 
     def __init__(self, node: Node, title: str, examine: Callable[[], Condition]) -> None:
         self._node = node
-        self._name = f'{node.get_name()}: {title}'
+        self._name = f'{node.get_fully_qualified_name()}: {title}'
+        self._hardware = node.get_namespace().strip('/') or HARDWARE
         self._examine = examine
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS)
         self._timer = node.create_timer(_PERIOD, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -56,7 +64,7 @@ class DiagnosticsPublisher:
             level=condition.level,
             name=self._name,
             message=condition.message,
-            hardware_id='scara_kinetostatic',
+            hardware_id=self._hardware,
             values=values,
         )
         array = DiagnosticArray(status=[status])

@@ -26,6 +26,8 @@ from scara_kinetostatic.errors import ScaraKinetostaticError
 EXIT_DONE = 0
 EXIT_WRONG_INPUT = 2
 ENDING = (signal.SIGINT, signal.SIGTERM)
+LAST_ANSWERS = 3
+"""Callbacks after a node has closed: answers of services that were waiting for something that now will not come."""
 WAKE_UP = 0.2
 """Longest time from a signal to its effect, s."""
 
@@ -77,6 +79,8 @@ def run(
         pass
     finally:
         node.close()
+        for _ in range(LAST_ANSWERS):
+            executor.spin_once(timeout_sec=0)
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()

@@ -18,6 +18,7 @@ from docs.examples import DOCS, ROOT, pages
 import scara_kinetostatic as sk
 from scara_kinetostatic.effects import catalogue
 from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.report.facts import FACTS
 
 NODES = ('contact_simulator', 'collector', 'calibrator')
 COMMON = {'parameter_events', 'rosout', 'clock'}
@@ -55,7 +56,8 @@ def test_parameters_are_described() -> None:
             assert one['description'], f'{node}: {name}'
     assert {f'truth.{name}' for name in NAMES} <= set(declared()['contact_simulator']['parameters'])
     results = {name for name, one in declared()['calibrator']['parameters'].items() if one['result']}
-    assert results == {f'{group}.{name}' for group in ('calibrated', 'calibrated_std') for name in NAMES}
+    numbers = {f'{group}.{name}' for group in ('calibrated', 'calibrated_std') for name in NAMES}
+    assert results == numbers | {f'calibration.{name}' for name in FACTS}
 
 
 def test_every_effect_has_its_row_of_identification() -> None:

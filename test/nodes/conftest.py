@@ -16,7 +16,6 @@ from rclpy.signals import SignalHandlerOptions  # noqa: E402
 
 from scara_kinetostatic.files.cell_file import dump_cell  # noqa: E402
 from scara_kinetostatic.model.cell import PAPER_CELL  # noqa: E402
-from scara_kinetostatic.nodes.calibrator import WaitingExecutor  # noqa: E402
 from scara_kinetostatic.nodes.demo_client import DemoClient  # noqa: E402
 from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain  # noqa: E402
 
@@ -54,11 +53,10 @@ def spin(domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[...,
     started: list[Thread] = []
     nodes: list[Node] = []
 
-    def make(kind: type[Node], *arguments: str, threads: int = 1) -> Node:
+    def make(kind: type[Node], *arguments: str) -> Node:
         rclpy.init(args=list(arguments), domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
         nodes.append(kind())
-        executor = SingleThreadedExecutor() if threads == 1 else WaitingExecutor(threads)
-        started.append(Thread(target=_spin, args=(executor, nodes[-1], stop)))
+        started.append(Thread(target=_spin, args=(SingleThreadedExecutor(), nodes[-1], stop)))
         started[-1].start()
         return nodes[-1]
 

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+import json
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from threading import Event, Thread
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,10 +18,9 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from scara_kinetostatic.bags.writer import write_streams
-from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
-from scara_kinetostatic.nodes import calibrator as module
+from scara_kinetostatic.nodes import calibration_process as module
 from scara_kinetostatic.nodes.calibrator import Calibrator
 from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK
@@ -29,10 +30,11 @@ from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
 
-WAIT = 20.0
+WAIT = 60.0
+PROGRESS = {'state': 'running', 'message': 'fitting 72 touches', 'part': 0.3}
+STARTED = '{"progress": {"step": "deaf", "part": 0.1}}'
 GROWN = 5e-5
 """By which the radius of the second disc is larger than the cell says, m."""
-THREADS = 3
 
 
 @pytest.fixture(scope='module')
@@ -57,6 +59,13 @@ def calibrate(client: DemoClient) -> Trigger.Response:
     return client.call('/calibrator/calibrate', Trigger, Trigger.Request(), WAIT)
 
 
+def listen(client: DemoClient, topic: str) -> list[dict[str, Any]]:
+    """What comes on a topic with JSON, latched, in the order of time."""
+    heard: list[dict[str, Any]] = []
+    client._node.create_subscription(String, topic, lambda message: heard.append(json.loads(message.data)), LATCHED)
+    return heard
+
+
 def set_parameter(client: DemoClient, name: str, value: object) -> str:
     """Sets a parameter from outside.
 
@@ -75,7 +84,7 @@ def values(node: Node, group: str) -> list[float]:
 def test_a_calibration_becomes_parameters_and_files(
     spin: Callable[..., Node], client: DemoClient, recording: Path, tmp_path: Path
 ) -> None:
-    node = spin(Calibrator, '--ros-args', '-p', f'recording:={recording}', '-p', f'output:={tmp_path}', threads=THREADS)
+    node = spin(Calibrator, '--ros-args', '-p', f'recording:={recording}', '-p', f'output:={tmp_path}')
     with pytest.raises(ParameterNotDeclaredException):
         node.get_parameter('calibrated.l1')
 
@@ -105,7 +114,7 @@ def test_a_parameter_file_of_results_can_be_loaded_again(
 
     outcome = calibrate_recordings([recording], PAPER_CELL, fixed={'g_ee': 1e-4})
     files = write_results(outcome, tmp_path / 'results')
-    node = spin(Calibrator, '--ros-args', '--params-file', str(files.parameters), threads=THREADS)
+    node = spin(Calibrator, '--ros-args', '--params-file', str(files.parameters))
     np.testing.assert_array_equal(values(node, 'calibrated'), outcome.calibration.parameters.as_array())
     np.testing.assert_array_equal(values(node, 'calibrated_std'), outcome.calibration.std)
     assert 'read-only' in set_parameter(client, 'calibrated.g_ee', 1.0)
@@ -117,14 +126,14 @@ def test_an_unfit_result_is_no_success(
     strict = tmp_path / 'strict.yaml'
     strict.write_text(cell_file.read_text() + 'tolerance: {tip: 1.0e-6}\n')
     where = ('-p', f'recording:={recording}', '-p', f'output:={tmp_path / "result"}')
-    node = spin(Calibrator, '--ros-args', '-p', f'cell:={strict}', *where, threads=THREADS)
+    node = spin(Calibrator, '--ros-args', '-p', f'cell:={strict}', *where)
     answer = calibrate(client)
     assert not answer.success
     assert answer.message.startswith('unfit: the expanded uncertainty of the tip')
     assert node._condition.level == ERROR
     assert node._condition.values['assessment'] == 'unfit'
     assert node._condition.message == answer.message
-    assert (tmp_path / 'result' / 'calibration.json').is_file()
+    assert (tmp_path / 'result' / 'unfit' / 'calibration.json').is_file()
     assert set_parameter(client, 'cell', str(cell_file)) == ''
     answer = calibrate(client)
     assert answer.success
@@ -141,7 +150,7 @@ def effects(node: Node) -> dict[str, float]:
 def test_effects_come_and_go_with_the_calibration_that_finds_them(
     spin: Callable[..., Node], client: DemoClient, recording: Path, grown: Path, tmp_path: Path
 ) -> None:
-    node = spin(Calibrator, '--ros-args', '-p', f'output:={tmp_path}', '-p', f'recording:={grown}', threads=THREADS)
+    node = spin(Calibrator, '--ros-args', '-p', f'output:={tmp_path}', '-p', f'recording:={grown}')
     assert effects(node) == {}
     answer = calibrate(client)
     assert answer.success, answer.message
@@ -174,7 +183,7 @@ def test_a_parameter_file_with_effects_can_be_loaded_again(
     outcome = calibrate_recordings([grown], PAPER_CELL)
     files = write_results(outcome, tmp_path / 'results')
     arguments = ('--params-file', str(files.parameters), '-p', f'recording:={recording}', '-p', f'output:={tmp_path}')
-    node = spin(Calibrator, '--ros-args', *arguments, threads=THREADS)
+    node = spin(Calibrator, '--ros-args', *arguments)
     ((value,),) = ([v.value for v in item.values] for item in outcome.diagnosis.found)
     name, deviation = effects(node)
     assert effects(node)[name] == value
@@ -186,7 +195,7 @@ def test_a_parameter_file_with_effects_can_be_loaded_again(
 def test_a_failure_says_why_and_leaves_the_results(
     spin: Callable[..., Node], client: DemoClient, recording: Path, tmp_path: Path
 ) -> None:
-    node = spin(Calibrator, '--ros-args', '-p', f'output:={tmp_path}', threads=THREADS)
+    node = spin(Calibrator, '--ros-args', '-p', f'output:={tmp_path}')
     answer = calibrate(client)
     assert not answer.success
     assert 'no recording is named' in answer.message
@@ -205,60 +214,88 @@ def test_a_failure_says_why_and_leaves_the_results(
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == files
 
 
+@pytest.mark.parametrize(
+    ('code', 'message'),
+    [
+        ('raise ZeroDivisionError("by zero")', 'ended with status 1 and without a reply'),
+        ('import os; os.kill(os.getpid(), 9)', 'has the memory run out?'),
+        ('print(\'{"error": "internal error: ZeroDivisionError: by zero"}\')', 'ZeroDivisionError: by zero'),
+        ('print("{}")', "gave no reply but '{}"),
+    ],
+)
 def test_a_surprise_in_a_calibration_does_not_end_the_node(
-    spin: Callable[..., Node], client: DemoClient, recording: Path, monkeypatch: pytest.MonkeyPatch
+    spin: Callable[..., Node],
+    client: DemoClient,
+    recording: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    code: str,
+    message: str,
 ) -> None:
-    def broken(*_: object, **__: object) -> None:
-        raise ZeroDivisionError('by zero')
-
-    spin(Calibrator, '--ros-args', '-p', f'recording:={recording}', threads=THREADS)
-    monkeypatch.setattr(module, 'calibrate_recordings', broken)
+    monkeypatch.setattr(module, 'COMMAND', (sys.executable, '-c', code))
+    node = spin(Calibrator, '--ros-args', '-p', f'recording:={recording}')
     for _ in range(2):
         answer = calibrate(client)
         assert not answer.success
-        assert 'ZeroDivisionError: by zero' in answer.message
+        assert message in answer.message
+        assert node._condition.level == ERROR
 
 
-def test_a_second_call_is_refused_while_one_runs(
+def test_a_second_call_is_refused_while_one_runs_and_a_running_one_can_be_cancelled(
     spin: Callable[..., Node], client: DemoClient, recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    began, go_on = Event(), Event()
+    step = '{"progress": {"step": "fitting 72 touches", "part": 0.3}}'
+    slow = f'import time; print({step!r}, flush=True); time.sleep(60)'
+    monkeypatch.setattr(module, 'COMMAND', (sys.executable, '-c', slow))
+    node = spin(Calibrator, '--ros-args', '-p', f'recording:={recording}')
+    assert client.call('/calibrator/cancel', Trigger, Trigger.Request(), WAIT).message == 'no calibration is running'
+    heard = listen(client, '/calibrator/progress')
+    for _ in range(2):
+        calibrate_later = client._meet('/calibrator/calibrate', Trigger).call_async(Trigger.Request())
+        client.wait('progress', lambda: heard[-1:] == [PROGRESS], WAIT)
+        assert node._condition.message == 'calibrating: fitting 72 touches'
+        assert node._condition.values == {'progress': '30 %'}
+        second = calibrate(client)
+        assert not second.success
+        assert 'running already' in second.message
+        assert set_parameter(client, 'output', 'elsewhere') == '', 'the node answers while it calibrates'
+        answer = client.call('/calibrator/cancel', Trigger, Trigger.Request(), WAIT)
+        assert answer.success, answer.message
+        client.wait('the end', calibrate_later.done, WAIT)
+        assert not calibrate_later.result().success
+        assert calibrate_later.result().message == answer.message == 'cancelled; earlier results are unchanged'
+        assert node._condition.message == 'no calibration yet'
+        client.wait('progress', lambda: heard[-1]['state'] == 'cancelled', WAIT)
 
-    def slow(*_: object, **__: object) -> None:
-        began.set()
-        assert go_on.wait(WAIT)
-        raise UnsupportedDataError('too few touches')
 
-    node = spin(Calibrator, '--ros-args', '-p', f'recording:={recording}', threads=THREADS)
-    monkeypatch.setattr(module, 'calibrate_recordings', slow)
-    first = Trigger.Response()
-    running = Thread(target=node._calibrate, args=(Trigger.Request(), first))
-    running.start()
-    assert began.wait(WAIT)
-    second = calibrate(client)
-    assert set_parameter(client, 'output', 'elsewhere') == '', 'the node answers while it calibrates'
-    go_on.set()
-    running.join()
-    assert not second.success
-    assert 'running already' in second.message
-    assert first.message == 'too few touches'
-    assert calibrate(client).message == 'too few touches', 'the way is free again'
+def test_a_calibration_that_does_not_end_is_killed(
+    spin: Callable[..., Node], client: DemoClient, recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    deaf = 'import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); print("{}", flush=True); time.sleep(60)'
+    monkeypatch.setattr(module, 'COMMAND', (sys.executable, '-c', deaf.replace('"{}"', f"'{STARTED}'")))
+    monkeypatch.setattr(module, 'PATIENCE', 0.2)
+    spin(Calibrator, '--ros-args', '-p', f'recording:={recording}')
+    heard = listen(client, '/calibrator/progress')
+    answer = client._meet('/calibrator/calibrate', Trigger).call_async(Trigger.Request())
+    client.wait('progress', lambda: bool(heard) and heard[-1]['message'] == 'deaf', WAIT)
+    assert client.call('/calibrator/cancel', Trigger, Trigger.Request(), WAIT).success
+    client.wait('the end', answer.done, WAIT)
+    assert 'cancelled' in answer.result().message
 
 
 def test_a_recording_is_taken_from_the_collector(
     spin: Callable[..., Node], client: DemoClient, recording: Path, tmp_path: Path
 ) -> None:
-    node = spin(Calibrator, '--ros-args', '-p', f'output:={tmp_path}', threads=THREADS)
+    node = spin(Calibrator, '--ros-args', '-p', f'output:={tmp_path}')
     publisher = node.create_publisher(String, '/collector/recording', LATCHED)
     publisher.publish(String(data=str(recording)))
-    client.wait('the announcement', lambda: node._announced == str(recording), WAIT)
+    client.wait('the announcement', lambda: node._announced.chosen('last') == [str(recording)], WAIT)
     assert calibrate(client).success
 
 
 def test_a_wrong_cell_is_refused_by_name(
     spin: Callable[..., Node], client: DemoClient, tmp_path: Path, cell_file: Path
 ) -> None:
-    spin(Calibrator, threads=THREADS)
+    spin(Calibrator)
     wrong = tmp_path / 'wrong.yaml'
     wrong.write_text(cell_file.read_text().replace('radius: 0.15', 'radius: -0.15'))
     assert 'radius' in set_parameter(client, 'cell', str(wrong))
