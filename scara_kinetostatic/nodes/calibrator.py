@@ -137,7 +137,7 @@ class Calibrator(Node):
         self._process = CalibrationProcess(job)
         self._show(Progress(f'starting, {", ".join(job.recordings)}', 0.0))
         self._timer.reset()
-        return await self._ended  # type: ignore[no-any-return]
+        return await self._ended
 
     async def _cancel(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._process is None:
@@ -178,7 +178,7 @@ class Calibrator(Node):
         """
         take = reply.grade != UNFIT or bool(self.get_parameter('publish_unfit').value)
         if take:
-            effects = [EffectParameter(tuple(path), *rest) for path, *rest in reply.effects]  # type: ignore[arg-type]
+            effects = [EffectParameter(tuple(path), *rest) for path, *rest in reply.effects]
             self._results.publish(reply.values, reply.deviations, effects, reply.facts)
         where = f'files not written: {reply.unwritten}' if reply.unwritten else f'written to {reply.folder}'
         kept = '' if take else 'the parameters calibrated.* are left as they were; publish_unfit:=true replaces them'
