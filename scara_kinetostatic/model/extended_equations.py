@@ -90,7 +90,7 @@ def _shift_by_magnitude(model: ExtendedModel, contact_problem: ContactProblem, s
         contact_problem.touch_state(model.parameters, state._replace(magnitude=state.magnitude + change), same)
         for change in (step, -step)
     )
-    return _difference(model, up, down, 2 * step[:, None], ForceDependence.ALL)
+    return model.difference(up, down, 2 * step[:, None], ForceDependence.ALL)
 
 
 def _shift_by_direction(model: ExtendedModel, contact_problem: ContactProblem, state: State) -> Shift:
@@ -101,15 +101,7 @@ def _shift_by_direction(model: ExtendedModel, contact_problem: ContactProblem, s
         contact_problem.touch_state(model.parameters, state._replace(direction=state.direction + change))
         for change in (_ANGLE_STEP, -_ANGLE_STEP)
     )
-    return _difference(model, up, down, 2 * _ANGLE_STEP, ForceDependence.DIRECTION)
-
-
-def _difference(
-    model: ExtendedModel, up: TouchState, down: TouchState, step: Floats | float, least: ForceDependence
-) -> Shift:
-    """What the effects that depend on so much of the force differ by in two states, per `step`."""
-    pairs = zip(model.shift(up, least=least), model.shift(down, least=least), strict=True)
-    return Shift(*((a - b) / step for a, b in pairs))
+    return model.difference(up, down, 2 * _ANGLE_STEP, ForceDependence.DIRECTION)
 
 
 def extended_equations(
@@ -188,7 +180,7 @@ def off_normal_derivative(model: ExtendedModel, state: State, equations: Equatio
     at = equations.touch_state
     assert at is not None
     up, down = (at._replace(off_normal=at.off_normal + change) for change in (_ANGLE_STEP, -_ANGLE_STEP))
-    return shift_column(_difference(model, up, down, 2 * _ANGLE_STEP, ForceDependence.DIRECTION), state, equations)
+    return shift_column(model.difference(up, down, 2 * _ANGLE_STEP, ForceDependence.DIRECTION), state, equations)
 
 
 def with_updated_modes(model: ExtendedModel, contact_problem: ContactProblem, state: State) -> LinkAngles:

@@ -133,24 +133,35 @@ class ExtendedModel:
         """What of the force the shift of any effect depends on."""
         return max((effect.force_dependence for effect in self.effects), default=ForceDependence.NONE)
 
-    def shift(
-        self, at: TouchState, robot_only: bool = False, least: ForceDependence = ForceDependence.NONE
-    ) -> tuple[Floats, Floats]:
+    def shift(self, at: TouchState, robot_only: bool = False) -> tuple[Floats, Floats]:
         """δ, rad, and d, m, of all effects together, (n, 2) each.
 
         Args:
             at: the touches.
             robot_only: whether to leave out the displacements d of effects on the object.
-            least: effects that depend on less of the force are left out; a difference over the force needs the
-                others alone.
+        """
+        total = _sum_of_shifts(at, zip(self.effects, self.effect_arrays, strict=True), robot_only)
+        joints, place = (np.zeros(at.joints.shape) if part is None else part for part in total)
+        return joints, place
+
+    def difference(self, up: TouchState, down: TouchState, step: Floats | float, least: ForceDependence) -> Shift:
+        """What δ and d differ by in two states of the same touches, per `step`; None for what no effect adds to.
+
+        Args:
+            up: the touches in one state.
+            down: in the other.
+            step: one for all touches, or (n, 1).
+            least: effects that depend on less of the force are left out: they are the same in both states.
         """
         pairs = zip(self.effects, self.effect_arrays, strict=True)
-        return _sum_of_shifts(at, (pair for pair in pairs if pair[0].force_dependence >= least), robot_only)
+        depending = [pair for pair in pairs if pair[0].force_dependence >= least]
+        return _per_step(_sum_of_shifts(up, depending), _sum_of_shifts(down, depending), step)
 
     def object_shift(self, at: TouchState) -> Floats:
         """The displacements d by effects on the object, (n, 2), m."""
         pairs = zip(self.effects, self.effect_arrays, strict=True)
-        return _sum_of_shifts(at, (pair for pair in pairs if pair[0].on_object))[1]
+        place = _sum_of_shifts(at, (pair for pair in pairs if pair[0].on_object)).place
+        return np.zeros(at.joints.shape) if place is None else place
 
     def contact_normal(self, at: TouchState) -> Floats:
         """Unit vector m from the tip to the centre of the circle of contact, (n, 2), base frame.
@@ -178,22 +189,25 @@ class ExtendedModel:
                 )
                 for sign in (1, -1)
             )
-            found[name] = Shift(*((a - b) / (2 * _ROBOT_STEP) for a, b in zip(up, down, strict=True)))
+            found[name] = _per_step(up, down, 2 * _ROBOT_STEP)
         return found
 
 
-def _sum_of_shifts(
-    at: TouchState, pairs: Iterable[tuple[EffectLaw, Floats]], robot_only: bool = False
-) -> tuple[Floats, Floats]:
-    """δ and d of effects with their values; `robot_only` as in `ExtendedModel.shift`."""
-    joints, place = np.zeros(at.joints.shape), np.zeros(at.joints.shape)
+def _sum_of_shifts(at: TouchState, pairs: Iterable[tuple[EffectLaw, Floats]], robot_only: bool = False) -> Shift:
+    """δ and d of effects with their values, None for what none adds to; `robot_only` as in `ExtendedModel.shift`."""
+    joints, place = None, None
     for effect, values in pairs:
         part = effect.shift(at, values)
         if part.joints is not None:
-            joints += part.joints
+            joints = part.joints if joints is None else joints + part.joints
         if part.place is not None and not (robot_only and effect.on_object):
-            place += part.place
-    return joints, place
+            place = part.place if place is None else place + part.place
+    return Shift(joints, place)
+
+
+def _per_step(up: Shift, down: Shift, step: Floats | float) -> Shift:
+    pairs = zip(up, down, strict=True)
+    return Shift(*(None if a is None or b is None else (a - b) / step for a, b in pairs))
 
 
 def as_model(model: ExtendedModel | Parameters) -> ExtendedModel:
