@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.fit_point import FINAL
+from scara_kinetostatic.calibration.fit_point import FINAL, select
 from scara_kinetostatic.calibration.prediction import force_error, force_residual, observe
-from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import minimise
 
@@ -37,15 +36,15 @@ def held_out_force_error(calibration: Calibration, folds: int = 5) -> HeldOut:
         folds: how many; fewer where there are too few touches for it.
     """
     c = calibration
-    touches = c.touches.select(c.used)
-    n = len(touches)
+    places = np.flatnonzero(c.used)
+    touches, n = c.touches.select(places), len(places)
     spare = n - (c.subspace.basis.shape[1] // 2 + 1)
     folds = max(2, min(folds, n)) if spare < 1 else min(n, max(folds, -(-n // spare)))
     part = np.random.default_rng(_SEED).permutation(n) % folds
     residual = np.empty((n, 2))
     for fold in range(folds):
         kept = observe(touches.select(part != fold), c.cell, c.errors)
-        start = project(kept, c.model, c.noise).adjusted
+        start = select(c.projection, places[part != fold]).adjusted
         fit = minimise(kept, c.model, start, c.subspace, c.noise, FINAL)
         left = observe(touches.select(part == fold), c.cell, fit.point.errors)
         residual[part == fold] = force_residual(left, fit.point.model)

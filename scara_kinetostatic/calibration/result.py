@@ -12,6 +12,7 @@ import numpy as np
 from scara_kinetostatic.calibration import outliers
 from scara_kinetostatic.calibration.contributions import Contribution, contributions_of, enlargement_of
 from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit
+from scara_kinetostatic.calibration.fit_point import Point
 from scara_kinetostatic.calibration.identifiability import (
     Identifiability,
     advise,
@@ -23,6 +24,7 @@ from scara_kinetostatic.calibration.identifiability import (
 from scara_kinetostatic.calibration.noise_estimation import is_estimated
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.prediction import base_force, force_error, force_residual, observe
+from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.calibration.subspace import Subspace
 from scara_kinetostatic.model.arrays import Floats, Mask, read_only
@@ -212,6 +214,11 @@ class Calibration:
     def nominal_residual(self) -> Floats:
         """F - A(Q, L̄n), (n, 2), N."""
         return read_only(force_residual(observe(self.touches, self.cell), self.start))
+
+    @cached_property
+    def projection(self) -> Point:
+        """All touches, outliers too, adjusted to the model with the noise of the fit."""
+        return project(observe(self.touches, self.cell, self.errors), self.model, self.noise)
 
     @property
     def force_error(self) -> float:

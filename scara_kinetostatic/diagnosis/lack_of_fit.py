@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from scara_kinetostatic.calibration.fit_point import Point, unfitted
+from scara_kinetostatic.calibration.fit_point import Point, select, unfitted
 from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
-from scara_kinetostatic.calibration.prediction import observe
-from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
 from scara_kinetostatic.diagnosis.thresholds import FORCE_LEVELS, INDEPENDENT_PART_CAUTIOUS, ROUNDING
@@ -160,8 +158,7 @@ def find_dependences(calibration: Calibration) -> tuple[Dependence, ...]:
         One test per family that is independent of the fitted parameters, the most significant first.
     """
     c = calibration
-    observations = observe(c.touches.select(c.used), c.cell, c.errors)
-    point = project(observations, c.model, c.noise)
+    point = select(c.projection, c.used)
     n = len(point.distance)
     uninformative = n if c.model.off_normal_std else 0
     marginal, unprojected = unfitted(point)

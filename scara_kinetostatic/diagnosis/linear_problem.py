@@ -21,11 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.declared_errors import Marginal
-from scara_kinetostatic.calibration.fit_point import Point, augmented, unfitted
+from scara_kinetostatic.calibration.fit_point import Point, augmented, select, unfitted
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.prediction import observe
-from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.subspace import Subspace
 from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
@@ -158,9 +157,9 @@ def pose_problem(calibration: Calibration) -> Problem:
         calibration: the fit; effects whose parameters are all held are a part of the base model.
     """
     c = calibration
-    touches = c.touches.select(_some(c.used))
-    observations = observe(touches, c.cell, c.errors)
-    point = project(observations, c.model, c.noise)
+    some = _some(c.used)
+    touches = c.touches.select(some)
+    observations, point = observe(touches, c.cell, c.errors), select(c.projection, some)
     identifiable = _identifiable(c, observations, point) if c.model.effects else c.subspace.basis
     contact_problem = observations.contact_problem(point.adjusted.joints, point.adjusted.off_normal)
     state = point.adjusted.state

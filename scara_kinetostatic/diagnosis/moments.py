@@ -93,8 +93,11 @@ def at_best_moments(extended: Calibration) -> Calibration:
 
 def _at_better_moment(extended: Calibration) -> Calibration | None:
     """The fit with the first moment changed for which another one is better; None if there is none."""
+    fitted = fitted_effects(extended)
+    if not any(effect.is_stepwise for effect, _, _ in fitted):
+        return None
     problem, found = _linear(extended)
-    for place, (effect, _, _) in enumerate(fitted_effects(extended)):
+    for place, (effect, _, _) in enumerate(fitted):
         scanned = _scan(extended, problem, found, place) if effect.is_stepwise else None
         if scanned is None or scanned.gains.max() < scanned.fitted + _BETTER:
             continue

@@ -20,8 +20,6 @@ import numpy as np
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.outliers import FALSE_REJECTIONS
-from scara_kinetostatic.calibration.prediction import observe
-from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.candidates import Candidate
 from scara_kinetostatic.diagnosis.linear_problem import Problem
@@ -107,10 +105,9 @@ def penalised_deviance(calibration: Calibration, penalty: float, scale: float) -
         scale: s², the variance in units of which squared distances are counted.
     """
     c = calibration
-    point = project(observe(c.touches, c.cell, c.errors), c.model, c.noise)
-    l11, _, l22 = point.whitened.root
+    l11, _, l22 = c.projection.whitened.root
     rejection = -2 * np.log(FALSE_REJECTIONS / len(c.touches))
-    distance = np.where(c.used, point.distance / scale, rejection)
+    distance = np.where(c.used, c.projection.distance / scale, rejection)
     return float(np.sum(distance + 2 * np.log(l11 * l22))) + c.prior_cost / scale + penalty
 
 

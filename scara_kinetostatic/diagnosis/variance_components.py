@@ -16,11 +16,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import special
 
-from scara_kinetostatic.calibration.fit_point import Point, augmented
+from scara_kinetostatic.calibration.fit_point import Point, augmented, select
 from scara_kinetostatic.calibration.noise_estimation import by_axis, growing, whiten_matrix
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.prediction import observe
-from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.whitening import outer
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
@@ -52,7 +51,7 @@ def excess_p_value(calibration: Calibration, kind: str, beside: Sequence[str] = 
 def _score(c: Calibration, kind: str, beside: Sequence[str]) -> float:
     """The score of one variance in its standard deviations, less what the others explain of it; 0 if they are alike."""
     observations = observe(c.touches.select(c.used), c.cell, c.errors)
-    point = project(observations, c.model, c.noise)
+    point = select(c.projection, c.used)
     jacobian = (point.whitened.derivative @ c.subspace.basis).reshape(2 * len(point.distance), -1)
     base = orthonormal(augmented(point, jacobian)[: len(jacobian)])  # whatever the declared errors are
     residual = point.whitened.residual.ravel()
