@@ -20,8 +20,9 @@ METADATA = 'metadata.yaml'
 _MAX_METADATA = 1 << 24
 """Largest metadata file that is read, bytes; a recording of 10 000 files has about 2 MB."""
 _STORED = re.compile(r'.+\.(mcap|db3)(\.zstd)?\Z')
-_NUMBERED = re.compile(r'\.?(?P<stem>.+)_(?P<number>[0-9]+)\.mcap(\.part)?\Z')
-"""A file of a split recording, `<stem>_<number>.mcap`, or hidden and with `.part` while it is being written."""
+_NUMBERED = re.compile(r'\.?(?P<stem>.+)_((?P<first>[0-9]+)-)?(?P<number>[0-9]+)\.mcap(\.part)?\Z')
+"""A file of a split recording, `<stem>_<number>.mcap`, hidden and with `.part` while it is being written, or
+`<stem>_<first>-<number>.mcap`, merged of several."""
 
 
 class BagFolder:
@@ -31,6 +32,9 @@ class BagFolder:
         path: the folder.
         open_file: gives the source of one file.
 
+    Attributes:
+        vanished: whether a file was not there any more when it was to be read.
+
     Raises:
         RecordingError: the folder holds no recording.
     """
@@ -38,6 +42,7 @@ class BagFolder:
     def __init__(self, path: Path, open_file: Callable[[Path], Source]) -> None:
         self.path = path
         self.warnings: list[str] = []
+        self.vanished = False
         self._open_file = open_file
         self._topics: list[Topic] = []
         self._counts: dict[str, int] = {}
@@ -68,6 +73,7 @@ class BagFolder:
                     self._read_counts[batch.topic.name] += len(batch.start)
                     yield batch
         except RecordingError as error:
+            self.vanished |= not path.exists()
             if len(self._files) == 1:
                 raise
             self.warnings.append(f'{path.name} was skipped: {error.problem}')
@@ -106,6 +112,7 @@ class BagFolder:
             return None
         files = [self.path / name for name in names]
         missing = [file.name for file in files if not file.exists()]
+        self.vanished = bool(missing)
         if missing and len(missing) == len(files):
             self.warnings.append(
                 f'{METADATA} lists {missing[0]}, which is missing: all files of the folder were read, in order'
@@ -118,6 +125,7 @@ class BagFolder:
     def _all_files(self) -> list[Path]:
         """The MCAP and SQLite files in the folder by number, `…_2` before `…_10`."""
         files = [file for file in self._entries() if _STORED.match(file.name) and not file.name.startswith('.')]
+        files = _without_merged(files)
         if files and not (self.path / METADATA).exists():
             self.warnings.append(f'{METADATA} is missing: all files of the folder were read, in order')
         return sorted(files, key=_natural)
@@ -154,6 +162,23 @@ def _contents(metadata: Path) -> tuple[list[str], dict[str, int]]:
     names = list(dict.fromkeys(PurePosixPath(name).name for name in data['relative_file_paths']))
     topics = data['topics_with_message_count']
     return names, {ros_topic(item['topic_metadata']['name']): int(item['message_count']) for item in topics}
+
+
+def _without_merged(files: list[Path]) -> list[Path]:
+    """The files without those that another one contains, because they were merged to it."""
+    spans = {file: (match['stem'], _span(match)) for file in files if (match := _NUMBERED.match(file.name))}
+
+    def is_contained(file: Path) -> bool:
+        stem, (first, last) = spans[file]
+        others = [span for other, span in spans.values() if other == stem and span != (first, last)]
+        return any(begin <= first and last <= end for begin, end in others)
+
+    return [file for file in files if file not in spans or not is_contained(file)]
+
+
+def _span(match: re.Match[str]) -> tuple[int, int]:
+    """First and last number of what a file was merged of."""
+    return int(match['first'] or match['number']), int(match['number'])
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

@@ -18,6 +18,9 @@ from scara_kinetostatic.bags.messages import JOINT_STATE, STRING, WRENCH_STAMPED
 from scara_kinetostatic.files.cell_file import CELL_TOPIC
 from scara_kinetostatic.model.cell import Cell
 
+DISCARD_TOPIC = '/discarded_touch'
+"""Carries, for each touch that was discarded while recording, `{"touch": 5, "stamp": 1700000000000000000}`: its number
+and the middle of its hold by the clock of the streams, ns."""
 _FOREVER = QosTime(9223372036, 854775807)
 
 
@@ -52,6 +55,11 @@ def channels(cell: Cell, topics: tuple[str, str] | None = None) -> tuple[Channel
         _channel(joint_states, JOINT_STATE, QosDurability.VOLATILE, 10),
         _channel(wrench, WRENCH_STAMPED, QosDurability.VOLATILE, 10),
     )
+
+
+def discard_channel() -> Channel:
+    """The topic on which a collector records that a touch is discarded."""
+    return _channel(DISCARD_TOPIC, STRING, QosDurability.VOLATILE, 10)
 
 
 def _channel(topic: str, msgtype: str, durability: QosDurability, depth: int) -> Channel:

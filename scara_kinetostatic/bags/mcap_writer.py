@@ -24,6 +24,9 @@ class McapWriter:
         channels: what may be written; a channel's number is its place here, from 0.
         compress: whether to compress chunks with zstd.
 
+    Attributes:
+        size: bytes of the messages written so far.
+
     Raises:
         OSError: the file cannot be written; so do all methods.
     """
@@ -35,6 +38,7 @@ class McapWriter:
         self._writer.start('ros2', _LIBRARY)
         self._ids = [self._register(channel) for channel in channels]
         self._counts = [0] * len(channels)
+        self.size = 0
         self._start = self._end = 0
 
     def write(self, channel: int, payload: bytes, log_time: int) -> None:
@@ -48,6 +52,7 @@ class McapWriter:
         first = not any(self._counts)
         self._writer.add_message(self._ids[channel], log_time, payload, log_time, self._counts[channel])
         self._counts[channel] += 1
+        self.size += len(payload)
         self._start = log_time if first else min(self._start, log_time)
         self._end = log_time if first else max(self._end, log_time)
 

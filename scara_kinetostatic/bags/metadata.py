@@ -21,7 +21,7 @@ class FileInfo(NamedTuple):
         name: of the file.
         start: time of the first message, ns; meaningless without messages.
         end: time of the last message, ns.
-        counts: messages of each channel.
+        counts: messages of each channel; channels that came later are missing.
     """
 
     name: str
@@ -41,7 +41,7 @@ def metadata_text(channels: Sequence[Channel], files: Sequence[FileInfo], storag
     filled = [info for info in files if sum(info.counts)]
     start = min((info.start for info in filled), default=_NONE_YET)
     end = max((info.end for info in filled), default=_NONE_YET)
-    totals = [sum(info.counts[number] for info in files) for number in range(len(channels))]
+    totals = [sum(sum(info.counts[number : number + 1]) for info in files) for number in range(len(channels))]
     lines = [
         'rosbag2_bagfile_information:',
         '  version: 9',

@@ -10,6 +10,7 @@ from __future__ import annotations
 from contextlib import closing, suppress
 from pathlib import Path
 
+from scara_kinetostatic.bags.bag_folder import METADATA
 from scara_kinetostatic.bags.cell_topics import cell_topics
 from scara_kinetostatic.bags.decoding import Decoder, Samples, decode_string
 from scara_kinetostatic.bags.decompression import decompress_messages
@@ -23,6 +24,8 @@ from scara_kinetostatic.touches.clock import counted, on_one_clock
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 _ENCODINGS = ('cdr', 'ros1')
+_ATTEMPTS = 5
+"""So often a folder is read if files vanish from it because they are merged."""
 
 
 def read_streams(path: str | Path, cell: Cell) -> Streams:
@@ -57,6 +60,25 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
 
 def _samples(path: str | Path, names: tuple[str, str], cell: Cell) -> tuple[Source, dict[str, Samples]]:
     """The messages of the two topics, decoded, and their source, which then knows all topics."""
+    for _ in range(_ATTEMPTS - 1):
+        before = _version(path)
+        source, samples = _read_once(path, names, cell)
+        if not getattr(source, 'vanished', False) or _version(path) == before:
+            return source, samples
+    return _read_once(path, names, cell)
+
+
+def _version(path: str | Path) -> tuple[int, int]:
+    """Changes where the list of the files of a folder does: a recorder merges files while they are read."""
+    metadata = Path(path) / METADATA
+    with suppress(OSError):
+        state = metadata.stat()
+        return state.st_ino, state.st_mtime_ns
+    return 0, 0
+
+
+def _read_once(path: str | Path, names: tuple[str, str], cell: Cell) -> tuple[Source, dict[str, Samples]]:
+    """As `_samples`, whatever happens to the folder meanwhile."""
     types = dict(zip(names, (JOINT_STATE, WRENCH_STAMPED), strict=True))
     decoders = dict(zip(names, (Decoder(cell.joint_names), Decoder()), strict=True))
     source = open_recording(path)

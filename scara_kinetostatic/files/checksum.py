@@ -33,6 +33,13 @@ def recording_checksum(path: str | Path) -> str:
     path = Path(path)
     if not path.is_dir():
         return _file_checksum(path)
+    try:
+        return _folder_checksum(path)
+    except FileNotFoundError:  # a recorder has merged files meanwhile
+        return _folder_checksum(path)
+
+
+def _folder_checksum(path: Path) -> str:
     files = sorted((file for file in path.iterdir() if _belongs(file)), key=lambda file: file.name.encode())
     listing = ''.join(f'{_file_checksum(file)}  ./{file.name}\n' for file in files)
     return hashlib.sha256(listing.encode('utf-8', 'surrogateescape')).hexdigest()

@@ -117,7 +117,7 @@ class OnlineDetector:
         none = Detection(no_touches())
         if not (len(self._joints.samples.stamp) and len(self._wrench.samples.stamp)):
             return none
-        judged = self._judge()
+        judged = self._on_one_clock()
         self._searched = self._wrench.now
         if judged is None or (judged.by_log_time and not judged.at_one_rate and not open_too):
             self._forget()
@@ -135,7 +135,7 @@ class OnlineDetector:
         self._forget()
         return new
 
-    def _judge(self) -> Judgement | None:
+    def _on_one_clock(self) -> Judgement | None:
         """Both topics on one clock; None where there is none, or not yet: one topic stepped, the other will."""
         warnings: list[str] = []
         samples = (self._joints.samples, self._wrench.samples)
