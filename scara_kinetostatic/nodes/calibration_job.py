@@ -142,6 +142,7 @@ def _calibrate(job: Job, progress: Callable[[str, float], None]) -> Any:
 
     left_out = parse_left_out(job.left_out, 'parameter leave_out')
     paths = list(map(Path, kept_recordings(job.recordings, left_out)))
+    left_out = tuple(entry for entry in left_out if entry.numbers is not None)
     warnings: list[str] = []
     while True:
         try:

@@ -95,3 +95,16 @@ def test_an_effect_so_large_that_it_hides_everything_is_found_with_unknown_noise
     assert outcome.final.noise_source == 'estimated'
     off = outcome.final.parameters.as_array() - PAPER_ACTUAL.as_array()
     assert np.abs(off / outcome.final.std).max() < 4
+
+
+@pytest.mark.parametrize(
+    ('factor', 'message'),
+    [
+        (0.01, 'the noise stated in the cell description contradicts it; leave the noise out'),
+        (100.0, 'check the noise in the cell description and the unit of the forces'),
+    ],
+)
+def test_a_noise_that_is_far_off_is_named_where_there_is_no_result(factor: float, message: str) -> None:
+    touches = simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL), Noise(1e-5, 0.3), 3)
+    with pytest.raises(UnsupportedDataError, match=message):
+        calibrate_touches(touches, replace(CELL, noise=Noise(1e-5 * factor, 0.3 * factor)))

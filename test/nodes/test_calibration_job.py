@@ -1,0 +1,173 @@
+"""The calibration that the node `calibrator` orders, without the node."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from scara_kinetostatic.bags.writer import write_streams
+from scara_kinetostatic.errors import CellError, InputError, RecordingError
+from scara_kinetostatic.files.cell_file import dump_cell
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.nodes.announced import ALL, LAST, SESSION, Announced
+from scara_kinetostatic.nodes.calibration_job import Job, Reply, do
+from scara_kinetostatic.nodes.outcome_text import summary, warnings_in_line
+from scara_kinetostatic.report import page
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_streams
+from scara_kinetostatic.touches.left_out import REASON
+
+HALVES = (range(0, 72, 2), range(1, 72, 2))
+Make = Callable[..., Job]
+
+
+@pytest.fixture(scope='module')
+def bags(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Two recordings, with every other touch of the plan each, and one that is no recording."""
+    folder = tmp_path_factory.mktemp('bags')
+    plan = default_plan(PAPER_CELL)
+    for name, half in zip(('first', 'second'), HALVES, strict=True):
+        streams = simulate_streams(PAPER_CELL, PAPER_ACTUAL, plan.select(list(half)), seed=3)
+        write_streams(folder / name, streams, PAPER_CELL)
+    (folder / 'broken').mkdir()
+    return [folder / name for name in ('first', 'second', 'broken')]
+
+
+@pytest.fixture
+def job(bags: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
+    """Makes a job; the page, which takes most of the time, is left out."""
+    monkeypatch.setattr(page, 'html_text', lambda _: 'page')
+    usual = Job([str(bags[0])], False, '', [], [], str(tmp_path / 'out'), False)
+    return lambda **changes: usual._replace(**changes)
+
+
+def calibrated(job: Job) -> tuple[Reply, list[tuple[str, float]]]:
+    heard: list[tuple[str, float]] = []
+    return do(job, lambda step, part: heard.append((step, part))), heard
+
+
+def cell_file(folder: Path, cell: Cell) -> str:
+    path = folder / 'cell.yaml'
+    path.write_text(dump_cell(cell))
+    return str(path)
+
+
+def test_two_recordings_are_calibrated_together(job: Make, bags: list[Path]) -> None:
+    reply, heard = calibrated(job(recordings=[str(bags[0]), str(bags[1])]))
+    assert (reply.grade, reply.verdict, reply.warnings, reply.unwritten) == ('fit', 'none', [], '')
+    assert reply.facts['touches.used'] == 72
+    assert reply.facts['recordings'] == [str(bags[0]), str(bags[1])]
+    parts = [part for _, part in heard]
+    assert parts == sorted(parts), 'progress goes on'
+    assert heard[0] == (f'reading {bags[0]}', 0.0)
+    assert heard[-1] == ('writing the results', 0.8)
+    assert (Path(reply.folder) / 'calibration.yaml').is_file()
+
+
+def test_a_recording_that_cannot_be_read_is_left_out_only_where_the_node_joined_it(
+    job: Make, bags: list[Path], tmp_path: Path
+) -> None:
+    cell = cell_file(tmp_path, PAPER_CELL)
+    several = job(recordings=[str(bags[2]), str(bags[0])], cell=cell)
+    with pytest.raises(RecordingError, match='broken'):
+        calibrated(several)
+    for named in ('', cell):
+        reply, _ = calibrated(several._replace(joined=True, cell=named))
+        assert reply.facts['recordings'] == [str(bags[0])]
+        (warning,) = reply.warnings
+        assert warning.startswith(f'{bags[2]}: ')
+        assert warning.endswith(': left out')
+    with pytest.raises(RecordingError, match='broken'):
+        calibrated(job(recordings=[str(bags[2])], joined=True))
+
+
+def test_another_cell_description_than_the_recorded_one_is_a_warning(
+    job: Make, bags: list[Path], tmp_path: Path
+) -> None:
+    other = replace(PAPER_CELL, noise=None)
+    reply, _ = calibrated(job(cell=cell_file(tmp_path, other)))
+    assert reply.warnings == [
+        f'{bags[0]} contains another cell description (noise); that of the parameter cell is used'
+    ]
+    assert reply.facts['warnings'] == reply.warnings == summary(reply.document)['warnings']
+
+
+def test_touches_and_recordings_can_be_left_out(job: Make, bags: list[Path]) -> None:
+    both = [str(bags[0]), str(bags[1])]
+    reply, _ = calibrated(job(recordings=both, left_out=['3-4', 'second']))
+    assert reply.facts['recordings'] == both[:1]
+    assert reply.document['touches']['rejected'] == [{'index': k, 'reason': REASON} for k in (3, 4)]
+    with pytest.raises(InputError, match="'third' is none of the recordings"):
+        calibrated(job(left_out=['third']))
+
+
+def test_an_unfit_result_does_not_replace_files(job: Make, tmp_path: Path) -> None:
+    strict = job(cell=cell_file(tmp_path, replace(PAPER_CELL, tolerance=1e-6)))
+    reply, _ = calibrated(strict)
+    assert reply.grade == 'unfit'
+    assert Path(reply.folder) == tmp_path / 'out' / 'unfit'
+    assert [path.name for path in (tmp_path / 'out').iterdir()] == ['unfit']
+    reply, _ = calibrated(strict._replace(publish_unfit=True))
+    assert Path(reply.folder) == tmp_path / 'out'
+
+
+def test_a_folder_that_cannot_be_written_does_not_keep_the_result(job: Make, tmp_path: Path) -> None:
+    (tmp_path / 'out').write_text('a file')
+    reply, _ = calibrated(job())
+    assert reply.grade != 'unfit'
+    assert str(tmp_path / 'out') in reply.unwritten
+
+
+def test_what_contradicts_the_cell_names_its_file(job: Make, bags: list[Path], tmp_path: Path) -> None:
+    sensor = PAPER_CELL.sensor._replace(
+        sign=next(s for s in type(PAPER_CELL.sensor.sign) if s != PAPER_CELL.sensor.sign)
+    )
+    path = cell_file(tmp_path, replace(PAPER_CELL, sensor=sensor))
+    with pytest.raises(CellError, match=path):
+        calibrated(job(cell=path))
+
+
+def test_the_process_speaks_json_only(bags: list[Path], tmp_path: Path) -> None:
+    order = Job([str(bags[2])], False, '', [], [], str(tmp_path), False)
+    code = 'from scara_kinetostatic.nodes.calibration_job import main; main()'
+    ended = subprocess.run(
+        [sys.executable, '-c', code], input=json.dumps(order._asdict()), capture_output=True, text=True, timeout=60
+    )
+    (said,) = map(json.loads, ended.stdout.splitlines())
+    assert list(said) == ['error']
+    assert 'broken' in said['error']
+    assert ended.stderr == ''
+
+
+@pytest.mark.parametrize(
+    ('announcements', 'session', 'last', 'everything'),
+    [
+        ([('a', 3)], ['a'], ['a'], ['a']),
+        ([('a', 1), ('a', 1)], ['a'], ['a'], ['a']),
+        ([('a', 1), ('b', 2)], ['b'], ['b'], ['a', 'b']),  # told to stop and to start
+        ([('a', 1), ('b', 1)], ['a', 'b'], ['b'], ['a', 'b']),  # started anew
+        ([('a', 1), ('b', 2), ('c', 1), ('d', 1)], ['b', 'c', 'd'], ['d'], ['a', 'b', 'c', 'd']),
+        ([('a', 1), ('b', 1), ('c', 2)], ['c'], ['c'], ['a', 'b', 'c']),
+        ([('a', None), ('b', None)], ['b'], ['b'], ['a', 'b']),  # a middleware without numbers
+        ([('', 1)], [], [], []),
+    ],
+)
+def test_announced_recordings_that_belong_together(
+    announcements: list[tuple[str, int | None]], session: list[str], last: list[str], everything: list[str]
+) -> None:
+    announced = Announced()
+    for path, number in announcements:
+        announced.note(path, number)
+    assert [announced.chosen(which) for which in (SESSION, LAST, ALL)] == [session, last, everything]
+
+
+def test_many_warnings_are_counted() -> None:
+    assert warnings_in_line([]) == ''
+    assert warnings_in_line(list('abcde')) == 'warnings: a; b; c; 2 more'
