@@ -1,0 +1,227 @@
+"""What the calibrator makes of a result: parameters, answer, level, topics. The calibration itself is canned."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from math import isnan
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.cell import PAPER_CELL, Noise
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
+from scara_kinetostatic.nodes import calibration_process as module
+from scara_kinetostatic.nodes.calibration_job import Reply
+from scara_kinetostatic.nodes.calibrator import Calibrator
+from scara_kinetostatic.nodes.demo_client import DemoClient
+from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN
+from scara_kinetostatic.nodes.outcome_text import SCHEMA, details, one_line
+from scara_kinetostatic.nodes.stream_subscription import LATCHED
+from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.report.document import as_document
+from scara_kinetostatic.report.facts import FACTS, facts
+from scara_kinetostatic.report.parameter_file import parameter_text
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
+
+WAIT = 60.0
+Calibrated = Callable[..., Trigger.Response]
+
+
+@pytest.fixture(scope='module')
+def outcome() -> Any:
+    touches = simulate_touches(PAPER_CELL, PAPER_ACTUAL, default_plan(PAPER_CELL), Noise(1e-5, 0.3), 3)
+    return calibrate_touches(touches, PAPER_CELL, sources=['monday'])
+
+
+@pytest.fixture(scope='module')
+def reply(outcome: Any) -> Reply:
+    return Reply(
+        line=one_line(outcome),
+        grade='fit',
+        verdict='none',
+        warnings=[],
+        details=details(outcome),
+        values=list(outcome.final.parameters.as_dict().values()),
+        deviations=[float('nan'), *outcome.final.std.tolist()[1:]],
+        effects=[],
+        facts=facts(outcome),
+        document=as_document(outcome),
+        folder='/results',
+        note='',
+        unwritten='',
+    )
+
+
+@pytest.fixture
+def calibrated(client: DemoClient, reply: Reply, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Calibrated:
+    """Calibrates; the reply is the canned one with some fields changed."""
+    said = tmp_path / 'reply.json'
+    monkeypatch.setattr(module, 'COMMAND', (sys.executable, '-c', f'print(open({str(said)!r}).read())'))
+
+    def call(**changes: object) -> Trigger.Response:
+        said.write_text(json.dumps({'reply': reply._replace(**changes)._asdict()}))
+        return client.call('/calibrator/calibrate', Trigger, Trigger.Request(), WAIT)
+
+    return call
+
+
+def start(spin: Callable[..., Node], tmp_path: Path, *arguments: str) -> Node:
+    (tmp_path / 'bag').mkdir()
+    return spin(Calibrator, '--ros-args', '-p', f'recording:={tmp_path / "bag"}', *arguments)
+
+
+def test_an_unfit_result_leaves_the_parameters_unless_told_to_replace_them(
+    spin: Callable[..., Node], calibrated: Calibrated, client: DemoClient, reply: Reply, tmp_path: Path
+) -> None:
+    node = start(spin, tmp_path)
+    heard: list[dict[str, Any]] = []
+    listen = lambda message: heard.append(json.loads(message.data))  # noqa: E731
+    client._node.create_subscription(String, '/calibrator/result', listen, LATCHED)
+    answer = calibrated(grade='unfit')
+    assert not answer.success
+    assert 'parameters calibrated.* are left as they were' in answer.message
+    assert not node.has_parameter('calibrated.l1')
+    assert node._report().values['present result'] == 'none'
+
+    assert calibrated().success
+    former = node.get_parameter('calibrated.l1').value
+    assert node._report().values['present result'].startswith('fit, of 20')
+    assert node._report().values['present result'].endswith(', from monday')
+    worse = {'grade': 'unfit', 'values': [1.0] * 12}
+    assert not calibrated(**worse).success
+    assert node.get_parameter('calibrated.l1').value == former
+    assert node._condition.level == ERROR
+
+    node.set_parameters([Parameter('publish_unfit', value=True)])
+    answer = calibrated(**worse)
+    assert not answer.success
+    assert node.get_parameter('calibrated.l1').value == 1.0
+    client.wait('the results', lambda: len(heard) == 4, WAIT)
+    assert [item['published'] for item in heard] == [False, True, False, True]
+    assert heard[-1]['message'] == answer.message
+    assert heard[-1]['schema'] == SCHEMA
+    assert heard[-1]['files'] == {'folder': '/results'}
+    assert heard[-1]['assessment'] == reply.document['assessment']
+    assert heard[-1]['identifiability']['rank'] == 12
+
+
+@pytest.mark.parametrize(
+    ('changes', 'level', 'said'),
+    [
+        ({}, OK, 'written to /results'),
+        ({'grade': 'caution'}, WARN, 'written to /results'),
+        ({'verdict': 'unexplained'}, WARN, 'written to /results'),
+        ({'warnings': ['the clocks are apart', 'b']}, WARN, 'warnings: the clocks are apart; b'),
+        ({'unwritten': '/results: no space'}, WARN, 'files not written: /results: no space'),
+        ({'note': 'the earlier result is kept'}, OK, 'the earlier result is kept'),
+    ],
+)
+def test_the_level_follows_assessment_verdict_and_warnings(
+    spin: Callable[..., Node],
+    calibrated: Calibrated,
+    tmp_path: Path,
+    changes: dict[str, object],
+    level: bytes,
+    said: str,
+) -> None:
+    node = start(spin, tmp_path)
+    answer = calibrated(**changes)
+    assert answer.success
+    assert said in answer.message
+    assert node._condition.level == level
+    assert node.has_parameter('calibrated.l1'), 'published all the same'
+
+
+def test_what_the_numbers_are_made_from_and_worth_is_in_parameters(
+    spin: Callable[..., Node], calibrated: Calibrated, reply: Reply, tmp_path: Path
+) -> None:
+    node = start(spin, tmp_path)
+    calibrated()
+    assert {name: node.get_parameter(f'calibration.{name}').value for name in FACTS} == reply.facts
+    assert isnan(node.get_parameter(f'calibrated_std.{NAMES[0]}').value)
+    (refused,) = node.set_parameters([Parameter('calibration.assessment', value='fit')])
+    assert 'read-only' in refused.reason
+
+
+@pytest.mark.parametrize(('grade', 'level'), [('fit', OK), ('caution', WARN), ('unfit', ERROR), ('', WARN)])
+def test_the_status_says_which_result_was_loaded_from_a_file(
+    spin: Callable[..., Node], outcome: Any, tmp_path: Path, grade: str, level: bytes
+) -> None:
+    tree = yaml.safe_load(parameter_text(outcome))
+    given = tree['/**']['ros__parameters']
+    given['calibration']['assessment'] = grade
+    if not grade:
+        del given['calibration']  # a file of an earlier version
+    path = tmp_path / 'calibration.yaml'
+    path.write_text(yaml.safe_dump(tree))
+    status = start(spin, tmp_path, '--params-file', str(path))._report()
+    assert status.level == level
+    assert 'loaded from a parameter file' in status.message
+    assert 'not say how it was assessed' in status.message or f'{grade}, of 20' in status.message
+    assert status.values['present result'].startswith(grade or 'not assessed')
+
+
+def test_recordings_of_a_collector_that_was_started_anew_go_together(
+    spin: Callable[..., Node], client: DemoClient, tmp_path: Path
+) -> None:
+    bags = [tmp_path / name for name in ('a', 'b', 'c', 'd')]
+    for bag in bags:
+        bag.mkdir()
+    node = spin(Calibrator)
+
+    def announce(*paths: Path) -> None:
+        publisher = client._node.create_publisher(String, '/collector/recording', LATCHED)
+        for path in paths:
+            publisher.publish(String(data=str(path)))
+            client.wait(str(path), lambda path=path: node._announced.chosen('last') == [str(path)], WAIT)  # type: ignore[misc]
+        client._node.destroy_publisher(publisher)
+
+    announce(bags[0], bags[1])
+    assert node._job().recordings == [str(bags[1])]
+    announce(bags[2])
+    job = node._job()
+    assert job.recordings == [str(bags[1]), str(bags[2])]
+    assert job.joined
+    assert job.output == f'{bags[2]}_calibration'
+    node.set_parameters([Parameter('announced', value='all'), Parameter('name', value='all_of_them')])
+    assert node._job().recordings == [str(bag) for bag in bags[:3]]
+    assert node._job().output == f'{bags[2]}_calibration/all_of_them'
+    node.set_parameters([Parameter('recordings', value=[str(bags[3]), '']), Parameter('recording', value=str(bags[0]))])
+    assert node._job().recordings == [str(bags[0]), str(bags[3])]
+    assert not node._job().joined
+
+
+@pytest.mark.parametrize(
+    ('argument', 'message'),
+    [
+        ('announced:=some', 'expected session, last, all'),
+        ('name:=../elsewhere', 'expected letters'),
+        ("leave_out:=['7-5']", 'expected a range'),
+        ('fixed:=[l1=long]', 'parameter fixed'),
+        ('calibration.rank:=12.5', 'calibration.rank'),
+    ],
+)
+def test_parameters_that_make_no_sense_are_refused(spin: Callable[..., Node], argument: str, message: str) -> None:
+    with pytest.raises((ParameterError, ParameterException), match=message):
+        spin(Calibrator, '--ros-args', '-p', argument)
+
+
+def test_the_status_of_two_cells_do_not_collide(spin: Callable[..., Node], client: DemoClient) -> None:
+    node = spin(Calibrator, '--ros-args', '-r', '__ns:=/plant/left')
+    heard: list[DiagnosticStatus] = []
+    client._node.create_subscription(DiagnosticArray, '/diagnostics', lambda m: heard.extend(m.status), 10)
+    client.wait('a status', lambda: bool(heard), WAIT)
+    assert node.get_namespace() == '/plant/left'
+    assert (heard[0].name, heard[0].hardware_id) == ('/plant/left/calibrator: calibration', 'plant/left')
