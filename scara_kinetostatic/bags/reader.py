@@ -7,25 +7,46 @@ recording that cannot be used is a `RecordingError` that says what to do.
 
 from __future__ import annotations
 
+import json
 from contextlib import closing, suppress
 from pathlib import Path
+from typing import NamedTuple
 
 from scara_kinetostatic.bags.bag_folder import METADATA
 from scara_kinetostatic.bags.cell_topics import cell_topics
 from scara_kinetostatic.bags.decoding import Decoder, Samples, decode_string
 from scara_kinetostatic.bags.decompression import decompress_messages
-from scara_kinetostatic.bags.messages import JOINT_STATE, STRING, WRENCH_STAMPED, Source, Topic, printable, reading
+from scara_kinetostatic.bags.encoding import DISCARD_TOPIC
+from scara_kinetostatic.bags.messages import (
+    JOINT_STATE,
+    STRING,
+    WRENCH_STAMPED,
+    Batch,
+    Source,
+    Topic,
+    printable,
+    reading,
+)
 from scara_kinetostatic.bags.sources import open_recording
 from scara_kinetostatic.errors import CellError, RecordingError, one_line
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
 from scara_kinetostatic.model.cell import Cell, Sensor
 from scara_kinetostatic.touches import clock
 from scara_kinetostatic.touches.clock import counted, on_one_clock
+from scara_kinetostatic.touches.interleaving import INTERLEAVED, interleaved_seconds
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 _ENCODINGS = ('cdr', 'ros1')
 _ATTEMPTS = 5
 """So often a folder is read if files vanish from it because they are merged."""
+
+
+class _Contents(NamedTuple):
+    """What a recording holds of two topics: their messages, decoded, and its source, which then knows all topics."""
+
+    source: Source
+    samples: dict[str, Samples]
+    discarded: tuple[int, ...]
 
 
 def read_streams(path: str | Path, cell: Cell) -> Streams:
@@ -43,28 +64,32 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
     """
     with reading(path):
         names = cell.sensor.topics
-        source, streams = _samples(path, names, cell)
+        source, streams, discarded = _samples(path, names, cell)
         found = cell_topics(str(path), source.topics(), cell.sensor, lambda: _recorded_sensor(path, source))
         if found != names:
             names = found
-            source, streams = _samples(path, names, cell)
+            source, streams, discarded = _samples(path, names, cell)
         warnings = list(source.warnings)
         for (topic, samples), msgtype in zip(streams.items(), (JOINT_STATE, WRENCH_STAMPED), strict=True):
             if len(samples.stamp) == 0:
                 raise _nothing_usable(path, source, topic, msgtype, samples, cell)
             warnings += [f'{topic}: {counted(number)} {why} dropped' for why, number in samples.dropped.items()]
+        if interleaved_seconds(streams[names[0]].log_time, streams[names[0]].values):
+            warnings.append(f'{names[0]}: {INTERLEAVED}')
         clocked = {topic: clock.Samples(*samples[:3]) for topic, samples in streams.items()}
         joints, wrench = on_one_clock(str(path), clocked, warnings)
-        return Streams(str(path), JointStream(*joints), WrenchStream(*wrench), tuple(map(one_line, warnings)), names)
+        return Streams(
+            str(path), JointStream(*joints), WrenchStream(*wrench), tuple(map(one_line, warnings)), names, discarded
+        )
 
 
-def _samples(path: str | Path, names: tuple[str, str], cell: Cell) -> tuple[Source, dict[str, Samples]]:
-    """The messages of the two topics, decoded, and their source, which then knows all topics."""
+def _samples(path: str | Path, names: tuple[str, str], cell: Cell) -> _Contents:
+    """What a recording holds of two topics."""
     for _ in range(_ATTEMPTS - 1):
         before = _version(path)
-        source, samples = _read_once(path, names, cell)
-        if not getattr(source, 'vanished', False) or _version(path) == before:
-            return source, samples
+        contents = _read_once(path, names, cell)
+        if not getattr(contents.source, 'vanished', False) or _version(path) == before:
+            return contents
     return _read_once(path, names, cell)
 
 
@@ -77,16 +102,31 @@ def _version(path: str | Path) -> tuple[int, int]:
     return 0, 0
 
 
-def _read_once(path: str | Path, names: tuple[str, str], cell: Cell) -> tuple[Source, dict[str, Samples]]:
+def _read_once(path: str | Path, names: tuple[str, str], cell: Cell) -> _Contents:
     """As `_samples`, whatever happens to the folder meanwhile."""
     types = dict(zip(names, (JOINT_STATE, WRENCH_STAMPED), strict=True))
     decoders = dict(zip(names, (Decoder(cell.joint_names), Decoder()), strict=True))
-    source = open_recording(path)
-    for batch in source.batches(types):
-        if batch.topic.msgtype == types[batch.topic.name] and batch.topic.encoding in _ENCODINGS:
-            for portion in decompress_messages(batch):
+    source, discarded = open_recording(path), list[int]()
+    for batch in source.batches((*types, DISCARD_TOPIC)):
+        if batch.topic.encoding not in _ENCODINGS:
+            continue
+        for portion in decompress_messages(batch):
+            if batch.topic.msgtype == types.get(batch.topic.name):
                 decoders[batch.topic.name].add(portion)
-    return source, {topic: decoder.samples() for topic, decoder in decoders.items()}
+            elif (batch.topic.name, batch.topic.msgtype) == (DISCARD_TOPIC, STRING):
+                discarded += _discarded(portion)
+    return _Contents(source, {topic: decoder.samples() for topic, decoder in decoders.items()}, tuple(discarded))
+
+
+def _discarded(batch: Batch) -> list[int]:
+    """The stamps of discarded touches, ns."""
+    found = []
+    for payload in batch.payloads():
+        stamp = json.loads(decode_string(payload, batch.topic.encoding))['stamp']
+        if not isinstance(stamp, int):
+            raise ValueError(f'{DISCARD_TOPIC}: expected a stamp in ns, got {stamp!r}')
+        found.append(stamp)
+    return found
 
 
 def _recorded_sensor(path: str | Path, source: Source) -> Sensor | None:

@@ -29,10 +29,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.nodes.conversion import stamp_of
-from scara_kinetostatic.touches.detection import Detection
-
-DISCARDED = 'discarded by ~/discard_last'
-"""Reason of a touch that was accepted and then discarded."""
+from scara_kinetostatic.touches.detection import DISCARDED, Detection
 
 
 class JudgedTouch(NamedTuple):

@@ -44,18 +44,25 @@ class NodeProcesses:
     ) -> None:
         self.stop()
 
-    def start(self, name: str, parameters: Mapping[str, object]) -> int:
+    def start(
+        self, name: str, parameters: Mapping[str, object], namespace: str = '', remaps: Mapping[str, str] | None = None
+    ) -> int:
         """Starts a node.
 
         Args:
             name: of the node and of its module.
             parameters: ROS parameters by name.
+            namespace: of the node, without slashes at its ends.
+            remaps: new names of topics by their names.
 
         Returns:
             Its process id.
         """
         arguments = [part for key, value in parameters.items() for part in ('-p', f'{key}:={_yaml(value)}')]
         command = [sys.executable, '-m', f'scara_kinetostatic.nodes.{name}', '--ros-args', *arguments]
+        rules = {**({'__ns': f'/{namespace}'} if namespace else {}), **(remaps or {})}
+        command += [part for old, new in rules.items() for part in ('-r', f'{old}:={new}')]
+        name = '_'.join(filter(None, (*namespace.split('/'), name)))
         with self.log(name).open('wb') as log:
             process = subprocess.Popen(
                 command,

@@ -23,6 +23,8 @@ _LARGEST_SCATTER = 0.1
 """Accepted standard deviation of the force in a hold, relative to the force,"""
 _SCATTER_SIGMAS = 4.0
 """but never less than this many times the noise before the contact."""
+_LARGEST_JOINT_SCATTER = 1e-3
+"""Accepted standard deviation of a joint angle in a hold, rad: ten times the noise with which a hold is found."""
 _LARGEST_SLIDE = 3e-4
 """Accepted change of a joint angle from the first to the last third of a hold, rad."""
 _WEAK_FORCE = 0.5
@@ -143,6 +145,9 @@ def _slow_change(signals: Signals, tare: Tare, hold: Hold) -> str:
     slide = _drift(joints)
     if slide > _LARGEST_SLIDE:
         return f'the tip slides: the joints move by {slide:.1e} rad during the hold'
+    wide = float(hold.joint_scatter.max())
+    if wide > _LARGEST_JOINT_SCATTER:
+        return f'the joint angles scatter by {wide:.1e} rad during the hold: messages of two robots on one topic?'
     drift = _drift(force)
     apart = 2.0 / 3.0 * float(hold.intervals[-1, 1] - hold.intervals[0, 0])
     allowed = load * min(_LARGEST_DRIFT, _FASTEST_DRIFT * apart)

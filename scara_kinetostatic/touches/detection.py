@@ -25,6 +25,8 @@ from scara_kinetostatic.touches.segmentation import find_contacts
 from scara_kinetostatic.touches.signals import Signals, as_signals
 from scara_kinetostatic.touches.streams import Streams
 
+DISCARDED = 'discarded while recording'
+"""Reason of a touch that was accepted and then discarded."""
 _ZERO_CHANGE = 1.0
 """A larger change of the force zero within a recording is a warning, N."""
 
@@ -163,7 +165,7 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
     episodes = tuple(_episode(number, candidate) for number, candidate in enumerate(candidates))
     touches, history = _touch_set(signals, candidates, cell), load_history(signals, candidates, cell, earlier)
     before = [[turn.state for turn in history.before.get(number, ())] for number in touches.index.tolist()]
-    return Detection(
+    detection = Detection(
         touches=touches.replace(history=stacked_histories(before, touches.joints)),
         rejected=tuple(Rejection(episode.index, episode.reason) for episode in episodes if episode.reason),
         found=len(candidates),
@@ -174,6 +176,16 @@ def find_touches(streams: Streams, cell: Cell, earlier: LoadMemory | None = None
         memories=history.memories,
         elsewhere=_elsewhere(candidates, cell),
     )
+    return _without_discarded(detection, streams.discarded) if streams.discarded else detection
+
+
+def _without_discarded(detection: Detection, stamps: Sequence[int]) -> Detection:
+    """The detection without the touches in whose holds these stamps lie; a warning where there is none."""
+    times = [1e-9 * (stamp - detection.start) for stamp in stamps]
+    numbers = {e.index for e in detection.episodes if any(e.hold[0] <= time <= e.hold[1] for time in times)}
+    lost = sum(not any(e.hold[0] <= time <= e.hold[1] for e in detection.episodes) for time in times)
+    warnings = [f'{lost} touches were discarded while recording that are not found in the recording'] if lost else []
+    return replace(detection.without(numbers, DISCARDED), warnings=(*detection.warnings, *warnings))
 
 
 def no_touches() -> TouchSet:

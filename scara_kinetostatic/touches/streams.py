@@ -44,6 +44,7 @@ class Streams:
         wrench: forces.
         warnings: what was dropped or mended on reading, one sentence each.
         topics: the names of both, where they are not those of the cell description.
+        discarded: touches that were discarded while recording, each by a stamp within its hold, ns.
     """
 
     source: str
@@ -51,3 +52,4 @@ class Streams:
     wrench: WrenchStream
     warnings: tuple[str, ...] = field(default=())
     topics: tuple[str, str] | None = None
+    discarded: tuple[int, ...] = ()

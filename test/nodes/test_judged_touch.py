@@ -11,10 +11,10 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
-from scara_kinetostatic.nodes.judged_touch import DISCARDED, judged_touches
+from scara_kinetostatic.nodes.judged_touch import judged_touches
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
-from scara_kinetostatic.touches.detection import Detection, Episode, find_touches, no_touches
+from scara_kinetostatic.touches.detection import DISCARDED, Detection, Episode, find_touches, no_touches
 
 
 def values(message: DiagnosticArray) -> dict[str, str]:
