@@ -25,6 +25,8 @@ setup(
     long_description=README.read_text(encoding='utf-8') if README.is_file() else '',
     long_description_content_type='text/markdown',
     author='scara_kinetostatic maintainers',
+    author_email='maintainers@users.noreply.h-seed-e7f4a048.example',
+    url='https://h-seed-e7f4a048.example',
     license='Apache-2.0',
     classifiers=[
         'Intended Audience :: Science/Research',

@@ -1,6 +1,7 @@
 """Starts a whole cell: simulated robot, collector, calibrator.
 
-For a real robot set `simulate:=false`, which leaves out the first. Then calibrate by
+For a real robot set `simulate:=false`, which leaves out the first, and `cell:=/path/to/cell.yaml`: its joint angles and
+forces make no sense with the example cell. Then calibrate by
 `ros2 service call /calibrator/calibrate std_srvs/srv/Trigger`.
 """
 
@@ -8,8 +9,8 @@ from __future__ import annotations
 
 from typing import List  # noqa: UP035 - launch knows lists by this name only
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
@@ -22,7 +23,18 @@ SHARE = FindPackageShare(PACKAGE)
 
 def generate_launch_description() -> LaunchDescription:
     """The arguments and the three nodes."""
-    return LaunchDescription([*_arguments(), *_nodes()])
+    return LaunchDescription([*_arguments(), OpaqueFunction(function=_check_cell), *_nodes()])
+
+
+def _check_cell(context: LaunchContext) -> None:
+    """Check that a real robot has a cell description.
+
+    Raises:
+        RuntimeError: it has none; the launch ends with this line.
+    """
+    simulate, cell = (LaunchConfiguration(name).perform(context) for name in ('simulate', 'cell'))
+    if simulate == 'false' and not cell.strip():
+        raise RuntimeError('simulate:=false needs the cell description of the robot: cell:=/path/to/cell.yaml')
 
 
 def _arguments() -> list[DeclareLaunchArgument]:
@@ -31,7 +43,7 @@ def _arguments() -> list[DeclareLaunchArgument]:
 
     switch = {'choices': ['true', 'false']}
     return [
-        argument('cell', PathJoinSubstitution([SHARE, 'config', 'cell.yaml']), 'cell description'),
+        argument('cell', '', 'cell description; empty: the example cell, for the simulator only'),
         argument('params', PathJoinSubstitution([SHARE, 'config', 'nodes.yaml']), 'parameters of the nodes'),
         argument('simulate', 'true', 'start the simulator, too', **switch),
         argument('plan', '', 'simulator: plan of touches; empty: the default plan over all discs'),

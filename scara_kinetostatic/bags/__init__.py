@@ -6,3 +6,28 @@ Reading, from the bytes up: `messages` (what every source yields) <- `decompress
 Writing: `encoding` (arrays to bytes), `metadata`, `mcap_writer` <- `bag_writer` (message by message, crash-safe) <-
 `writer` (whole streams, in every form).
 """
+
+from importlib import import_module
+
+PYPI = ('rosbags', 'mcap', 'lz4', 'zstandard')
+"""What reads and writes recordings, and no package manager of ROS installs."""
+
+
+def _check_installed() -> None:
+    """Check that the packages from PyPI are there.
+
+    Raises:
+        ImportError: some are not.
+    """
+    missing = []
+    for name in PYPI:
+        try:
+            import_module(name)
+        except ImportError:
+            missing.append(name)
+    if missing:
+        names = ' '.join(missing)
+        raise ImportError(f'not installed: {names}; get it from PyPI: pip install {names}')
+
+
+_check_installed()

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from importlib import import_module
 from pathlib import Path
 from xml.etree import ElementTree
 
 import scara_kinetostatic
+from scara_kinetostatic.bags import PYPI
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.cell import PAPER_CELL
 
@@ -28,8 +31,26 @@ def test_name_version_and_licence_agree() -> None:
     assert manifest == {field: setup_field(field) for field in ('name', 'version', 'license')}
     assert manifest['version'] == scara_kinetostatic.__version__
     assert package.findtext('export/build_type') == 'ament_python'
+    assert package.findtext('url') == setup_field('url')
     email = package.find('maintainer').attrib['email']  # type: ignore[union-attr]
+    assert email == setup_field('author_email')
     assert re.fullmatch(r'[-a-zA-Z0-9_%+]+(\.[-a-zA-Z0-9_%+]+)*@[-a-zA-Z0-9%]+(\.[-a-zA-Z0-9%]+)*\.[a-zA-Z]{2,}', email)
+
+
+def test_no_dependency_is_installed_by_pip() -> None:
+    """The ROS build farm takes no such keys; the packages are named where their absence is noticed."""
+    package = ElementTree.parse(ROOT / 'package.xml').getroot()
+    keys = {str(item.text) for item in package if item.tag.endswith('depend')}
+    assert not [key for key in keys if key.endswith('-pip') or key.startswith('mcap')]
+    page = (ROOT / 'docs' / 'how_to' / 'ros_cell.md').read_text(encoding='utf-8')
+    assert f'pip install --user --break-system-packages {" ".join(PYPI)}' in page
+
+
+def test_a_missing_package_is_named(tmp_path: Path) -> None:
+    code = f'import sys; sys.path.insert(0, {str(ROOT)!r}); sys.modules["mcap"] = None; import scara_kinetostatic.bags'
+    ended = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, cwd=tmp_path)
+    assert ended.returncode == 1
+    assert ended.stderr.splitlines()[-1] == 'ImportError: not installed: mcap; get it from PyPI: pip install mcap'
 
 
 def test_every_executable_exists() -> None:
