@@ -2,12 +2,16 @@
 
 Every message goes into the bag as it came. The same messages go through the
 touch detection; a touch is counted on `~/touches` only when the bag holds it
-durably. Services `~/start` and `~/stop` begin and end a recording, each in a
-new folder, which is announced on `~/recording`. A full or vanished disk ends
-the recording, not the node; so does a folder that cannot be written to.
+durably, and published on `~/touch` with its judgement. Services `~/start` and
+`~/stop` begin and end a recording, each in a new folder, which is announced on
+`~/recording`; `~/discard_last` discards a touch. A full or vanished disk ends
+the recording, not the node; so does a folder that cannot be written to. What
+would spoil a recording is said at once: several publishers on a topic, clocks
+that differ, touches that are rejected, a disk that will be full.
 
-Messages are logged by the clock of the node. With `use_sim_time` there is no
-recording before the first message on `/clock`. Touches are looked for by steady time.
+Messages are logged at the time at which the middleware received them. With
+`use_sim_time` they are logged by the clock of the node, and there is no recording before the first message on `/clock`.
+Touches are looked for by steady time.
 """
 
 from __future__ import annotations
@@ -16,18 +20,24 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.interfaces import Qos
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String, UInt32
 from std_srvs.srv import Trigger
 
-from scara_kinetostatic.errors import ParameterError, ScaraKinetostaticError
+from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.nodes import declare
+from scara_kinetostatic.nodes.complaints import PersistentComplaints
 from scara_kinetostatic.nodes.conversion import Sample, UnusableMessageError, joint_sample, wrench_sample
 from scara_kinetostatic.nodes.declare import cell_or_example
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN, Condition, DiagnosticsPublisher
+from scara_kinetostatic.nodes.judged_touch import JudgedTouch
+from scara_kinetostatic.nodes.publishers import full_name, recorded_qos
 from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.session import Session, Stream
 from scara_kinetostatic.nodes.stream_monitor import StreamMonitor
@@ -37,8 +47,13 @@ POLL = 0.1
 """Period of the search for finished touches, s."""
 REST = 0.005
 """Between two callbacks, s: messages of 1 kHz are taken ten at a time."""
-PERSISTENT = 3
-"""Consecutive reports of the same problem after which it is logged, too."""
+LATCHED_TOUCHES = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1000,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""The touches so far, delivered to later subscribers, too."""
 
 
 class Collector(Node):
@@ -54,22 +69,20 @@ class Collector(Node):
         output = 'folder in which each recording gets a folder of its own'
         declare.text(self, 'output', 'recordings', output, read_only=False)
         self._autostart = declare.switch(self, 'autostart', False, 'start recording at once')
-        sensor = self._cell.sensor
-        self._monitors = {
-            Stream.JOINTS: StreamMonitor(sensor.joint_states),
-            Stream.WRENCH: StreamMonitor(sensor.wrench),
-        }
         self._session: Session | None = None
         self._lost_before = 0
         self._failure = ''
-        self._complaint, self._complained = '', 0
+        self._complaints = PersistentComplaints(self.get_logger().warning)
         self._touches = self.create_publisher(UInt32, '~/touches', LATCHED)
+        self._touch = self.create_publisher(DiagnosticArray, '~/touch', LATCHED_TOUCHES)
         self._recording = self.create_publisher(String, '~/recording', LATCHED)
-        for stream, kind in ((Stream.JOINTS, JointState), (Stream.WRENCH, WrenchStamped)):
-            monitor = self._monitors[stream]
-            StreamSubscription(self, kind, monitor.topic, partial(self._receive, stream), monitor.lose)
+        self._monitors: dict[Stream, StreamMonitor] = {}
+        self._subscriptions_of: dict[Stream, StreamSubscription] = {}
+        for stream, kind, topic in zip(Stream, (JointState, WrenchStamped), self._cell.sensor[:2], strict=True):
+            self._subscribe(stream, kind, topic)
         self.create_service(Trigger, '~/start', self._start)
         self.create_service(Trigger, '~/stop', self._stop)
+        self.create_service(Trigger, '~/discard_last', self._discard_last)
         self.create_timer(POLL, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
         DiagnosticsPublisher(self, 'recording', self._report)
         if not self._autostart:
@@ -78,6 +91,12 @@ class Collector(Node):
             self.get_logger().warning('use_sim_time is set: recording begins with the first message on /clock')
         else:
             self._begin_by_itself()
+
+    def _subscribe(self, stream: Stream, kind: type, topic: str) -> None:
+        name = self.resolve_topic_name(topic)
+        self._monitors[stream] = monitor = StreamMonitor(name, with_joints=stream is Stream.JOINTS)
+        receive = partial(self._receive, stream)
+        self._subscriptions_of[stream] = StreamSubscription(self, kind, topic, receive, monitor.lose)
 
     def close(self) -> None:
         """Ends the recording, so that the bag is complete."""
@@ -88,8 +107,12 @@ class Collector(Node):
         if self._session is not None:
             response.message = f'recording already, to {self._session.folder}; call ~/stop first'
             return response
+        if not self._now():
+            response.message = 'parameter use_sim_time is set, but there is no message on /clock; publish it'
+            self.get_logger().warning(f'not recording: {response.message}')
+            return response
         try:
-            response.message = self._begin()
+            response.message = self._with_warnings(self._begin())
             response.success = True
             self.get_logger().info(response.message)
         except ScaraKinetostaticError as error:
@@ -106,6 +129,25 @@ class Collector(Node):
         self.get_logger().info(response.message)
         return response
 
+    def _discard_last(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._session is None:
+            response.message = self._failure or 'nothing is being recorded; call ~/start first'
+            return response
+        try:
+            touch = self._session.discard_last(self._now())
+        except ScaraKinetostaticError as error:
+            self._fail(error)
+            response.message = str(error)
+            return response
+        if touch is None:
+            response.message = 'there is no accepted touch to discard'
+            return response
+        self._tell([touch])
+        left = f'{self._session.touches} touches left'
+        response.message = f'touch {touch.number} ({touch.object}) discarded; {left}'
+        response.success = True
+        return response
+
     def _begin_by_itself(self) -> None:
         self._autostart = False
         try:
@@ -114,11 +156,10 @@ class Collector(Node):
             self._fail(error)
 
     def _begin(self) -> str:
-        now = self._now()
-        if not now:
-            raise ParameterError('parameter use_sim_time', 'set, but there is no message on /clock', 'publish /clock')
         parent = declare.place('output', str(self.get_parameter('output').value)).absolute()
-        self._session = Session(parent, self._cell, now)
+        joint_states, wrench = (monitor.topic for monitor in self._monitors.values())
+        self._session = Session(parent, self._cell, self._now(), (joint_states, wrench))
+        self._look_at_publishers()
         self._lost_before = self._lost()
         self._autostart = False
         self._failure = ''
@@ -131,14 +172,31 @@ class Collector(Node):
         session, self._session = self._session, None
         assert session is not None
         try:
-            self._log(session.close())
+            self._tell(session.close(), session)
         except ScaraKinetostaticError as error:
             self._fail(error)
             return f'{session.folder}: {error}'
-        self._touches.publish(UInt32(data=session.touches))
         lost = self._lost() - self._lost_before
         loss = f'; {lost} messages were lost on the way' if lost else ''
-        return f'{session.touches} touches ({session.rejected} more rejected) in {session.folder}{loss}'
+        told = f'{session.touches} touches ({session.rejected} more rejected) in {session.folder}{loss}'
+        return self._with_warnings('; '.join(filter(None, (told, session.rejections(), session.clock_warning))))
+
+    def _with_warnings(self, answer: str) -> str:
+        """The answer of a service, with what spoils the data."""
+        return '; '.join(filter(None, (answer, *(monitor.mixture() for monitor in self._monitors.values()))))
+
+    def _look_at_publishers(self) -> None:
+        """Notes who publishes the topics, and by which quality of service."""
+        offered: list[Qos | None] = []
+        for stream, subscription in self._subscriptions_of.items():
+            publishers = subscription.publishers()
+            self._monitors[stream].publishers = [full_name(item) for item in publishers]
+            offered.append(recorded_qos(publishers[0].qos_profile) if publishers else None)
+        if self._session is not None:
+            try:
+                self._session.offer(*offered)
+            except ScaraKinetostaticError as error:
+                self._fail(error)
 
     def _lost(self) -> int:
         return sum(monitor.lost for monitor in self._monitors.values())
@@ -151,17 +209,17 @@ class Collector(Node):
         self._failure = ' '.join(str(error).split())
         self.get_logger().error(f'recording failed: {self._failure}')
 
-    def _receive(self, stream: Stream, message: bytes) -> None:
+    def _receive(self, stream: Stream, message: bytes, received: int) -> None:
         """Takes a message in: all go into the bag, the usable ones to the touch detection, too."""
         try:
             sample = self._convert(stream, message)
-            self._monitors[stream].accept(sample.stamp_ns)
+            self._monitors[stream].accept(sample.stamp_ns, (sample.first, sample.second))
         except UnusableMessageError as error:
             sample = None
             self._monitors[stream].refuse(str(error))
         if self._session is not None:
             try:
-                self._session.take(stream, message, self._now(), sample)
+                self._session.take(stream, message, self._log_time(received), sample)
             except ScaraKinetostaticError as error:
                 self._fail(error)
 
@@ -174,6 +232,11 @@ class Collector(Node):
         """Time of the node's clock, ns; 0 before the first message on `/clock`."""
         return int(self.get_clock().now().nanoseconds)
 
+    def _log_time(self, received: int) -> int:
+        """When a message was received, ns, by the clock of the node."""
+        clock = self.get_clock()
+        return self._now() if not received or clock.ros_time_is_active else received
+
     def _poll(self) -> None:
         if self._autostart and self._now():
             self._begin_by_itself()
@@ -185,41 +248,47 @@ class Collector(Node):
             self._fail(error)
             return
         if news:
-            self._log(news)
-            self._touches.publish(UInt32(data=self._session.touches))
+            self._tell(news)
 
-    def _log(self, lines: list[str]) -> None:
-        for line in lines:
-            self.get_logger().info(line)
+    def _tell(self, judged: Sequence[JudgedTouch], session: Session | None = None) -> None:
+        """Publishes and logs touches of a recording, by default of the present one."""
+        session = session or self._session
+        assert session is not None
+        frame = self._cell.sensor.frame.value
+        for touch in judged:
+            self._touch.publish(touch.message(self.get_fully_qualified_name(), str(session.folder), frame))
+            if touch.reason:
+                self.get_logger().warning(touch.line)
+            else:
+                self.get_logger().info(touch.line)
+        self._touches.publish(UInt32(data=session.touches))
 
     def _report(self) -> Condition:
         """The status; losses and persistent problems are logged, too."""
         losses = [loss for monitor in self._monitors.values() if (loss := monitor.loss())]
         for loss in losses:
             self.get_logger().warning(loss)
-        condition = self._examine(losses)
-        complaint = condition.message if condition.level == WARN else ''
-        self._complained = self._complained + 1 if complaint == self._complaint else 1
-        self._complaint = complaint
-        if complaint and self._complained == PERSISTENT:
-            self.get_logger().warning(complaint)
-        return condition
+        self._look_at_publishers()
+        return self._examine(losses)
 
     def _examine(self, losses: Sequence[str] = ()) -> Condition:
         values: dict[str, str] = {}
-        complaints = list(losses)
+        complaints = []
         for monitor in self._monitors.values():
             rate = monitor.rate()
             values |= monitor.details(rate)
-            complaints.append(monitor.complaint(rate, expected=self._session is not None))
+            complaints += [monitor.complaint(rate, expected=self._session is not None), monitor.mixture()]
         if self._session is not None:
             values |= self._session.details()
+            complaints += [self._session.clock_warning, self._session.room.complaint()]
         if self._failure:
             return Condition(ERROR, f'recording failed: {self._failure}', values)
         if self._autostart:
             complaints.append('waiting for /clock')
-        if any(complaints):
-            return Condition(WARN, '; '.join(filter(None, complaints)), values)
+        complaints = self._complaints.note(complaints)
+        rejections = self._session.rejections() if self._session is not None else ''
+        if losses or complaints or rejections:
+            return Condition(WARN, '; '.join(filter(None, (*losses, *complaints, rejections))), values)
         return Condition(OK, 'idle' if self._session is None else f'recording to {self._session.folder}', values)
 
 

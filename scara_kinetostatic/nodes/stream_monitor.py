@@ -5,6 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from time import monotonic
 
+import numpy as np
+
+from scara_kinetostatic.touches.interleaving import INTERLEAVED, is_interleaved
+
+_MOST = 5000
+"""Most samples between two reports in which two robots are looked for."""
 CONSTANT_STAMP = 1.0
 """Longest time with the same stamp before it is reported, s."""
 
@@ -14,9 +20,11 @@ class StreamMonitor:
 
     Args:
         topic: its name.
+        with_joints: whether it carries joint angles, in which two robots can be seen.
 
     Attributes:
         topic: its name.
+        publishers: names of the nodes that publish it, one for each publisher.
         count: messages so far.
         unusable: messages so far that did not hold what is needed.
         lost: messages so far that were published but not received.
@@ -24,8 +32,12 @@ class StreamMonitor:
             alternate (several drivers publish joint states on one topic), there is none.
     """
 
-    def __init__(self, topic: str) -> None:
+    def __init__(self, topic: str, with_joints: bool = False) -> None:
         self.topic = topic
+        self.publishers: list[str] = []
+        self._with_joints = with_joints
+        self._values: list[tuple[float, float]] = []
+        self._interleaved = self._refused = self._others = False
         self.count = 0
         self.unusable = 0
         self.lost = 0
@@ -36,20 +48,23 @@ class StreamMonitor:
         self._since = self._stamped = monotonic()
         self._stamp = -1
 
-    def accept(self, stamp: int) -> None:
-        """Notes a usable message with its stamp, ns."""
+    def accept(self, stamp: int, values: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Notes a usable message with its stamp, ns, and its numbers."""
         self.count += 1
+        if self._with_joints and len(self._values) < _MOST:
+            self._values.append(values)
         self._accepted = True
         now = monotonic()
         if stamp != self._stamp:
             self._stamp, self._stamped = stamp, now
         constant = now - self._stamped > CONSTANT_STAMP
-        self.problem = 'the header stamps do not change, so no touch can be counted' if constant else ''
+        self.problem = 'the header stamps do not change: the times of reception are used' if constant else ''
 
     def refuse(self, problem: str) -> None:
         """Notes a message that cannot be used."""
         self.count += 1
         self.unusable += 1
+        self._refused = True
         if not self._accepted:
             self.problem = problem
 
@@ -69,11 +84,15 @@ class StreamMonitor:
         now = monotonic()
         rate = (self.count - self._counted) / max(now - self._since, 1e-9)
         self._counted, self._since, self._accepted = self.count, now, False
+        self._interleaved = is_interleaved(np.array(self._values).reshape(-1, 2))
+        self._others, self._refused = self._refused, False
+        self._values.clear()
         return rate
 
     def details(self, rate: float) -> dict[str, str]:
         """The figures of the topic by name."""
         return {
+            f'{self.topic}: publishers': ', '.join(self.publishers) or 'none',
             f'{self.topic}: rate [Hz]': f'{rate:.1f}',
             f'{self.topic}: messages': str(self.count),
             f'{self.topic}: unusable': str(self.unusable),
@@ -90,6 +109,20 @@ class StreamMonitor:
         if self.problem:
             return f'{self.topic}: {self.problem}'
         return f'{self.topic}: no messages' if expected and not rate else ''
+
+    def mixture(self) -> str:
+        """That messages of several robots mix, by the publishers or by the numbers; empty if they do not.
+
+        A publisher whose messages cannot be used, of other joints, is no trouble.
+        """
+        if self._interleaved:
+            return f'{self.topic}: {INTERLEAVED}'
+        if len(self.publishers) <= 1 + self._others:
+            return ''
+        names = ', '.join(sorted(self.publishers))
+        return (
+            f'{self.topic}: {len(self.publishers)} publishers ({names}), whose messages mix: give each cell a namespace'
+        )
 
 
 class SequenceMonitor:

@@ -21,6 +21,7 @@ from rclpy.qos import (
 )
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from scara_kinetostatic.nodes.stream_monitor import SequenceMonitor
 
@@ -71,8 +72,12 @@ class StreamSubscription:
         node: on which to subscribe.
         message_type: of the topic.
         topic: its name.
-        callback: gets each message as its serialized bytes (CDR).
+        callback: gets each message as its serialized bytes (CDR), and when the middleware received it, ns of the
+            system's clock; 0 where it does not say.
         lost: called with the number of messages missing before one, where the middleware numbers them.
+
+    Attributes:
+        topic: its full name, remapped.
     """
 
     def __init__(
@@ -80,24 +85,28 @@ class StreamSubscription:
         node: Node,
         message_type: type,
         topic: str,
-        callback: Callable[[bytes], None],
+        callback: Callable[[bytes, int], None],
         lost: Callable[[int], None],
     ) -> None:
         self._node = node
         self._message_type = message_type
-        self._topic = topic
+        self._name, self.topic = topic, node.resolve_topic_name(topic)
         self._callback = callback
         self._lost = lost
         self._sequence = self._new_sequence()
         self._retry: Timer | None = None
         self._subscription = self._subscribe(RELIABLE_STREAM, SubscriptionEventCallbacks(incompatible_qos=self._notice))
 
+    def publishers(self) -> list[TopicEndpointInfo]:
+        """Who publishes the topic."""
+        return list(self._node.get_publishers_info_by_topic(self.topic))
+
     def _new_sequence(self) -> SequenceMonitor:
         return SequenceMonitor(lambda: self._subscription.get_publisher_count())
 
     def _subscribe(self, profile: QoSProfile, events: SubscriptionEventCallbacks | None = None) -> Subscription:
         return self._node.create_subscription(
-            self._message_type, self._topic, self._receive, profile, event_callbacks=events, raw=True
+            self._message_type, self._name, self._receive, profile, event_callbacks=events, raw=True
         )
 
     def _receive(self, message: bytes, info: dict[str, Any]) -> None:
@@ -113,11 +122,11 @@ class StreamSubscription:
         missed = self._sequence.missed(info.get('publication_sequence_number'))
         if missed:
             self._lost(missed)
-        self._callback(message)
+        self._callback(message, int(info.get('received_timestamp') or 0))
 
     def _notice(self, event: Any) -> None:
         policy = qos_policy_name_from_kind(event.last_policy_kind)
-        self._node.get_logger().info(f'{self._topic}: a publisher offers another {policy}; asking for best effort')
+        self._node.get_logger().info(f'{self.topic}: a publisher offers another {policy}; asking for best effort')
         if self._retry is None:  # Not here: the executor still holds the subscription whose event this is.
             self._retry = self._node.create_timer(0.0, self._step_down)
 
