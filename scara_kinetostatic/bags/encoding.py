@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ from scara_kinetostatic.model.cell import Cell
 DISCARD_TOPIC = '/discarded_touch'
 """Carries, for each touch that was discarded while recording, `{"touch": 5, "stamp": 1700000000000000000}`: its number
 and the middle of its hold by the clock of the streams, ns."""
+OfferedQos: TypeAlias = Qos
+"""Quality of service that a publisher offers."""
 _FOREVER = QosTime(9223372036, 854775807)
 
 
@@ -55,6 +57,36 @@ def channels(cell: Cell, topics: tuple[str, str] | None = None) -> tuple[Channel
         _channel(joint_states, JOINT_STATE, QosDurability.VOLATILE, 10),
         _channel(wrench, WRENCH_STAMPED, QosDurability.VOLATILE, 10),
     )
+
+
+def offered_qos(
+    reliability: str, durability: str, liveliness: str, deadline: int, lifespan: int, lease: int
+) -> OfferedQos:
+    """Quality of service by the names of its policies, as the ROS graph has it; history and depth are not in the graph.
+
+    Args:
+        reliability: `RELIABLE` or `BEST_EFFORT`.
+        durability: `VOLATILE` or `TRANSIENT_LOCAL`.
+        liveliness: `AUTOMATIC` or `MANUAL_BY_TOPIC`.
+        deadline: ns.
+        lifespan: ns.
+        lease: duration of the liveliness, ns.
+    """
+    return Qos(
+        QosHistory.UNKNOWN,
+        0,
+        getattr(QosReliability, reliability, QosReliability.UNKNOWN),
+        getattr(QosDurability, durability, QosDurability.UNKNOWN),
+        _time(deadline),
+        _time(lifespan),
+        getattr(QosLiveliness, liveliness, QosLiveliness.UNKNOWN),
+        _time(lease),
+        False,
+    )
+
+
+def _time(nanoseconds: int) -> QosTime:
+    return QosTime(*divmod(nanoseconds, 1_000_000_000))
 
 
 def discard_channel() -> Channel:

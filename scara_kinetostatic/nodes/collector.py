@@ -25,11 +25,11 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rosbags.interfaces import Qos
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String, UInt32
 from std_srvs.srv import Trigger
 
+from scara_kinetostatic.bags.encoding import OfferedQos
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.complaints import PersistentComplaints
@@ -178,8 +178,8 @@ class Collector(Node):
             return f'{session.folder}: {error}'
         lost = self._lost() - self._lost_before
         loss = f'; {lost} messages were lost on the way' if lost else ''
-        told = f'{session.touches} touches ({session.rejected} more rejected) in {session.folder}{loss}'
-        return self._with_warnings('; '.join(filter(None, (told, session.rejections(), session.clock_warning))))
+        counted = f'{session.touches} touches ({session.rejected} more rejected) in {session.folder}{loss}'
+        return self._with_warnings('; '.join(filter(None, (counted, session.rejections(), session.clock_warning))))
 
     def _with_warnings(self, answer: str) -> str:
         """The answer of a service, with what spoils the data."""
@@ -187,7 +187,7 @@ class Collector(Node):
 
     def _look_at_publishers(self) -> None:
         """Notes who publishes the topics, and by which quality of service."""
-        offered: list[Qos | None] = []
+        offered: list[OfferedQos | None] = []
         for stream, subscription in self._subscriptions_of.items():
             publishers = subscription.publishers()
             self._monitors[stream].publishers = [full_name(item) for item in publishers]

@@ -9,8 +9,7 @@ from enum import Enum
 from pathlib import Path
 from time import monotonic
 
-from rosbags.interfaces import Qos
-
+from scara_kinetostatic.bags.encoding import OfferedQos
 from scara_kinetostatic.bags.writer import BagWriter, fresh_folder
 from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.model.cell import Cell
@@ -95,7 +94,7 @@ class Session:
         else:
             self._detector.add_wrench(sample.stamp_ns, (sample.first, sample.second), log_time)
 
-    def offer(self, joint_states: Qos | None, wrench: Qos | None) -> None:
+    def offer(self, joint_states: OfferedQos | None, wrench: OfferedQos | None) -> None:
         """States the quality of service that the drivers offer; None where it is unknown."""
         self._writer.offer(joint_states, wrench)
 
