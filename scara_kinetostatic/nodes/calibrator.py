@@ -10,43 +10,37 @@ it; there is only one at a time. One that fails does not change the former resul
 from __future__ import annotations
 
 import json
-import re
 import sys
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from scara_kinetostatic.assessment.grade import Grade
-from scara_kinetostatic.calibration.fixed import parse_fixed
-from scara_kinetostatic.errors import ParameterError, RecordingError, ScaraKinetostaticError
-from scara_kinetostatic.files.cell_file import load_cell
-from scara_kinetostatic.nodes import declare
-from scara_kinetostatic.nodes.announced import CHOICES, SESSION, Announced
+from scara_kinetostatic.errors import ParameterError, ScaraKinetostaticError
+from scara_kinetostatic.nodes.announced import SESSION, Announced
 from scara_kinetostatic.nodes.calibration_job import UNFIT, Job, Reply
 from scara_kinetostatic.nodes.calibration_process import CalibrationProcess, Progress
+from scara_kinetostatic.nodes.calibrator_settings import CalibratorSettings
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN, Condition, DiagnosticsPublisher
-from scara_kinetostatic.nodes.outcome_text import summary, warnings_in_line
+from scara_kinetostatic.nodes.outcome_text import stored_document, summary, warnings_in_line
 from scara_kinetostatic.nodes.result_parameters import ResultParameters
 from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.stream_subscription import LATCHED
-from scara_kinetostatic.report.parameter_file import EffectParameter
-from scara_kinetostatic.touches.left_out import parse_left_out
+from scara_kinetostatic.report import parameter_file
+from scara_kinetostatic.report.parameter_file import EffectParameter, load_result
 
 POLL = 0.05
 """Between two looks at the process that calibrates, s."""
 LEVELS = {Grade.FIT.value: OK, Grade.CAUTION.value: WARN, Grade.UNFIT.value: ERROR}
 """The level of a result."""
-_NAME = re.compile(r'[A-Za-z0-9_-][A-Za-z0-9._-]*')
 
 
 class Calibrator(Node):
@@ -59,44 +53,22 @@ class Calibrator(Node):
 
     def __init__(self) -> None:
         super().__init__('calibrator')
-        self._declare()
-        self._results = ResultParameters(self)
-        self.add_on_set_parameters_callback(_check_parameters)
         self._announced = Announced()
+        self._settings = CalibratorSettings(self, self._announced)
+        self._results = ResultParameters(self)
         self._process: CalibrationProcess | None = None
         self._ended = Future()
-        self._condition = self._loaded()
+        self._condition = self._loaded('a parameter file')
         self.create_subscription(String, 'collector/recording', self._note_recording, LATCHED)
         self._result = self.create_publisher(String, '~/result', LATCHED)
         self._progress = self.create_publisher(String, '~/progress', LATCHED)
         self.create_service(Trigger, '~/calibrate', self._calibrate, callback_group=ReentrantCallbackGroup())
         self.create_service(Trigger, '~/cancel', self._cancel, callback_group=ReentrantCallbackGroup())
+        self.create_service(Trigger, '~/load', self._load)
         self._timer = self.create_timer(POLL, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._timer.cancel()
         DiagnosticsPublisher(self, 'calibration', self._report)
         self.get_logger().info(f'ready; call {self.resolve_service_name("~/calibrate")}')
-
-    def _declare(self) -> None:
-        cell = 'cell description (YAML file); empty: the one in the recordings'
-        _check('cell', declare.text(self, 'cell', '', cell, read_only=False))
-        declare.text(self, 'recording', '', 'recording to calibrate from', read_only=False)
-        more = 'recordings to calibrate from together; if recording is empty, too: those announced by the collector'
-        declare.texts(self, 'recordings', more, read_only=False)
-        which = '; '.join(f'{choice}: {meaning}' for choice, meaning in CHOICES.items())
-        announced = f'which of the recordings announced by the collector ({which})'
-        _check('announced', declare.text(self, 'announced', SESSION, announced, read_only=False))
-        left_out = (
-            'what to leave out: touches such as 5 or 10-14, those of one recording as touches_1:5, or a recording'
-        )
-        _check('leave_out', declare.texts(self, 'leave_out', left_out, read_only=False))
-        output = 'folder for the results; empty: beside the last recording, with _calibration after its name'
-        declare.text(self, 'output', '', output, read_only=False)
-        name = 'name under which the result is kept: a folder in that of the results; empty: that folder itself'
-        _check('name', declare.text(self, 'name', '', name, read_only=False))
-        unfit = 'whether a result that is not fit for use replaces an earlier one in parameters and files'
-        declare.switch(self, 'publish_unfit', False, unfit, read_only=False)
-        fixed = 'parameters to hold, such as l1=0.3302, g_ee (at its nominal value) or object_radius[disc_2].radius=0'
-        _check('fixed', declare.texts(self, 'fixed', fixed, read_only=False))
 
     def close(self) -> None:
         """Ends a calibration that is running; results are written all or nothing."""
@@ -115,7 +87,7 @@ class Calibrator(Node):
             return response
         former = self._condition
         try:
-            ended = await self._run(self._job())
+            ended = await self._run(self._settings.job())
             if isinstance(ended, Reply):
                 response.success, response.message = self._publish(ended)
             elif ended.startswith('cancelled'):
@@ -149,6 +121,23 @@ class Calibrator(Node):
         response.message = str(ended) if response.success else 'too late: the calibration was done'
         return response
 
+    def _load(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Takes an earlier result, that of the parameter `name`, as the present one."""
+        try:
+            folder = self._settings.folder
+            stored = load_result(folder / parameter_file.NAME)
+            if stored.facts.get('assessment') == UNFIT and not self._settings.publishes_unfit:
+                raise ParameterError(folder, 'the result is unfit for use', 'publish_unfit:=true takes it all the same')
+            self._results.publish(*stored)
+            self._condition = self._loaded(str(folder))
+            response.success, response.message = True, self._condition.message
+            if document := stored_document(folder):
+                self._publish_document(document, folder, True, response.message)
+        except ScaraKinetostaticError as error:
+            response.message = str(error)
+            self.get_logger().error(response.message)
+        return response
+
     def _poll(self) -> None:
         """Looks what the running calibration does."""
         news = None if self._process is None else self._process.poll()
@@ -176,7 +165,7 @@ class Calibrator(Node):
         Returns:
             Whether it may be used, and the result in one line.
         """
-        take = reply.grade != UNFIT or bool(self.get_parameter('publish_unfit').value)
+        take = reply.grade != UNFIT or self._settings.publishes_unfit
         if take:
             effects = [EffectParameter(tuple(path), *rest) for path, *rest in reply.effects]
             self._results.publish(reply.values, reply.deviations, effects, reply.facts)
@@ -190,11 +179,19 @@ class Calibrator(Node):
         self._log(level, message)
         for warning in reply.warnings:
             self.get_logger().warning(warning)
-        files = {'folder': None if reply.unwritten else str(Path(reply.folder).absolute())}
-        own = {'name': str(self.get_parameter('name').value), 'published': take, 'message': message, 'files': files}
-        self._result.publish(String(data=json.dumps(summary(reply.document) | own, ensure_ascii=False)))
+        self._publish_document(reply.document, None if reply.unwritten else Path(reply.folder), take, message)
         self._tell('done', message)
         return reply.grade != UNFIT, message
+
+    def _publish_document(self, document: dict[str, Any], folder: Path | None, published: bool, message: str) -> None:
+        """Publishes on `~/result`."""
+        own = {
+            'name': self._settings.name,
+            'published': published,
+            'message': message,
+            'files': {'folder': None if folder is None else str(folder.absolute())},
+        }
+        self._result.publish(String(data=json.dumps(summary(document) | own, ensure_ascii=False)))
 
     def _log(self, level: bytes, message: str) -> None:
         logger = self.get_logger()
@@ -212,17 +209,23 @@ class Calibrator(Node):
         self._tell('failed', message)
         self.get_logger().error(message)
 
-    def _loaded(self) -> Condition:
-        """The status at the start: whether there is a result of an earlier calibration, from a parameter file."""
+    def _loaded(self, where: str) -> Condition:
+        """The status with a result of an earlier calibration, or with none.
+
+        Args:
+            where: the result comes from.
+        """
         if not self._results.exist:
             return Condition(OK, 'no calibration yet', {})
         grade = self._results.fact('assessment')
         if grade not in LEVELS:
-            return Condition(WARN, 'result loaded from a parameter file that does not say how it was assessed', {})
-        message = f'result loaded from a parameter file, {grade}, {self._origin()}'
+            return Condition(WARN, f'result loaded from {where}, which does not say how it was assessed', {})
         level = LEVELS[str(grade)]
+        if self._results.fact('verdict') == 'unexplained':
+            level = max(level, WARN)
+        message = f'{grade}: result loaded from {where}, {self._origin()}'
         self._log(level, message)
-        return Condition(max(level, WARN) if self._results.fact('verdict') == 'unexplained' else level, message, {})
+        return Condition(level, message, {})
 
     def _origin(self) -> str:
         """When and from what the present result was calculated."""
@@ -235,77 +238,6 @@ class Calibrator(Node):
             return self._condition._replace(values=self._condition.values | {'present result': 'none'})
         present = f'{self._results.fact("assessment") or "not assessed"}, {self._origin()}'
         return self._condition._replace(values=self._condition.values | {'present result': present})
-
-    def _job(self) -> Job:
-        """What the parameters tell to do.
-
-        Raises:
-            InputError: no recording is named, or one is not there.
-        """
-        recordings, joined = self._recordings()
-        paths = [declare.place('recording', recording) for recording in recordings]
-        for path in paths:
-            if not path.exists():
-                raise RecordingError(path, 'there is no such recording', 'check the path')
-        cell = str(self.get_parameter('cell').value)
-        return Job(
-            recordings=list(map(str, paths)),
-            joined=joined,
-            cell=str(declare.place('cell', cell)) if cell else '',
-            fixed=self._texts('fixed'),
-            left_out=self._texts('leave_out'),
-            output=str(self._output(paths[-1])),
-            publish_unfit=bool(self.get_parameter('publish_unfit').value),
-        )
-
-    def _recordings(self) -> tuple[list[str], bool]:
-        """The recordings, and whether they were put together without being named."""
-        named = [*filter(None, [str(self.get_parameter('recording').value)]), *self._texts('recordings')]
-        chosen = named or self._announced.chosen(str(self.get_parameter('announced').value))
-        if not chosen:
-            raise ParameterError(
-                'parameter recording', 'no recording is named, and no collector has announced one', 'set it'
-            )
-        return chosen, not named and len(chosen) > 1
-
-    def _texts(self, name: str) -> list[str]:
-        return [str(text) for text in self.get_parameter(name).value or [] if str(text).strip()]
-
-    def _output(self, recording: Path) -> Path:
-        named = str(self.get_parameter('output').value)
-        beside = recording.absolute().with_name(f'{recording.absolute().name}_calibration')
-        return (declare.place('output', named) if named else beside) / str(self.get_parameter('name').value)
-
-
-def _check(name: str, value: Any) -> None:
-    """Check the value of a parameter.
-
-    Raises:
-        InputError: it makes no sense.
-    """
-    where = f'parameter {name}'
-    listed = [str(item) for item in value or [] if str(item).strip()] if isinstance(value, (list, tuple)) else []
-    if name == 'cell' and value:
-        load_cell(declare.place(name, str(value)))
-    elif name == 'announced' and value not in CHOICES:
-        raise ParameterError(where, f'expected {", ".join(CHOICES)}, got {value!r}')
-    elif name == 'name' and value and not _NAME.fullmatch(str(value)):
-        raise ParameterError(where, f'expected letters, digits, . _ or -, got {value!r}')
-    elif name == 'leave_out':
-        parse_left_out(listed, where)
-    elif name == 'fixed':
-        for text in listed:
-            parse_fixed(text, f'{where}:')
-
-
-def _check_parameters(parameters: list[Parameter]) -> SetParametersResult:
-    """Refuses values that cannot be used."""
-    try:
-        for parameter in parameters:
-            _check(parameter.name, parameter.value)
-    except ScaraKinetostaticError as error:
-        return SetParametersResult(successful=False, reason=str(error))
-    return SetParametersResult(successful=True)
 
 
 def main(args: Sequence[str] | None = None) -> int:

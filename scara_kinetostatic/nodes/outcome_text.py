@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from pathlib import Path
 
 from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.assessment.thresholds import LEAST_FREEDOMS
 from scara_kinetostatic.render.json_file import Document
+from scara_kinetostatic.report.document import NAME
 from scara_kinetostatic.report.parameter_rows import base_rank
 
 SCHEMA = 'scara_kinetostatic/result/1'
@@ -26,7 +30,7 @@ def one_line(outcome: Outcome) -> str:
     alone, extended = compared.base, compared.extended
     parts = [
         outcome.assessment.headline,
-        f'{int(result.used.sum())} of {outcome.found} touches used',
+        f'{int(result.used.sum())} of {outcome.found} touches used{_of_recordings(outcome)}',
         f'force error {compared.nominal:.4g} N before, {alone.force_error:.4g} N after',
         f'reduced chi-square {alone.reduced_chi_square:.3g}',
     ]
@@ -41,13 +45,18 @@ def one_line(outcome: Outcome) -> str:
     return '; '.join(parts)
 
 
+def _of_recordings(outcome: Outcome) -> str:
+    return f' from {len(outcome.sources)} recordings' if len(outcome.sources) > 1 else ''
+
+
 def _verdict(outcome: Outcome) -> str:
     """The verdict and the effects behind it; rivals in brackets."""
     d = outcome.diagnosis
     found = [item.effect.label for item in d.found if item.is_found]
     possible = [f'possible: {item.effect.label}' for item in d.found if item.in_every_model and item.is_possible]
     open_ones = [f'one of ({", ".join(group)})' for group in d.rivals]
-    return ', '.join([d.verdict, *found, *possible, *open_ones])
+    checked = '' if outcome.final.degrees_of_freedom >= LEAST_FREEDOMS else ' (too few touches to check)'
+    return ', '.join([d.verdict + checked, *found, *possible, *open_ones])
 
 
 def details(outcome: Outcome) -> dict[str, str]:
@@ -84,6 +93,16 @@ def warnings_in_line(warnings: Sequence[str]) -> str:
     more = len(warnings) - _MOST_WARNINGS
     named = [*warnings[:_MOST_WARNINGS], *([f'{more} more'] if more > 0 else [])]
     return f'warnings: {"; ".join(named)}' if named else ''
+
+
+def stored_document(folder: Path) -> Document | None:
+    """`calibration.json` of a result; None where it cannot be read or is no such document."""
+    try:
+        document = json.loads((folder / NAME).read_text(encoding='utf-8'))
+        summary(document)
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return None
+    return dict(document)
 
 
 def summary(document: Document) -> Document:

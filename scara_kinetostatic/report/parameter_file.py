@@ -14,11 +14,14 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.result import Found
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.files.yaml_text import parse_yaml, read_text
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, UNITS
 from scara_kinetostatic.report.facts import FACTS, GROUP, Value, facts
 
@@ -65,6 +68,72 @@ def effect_parameters(found: Sequence[Found]) -> list[EffectParameter]:
 
 def _word(text: str) -> str:
     return _NOT_ALLOWED.sub('_', text)
+
+
+class StoredResult(NamedTuple):
+    """What a parameter file of a result holds.
+
+    Attributes:
+        values: the twelve parameters in the order of `NAMES`.
+        deviations: their standard deviations; NaN where there is none.
+        effects: the parameters of the effects; their units are not in the file.
+        facts: what the result is made from and worth, by the names of `FACTS`; as far as the file says so.
+    """
+
+    values: list[float]
+    deviations: list[float]
+    effects: list[EffectParameter]
+    facts: dict[str, Value]
+
+
+def load_result(path: str | Path) -> StoredResult:
+    """Read a parameter file of a result.
+
+    Raises:
+        ParameterError: it cannot be read, or is no such file.
+    """
+    tree = parse_yaml(read_text(path, ParameterError), path, ParameterError)
+    try:
+        given = tree['/**']['ros__parameters']
+        return StoredResult(
+            values=[_finite(given['calibrated'][name]) for name in NAMES],
+            deviations=[float(given['calibrated_std'][name]) for name in NAMES],
+            effects=_stored_effects(given.get(EFFECTS, {}), given.get(EFFECTS_STD, {})),
+            facts=_stored_facts(given.get(GROUP)),
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ParameterError(
+            path, 'is no result of a calibration', f'expected what calibrate writes as {NAME}'
+        ) from error
+
+
+def _finite(value: float) -> float:
+    if not math.isfinite(value):
+        raise ValueError(value)
+    return float(value)
+
+
+def _stored_effects(values: Mapping[str, Any], deviations: Mapping[str, Any]) -> list[EffectParameter]:
+    return [
+        EffectParameter((name, target, key), float(value), float(deviations[name][target][key]), '', 'of an effect')
+        for name, targets in values.items()
+        for target, parameters in targets.items()
+        for key, value in parameters.items()
+    ]
+
+
+def _stored_facts(group: Mapping[str, Any] | None) -> dict[str, Value]:
+    """The facts; a list that the file leaves out has no entries. None where the file has none of them."""
+    if group is None:
+        return {}
+    found: dict[str, Value] = {}
+    for name, fact in FACTS.items():
+        value: Any = group
+        for key in name.split('.'):
+            value = value.get(key) if isinstance(value, Mapping) else None
+        if value is not None or fact.kind is list:
+            found[name] = fact.kind(value or []) if fact.kind is list else fact.kind(value)
+    return found
 
 
 def parameter_text(outcome: Outcome) -> str:

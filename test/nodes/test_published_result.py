@@ -29,6 +29,7 @@ from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN
 from scara_kinetostatic.nodes.outcome_text import SCHEMA, details, one_line
 from scara_kinetostatic.nodes.stream_subscription import LATCHED
 from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.render.json_file import json_text
 from scara_kinetostatic.report.document import as_document
 from scara_kinetostatic.report.facts import FACTS, facts
 from scara_kinetostatic.report.parameter_file import parameter_text
@@ -169,8 +170,42 @@ def test_the_status_says_which_result_was_loaded_from_a_file(
     status = start(spin, tmp_path, '--params-file', str(path))._report()
     assert status.level == level
     assert 'loaded from a parameter file' in status.message
-    assert 'not say how it was assessed' in status.message or f'{grade}, of 20' in status.message
+    assert 'not say how it was assessed' in status.message or status.message.startswith(f'{grade}: ')
     assert status.values['present result'].startswith(grade or 'not assessed')
+
+
+def test_results_are_kept_by_name_and_loaded_again(
+    spin: Callable[..., Node], client: DemoClient, outcome: Any, tmp_path: Path
+) -> None:
+    def load(name: str) -> Trigger.Response:
+        node.set_parameters([Parameter('name', value=name)])
+        return client.call('/calibrator/load', Trigger, Trigger.Request(), WAIT)
+
+    node = start(spin, tmp_path, '-p', f'output:={tmp_path}')
+    text, document = parameter_text(outcome), json_text(as_document(outcome))
+    assert 'assessment: "fit"' in text
+    for name, stored in (('monday', text), ('bad', text.replace('assessment: "fit"', 'assessment: "unfit"'))):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / 'calibration.yaml').write_text(stored)
+        (tmp_path / name / 'calibration.json').write_text(document)
+    heard: list[dict[str, Any]] = []
+    listen = lambda message: heard.append(json.loads(message.data))  # noqa: E731
+    client._node.create_subscription(String, '/calibrator/result', listen, LATCHED)
+    answer = load('monday')
+    assert answer.success, answer.message
+    assert answer.message.startswith(f'fit: result loaded from {tmp_path / "monday"}, of 20')
+    assert node.get_parameter('calibrated.l1').value == outcome.final.parameters.l1
+    assert node._condition.level == OK
+    client.wait('the result', lambda: bool(heard), WAIT)
+    assert (heard[0]['name'], heard[0]['published']) == ('monday', True)
+    assert heard[0]['files'] == {'folder': str(tmp_path / 'monday')}
+    for name, message in (('tuesday', 'there is no such file'), ('bad', 'unfit for use; publish_unfit:=true')):
+        answer = load(name)
+        assert not answer.success
+        assert message in answer.message
+    node.set_parameters([Parameter('publish_unfit', value=True)])
+    assert load('bad').success
+    assert node._condition.level == ERROR
 
 
 def test_recordings_of_a_collector_that_was_started_anew_go_together(
@@ -189,18 +224,18 @@ def test_recordings_of_a_collector_that_was_started_anew_go_together(
         client._node.destroy_publisher(publisher)
 
     announce(bags[0], bags[1])
-    assert node._job().recordings == [str(bags[1])]
+    assert node._settings.job().recordings == [str(bags[1])]
     announce(bags[2])
-    job = node._job()
+    job = node._settings.job()
     assert job.recordings == [str(bags[1]), str(bags[2])]
     assert job.joined
     assert job.output == f'{bags[2]}_calibration'
     node.set_parameters([Parameter('announced', value='all'), Parameter('name', value='all_of_them')])
-    assert node._job().recordings == [str(bag) for bag in bags[:3]]
-    assert node._job().output == f'{bags[2]}_calibration/all_of_them'
+    assert node._settings.job().recordings == [str(bag) for bag in bags[:3]]
+    assert node._settings.job().output == f'{bags[2]}_calibration/all_of_them'
     node.set_parameters([Parameter('recordings', value=[str(bags[3]), '']), Parameter('recording', value=str(bags[0]))])
-    assert node._job().recordings == [str(bags[0]), str(bags[3])]
-    assert not node._job().joined
+    assert node._settings.job().recordings == [str(bags[0]), str(bags[3])]
+    assert not node._settings.job().joined
 
 
 @pytest.mark.parametrize(

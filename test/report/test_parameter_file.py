@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,9 +13,10 @@ import yaml
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Found, Value
 from scara_kinetostatic.effects.object_radius import ObjectRadius
+from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.report.facts import facts
-from scara_kinetostatic.report.parameter_file import effect_parameters, parameter_text
+from scara_kinetostatic.report.parameter_file import effect_parameters, load_result, parameter_text
 
 
 @pytest.mark.parametrize('which', ['plain', 'confounded', 'nasty'])
@@ -91,3 +93,38 @@ def test_the_file_says_what_the_numbers_are_made_from_and_worth(plain: Outcome, 
         assert {name: type(value) for name, value in flat.items()} == {n: type(v) for n, v in expected.items()}
     assert flat['assessment'] == 'caution'
     assert flat['rivals'] == ['sensor_rotation, contact_friction']
+
+
+def test_a_result_comes_back_from_its_file(
+    plain: Outcome, confounded: Outcome, grown: Outcome, unnamed: Outcome, tmp_path: Path
+) -> None:
+    path = tmp_path / 'calibration.yaml'
+    for outcome in (plain, confounded, grown, unnamed):
+        path.write_text(parameter_text(outcome), encoding='utf-8')
+        stored = load_result(path)
+        assert stored.values == list(outcome.final.parameters.as_dict().values())
+        np.testing.assert_array_equal(stored.deviations, outcome.final.std)
+        written = sorted(effect_parameters(outcome.diagnosis.found), key=lambda item: item.path)
+        np.testing.assert_equal([item[:3] for item in sorted(stored.effects)], [item[:3] for item in written])
+        np.testing.assert_equal(stored.facts, facts(outcome))
+
+
+@pytest.mark.parametrize(
+    'text', ['', '[]', 'a: 1', '/**: {ros__parameters: 3}', '/**: {ros__parameters: {calibrated: {x0: 1.0}}}', 'x: [']
+)
+def test_a_file_that_is_no_result_is_refused(text: str, tmp_path: Path) -> None:
+    path = tmp_path / 'other.yaml'
+    path.write_text(text)
+    with pytest.raises(ParameterError, match=r'other\.yaml'):
+        load_result(path)
+
+
+@pytest.mark.parametrize('wrong', ['.nan', '.inf', 'far', '[1.0]'])
+def test_a_value_that_is_no_number_is_refused(plain: Outcome, wrong: str, tmp_path: Path) -> None:
+    path = tmp_path / 'calibration.yaml'
+    value = repr(plain.calibration.parameters.l1)
+    text = parameter_text(plain)
+    assert f'l1: {value} ' in text
+    path.write_text(text.replace(f'l1: {value} ', f'l1: {wrong} '))
+    with pytest.raises(ParameterError, match='no result of a calibration'):
+        load_result(path)
