@@ -246,3 +246,13 @@ def test_checksum_date_and_earlier_result(folder, result, capsys):
     assert kept in printed
     assert printed.count('residuals.csv\n') == 1
     assert json.loads((out / kept).read_text(encoding='utf-8')) == result
+
+
+def test_touches_are_left_out_on_request(folder, tmp_path, capsys):
+    options = ('--cell', folder / 'cell.yaml', '--out', tmp_path / 'result')
+    left_out = ('--leave-out', '3', '--leave-out', 'touches:5-6')
+    assert run('calibrate', folder / 'touches.csv', *options, *left_out) == 0
+    rejected = document(tmp_path / 'result')['touches']['rejected']
+    assert rejected == [{'index': k, 'reason': 'left out on request'} for k in (3, 5, 6)]
+    assert run('calibrate', folder / 'touches.csv', *options, '--leave-out', '9-7') == 2
+    assert '--leave-out: 9-7: expected a range of touches such as 10-14' in capsys.readouterr().err
