@@ -246,7 +246,8 @@ def different_parts(one: Cell, other: Cell) -> list[str]:
     parts = [] if one.nominal == other.nominal and one.joint_names == other.joint_names else ['robot']
     discs, others = ({disc.name: disc for disc in cell.discs} for cell in (one, other))
     parts += sorted(name for name in discs.keys() | others.keys() if discs.get(name) != others.get(name))
-    parts += ['sensor'] if one.sensor != other.sensor else []
+    sensors = [(cell.sensor.topics, cell.sensor[2:]) for cell in (one, other)]  # relative or in the root namespace
+    parts += ['sensor'] if sensors[0] != sensors[1] else []
     parts += ['noise'] if one.noise != other.noise else []
     parts += ['model'] if one.gripper != other.gripper else []
     parts += [name for name in ('plates', 'uncertainty', 'tolerance') if getattr(one, name) != getattr(other, name)]
