@@ -28,6 +28,10 @@ _PAUSE = 1_000_000_000
 """Time inserted between the parts of a recording whose clock was set back, ns: longer than a gap within a touch."""
 _LARGEST_OFFSET = 250_000_000
 """Clocks that differ by more than this would assign forces to wrong joint angles, ns."""
+_MOSTLY = 0.6
+"""An offset that is the same in this part of the recording is one of the clocks; else messages wait or clocks drift."""
+_MOST_COMPARED = 5000
+"""At so many moments the lags of the topics are compared."""
 _INTERVAL, _FEWEST_INTERVALS, _MOST_INTERVALS = 2_000_000_000, 8, 200
 """Offsets that vary are compared by intervals: shortest one, ns, fewest, most."""
 _LARGEST_SHARE_APART = 0.04
@@ -141,20 +145,40 @@ def _problem(streams: dict[str, Samples], use: str) -> str:
 
 
 def _clock_offset(streams: dict[str, Samples]) -> str:
-    """Why the stamps of the topics are not from one clock, by their lags behind the recording times; or empty."""
+    """Why the stamps of the topics are not from one clock, by their lags behind the recording times; or empty.
+
+    The lags of both topics at the same moment are compared: what delays both, a busy recorder or a bag played at
+    another rate, cancels out.
+    """
     if _problem(streams, 'log_time'):
         return ''
-    lags = []
-    for samples in streams.values():
-        lag = samples.stamp - samples.log_time
-        low, middle, high = np.percentile(lag - lag[0], [5, 50, 95])
-        if high - low > _LARGEST_OFFSET:
-            return _clock_drift(streams)
-        lags.append(int(lag[0]) + int(middle))
-    apart = max(lags) - min(lags)
-    if apart < _LARGEST_OFFSET:
+    between = _lags_apart(*streams.values())
+    low, middle, high = np.percentile(between, [5, 50, 95]).tolist()
+    steady = np.mean(np.abs(between - middle) < 0.5 * _LARGEST_OFFSET) > _MOSTLY
+    if abs(middle) < _LARGEST_OFFSET or not steady:
+        return _clock_drift(streams) if high - low > _LARGEST_OFFSET else ''
+    if not _at_one_rate(streams):
         return ''
-    return f'`header.stamp` of {" and ".join(streams)} comes from clocks that differ by {apart / 1e9:.3g} s'
+    lags = [int(samples.stamp[0] - samples.log_time[0]) + _median_change(samples) for samples in streams.values()]
+    apart = abs(lags[0] - lags[1]) / 1e9
+    return f'`header.stamp` of {" and ".join(streams)} comes from clocks that differ by {apart:.3g} s'
+
+
+def _median_change(samples: Samples) -> int:
+    """Median change of the lag since the first sample, ns."""
+    lag = samples.stamp - samples.log_time
+    return int(np.median(lag - lag[0]))
+
+
+def _lags_apart(one: Samples, other: Samples) -> NDArray[np.float64]:
+    """Lag of one topic behind its recording times less that of the other, at moments of the one, (k,), ns."""
+    (time, lag), (others, other_lag) = (
+        (np.maximum.accumulate(samples.log_time), samples.stamp - samples.log_time) for samples in (one, other)
+    )
+    every = max(1, len(time) // _MOST_COMPARED)
+    start, base = int(others[0]), int(other_lag[0])
+    near = np.interp((time[::every] - start).astype(float), (others - start).astype(float), other_lag - base)
+    return np.asarray((lag[::every] - base) - near)
 
 
 def _clock_drift(streams: dict[str, Samples]) -> str:

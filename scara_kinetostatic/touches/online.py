@@ -38,6 +38,8 @@ _LONGEST_WAIT = 5 * SECOND
 """During a contact the detection runs once in so long, ns,"""
 _SHORTEST_WAIT = SECOND // 2
 """and never more often than once in so long, ns."""
+_SURE = 3 * SECOND
+"""After less than this time the difference of the clocks may be that of the first delays, ns."""
 _ALERT = 0.8
 """A poll looks for touches from this part of the force on at which a contact begins: the zero may drift meanwhile."""
 _NEVER = -(1 << 62)
@@ -119,7 +121,7 @@ class OnlineDetector:
             return none
         judged = self._on_one_clock()
         self._searched = self._wrench.now
-        if judged is None or (judged.by_log_time and not judged.at_one_rate and not open_too):
+        if judged is None or (judged.by_log_time and not open_too and not self._is_sure(judged)):
             self._forget()
             return none
         self._correct(judged)
@@ -147,6 +149,11 @@ class OnlineDetector:
         if judged.by_log_time or judged.joined:
             self.clock_warning = warnings[-1]
         return judged
+
+    def _is_sure(self, judged: Judgement) -> bool:
+        """Whether the times of reception may be used for good."""
+        received = self._wrench.samples.log_time
+        return judged.at_one_rate and int(received[-1] - received[0]) > _SURE
 
     def _correct(self, judged: Judgement) -> None:
         """Puts the kept samples, and those to come, on the clock that was found valid."""
@@ -177,10 +184,9 @@ class OnlineDetector:
         return part
 
     def _forget(self) -> None:
-        """Drops the samples before the horizon."""
-        bound = self._wrench.now - self._horizon
-        self._joints.drop_before(bound)
-        self._wrench.drop_before(bound)
+        """Drops the samples before the horizon, of each topic by its own stamps: their clocks may differ."""
+        for buffer in (self._joints, self._wrench):
+            buffer.drop_before(buffer.now - self._horizon)
 
 
 class _Buffer:
