@@ -1,0 +1,167 @@
+"""What would spoil a recording is said while it can be mended."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from rclpy.node import Node
+
+from scara_kinetostatic.bags.encoding import joint_state_messages, wrench_messages
+from scara_kinetostatic.bags.reader import read_streams
+from scara_kinetostatic.model.cell import PAPER_CELL, SensorSign
+from scara_kinetostatic.model.parameters import PAPER_MEASURED
+from scara_kinetostatic.nodes import disk_room, session
+from scara_kinetostatic.nodes.collector import Collector
+from scara_kinetostatic.nodes.complaints import PersistentComplaints
+from scara_kinetostatic.nodes.conversion import Sample
+from scara_kinetostatic.nodes.diagnostics import OK, WARN
+from scara_kinetostatic.nodes.session import Session, Stream
+from scara_kinetostatic.nodes.stream_monitor import StreamMonitor
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_streams
+from scara_kinetostatic.touches.detection import DISCARDED, find_touches
+from scara_kinetostatic.touches.streams import Streams
+
+GIB = 1 << 30
+
+
+def touches(count: int) -> Streams:
+    plan = default_plan(PAPER_CELL).select(np.arange(count))
+    return simulate_streams(PAPER_CELL, PAPER_MEASURED, plan, seed=3)
+
+
+def feed(recording: Session, streams: Streams) -> None:
+    """Gives a recording all messages in the order of their stamps."""
+    joints, wrench = streams.joints, streams.wrench
+    messages = joint_state_messages(joints.stamp, joints.position, PAPER_CELL.joint_names)
+    messages += wrench_messages(wrench.stamp, wrench.force, 'base')
+    stamps = np.concatenate([joints.stamp, wrench.stamp])
+    values = np.concatenate([joints.position, wrench.force]).tolist()
+    for number, place in enumerate(np.argsort(stamps, kind='stable').tolist()):
+        stream = Stream.JOINTS if place < len(joints.stamp) else Stream.WRENCH
+        stamp = int(stamps[place])
+        recording.take(stream, messages[place], stamp, Sample(stamp, *values[place]))
+        if number % 50 == 0:
+            recording.poll()
+
+
+def test_many_rejected_touches_are_said_with_their_reason(tmp_path: Path) -> None:
+    wrong = replace(PAPER_CELL, sensor=PAPER_CELL.sensor._replace(sign=SensorSign.ON_ROBOT))
+    recording = Session(tmp_path, wrong, 1)
+    assert recording.rejections() == ''
+    feed(recording, touches(4))
+    recording.close()
+    assert ' of 4 touches rejected, ' in recording.rejections()
+    assert "with sensor.sign 'on_object' all 4 meet one" in recording.rejections()
+
+
+def test_a_few_rejected_touches_are_no_warning(tmp_path: Path) -> None:
+    recording = Session(tmp_path, PAPER_CELL, 1)
+    feed(recording, touches(4))
+    recording.close()
+    assert (recording.touches, recording.rejected, recording.rejections()) == (4, 0, '')
+
+
+def test_discarded_touches_are_those_of_the_recording(tmp_path: Path) -> None:
+    """The last one first; the calibrator leaves the same ones out."""
+    recording = Session(tmp_path, PAPER_CELL, 1)
+    feed(recording, touches(4))
+    recording.poll()
+    accepted = recording.touches
+    discarded = [recording.discard_last(10**18) for _ in range(2)]
+    assert [touch.number for touch in discarded if touch] == [accepted - 1, accepted - 2]
+    recording.close()
+    assert (recording.touches, recording.rejected) == (2, 2)
+    detection = find_touches(read_streams(recording.folder, PAPER_CELL), PAPER_CELL)
+    numbers = [(touch.number, DISCARDED) for touch in reversed(discarded) if touch]
+    assert [(item.index, item.reason) for item in detection.rejected] == numbers
+    assert detection.warnings == ()
+
+
+def test_files_end_by_themselves_where_nothing_is_touched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(session, 'LONGEST_FILE', 0.0)
+    recording = Session(tmp_path, PAPER_CELL, 1)
+    recording.take(Stream.WRENCH, b'', 1, None)
+    recording.poll()
+    assert recording._writer.recorded == 1
+    recording.close()
+
+
+@pytest.mark.parametrize(
+    ('free', 'written', 'seconds', 'said'),
+    [
+        (100 * GIB, GIB, 1000.0, ''),
+        (GIB // 2, 0, 1000.0, '512 MiB left: make room'),
+        (2 * GIB, GIB, 1000.0, '2048 MiB left, at 1 MiB/s for about 30 min: make room'),
+        (GIB // 100, GIB, 1000.0, '10 MiB left, at 1 MiB/s for less than 2 min: make room'),
+    ],
+)
+def test_a_disk_that_fills_is_announced(
+    free: int, written: int, seconds: float, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [0.0]
+    monkeypatch.setattr(disk_room, 'monotonic', lambda: clock[0])
+    monkeypatch.setattr(disk_room.shutil, 'disk_usage', lambda _: SimpleNamespace(free=free))
+    room = disk_room.DiskRoom(tmp_path / 'bag')
+    room.add(written)
+    clock[0] = seconds
+    assert room.complaint() == (said and f'the disk of {tmp_path} has {said}')
+
+
+def test_the_collector_warns_of_the_disk(
+    spin: Callable[..., Node], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(disk_room, 'LEAST_ROOM', 1 << 62)
+    collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
+    condition = collector._examine()
+    assert condition.level == WARN
+    assert f'the disk of {tmp_path} has' in condition.message
+    collector.close()
+    collector._session = None
+    assert collector._examine().level == OK
+
+
+def test_a_problem_is_logged_once_when_it_lasts() -> None:
+    logged: list[str] = []
+    complaints = PersistentComplaints(logged.append)
+    for number in range(5):
+        assert complaints.note(['', f'{number} MiB left', 'once' if number == 2 else '']) != []
+    assert logged == ['2 MiB left']
+    complaints.note([])
+    for _ in range(3):
+        complaints.note(['7 MiB left'])
+    assert logged == ['2 MiB left', '7 MiB left']
+
+
+def test_publishers_that_mix_are_named_and_a_driver_of_other_joints_is_none() -> None:
+    monitor = StreamMonitor('/joint_states', with_joints=True)
+    monitor.publishers = ['/a/driver']
+    assert monitor.mixture() == ''
+    monitor.publishers.append('/b/driver')
+    assert '2 publishers (/a/driver, /b/driver)' in monitor.mixture()
+    monitor.accept(1)
+    monitor.refuse('other joints')
+    monitor.rate()
+    assert monitor.mixture() == ''
+    monitor.publishers.append('/gripper')
+    assert '3 publishers' in monitor.mixture()
+
+
+def test_two_robots_by_way_of_one_publisher_are_seen() -> None:
+    monitor = StreamMonitor('/joint_states', with_joints=True)
+    for number in range(200):
+        monitor.accept(number, (0.1 + 0.5 * (number % 2), 0.3))
+    monitor.rate()
+    assert 'two robots on one topic' in monitor.mixture()
+    for number in range(200):
+        monitor.accept(number, (0.1 + 0.001 * number, 0.3))
+    monitor.rate()
+    assert monitor.mixture() == ''
