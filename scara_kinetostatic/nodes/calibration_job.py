@@ -1,7 +1,7 @@
 """One calibration as the node `calibrator` orders it, done in a process of its own.
 
-Such a process can be ended at any time, gives all its memory back, and leaves the node free to answer. It reads the
-order from its input and writes news and the reply to its output, one JSON object per line:
+Such a process can be ended at any time by SIGTERM, gives all its memory back, and leaves the node free to answer. It
+reads the order from its input and writes news and the reply to its output, one JSON object per line:
 
     {"progress": {"step": "fitting 72 touches", "part": 0.3}}
     {"reply": …}     the fields of `Reply`
@@ -12,12 +12,15 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import FrameType
+from typing import Any, NamedTuple, NoReturn
 
 from scara_kinetostatic.errors import CellError, OutputError, RecordingError, ScaraKinetostaticError, one_line
 
@@ -108,7 +111,8 @@ def do(job: Job, progress: Callable[[str, float], None]) -> Reply:
     progress('writing the results', _WRITING)
     note = unwritten = ''
     try:
-        note = write_results(outcome, folder).note
+        with _taken_back():
+            note = write_results(outcome, folder).note
     except OutputError as error:
         unwritten = str(error)
     return Reply(
@@ -126,6 +130,20 @@ def do(job: Job, progress: Callable[[str, float], None]) -> Reply:
         note=note,
         unwritten=unwritten,
     )
+
+
+@contextmanager
+def _taken_back() -> Iterator[None]:
+    """Where SIGTERM takes back what was written; elsewhere it ends the process at once."""
+
+    def interrupt(_: int, __: FrameType | None) -> NoReturn:
+        raise KeyboardInterrupt
+
+    former = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, former)
 
 
 def _calibrate(job: Job, progress: Callable[[str, float], None]) -> Any:

@@ -101,7 +101,7 @@ class CalibrationProcess:
     def cancel(self) -> None:
         """Tells the process to end; `poll` says when it has. What it was writing is taken back."""
         self._cancelled_at = self._cancelled_at or monotonic()
-        self._process.send_signal(signal.SIGINT)
+        self._process.send_signal(signal.SIGTERM)
 
     def close(self) -> None:
         """Ends the process and waits for that."""

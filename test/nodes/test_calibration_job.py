@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -123,6 +124,17 @@ def test_a_folder_that_cannot_be_written_does_not_keep_the_result(job: Make, tmp
     reply, _ = calibrated(job())
     assert reply.grade != 'unfit'
     assert str(tmp_path / 'out') in reply.unwritten
+
+
+def test_a_signal_while_the_files_are_written_takes_them_back(
+    job: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(page, 'html_text', lambda _: signal.raise_signal(signal.SIGTERM))
+    former = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(KeyboardInterrupt):
+        calibrated(job())
+    assert not (tmp_path / 'out').exists()
+    assert signal.getsignal(signal.SIGTERM) == former
 
 
 def test_what_contradicts_the_cell_names_its_file(job: Make, bags: list[Path], tmp_path: Path) -> None:
