@@ -143,7 +143,7 @@ def estimate(
         model, adjusted, iterations = fit.point.model, fit.point.adjusted, iterations + fit.iterations
         observations = observations.with_errors(fit.point.errors)
         distance = outliers.studentised(fit.point.whitened, covariance_of_fit(fit, now.subspace), now.used)
-        at_limit = warm_start is not None and fit.termination is Termination.ITERATION_LIMIT
+        at_limit = warm_start is not None and fit.termination is not Termination.CONVERGED
         limits = limits + 1 if at_limit else 0
         if limits == _MOST_LIMITS:
             break

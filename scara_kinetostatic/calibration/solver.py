@@ -168,9 +168,14 @@ _SAME_COST = 1.01
 
 
 _VAIN_STEPS = 8
-"""Steps in a row that do not lower the cost, after which the optimum of a law with kinks is taken as reached."""
+"""Steps in a row that do not lower the cost, after which the optimum is taken as reached if it is near, or if the law
+has kinks."""
 _VAIN_PART = 1e-5
 """Part of the cost by which they lower it less."""
+_NEAR = 0.1
+"""Undamped step to a near optimum, in standard deviations as the residuals have them: no parameter is off by more."""
+_MOST_VAIN_STEPS = 20
+"""Steps that do not lower the cost, after which a run ends without an optimum."""
 
 
 class _Convergence(NamedTuple):
@@ -192,9 +197,17 @@ class _Convergence(NamedTuple):
         is_smooth = all(effect.is_smooth for effect in model.effects)
         return cls(max(stage.tolerance, per_touch * np.sqrt(touches)), is_smooth)
 
-    def is_at_kink(self, least: list[float]) -> bool:
-        """Whether the least costs, after each step, say that the run is at an optimum with a kink."""
-        return len(least) > _VAIN_STEPS and least[-1 - _VAIN_STEPS] - least[-1] < _VAIN_PART * least[-1]
+    def is_vain(self, least: list[float], steps: int = _VAIN_STEPS) -> bool:
+        """Whether the last steps lowered nothing; `least` has the least cost after each step."""
+        return len(least) > steps and least[-1 - steps] - least[-1] < _VAIN_PART * least[-1]
+
+    def is_at_optimum(self, undamped: _Step, cost: float, least: float, equations: int) -> bool:
+        """Whether a run whose steps are vain is at an optimum: within rounding, noise and linearisation errors of the
+        least cost, and near to where the undamped step leads; at a kink no step becomes short.
+        """
+        if cost - least > _VAIN_PART * least:
+            return False
+        return not self.is_smooth or undamped.shift < _NEAR * float(np.sqrt(max(cost / equations, 1.0)))
 
     def is_reached(self, step: _Step) -> bool:
         """Whether this step is the last one."""
@@ -263,8 +276,11 @@ def minimise(
             damping = acceptance.raised(damping, system)
             if np.isinf(damping):
                 return ended(iteration, Termination.STALLED)
-        if not convergence.is_smooth:
-            least.append(min([loss.cost(point, scale), *least[-1:]]))
-            if convergence.is_at_kink(least):
+        now = loss.cost(point, scale)
+        least.append(min([now, *least[-1:]]))
+        if convergence.is_vain(least):
+            if convergence.is_at_optimum(_descend(system, basis, 0.0), now, least[-1], 2 * len(point.distance)):
                 return ended(iteration, Termination.CONVERGED)
+            if convergence.is_vain(least, _MOST_VAIN_STEPS):
+                return ended(iteration, Termination.STALLED)
     return ended(max_iterations, Termination.ITERATION_LIMIT)

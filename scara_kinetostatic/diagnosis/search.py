@@ -25,7 +25,7 @@ _ROUNDS = 6
 """Rounds at most; most searches end after two."""
 _ATTEMPTS = 4
 """Credible sets that are fitted one by one, where their union does not converge."""
-_MOST_FAILURES = 10
+_MOST_FAILURES = 6
 """Fits that do not converge, of all rounds, after which a round without a fit ends the search."""
 _MOST_RIVAL_FITS = 8
 """Credible sets that are fitted by themselves at most."""
