@@ -259,8 +259,7 @@ def check_number(touches: int, parameters: int, left_out: Sequence[str] = ()) ->
             problem += f'; {len(left_out)} were left out, the first: {left_out[0]}'
         if common.startswith('presses with'):
             remedy = 'check the units and the order of joint angles and forces'
-            if 'is noise of' in common:
-                remedy = 'check the noise in the cell description and the unit of the forces'
+            remedy += ', and the noise in the cell description' if 'is noise of' in common else ''
         elif left_out:
             remedy = f'see what was left out, or {remedy}'
         raise UnsupportedDataError(problem, remedy)

@@ -101,7 +101,7 @@ def test_an_effect_so_large_that_it_hides_everything_is_found_with_unknown_noise
     ('factor', 'message'),
     [
         (0.01, 'the noise stated in the cell description contradicts it; leave the noise out'),
-        (100.0, 'check the noise in the cell description and the unit of the forces'),
+        (100.0, 'joint angles and forces, and the noise in the cell description'),
     ],
 )
 def test_a_noise_that_is_far_off_is_named_where_there_is_no_result(factor: float, message: str) -> None:
