@@ -70,6 +70,7 @@ class Collector(Node):
         declare.text(self, 'output', 'recordings', output, read_only=False)
         self._autostart = declare.switch(self, 'autostart', False, 'start recording at once')
         self._session: Session | None = None
+        self._by_ros_time = self.get_clock().ros_time_is_active
         self._lost_before = 0
         self._failure = ''
         self._complaints = PersistentComplaints(self.get_logger().warning)
@@ -234,10 +235,10 @@ class Collector(Node):
 
     def _log_time(self, received: int) -> int:
         """When a message was received, ns, by the clock of the node."""
-        clock = self.get_clock()
-        return self._now() if not received or clock.ros_time_is_active else received
+        return self._now() if self._by_ros_time or not received else received
 
     def _poll(self) -> None:
+        self._by_ros_time = self.get_clock().ros_time_is_active
         if self._autostart and self._now():
             self._begin_by_itself()
         if self._session is None:

@@ -147,7 +147,7 @@ class OnlineDetector:
             self.clock_warning = error.problem
             return None
         if judged.by_log_time or judged.joined:
-            self.clock_warning = warnings[-1]
+            self.clock_warning = next(text for text in warnings if 'header.stamp' in text)
         return judged
 
     def _is_sure(self, judged: Judgement) -> bool:
