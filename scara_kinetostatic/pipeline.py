@@ -222,7 +222,7 @@ def _calibrate_touches(
     calibration = diagnosis.refitted or calibration
     _report(progress, 'predicting held-out touches', 0.8)
     final = diagnosis.extended or calibration
-    _check_converged(final, names, fixed)
+    _check_converged(final, names)
     held_out = held_out_force_error(replace(calibration, used=final.used))
     extended_held_out = held_out if final is calibration else held_out_force_error(final)
     _report(progress, 'done', 1.0)
@@ -315,29 +315,17 @@ def _with_rejections(error: UnsupportedDataError, detection: Detection, names: s
     return UnsupportedDataError(problem, error.remedy)
 
 
-def _check_converged(final: Calibration, names: str, fixed: Mapping[str, float] | None) -> None:
+def _check_converged(final: Calibration, names: str) -> None:
     """Check that the final model is a result.
 
     Raises:
         UnsupportedDataError: its fit did not converge, or the force error is as large as the forces.
     """
-    if final.is_result:
-        return
-    problem = f'{names}: the fit does not converge; its force error is {final.force_error:.3g} N'
-    remedy = 'check the places of the discs, the names and units of the joints, frame, sign and axes of the sensor'
-    if final.cell.noise is not None and _converges_without_noise(final, fixed):
-        problem += ', and the noise stated in the cell description contradicts it'
-        remedy = 'leave the noise out of the cell description to have it estimated: then the fit converges'
-    raise UnsupportedDataError(problem, remedy)
-
-
-def _converges_without_noise(final: Calibration, fixed: Mapping[str, float] | None) -> bool:
-    """Whether the base model can be fitted to the touches if their noise is estimated."""
-    cell = replace(final.cell, noise=None)
-    try:
-        return calibrate(final.touches, cell, fixed_effects(fixed or {}, cell), fixed=fixed).is_result
-    except UnsupportedDataError:
-        return False
+    if not final.is_result:
+        raise UnsupportedDataError(
+            f'{names}: the fit does not converge; its force error is {final.force_error:.3g} N',
+            'check the places of the discs, the names and units of the joints, frame, sign and axes of the sensor',
+        )
 
 
 def _no_touches(detection: Detection) -> str:
