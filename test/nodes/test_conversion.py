@@ -1,0 +1,79 @@
+"""Reading messages from their bytes gives what deserializing them gives."""
+
+from __future__ import annotations
+
+from math import nan
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from geometry_msgs.msg import WrenchStamped
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+
+from scara_kinetostatic.nodes import conversion
+from scara_kinetostatic.nodes.conversion import Sample, UnusableMessageError, joint_sample, wrench_sample
+
+NAMES = ('joint1', 'joint2')
+STAMP = 1_700_000_000_123_456_789
+
+
+def joints(names: list[str], position: list[float], frame: str = '') -> bytes:
+    message = JointState(name=names, position=position, velocity=[1.0] * len(position))
+    message.header.frame_id = frame
+    message.header.stamp = conversion.stamp_of(STAMP)
+    return bytes(serialize_message(message))
+
+
+@pytest.mark.parametrize('frame', ['', 'b', 'base', 'tool0', 'länger als sonst'])
+def test_a_wrench(frame: str) -> None:
+    message = conversion.wrench(Sample(STAMP, 1.5, -2.5), frame)
+    assert wrench_sample(bytes(serialize_message(message))) == Sample(STAMP, 1.5, -2.5)
+
+
+@pytest.mark.parametrize('frame', ['', 'b', 'base', 'tool0'])
+@pytest.mark.parametrize(
+    ('names', 'position'),
+    [
+        (['joint1', 'joint2'], [0.25, -0.5]),
+        (['joint2', 'lift', 'joint1'], [-0.5, 7.0, 0.25]),
+        (['a', 'bc', 'joint1', 'defgh', 'joint2'], [1.0, 2.0, 0.25, 3.0, -0.5]),
+    ],
+)
+def test_joint_angles_by_name(frame: str, names: list[str], position: list[float]) -> None:
+    assert joint_sample(joints(names, position, frame), NAMES) == Sample(STAMP, 0.25, -0.5)
+
+
+@pytest.mark.parametrize(
+    ('names', 'position', 'said'),
+    [
+        ([], [], 'got 0 positions of no joints'),
+        (['joint1', 'joint2'], [1.0], 'got 1 positions of joint1 joint2'),
+        (['shoulder', 'elbow'], [1.0, 2.0], 'got 2 positions of shoulder elbow'),
+        (['joint1', 'joint2'], [nan, 2.0], 'expected finite numbers'),
+    ],
+)
+def test_joint_states_that_cannot_be_used(names: list[str], position: list[float], said: str) -> None:
+    with pytest.raises(UnusableMessageError, match=said):
+        joint_sample(joints(names, position), NAMES)
+
+
+def test_a_message_that_is_cut_off() -> None:
+    whole = joints(['joint1', 'joint2'], [0.25, -0.5])
+    needed = len(whole) - 4 - 4 - 2 * 8 - 8
+    for length in range(4, needed):
+        with pytest.raises(UnusableMessageError):
+            joint_sample(whole[:length], NAMES)
+    whole = bytes(serialize_message(WrenchStamped()))
+    for length in range(4, len(whole)):
+        with pytest.raises(UnusableMessageError, match='cut off'):
+            wrench_sample(whole[:length])
+    with pytest.raises(UnusableMessageError):
+        joint_sample(b'\0\1\0\0' + b'\xff' * 60, NAMES)
+
+
+def test_times_before_1970() -> None:
+    message = JointState(name=list(NAMES), position=[1.0, 2.0])
+    message.header.stamp.sec, message.header.stamp.nanosec = -1, 5
+    assert joint_sample(bytes(serialize_message(message)), NAMES).stamp_ns == -999_999_995
