@@ -64,6 +64,7 @@ setup(
             f'contact_simulator = {NAME}.nodes.contact_simulator:main',
             f'collector = {NAME}.nodes.collector:main',
             f'calibrator = {NAME}.nodes.calibrator:main',
+            f'visualizer = {NAME}.nodes.visualizer:main',
         ],
     },
 )

@@ -17,12 +17,13 @@ from typing import Any
 
 REPLACED = (
     'rclpy', 'rcl_interfaces', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'rosgraph_msgs', 'sensor_msgs',
-    'std_msgs', 'std_srvs', 'ament_index_python', 'launch', 'launch_ros',
+    'std_msgs', 'std_srvs', 'visualization_msgs', 'ament_index_python', 'launch', 'launch_ros',
 )  # fmt: skip
 NODES = {
     'contact_simulator': 'ContactSimulator',
     'collector': 'Collector',
     'calibrator': 'Calibrator',
+    'visualizer': 'Visualizer',
 }
 
 
@@ -128,6 +129,10 @@ class Recorder(StandIn):
     def create_subscription(self, kind: type, topic: str, *_: Any, **__: Any) -> StandIn:
         """Records a topic."""
         return self._interface('subscribes', kind, topic)
+
+    def create_client(self, kind: type, name: str, *_: Any, **__: Any) -> StandIn:
+        """Records a service."""
+        return self._interface('calls', kind, name)
 
     def create_service(self, kind: type, name: str, *_: Any, **__: Any) -> StandIn:
         """Records a service."""

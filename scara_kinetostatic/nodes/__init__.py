@@ -1,8 +1,9 @@
-"""The three ROS 2 nodes of a cell, thin: they convert, delegate and publish.
+"""The ROS 2 nodes of a cell, thin: they convert, delegate and publish.
 
 - `contact_simulator` publishes the joint states and wrenches of a simulated cell that runs through a plan of touches;
 - `collector` records the two topics and counts the touches;
-- `calibrator` calibrates from a recording on a service call.
+- `calibrator` calibrates from a recording on a service call;
+- `visualizer` shows arm, objects, touches and results as markers.
 
 The only modules of the package that import `rclpy`. Shared by them: `runtime` (start, spin, stop), `declare`
 (parameters with descriptors), `stream_subscription` (quality of service), `conversion` (messages to numbers and back).

@@ -24,7 +24,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String, UInt32
 from std_srvs.srv import Trigger
@@ -41,19 +40,12 @@ from scara_kinetostatic.nodes.publishers import full_name, recorded_qos
 from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.session import Session, Stream
 from scara_kinetostatic.nodes.stream_monitor import StreamMonitor
-from scara_kinetostatic.nodes.stream_subscription import LATCHED, StreamSubscription
+from scara_kinetostatic.nodes.stream_subscription import LATCHED, LATCHED_TOUCHES, StreamSubscription
 
 POLL = 0.1
 """Period of the search for finished touches, s."""
 REST = 0.005
 """Between two callbacks, s: messages of 1 kHz are taken ten at a time."""
-LATCHED_TOUCHES = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1000,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
-"""The touches so far, delivered to later subscribers, too."""
 
 
 class Collector(Node):

@@ -52,6 +52,14 @@ LATCHED = QoSProfile(
 )
 """The last value, delivered to later subscribers, too."""
 
+LATCHED_TOUCHES = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1000,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""The touches so far, delivered to later subscribers, too."""
+
 DIAGNOSTICS = 10
 """Depth of `/diagnostics`, as everywhere in ROS."""
 

@@ -60,6 +60,7 @@ def test_every_executable_exists() -> None:
         'contact_simulator',
         'collector',
         'calibrator',
+        'visualizer',
     ]
     for _, module, function in scripts:
         assert callable(getattr(import_module(f'{NAME}.{module}'), function))

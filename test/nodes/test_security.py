@@ -12,10 +12,16 @@ from rclpy.node import Node
 from scara_kinetostatic.nodes.calibrator import Calibrator
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
+from scara_kinetostatic.nodes.visualizer import Visualizer
 
 ROOT = Path(__file__).parents[2]
 POLICIES = ROOT / 'config' / 'sros2'
-KINDS = {'contact_simulator': ContactSimulator, 'collector': Collector, 'calibrator': Calibrator}
+KINDS = {
+    'contact_simulator': ContactSimulator,
+    'collector': Collector,
+    'calibrator': Calibrator,
+    'visualizer': Visualizer,
+}
 RULES = {
     ('topics', 'publish'): Node.get_publisher_names_and_types_by_node,
     ('topics', 'subscribe'): Node.get_subscriber_names_and_types_by_node,

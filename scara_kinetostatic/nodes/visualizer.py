@@ -1,0 +1,183 @@
+"""Node `visualizer`: shows the cell in RViz or Foxglove.
+
+Publishes `visualization_msgs/MarkerArray` in the frame `base_link`, with `frame_prefix` before it: on `~/markers`,
+latched, what changes with touches and results (objects, touches with their forces, residual forces magnified, what was
+found), on `~/arm` the nominal and the calibrated arm at the present joint angles and the uncertainty of the tip. The
+URDF of both arms is on `robot_description`, latched, and is handed to a `robot_state_publisher` in the same namespace,
+which publishes their frames.
+
+It hears the collector's `~/touch` and the calibrator's `~/result`; single touches of a result, with their residuals,
+and the covariance, it reads from the file that the result names; without the file they are not shown.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
+
+from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.files.urdf import BASE_FRAME, CALIBRATED_COLOUR, NOMINAL_COLOUR, side_by_side
+from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.nodes import declare
+from scara_kinetostatic.nodes.conversion import UnusableMessageError, joint_sample
+from scara_kinetostatic.nodes.declare import Range, cell_or_example
+from scara_kinetostatic.nodes.marker_messages import marker_array
+from scara_kinetostatic.nodes.outcome_text import stored_document
+from scara_kinetostatic.nodes.runtime import run
+from scara_kinetostatic.nodes.stream_subscription import LATCHED, LATCHED_TOUCHES
+from scara_kinetostatic.render.markers import (
+    Primitive,
+    Scales,
+    SeenTouch,
+    arm_markers,
+    estimated,
+    object_markers,
+    result_markers,
+    touch_markers,
+    uncertainty_markers,
+)
+
+PERIOD = 0.1
+"""Between two messages, s."""
+REST = 0.01
+"""Between two callbacks, s: of joint states at 1 kHz only some are taken."""
+MOST_TOUCHES = 1000
+"""So many are shown, the latest."""
+NO_ANGLES = (0.0, 0.0)
+"""Joint angles at which a result is tried before it is shown."""
+NEWEST = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""The present joint angles; matches every publisher."""
+
+
+class Visualizer(Node):
+    """Shows what the other nodes find.
+
+    Raises:
+        CellError: the cell description cannot be read, or is not valid.
+        ParameterError: a parameter is not valid.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('visualizer')
+        self._cell = cell_or_example(self)
+        prefix = declare.text(self, 'frame_prefix', '', 'before the names of frames, as of robot_state_publisher')
+        self._frame = prefix + BASE_FRAME
+        self._scales = self._declare_scales()
+        self._joints: tuple[float, float] | None = None
+        self._touches: dict[tuple[str, str], SeenTouch] = {}
+        self._document: Mapping[str, Any] | None = None
+        self._changed = True
+        self._markers = self.create_publisher(MarkerArray, '~/markers', LATCHED)
+        self._arm = self.create_publisher(MarkerArray, '~/arm', 1)
+        self._description = self.create_publisher(String, 'robot_description', LATCHED)
+        self._frames = self.create_client(SetParameters, 'robot_state_publisher/set_parameters')
+        self._untold = ''
+        self.create_subscription(JointState, self._cell.sensor.joint_states, self._note_joints, NEWEST, raw=True)
+        self.create_subscription(DiagnosticArray, 'collector/touch', self._note_touch, LATCHED_TOUCHES)
+        self.create_subscription(String, 'calibrator/result', self._note_result, LATCHED)
+        self._describe(None)
+        self.create_timer(PERIOD, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _declare_scales(self) -> Scales:
+        usual, size = Scales(), Range(0.0, 1e6)
+        force = declare.number(self, 'force_scale', usual.force, 'length of the arrow of a force, m/N', size)
+        residual = declare.number(self, 'residual_scale', usual.residual, 'the same of a residual force, m/N', size)
+        magnified = 'magnification of displaced objects and of the uncertainty of the tip'
+        return Scales(force, residual, declare.number(self, 'error_scale', usual.error, magnified, size))
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+    def _note_joints(self, message: bytes) -> None:
+        try:
+            sample = joint_sample(message, self._cell.joint_names)
+        except UnusableMessageError:  # the collector says so
+            return
+        self._joints = sample.first, sample.second
+
+    def _note_touch(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            values = {item.key: item.value for item in status.values}
+            touch = SeenTouch.from_values(values, self._cell.nominal)
+            if touch is not None:
+                self._touches[values.get('recording', ''), values.get('touch', '')] = touch
+                self._changed = True
+        while len(self._touches) > MOST_TOUCHES:
+            del self._touches[next(iter(self._touches))]
+
+    def _note_result(self, message: String) -> None:
+        try:
+            document = json.loads(message.data)
+            folder = document['files']['folder']
+            stored = stored_document(Path(folder)) if folder else None
+            if stored is not None and stored['created'] == document['created']:
+                document = stored
+            calibrated = estimated(document)
+            result_markers(document, self._cell.discs, self._scales)
+            uncertainty_markers(document, NO_ANGLES, self._scales)
+        except (ValueError, LookupError, TypeError, AttributeError, ScaraKinetostaticError) as error:
+            self.get_logger().warning(f'calibrator/result cannot be shown: {type(error).__name__}: {error}')
+            return
+        self._document, self._changed = document, True
+        self._describe(calibrated)
+
+    def _describe(self, calibrated: Parameters | None) -> None:
+        """Publishes the URDF."""
+        self._untold = side_by_side('scara', self._cell.joint_names, self._cell.nominal, calibrated)
+        self._description.publish(String(data=self._untold))
+
+    def _tell_frames(self) -> None:
+        """Hands a new URDF to robot_state_publisher, once it is there."""
+        if self._untold and self._frames.service_is_ready():
+            value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=self._untold)
+            parameter = Parameter(name='robot_description', value=value)
+            self._frames.call_async(SetParameters.Request(parameters=[parameter]))
+            self._untold = ''
+
+    def _publish(self) -> None:
+        self._tell_frames()
+        if self._changed:
+            self._markers.publish(marker_array(self._scene(), self._frame))
+            self._changed = False
+        if self._joints is not None:
+            self._arm.publish(marker_array(self._arms(self._joints), self._frame))
+
+    def _scene(self) -> list[Primitive]:
+        discs = self._cell.discs
+        parameters = self._cell.nominal if self._document is None else estimated(self._document)
+        scene = object_markers(discs) + touch_markers(self._touches.values(), parameters, discs, self._scales)
+        return scene if self._document is None else scene + result_markers(self._document, discs, self._scales)
+
+    def _arms(self, joints: tuple[float, float]) -> list[Primitive]:
+        nominal = arm_markers('nominal', self._cell.nominal, joints, NOMINAL_COLOUR)
+        if self._document is None:
+            return nominal
+        calibrated = arm_markers('calibrated', estimated(self._document), joints, CALIBRATED_COLOUR)
+        return nominal + calibrated + uncertainty_markers(self._document, joints, self._scales)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Runs the node; see `runtime.run` for the exit status."""
+    return run(Visualizer, args, rest=REST)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

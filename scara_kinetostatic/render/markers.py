@@ -1,0 +1,302 @@
+"""What of a cell is to be seen in RViz or Foxglove, as geometric primitives in the base frame; no ROS in here.
+
+Deflections and errors are micrometres and the cell is a metre, so lengths are magnified: a force F is an arrow of
+`Scales.force` ‖F‖, a residual force one of `Scales.residual` ‖F‖, displacements of objects and the uncertainty of the
+tip are drawn `Scales.error` times as large. What is magnified says so in a text beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
+from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Colour
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import Disc
+from scara_kinetostatic.model.kinematics import forward, link_vectors, quarter_turn, rotate
+from scara_kinetostatic.model.parameters import NAMES, Parameters
+from scara_kinetostatic.model.quantity import quantity
+
+FOUND: Colour = (0.84, 0.37, 0.0, 1.0)
+RESIDUAL: Colour = (0.80, 0.47, 0.65, 1.0)
+UNUSED: Colour = (0.85, 0.1, 0.1, 1.0)
+TEXT: Colour = (0.35, 0.35, 0.35, 1.0)
+OBJECTS: tuple[tuple[float, float, float], ...] = (
+    (0.0, 0.62, 0.45),
+    (0.90, 0.62, 0.0),
+    (0.34, 0.71, 0.91),
+    (0.95, 0.90, 0.25),
+    (0.80, 0.47, 0.65),
+    (0.84, 0.37, 0.0),
+)
+"""Of Okabe and Ito, safe for the colour-blind."""
+_LINK, _THIN, _DOT = 0.012, 0.003, 0.008
+"""Widths of links and lines, diameter of a dot, m."""
+_HEIGHT, _FLAT = 0.02, 0.002
+"""Height of an object and of the disc where it really is, m."""
+_LETTERS = 0.018
+"""Height of a text, m."""
+_CIRCLE = 48
+"""Corners of a circle."""
+
+
+class Shape(Enum):
+    """What a primitive is."""
+
+    STRIP = 'strip'
+    CYLINDER = 'cylinder'
+    ARROW = 'arrow'
+    DOT = 'dot'
+    TEXT = 'text'
+
+
+@dataclass(frozen=True)
+class Primitive:
+    """One thing to draw.
+
+    Attributes:
+        group: what it belongs to, such as ``touches``; groups are shown and hidden together.
+        shape: a strip has two points or more, an arrow tail and head, all others one.
+        points: places in the base frame, (n, 3), m.
+        colour: of all of it.
+        size: width of a strip, diameter of a cylinder, an arrow's shaft or a dot, height of a text, m.
+        height: of a cylinder, m.
+        text: of a text.
+    """
+
+    group: str
+    shape: Shape
+    points: tuple[tuple[float, float, float], ...]
+    colour: Colour
+    size: float
+    height: float = 0.0
+    text: str = ''
+
+
+class Scales(NamedTuple):
+    """How large things are drawn.
+
+    Attributes:
+        force: length of the arrow of a force, m/N.
+        residual: of a residual force, m/N.
+        error: magnification of displacements and of the tip's uncertainty.
+    """
+
+    force: float = 0.002
+    residual: float = 0.05
+    error: float = 200.0
+
+
+class SeenTouch(NamedTuple):
+    """A touch as it was judged.
+
+    Attributes:
+        joints: q1, q2, rad.
+        force: on the object, base frame, N.
+        object: name of the object touched; empty where unknown.
+        accepted: whether it is used.
+    """
+
+    joints: tuple[float, float]
+    force: tuple[float, float]
+    object: str
+    accepted: bool
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, str], parameters: Parameters) -> SeenTouch | None:
+        """From the values of the collector's `~/touch`; None where they do not say where the arm was.
+
+        Args:
+            values: by name.
+            parameters: of the arm, by which a force in the frame of the tool is turned.
+        """
+        try:
+            first, second, x, y = (float(values[name]) for name in ('q1_rad', 'q2_rad', 'fx_N', 'fy_N'))
+        except (ValueError, LookupError):
+            return None
+        if not np.isfinite([first, second, x, y]).all():
+            return None
+        if values.get('frame') == 'tool':
+            x, y = rotate((x, y), first + parameters.theta1 + second + parameters.theta2).tolist()
+        return cls((first, second), (x, y), values.get('object', ''), values.get('accepted') == 'true')
+
+
+def object_markers(discs: Sequence[Disc]) -> list[Primitive]:
+    """The objects, with their radii from the centre to the tip's centre in contact, and their names."""
+    made = []
+    for number, disc in enumerate(discs):
+        colour = (*OBJECTS[number % len(OBJECTS)], 0.35)
+        at = _points([[disc.x, disc.y]], -_HEIGHT / 2)
+        made += [
+            Primitive('objects', Shape.CYLINDER, at, colour, 2 * disc.radius, _HEIGHT),
+            _label('objects', (disc.x, disc.y), disc.name, TEXT),
+        ]
+    return made
+
+
+def arm_markers(group: str, parameters: Parameters, joints: ArrayLike, colour: Colour) -> list[Primitive]:
+    """The rigid arm at joint angles, (2,), rad: its links, shoulder, elbow and tip."""
+    base = np.array([parameters.x0, parameters.y0])
+    link1, link2 = link_vectors(parameters, joints)
+    corners = _points([base, base + link1, base + link1 + link2])
+    dots = [Primitive(group, Shape.DOT, (corner,), colour, 1.8 * _LINK) for corner in corners[:2]]
+    return [Primitive(group, Shape.STRIP, corners, colour, _LINK), *dots]
+
+
+def touch_markers(
+    touches: Iterable[SeenTouch], parameters: Parameters, discs: Sequence[Disc], scales: Scales
+) -> list[Primitive]:
+    """A dot where the tip was, and the force as an arrow that ends there; touches that are not used are red dots."""
+    numbers = {disc.name: number for number, disc in enumerate(discs)}
+    made = []
+    for touch in touches:
+        tip = forward(parameters, touch.joints)
+        colour = (*OBJECTS[numbers.get(touch.object, 0) % len(OBJECTS)], 1.0) if touch.accepted else UNUSED
+        group = 'touches' if touch.accepted else 'rejected'
+        made.append(Primitive(group, Shape.DOT, _points([tip]), colour, _DOT if touch.accepted else 1.5 * _DOT))
+        if touch.accepted:
+            tail = tip - scales.force * np.asarray(touch.force)
+            made.append(Primitive('forces', Shape.ARROW, _points([tail, tip]), colour, _THIN))
+    return made
+
+
+def result_markers(document: Mapping[str, Any], discs: Sequence[Disc], scales: Scales) -> list[Primitive]:
+    """What a calibration found: residual forces, and what is not as the cell description says.
+
+    Args:
+        document: as in `calibration.json`; single touches, `touches.fitted`, may be missing.
+        discs: of the cell.
+        scales: of the drawing.
+    """
+    parameters = estimated(document)
+    found = [*document['diagnosis']['effects'], *document['diagnosis']['possible']]
+    made = [
+        Primitive('residuals', Shape.STRIP, _points([tip, tip + scales.residual * np.asarray(one['residual'])]), *_LINE)
+        for one in document['touches'].get('fitted', ())
+        if one['used']
+        for tip in [forward(parameters, one['joints'])]
+    ]
+    for effect in found:
+        made += _displaced(effect, discs, scales)
+    return made + _summary(document, found, discs, scales)
+
+
+def uncertainty_markers(document: Mapping[str, Any], joints: ArrayLike, scales: Scales) -> list[Primitive]:
+    """The ellipse of the tip's uncertainty (k = 2), magnified, at joint angles (2,), rad, without load.
+
+    None where the data do not determine the geometry.
+    """
+    covariance = tip_covariance(document, joints)
+    if covariance is None:
+        return []
+    tip = forward(estimated(document), joints)
+    values, axes = np.linalg.eigh(covariance)
+    lengths = COVERAGE_FACTOR * np.sqrt(np.maximum(values, 0))
+    outline = tip + scales.error * (_circle() * lengths) @ axes.T
+    text = f'tip ±{quantity(float(lengths[-1]), "m")} (k = 2), × {scales.error:g}'
+    below = (float(tip[0]), float(outline[:, 1].min()) - _LETTERS)
+    return [
+        Primitive('uncertainty', Shape.STRIP, _points(outline), CALIBRATED_COLOUR, _THIN),
+        _label('uncertainty', below, text, CALIBRATED_COLOUR),
+    ]
+
+
+def tip_covariance(document: Mapping[str, Any], joints: ArrayLike) -> Floats | None:
+    """Covariance of the rigid arm's tip, (2, 2), m², from that of the estimated parameters.
+
+    J Σ Jᵀ with the columns ∂H/∂L̄ of (5): I for the base, J_i for theta_i, the unit vector of link i for l_i. Without
+    load the deflection parameters have none. None where a parameter of the geometry is not determined, or the document
+    has no covariance.
+    """
+    geometry = ('x0', 'y0', 'theta1', 'l1', 'theta2', 'l2')
+    stated = document.get('covariance')
+    if stated is None or any(document['parameters'][name]['status'] == 'confounded' for name in geometry):
+        return None
+    parameters = estimated(document)
+    link1, link2 = link_vectors(parameters, joints)
+    columns = {
+        'x0': np.array([1.0, 0.0]),
+        'y0': np.array([0.0, 1.0]),
+        'theta1': quarter_turn(link1 + link2),
+        'l1': link1 / parameters.l1,
+        'theta2': quarter_turn(link2),
+        'l2': link2 / parameters.l2,
+    }
+    derivative = np.stack([columns.get(name, np.zeros(2)) for name in stated['names']], axis=-1)
+    return np.asarray(derivative @ np.asarray(stated['matrix']) @ derivative.T)
+
+
+def estimated(document: Mapping[str, Any]) -> Parameters:
+    """The parameters of a result."""
+    return Parameters(**{name: document['parameters'][name]['value'] for name in NAMES})
+
+
+def _displaced(effect: Mapping[str, Any], discs: Sequence[Disc], scales: Scales) -> list[Primitive]:
+    """The object where it really is, and an arrow from where it was said to be, magnified."""
+    disc = next((disc for disc in discs if disc.name == effect['target']), None)
+    values = {name: item['value'] for name, item in effect['parameters'].items()}
+    if disc is None or not all(value is not None for value in values.values()):
+        return []
+    shift = np.zeros(2)
+    if effect['name'] == 'object_position':
+        shift = np.array([values['x'], values['y']])
+    radius = disc.radius + (values['radius'] if effect['name'] == 'object_radius' else 0.0)
+    if radius == disc.radius and not shift.any():
+        return []
+    centre = np.array([disc.x, disc.y])
+    drawn = disc.radius + scales.error * (radius - disc.radius)
+    moved = centre + scales.error * shift
+    made = [Primitive('found', Shape.CYLINDER, _points([centre + shift], _FLAT), (*FOUND[:3], 0.25), 2 * radius, _FLAT)]
+    if drawn > 0:
+        made.append(Primitive('found', Shape.STRIP, _points(moved + drawn * _circle(), _HEIGHT), FOUND, _THIN))
+    if shift.any():
+        made.append(Primitive('found', Shape.ARROW, _points([centre, moved], _HEIGHT), FOUND, 2 * _THIN))
+    return made
+
+
+def _summary(
+    document: Mapping[str, Any], found: Sequence[Mapping[str, Any]], discs: Sequence[Disc], scales: Scales
+) -> list[Primitive]:
+    """Grade, verdict and effects in words, below everything."""
+    diagnosis = document['diagnosis']
+    lines = [f'{document["assessment"]["grade"]}; model: {diagnosis["verdict"]}']
+    for effect in found:
+        values = ', '.join(
+            f'{name} {quantity(item["value"], item["unit"])}'
+            for name, item in effect['parameters'].items()
+            if item['value'] is not None
+        )
+        target = f'[{effect["target"]}]' if effect['target'] else ''
+        lines.append(f'{effect["name"]}{target}: {values}')
+    lines.append(f'displacements × {scales.error:g}; residual forces {1e3 * scales.residual:g} mm per N')
+    left = min(disc.x - disc.radius for disc in discs)
+    below = min(0.0, min(disc.y - disc.radius for disc in discs))
+    middle = 0.5 * (left + max(disc.x + disc.radius for disc in discs))
+    return [
+        _label('summary', (middle, below - (4 + 1.6 * number) * _LETTERS), line, FOUND if found else TEXT)
+        for number, line in enumerate(lines)
+    ]
+
+
+def _label(group: str, place: tuple[float, float], text: str, colour: Colour) -> Primitive:
+    return Primitive(group, Shape.TEXT, _points([place], _HEIGHT), colour, _LETTERS, text=text)
+
+
+def _circle() -> Floats:
+    """A closed circle of radius 1, (n, 2)."""
+    angles = np.linspace(0, 2 * np.pi, _CIRCLE + 1)
+    return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+
+
+def _points(places: ArrayLike, height: float = 0.0) -> tuple[tuple[float, float, float], ...]:
+    """Places (n, 2) in the plane at a height."""
+    return tuple((float(x), float(y), height) for x, y in np.asarray(places, dtype=float))
+
+
+_LINE = (RESIDUAL, _THIN)

@@ -1,0 +1,68 @@
+"""The URDF of an arm has the kinematics of the model."""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+import pytest
+
+from scara_kinetostatic.files.urdf import CALIBRATED, TOOL_FRAME, Arm, arm_urdf, side_by_side
+from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
+
+JOINTS = ('shoulder', 'elbow & more')
+
+
+def numbers(element: Element, name: str) -> list[float]:
+    return [float(text) for text in element.attrib[name].split()]
+
+
+def pose(robot: Element, frame: str, angles: dict[str, float]) -> np.ndarray:
+    """Homogeneous transform (4, 4) from the root of a URDF to a frame; only turns about z."""
+    found = [joint for joint in robot.iterfind('joint') if joint.find('child').attrib['link'] == frame]  # type: ignore[union-attr]
+    if not found:
+        return np.eye(4)
+    (joint,) = found
+    origin, mimic = joint.find('origin'), joint.find('mimic')
+    assert origin is not None
+    roll, pitch, yaw = numbers(origin, 'rpy')
+    assert roll == pitch == 0
+    if joint.attrib['type'] != 'fixed':
+        assert numbers(joint.find('axis'), 'xyz') == [0, 0, 1]  # type: ignore[arg-type]
+        yaw += angles[joint.attrib['name'] if mimic is None else mimic.attrib['joint']]
+    step = np.eye(4)
+    step[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    step[:3, 3] = numbers(origin, 'xyz')
+    return pose(robot, joint.find('parent').attrib['link'], angles) @ step  # type: ignore[union-attr,no-any-return]
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_the_tip_is_that_of_the_rigid_arm(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    parameters = PAPER_ACTUAL.replace(theta1=random.uniform(-3, 3), theta2=random.uniform(-3, 3), l2=0.1 + seed)
+    robot = ElementTree.fromstring(side_by_side('arm', JOINTS, PAPER_NOMINAL, parameters))
+    for q in random.uniform(-np.pi, np.pi, (20, 2)):
+        angles = dict(zip(JOINTS, q.tolist(), strict=True))
+        for prefix, arm in (('', PAPER_NOMINAL), (CALIBRATED, parameters)):
+            at = pose(robot, prefix + TOOL_FRAME, angles)
+            np.testing.assert_allclose(at[:3, 3], [*forward(arm, q), 0], rtol=0, atol=1e-12)
+            along = q.sum() + arm.theta1 + arm.theta2
+            np.testing.assert_allclose(at[:2, 0], [np.cos(along), np.sin(along)], rtol=0, atol=1e-12)
+
+
+def test_it_is_one_tree_with_names_of_its_own() -> None:
+    robot = ElementTree.fromstring(side_by_side('arm', JOINTS, PAPER_NOMINAL, PAPER_ACTUAL))
+    links = [link.attrib['name'] for link in robot.iterfind('link')]
+    joints = [joint.attrib['name'] for joint in robot.iterfind('joint')]
+    children = [joint.attrib['link'] for joint in robot.iterfind('joint/child')]
+    assert len({*links}) == len(links) and len({*joints}) == len(joints)
+    assert sorted([*children, 'base_link']) == sorted(links)
+    assert [name for name in joints if name in JOINTS] == list(JOINTS)
+
+
+def test_a_single_arm_has_no_mimicking_joint() -> None:
+    text = arm_urdf('arm', JOINTS, [Arm(PAPER_ACTUAL)])
+    assert 'mimic' not in text and CALIBRATED not in text
+    assert side_by_side('arm', JOINTS, PAPER_ACTUAL, None) == text

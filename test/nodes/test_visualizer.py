@@ -1,0 +1,115 @@
+"""What the visualizer publishes, in this process with a listener of its own."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from time import monotonic
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from visualization_msgs.msg import Marker, MarkerArray
+
+from scara_kinetostatic.model.cell import PAPER_CELL
+from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.nodes import conversion
+from scara_kinetostatic.nodes.conversion import Sample
+from scara_kinetostatic.nodes.judged_touch import JudgedTouch
+from scara_kinetostatic.nodes.outcome_text import summary
+from scara_kinetostatic.nodes.stream_subscription import LATCHED, LATCHED_TOUCHES, RELIABLE_STREAM
+from scara_kinetostatic.nodes.visualizer import Visualizer
+from scara_kinetostatic.render.json_file import json_text
+from scara_kinetostatic.report.document import as_document
+
+WAIT = 20.0
+TOUCH = JudgedTouch(0, 10**9, (0, 2 * 10**9), '', 'disc_2', (0.0, 20.0), (0.8, 2.1))
+
+
+class Cell:
+    """The other nodes, and who watches; in the process and the context of the visualizer."""
+
+    def __init__(self, spin: Callable[..., Node], cell_file: Path) -> None:
+        arguments = ('--ros-args', '-r', '__ns:=/left', '-p', f'cell:={cell_file}', '-p', 'frame_prefix:=left/')
+        self.visualizer = spin(Visualizer, *arguments)
+        self.node = rclpy.create_node('others', namespace='/left')
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.heard: dict[str, Any] = {}
+        for kind, topic in ((MarkerArray, 'visualizer/markers'), (String, 'robot_description')):
+            self.node.create_subscription(kind, topic, self._hear(topic), LATCHED)
+        self.node.create_subscription(MarkerArray, 'visualizer/arm', self._hear('visualizer/arm'), 1)
+
+    def _hear(self, topic: str) -> Callable[[Any], None]:
+        return lambda message: self.heard.update({topic: message})
+
+    def wait(self, until: Callable[[], Any]) -> None:
+        end = monotonic() + WAIT
+        while not until():
+            assert monotonic() < end
+            self.executor.spin_once(timeout_sec=0.1)
+
+    def groups(self, topic: str) -> set[str]:
+        """The groups of markers of the last message."""
+        return {marker.ns for marker in self.heard[topic].markers} if topic in self.heard else set()
+
+
+@pytest.fixture
+def cell(spin: Callable[..., Node], cell_file: Path) -> Iterator[Cell]:
+    made = Cell(spin, cell_file)
+    yield made
+    made.executor.shutdown()
+    made.node.destroy_node()
+
+
+def test_it_shows_touches_arm_and_result(cell: Cell, grown: Any, tmp_path: Path) -> None:
+    touches = cell.node.create_publisher(type(TOUCH.message('', '', '')), 'collector/touch', LATCHED_TOUCHES)
+    touches.publish(TOUCH.message('/left/collector', '/bags/one', 'base'))
+    cell.wait(lambda: 'forces' in cell.groups('visualizer/markers'))
+    first, *others = cell.heard['visualizer/markers'].markers
+    assert first.action == Marker.DELETEALL
+    assert {marker.header.frame_id for marker in (first, *others)} == {'left/base_link'}
+    assert len({(marker.ns, marker.id) for marker in others}) == len(others)
+    assert cell.groups('visualizer/markers') == {'', 'objects', 'touches', 'forces'}
+
+    joints = cell.node.create_publisher(JointState, 'joint_states', RELIABLE_STREAM)
+    cell.wait(joints.get_subscription_count)
+    joints.publish(conversion.joint_state(Sample(0, 0.3, 0.9), ('joint1', 'joint2')))
+    cell.wait(lambda: 'visualizer/arm' in cell.heard)
+    (links,) = (item for item in cell.heard['visualizer/arm'].markers if item.type == Marker.LINE_STRIP)
+    assert (links.points[2].x, links.points[2].y) == pytest.approx(tuple(forward(PAPER_CELL.nominal, (0.3, 0.9))))
+
+    results = cell.node.create_publisher(String, 'calibrator/result', LATCHED)
+    results.publish(String(data='[]'))  # said, and no harm
+    document = as_document(grown)
+    (tmp_path / 'calibration.json').write_text(json_text(document))
+    results.publish(String(data=json.dumps(summary(document) | {'files': {'folder': str(tmp_path)}})))
+    cell.wait(lambda: 'summary' in cell.groups('visualizer/markers'))
+    assert 'residuals' in cell.groups('visualizer/markers')  # from the file
+    cell.wait(lambda: 'calibrated' in cell.groups('visualizer/arm'))
+    assert 'uncertainty' in cell.groups('visualizer/arm')
+
+
+def test_a_result_whose_file_is_gone_is_shown_without_residuals(cell: Cell, plain: Any, tmp_path: Path) -> None:
+    results = cell.node.create_publisher(String, 'calibrator/result', LATCHED)
+    results.publish(String(data=json.dumps(summary(as_document(plain)) | {'files': {'folder': str(tmp_path)}})))
+    cell.wait(lambda: 'summary' in cell.groups('visualizer/markers'))
+    assert 'residuals' not in cell.groups('visualizer/markers')
+
+
+def test_the_description_of_the_robot_has_the_calibrated_arm_once_there_is_one(cell: Cell, plain: Any) -> None:
+    def links() -> list[str]:
+        robot = ElementTree.fromstring(cell.heard['robot_description'].data)
+        return [link.attrib['name'] for link in robot.iterfind('link')]
+
+    cell.wait(lambda: 'robot_description' in cell.heard)
+    assert links() == ['base_link', 'link1', 'link2', 'tool0']
+    results = cell.node.create_publisher(String, 'calibrator/result', LATCHED)
+    results.publish(String(data=json.dumps(summary(as_document(plain)) | {'files': {'folder': None}})))
+    cell.wait(lambda: 'calibrated_tool0' in links())
