@@ -20,12 +20,12 @@ from std_srvs.srv import Trigger
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.nodes import conversion
-from scara_kinetostatic.nodes.collector import LATCHED_TOUCHES, Collector
+from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.diagnostics import OK, WARN
 from scara_kinetostatic.nodes.processes import NodeProcesses
-from scara_kinetostatic.nodes.stream_subscription import RELIABLE_STREAM
+from scara_kinetostatic.nodes.stream_subscription import LATCHED_TOUCHES, RELIABLE_STREAM
 from scara_kinetostatic.touches.detection import DISCARDED, find_touches
 
 WAIT = 15.0
