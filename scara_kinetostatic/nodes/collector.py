@@ -46,10 +46,7 @@ POLL = 0.1
 """Period of the search for finished touches, s."""
 REST = 0.005
 """Between two callbacks, s: messages of 1 kHz are taken ten at a time."""
-<<<<<<< Updated upstream
 
-=======
->>>>>>> Stashed changes
 
 class Collector(Node):
     """Records on request.
