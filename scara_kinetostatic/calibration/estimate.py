@@ -18,7 +18,7 @@ from scara_kinetostatic.calibration.identifiability import scales_of, unidentifi
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, as_stated, estimate_noise, is_estimated
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.projection import project, turn_radial
-from scara_kinetostatic.calibration.solver import Fit, Termination, minimise
+from scara_kinetostatic.calibration.solver import MAX_ITERATIONS, Fit, Termination, minimise
 from scara_kinetostatic.calibration.subspace import ActivePrior, Subspace
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
@@ -31,8 +31,10 @@ _ROUNDS = 20
 _FREE_ROUNDS = 4
 """Rounds in which an unidentifiable direction may be freed and an outlier taken back, while the noise converges; after
 that neither is, as two decisions could alternate for ever."""
+_WARM_ITERATIONS = 30
+"""Steps of a run with a warm start at most; one that converges takes ten or less, mostly."""
 _MOST_LIMITS = 2
-"""Runs in a row at the iteration limit after which a fit with a warm start is given up."""
+"""Such runs in a row that do not converge, after which the fit is given up."""
 _SAME_DIRECTION = 1e-3
 """Largest component outside the former directions with which a direction is one of them."""
 _NOISE_TOLERANCE = 1e-3
@@ -136,10 +138,10 @@ def estimate(
     """
     everything = Subspace.of_free(start, free, scales_of(start))
     model, errors, adjusted, now, iterations = _begin(observations, cell, start, everything, warm_start)
-    limits = 0
+    limits, most = 0, MAX_ITERATIONS if warm_start is None else _WARM_ITERATIONS
     observations = observations.with_errors(errors)
     for number in range(_ROUNDS + 1):
-        fit = minimise(observations, model, adjusted, now.subspace, now.noise, now.stage, now.used)
+        fit = minimise(observations, model, adjusted, now.subspace, now.noise, now.stage, now.used, most)
         model, adjusted, iterations = fit.point.model, fit.point.adjusted, iterations + fit.iterations
         observations = observations.with_errors(fit.point.errors)
         distance = outliers.studentised(fit.point.whitened, covariance_of_fit(fit, now.subspace), now.used)

@@ -24,7 +24,7 @@ from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
-_MAX_ITERATIONS = 60
+MAX_ITERATIONS = 60
 _FROZEN_AFTER = 12
 """Steps of a run after which every joint stays on its flank: at the edge of a dead band it could else alternate."""
 
@@ -228,7 +228,7 @@ def minimise(
     noise: Noise,
     stage: Stage,
     used: Mask | None = None,
-    max_iterations: int = _MAX_ITERATIONS,
+    max_iterations: int = MAX_ITERATIONS,
 ) -> Fit:
     """Find the model of least cost in a subspace.
 

@@ -44,6 +44,8 @@ _FIRST_GROWTH = 0.01
 """Where the estimation of the part that grows with the force begins."""
 _LARGEST_GROWTH = 0.05
 """A larger part is a model error."""
+_HINT = 0.1
+"""The same of the score test, where the residuals are larger than noise: without it no components are fitted."""
 _FEWEST_FREEDOMS = 30
 """Degrees of freedom below which the scatter does not show what it depends on."""
 
@@ -109,7 +111,7 @@ def _open_kinds(c: Calibration) -> list[str]:
 
 def _noise_of(c: Calibration, suspicious: bool) -> Noise | None:
     """The noise of a fit with the components that its residuals ask for, one after the other; None where none is."""
-    if not suspicious and not _is_significant(c):
+    if not _is_significant(c, _HINT if suspicious else STRICT_SIGNIFICANCE):
         return None
     needed = _PENALTY if suspicious else CREDIBLE
     best, least, kinds = c, penalised_deviance(c, 0.0, 1.0), _open_kinds(c)
@@ -128,11 +130,11 @@ def _noise_of(c: Calibration, suspicious: bool) -> Noise | None:
     return best.noise
 
 
-def _is_significant(c: Calibration) -> bool:
-    """Whether a score test asks for a component, with the others of any size."""
+def _is_significant(c: Calibration, level: float) -> bool:
+    """Whether a score test asks for a component at a level of significance, with the others of any size."""
     kinds = _open_kinds(c)
     beside = (JOINT, FORCE, OFF_NORMAL) if c.model.off_normal_std else (JOINT, FORCE)
-    return any(excess_p_value(c, kind, beside) * len(kinds) < STRICT_SIGNIFICANCE for kind in kinds)
+    return any(excess_p_value(c, kind, beside) * len(kinds) < level for kind in kinds)
 
 
 def _depends_on_something(c: Calibration) -> bool:
