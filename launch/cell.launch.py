@@ -1,82 +1,192 @@
-"""Starts a whole cell: simulated robot, collector, calibrator.
+"""Starts a whole cell: simulated robot, collector, calibrator, visualizer.
 
 For a real robot set `simulate:=false`, which leaves out the first, and `cell:=/path/to/cell.yaml`: its joint angles and
 forces make no sense with the example cell. Then calibrate by
-`ros2 service call /calibrator/calibrate std_srvs/srv/Trigger`.
+`ros2 service call /calibrator/calibrate std_srvs/srv/Trigger`. A node that ends ends the launch, by itself or for a
+wrong parameter; with `respawn:=true` one that has crashed is started again.
 """
 
 from __future__ import annotations
 
-from typing import List  # noqa: UP035 - launch knows lists by this name only
+from collections.abc import Iterable
+from typing import Any, List  # noqa: UP035 - launch knows lists by this name only
 
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.conditions import IfCondition
+from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 PACKAGE = 'scara_kinetostatic'
-SHARE = FindPackageShare(PACKAGE)
+CONFIG = PathJoinSubstitution([FindPackageShare(PACKAGE), 'config'])
+WRONG_INPUT = 2
+"""Exit status of a node for a parameter or a file that is not valid: to start it again would not help."""
+RESPAWN_DELAY = 2.0
+"""From the end of a node to its next start, s."""
 
 
 def generate_launch_description() -> LaunchDescription:
-    """The arguments and the three nodes."""
-    return LaunchDescription([*_arguments(), OpaqueFunction(function=_check_cell), *_nodes()])
-
-
-def _check_cell(context: LaunchContext) -> None:
-    """Check that a real robot has a cell description.
-
-    Raises:
-        RuntimeError: it has none; the launch ends with this line.
-    """
-    simulate, cell = (LaunchConfiguration(name).perform(context) for name in ('simulate', 'cell'))
-    if simulate == 'false' and not cell.strip():
-        raise RuntimeError('simulate:=false needs the cell description of the robot: cell:=/path/to/cell.yaml')
+    """The arguments, and the nodes that they ask for."""
+    return LaunchDescription([*_arguments(), OpaqueFunction(function=lambda context: Cell(context).actions())])
 
 
 def _arguments() -> list[DeclareLaunchArgument]:
-    def argument(name: str, default: object, description: str, **more: object) -> DeclareLaunchArgument:
+    def argument(name: str, default: str, description: str, *choices: str) -> DeclareLaunchArgument:
+        more = {'choices': list(choices)} if choices else {}
         return DeclareLaunchArgument(name, default_value=default, description=description, **more)
 
-    switch = {'choices': ['true', 'false']}
+    switch = ('true', 'false')
+    levels = ('debug', 'info', 'warn', 'error', 'fatal')
     return [
         argument('cell', '', 'cell description; empty: the example cell, for the simulator only'),
-        argument('params', PathJoinSubstitution([SHARE, 'config', 'nodes.yaml']), 'parameters of the nodes'),
-        argument('simulate', 'true', 'start the simulator, too', **switch),
+        argument('params', '', 'parameters of the nodes, a YAML file; empty: config/nodes.yaml of the package'),
+        argument('preload', '', 'calibrator: calibration.yaml of an earlier result; empty: none'),
+        argument('namespace', '', 'of all nodes, such as left; also begins the names of their frames'),
+        argument('use_sim_time', 'false', 'take the time from /clock', *switch),
+        argument('log_level', 'info', 'of the log of all nodes', *levels),
+        argument('respawn', 'false', 'start a node again that has crashed; else the launch ends', *switch),
+        argument('simulate', 'true', 'start the simulator', *switch),
+        argument('record', 'true', 'start the collector', *switch),
+        argument('calibrate', 'true', 'start the calibrator', *switch),
+        argument('show', 'true', 'start the visualizer', *switch),
+        argument('frames', 'true', 'start robot_state_publisher, where it is installed', *switch),
+        argument('rviz', 'false', 'start RViz with the configuration of the package', *switch),
         argument('plan', '', 'simulator: plan of touches; empty: the default plan over all discs'),
         argument('effects', "['']", 'simulator: effects of the robot, a YAML list'),
         argument('time_factor', '1.0', 'simulator: simulated seconds per second'),
         argument('seed', '0', 'simulator: seed of the noise'),
-        argument('autostart', 'true', 'collector: record at once', **switch),
+        argument('autostart', 'true', 'collector: record at once', *switch),
         argument('recordings', 'recordings', 'collector: folder for the recordings'),
+        argument('recording', '', 'calibrator: recording to calibrate from; empty: what the collector announces'),
         argument('output', '', 'calibrator: folder for the results; empty: beside the recording'),
         argument('enclaves', '/scara_kinetostatic', 'SROS 2: the enclave of each node is <this>/<its name>'),
     ]
 
 
-def _nodes() -> list[Node]:
-    def node(name: str, values: dict[str, object], **more: object) -> Node:
-        parameters = [LaunchConfiguration('params'), {'cell': _value('cell', str), **values}]
-        more['ros_arguments'] = ['--enclave', [LaunchConfiguration('enclaves'), f'/{name}']]
-        return Node(package=PACKAGE, executable=name, name=name, output='screen', parameters=parameters, **more)
+class Cell:
+    """The nodes of one cell, by the arguments in a context."""
 
-    simulator = {
-        'plan': _value('plan', str),
-        'effects': _value('effects', List[str]),  # noqa: UP006
-        'time_factor': _value('time_factor', float),
-        'seed': _value('seed', int),
-    }
-    collector = {'autostart': _value('autostart', bool), 'output': _value('recordings', str)}
-    return [
-        node('contact_simulator', simulator, condition=IfCondition(LaunchConfiguration('simulate'))),
-        node('collector', collector),
-        node('calibrator', {'output': _value('output', str)}),
-    ]
+    def __init__(self, context: LaunchContext) -> None:
+        self._context = context
+        self._respawn = self._on('respawn')
+
+    def actions(self) -> list[Any]:
+        """What to start.
+
+        Raises:
+            RuntimeError: the arguments contradict each other; the launch ends with this line.
+        """
+        self._check()
+        actions: list[Any] = list(self._nodes())
+        if not self._on('show'):
+            return actions
+        if not (self._on('simulate') or self._text('cell')):
+            return [*actions, LogInfo(msg='no cell given: the visualizer is not started')]
+        actions.append(self._node('visualizer', {'frame_prefix': self._prefix}))
+        if self._on('frames') and _is_installed('robot_state_publisher'):
+            actions.append(self._robot_state_publisher())
+        elif self._on('frames'):
+            actions.append(LogInfo(msg='robot_state_publisher is not installed: markers are shown, frames are not'))
+        return [*actions, *self._rviz()]
+
+    def _check(self) -> None:
+        if not (self._on('simulate') or self._text('cell')) and self._on('record'):
+            raise RuntimeError('simulate:=false needs the cell description of the robot: cell:=/path/to/cell.yaml')
+        if not any(map(self._on, ('simulate', 'record', 'calibrate', 'show'))):
+            raise RuntimeError('nothing to start: simulate, record, calibrate and show are all false')
+        if self._on('rviz') and not _is_installed('rviz2'):
+            raise RuntimeError('rviz:=true, but rviz2 is not installed: apt install ros-jazzy-rviz2')
+
+    def _nodes(self) -> Iterable[Node]:
+        if self._on('simulate'):
+            effects = {'effects': ParameterValue(LaunchConfiguration('effects'), value_type=List[str])}  # noqa: UP006
+            numbers = {'time_factor': self._typed('time_factor', float), 'seed': self._typed('seed', int)}
+            yield self._node('contact_simulator', {'plan': self._typed('plan', str), **numbers, **effects})
+        if self._on('record'):
+            recording = {'autostart': self._on('autostart'), 'output': self._typed('recordings', str)}
+            yield self._node('collector', recording)
+        if self._on('calibrate'):
+            named = {name: self._typed(name, str) for name in ('output', 'recording') if self._text(name)}
+            yield self._node('calibrator', named, *filter(None, [self._text('preload')]))
+
+    def _node(self, name: str, values: dict[str, Any], *files: str) -> Node:
+        shared = {'cell': self._typed('cell', str), 'use_sim_time': self._on('use_sim_time')}
+        enclave = ['--enclave', f'{self._text("enclaves")}/{name}']
+        return self._any_node(
+            PACKAGE,
+            name,
+            parameters=[
+                self._text('params') or PathJoinSubstitution([CONFIG, 'nodes.yaml']),
+                *files,
+                {**shared, **values},
+            ],
+            ros_arguments=['--log-level', self._text('log_level'), *enclave],
+            respawn=self._respawn,
+            respawn_delay=RESPAWN_DELAY,
+            on_exit=self._note_end,
+        )
+
+    def _robot_state_publisher(self) -> Node:
+        """Publishes the frames of the nominal arm; the visualizer hands it the calibrated one."""
+        from scara_kinetostatic.files.cell_file import load_cell
+        from scara_kinetostatic.files.urdf import side_by_side
+        from scara_kinetostatic.model.cell import PAPER_CELL
+
+        path = self._text('cell')
+        cell = load_cell(path) if path else PAPER_CELL
+        urdf = side_by_side('scara', cell.joint_names, cell.nominal, None)
+        values = {'robot_description': ParameterValue(urdf, value_type=str), 'frame_prefix': self._prefix}
+        name = 'robot_state_publisher'
+        return self._any_node(
+            name,
+            name,
+            parameters=[values | {'use_sim_time': self._on('use_sim_time')}],
+            remappings=[
+                ('joint_states', cell.sensor.joint_states),
+                ('robot_description', 'robot_state_publisher/robot_description'),  # the visualizer publishes it
+            ],
+        )
+
+    def _rviz(self) -> Iterable[Node]:
+        if self._on('rviz'):
+            configuration = ['-d', PathJoinSubstitution([CONFIG, 'cell.rviz']), '-f', f'{self._prefix}base_link']
+            yield self._any_node(
+                'rviz2', 'rviz2', arguments=configuration, parameters=[{'use_sim_time': self._on('use_sim_time')}]
+            )
+
+    def _any_node(self, package: str, name: str, **more: Any) -> Node:
+        return Node(
+            package=package, executable=name, name=name, namespace=self._text('namespace'), output='screen', **more
+        )
+
+    def _note_end(self, event: Any, context: LaunchContext) -> Shutdown | None:
+        """Ends the launch when a node has ended that is not started again."""
+        if context.is_shutdown or (self._respawn and event.returncode != WRONG_INPUT):
+            return None
+        return Shutdown(reason=f'{event.process_name} has ended with status {event.returncode}')
+
+    @property
+    def _prefix(self) -> str:
+        """Of the names of frames."""
+        namespace = self._text('namespace').strip('/')
+        return f'{namespace}/' if namespace else ''
+
+    def _text(self, name: str) -> str:
+        return str(LaunchConfiguration(name).perform(self._context)).strip()
+
+    def _on(self, name: str) -> bool:
+        return self._text(name) == 'true'
+
+    def _typed(self, name: str, kind: type) -> ParameterValue:
+        """The argument as a parameter of that type."""
+        return ParameterValue(LaunchConfiguration(name), value_type=kind)
 
 
-def _value(argument: str, kind: object) -> ParameterValue:
-    """The argument as a parameter of that type."""
-    return ParameterValue(LaunchConfiguration(argument), value_type=kind)
+def _is_installed(package: str) -> bool:
+    try:
+        get_package_prefix(package)
+    except PackageNotFoundError:
+        return False
+    return True

@@ -5,22 +5,24 @@ from __future__ import annotations
 import runpy
 import sys
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
 
-FILE = Path(__file__).parents[2] / 'launch' / 'cell.launch.py'
+LAUNCH = Path(__file__).parents[2] / 'launch'
 MODULES = {
     'launch': ('LaunchContext', 'LaunchDescription'),
-    'launch.actions': ('DeclareLaunchArgument', 'OpaqueFunction'),
-    'launch.conditions': ('IfCondition',),
+    'launch.actions': ('DeclareLaunchArgument', 'IncludeLaunchDescription', 'LogInfo', 'OpaqueFunction', 'Shutdown'),
     'launch.substitutions': ('LaunchConfiguration', 'PathJoinSubstitution'),
     'launch_ros': (),
     'launch_ros.actions': ('Node',),
     'launch_ros.parameter_descriptions': ('ParameterValue',),
     'launch_ros.substitutions': ('FindPackageShare',),
+    'ament_index_python': (),
+    'ament_index_python.packages': (),
 }
+ALL = ['contact_simulator', 'collector', 'calibrator', 'visualizer']
 
 
 class StandIn:
@@ -33,19 +35,133 @@ class StandIn:
         return context[self.args[0]]
 
 
+class Launched:
+    """The launch file, and what is installed beside it."""
+
+    def __init__(self, file: dict[str, Any], installed: set[str]) -> None:
+        self.file, self.installed = file, installed
+        (entities,) = file['generate_launch_description']().args
+        self.defaults = {item.args[0]: item.given['default_value'] for item in entities if item.args}
+
+    def actions(self, **arguments: str) -> list[Any]:
+        assert arguments.keys() <= self.defaults.keys()
+        return list(self.file['Cell'](self.defaults | arguments).actions())
+
+    def nodes(self, **arguments: str) -> dict[str, dict[str, Any]]:
+        """What each node is started with, by its name."""
+        return {item.given['name']: item.given for item in self.actions(**arguments) if 'name' in item.given}
+
+
 @pytest.fixture
-def launch_file(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+def launched(monkeypatch: pytest.MonkeyPatch) -> Launched:
+    installed: set[str] = set()
+
+    class NotFoundError(KeyError):
+        pass
+
+    def prefix(package: str) -> str:
+        if package not in installed:
+            raise NotFoundError(package)
+        return '/opt'
+
     for name, classes in MODULES.items():
         module = ModuleType(name)
         vars(module).update({each: type(each, (StandIn,), {}) for each in classes})
+        vars(module).update(PackageNotFoundErrorError=NotFoundError, get_package_prefix=prefix)
         monkeypatch.setitem(sys.modules, name, module)
-    return runpy.run_path(str(FILE))
+    return Launched(runpy.run_path(str(LAUNCH / 'cell.launch.py')), installed)
 
 
-def test_a_real_robot_needs_its_cell_description(launch_file: dict[str, Any]) -> None:
-    (actions,) = launch_file['generate_launch_description']().args
-    (check,) = (action.given['function'] for action in actions if 'function' in action.given)
-    for simulate, cell in (('true', ''), ('true', 'cell.yaml'), ('false', 'cell.yaml')):
-        assert not check({'simulate': simulate, 'cell': cell})
-    with pytest.raises(RuntimeError, match='simulate:=false needs the cell description'):
-        check({'simulate': 'false', 'cell': ' '})
+def parameters(node: dict[str, Any]) -> dict[str, Any]:
+    return dict(node['parameters'][-1])
+
+
+def test_everything_starts_by_default(launched: Launched) -> None:
+    nodes = launched.nodes()
+    assert list(nodes) == ALL
+    assert [node['executable'] for node in nodes.values()] == ALL
+    assert {node['package'] for node in nodes.values()} == {'scara_kinetostatic'}
+
+
+@pytest.mark.parametrize(('arguments', 'expected'), [
+    ({'simulate': 'false', 'cell': 'c.yaml'}, ALL[1:]),
+    ({'calibrate': 'false'}, ['contact_simulator', 'collector', 'visualizer']),
+    ({'calibrate': 'false', 'show': 'false', 'simulate': 'false', 'cell': 'c.yaml'}, ['collector']),
+    ({'simulate': 'false', 'record': 'false', 'recording': 'bag'}, ['calibrator']),
+    ({'simulate': 'false', 'record': 'false', 'cell': 'c.yaml'}, ['calibrator', 'visualizer']),
+])  # fmt: skip
+def test_parts_are_left_out(launched: Launched, arguments: dict[str, str], expected: list[str]) -> None:
+    assert list(launched.nodes(**arguments)) == expected
+
+
+@pytest.mark.parametrize(('arguments', 'problem'), [
+    ({'simulate': 'false'}, 'simulate:=false needs the cell description'),
+    ({'simulate': 'false', 'cell': ' '}, 'simulate:=false needs the cell description'),
+    (dict.fromkeys(('simulate', 'record', 'calibrate', 'show'), 'false'), 'nothing to start'),
+    ({'rviz': 'true'}, 'rviz2 is not installed'),
+])  # fmt: skip
+def test_arguments_that_contradict_each_other_are_refused(
+    launched: Launched, arguments: dict[str, str], problem: str
+) -> None:
+    with pytest.raises(RuntimeError, match=problem) as error:
+        launched.actions(**arguments)
+    assert '\n' not in str(error.value)
+
+
+def test_a_namespace_is_that_of_every_node_and_of_the_frames(launched: Launched) -> None:
+    launched.installed |= {'robot_state_publisher', 'rviz2'}
+    nodes = launched.nodes(namespace='/left', rviz='true')
+    assert list(nodes) == [*ALL, 'robot_state_publisher', 'rviz2']
+    assert {node['namespace'] for node in nodes.values()} == {'/left'}
+    assert parameters(nodes['visualizer'])['frame_prefix'] == 'left/'
+    assert parameters(nodes['robot_state_publisher'])['frame_prefix'] == 'left/'
+    assert nodes['rviz2']['arguments'][-2:] == ['-f', 'left/base_link']
+
+
+def test_the_frames_are_those_of_the_nominal_arm(launched: Launched) -> None:
+    launched.installed.add('robot_state_publisher')
+    node = launched.nodes()['robot_state_publisher']
+    urdf = parameters(node)['robot_description'].args[0]
+    assert '<link name="tool0">' in urdf and 'calibrated_' not in urdf
+    assert ('joint_states', 'joint_states') in node['remappings']
+    assert 'robot_state_publisher' not in launched.nodes(frames='false')
+
+
+def test_a_missing_robot_state_publisher_is_said(launched: Launched) -> None:
+    (said,) = (item.given['msg'] for item in launched.actions() if 'msg' in item.given)
+    assert said == 'robot_state_publisher is not installed: markers are shown, frames are not'
+
+
+def test_time_log_level_and_an_earlier_result(launched: Launched) -> None:
+    nodes = launched.nodes(use_sim_time='true', log_level='debug', preload='calibration.yaml', output='out')
+    for name, node in nodes.items():
+        assert parameters(node)['use_sim_time'] is True
+        assert node['ros_arguments'] == ['--log-level', 'debug', '--enclave', f'/scara_kinetostatic/{name}']
+    assert nodes['calibrator']['parameters'][1] == 'calibration.yaml'
+    assert len(nodes['collector']['parameters']) == 2
+    assert 'output' in parameters(nodes['calibrator']) and 'recording' not in parameters(nodes['calibrator'])
+
+
+@pytest.mark.parametrize(('respawn', 'status', 'ends'), [
+    ('false', 1, True), ('false', 2, True), ('true', 1, False), ('true', -9, False), ('true', 2, True),
+])  # fmt: skip
+def test_the_end_of_a_node(launched: Launched, respawn: str, status: int, ends: bool) -> None:
+    """It ends the launch, unless the node is started again."""
+    node = launched.nodes(respawn=respawn)['collector']
+    assert node['respawn'] == (respawn == 'true') and node['respawn_delay'] > 0
+    event = SimpleNamespace(returncode=status, process_name='collector-2')
+    action = node['on_exit'](event, SimpleNamespace(is_shutdown=False))
+    assert (action is not None) == ends
+    if ends:
+        assert action.given['reason'] == f'collector-2 has ended with status {status}'
+    assert node['on_exit'](event, SimpleNamespace(is_shutdown=True)) is None
+
+
+def test_two_cells_share_nothing(launched: Launched) -> None:
+    file = runpy.run_path(str(LAUNCH / 'two_cells.launch.py'))
+    (entities,) = file['generate_launch_description']().args
+    cells = [dict(item.given['launch_arguments']) for item in entities if 'launch_arguments' in item.given]
+    assert [cell['namespace'] for cell in cells] == ['left', 'right']
+    assert [cell['seed'] for cell in cells] == ['0', '1']
+    assert [cell['recordings'].args[0][-1] for cell in cells] == ['left', 'right']
+    assert all(cell.keys() <= launched.defaults.keys() for cell in cells)

@@ -79,4 +79,4 @@ def test_the_operator_may_call_and_hear_what_there_is() -> None:
 def test_policies_are_installed() -> None:
     setup = (ROOT / 'setup.py').read_text()
     assert "files('config/sros2', '*.xml')" in setup
-    assert 'recursive-include config *.yaml *.xml' in (ROOT / 'MANIFEST.in').read_text()
+    assert 'recursive-include config *.yaml *.xml *.rviz *.json' in (ROOT / 'MANIFEST.in').read_text()
