@@ -7,7 +7,7 @@ right_cell:=…`; topics that the cell descriptions name without a leading slash
 from __future__ import annotations
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.actions import DeclareLaunchArgument, GroupAction, IncludeLaunchDescription
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.substitutions import FindPackageShare
 
@@ -26,7 +26,8 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription([*arguments, *(_cell(name, seed) for seed, name in enumerate(NAMES))])
 
 
-def _cell(name: str, seed: int) -> IncludeLaunchDescription:
+def _cell(name: str, seed: int) -> GroupAction:
+    """One cell; its arguments end with the group, so that they are not those of the next."""
     arguments = {
         'namespace': name,
         'cell': LaunchConfiguration(f'{name}_cell'),
@@ -35,4 +36,4 @@ def _cell(name: str, seed: int) -> IncludeLaunchDescription:
         'recordings': PathJoinSubstitution([LaunchConfiguration('recordings'), name]),
         'seed': str(seed),
     }
-    return IncludeLaunchDescription(ONE, launch_arguments=arguments.items())
+    return GroupAction([IncludeLaunchDescription(ONE, launch_arguments=arguments.items())], scoped=True)

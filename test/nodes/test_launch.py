@@ -13,7 +13,14 @@ import pytest
 LAUNCH = Path(__file__).parents[2] / 'launch'
 MODULES = {
     'launch': ('LaunchContext', 'LaunchDescription'),
-    'launch.actions': ('DeclareLaunchArgument', 'IncludeLaunchDescription', 'LogInfo', 'OpaqueFunction', 'Shutdown'),
+    'launch.actions': (
+        'DeclareLaunchArgument',
+        'GroupAction',
+        'IncludeLaunchDescription',
+        'LogInfo',
+        'OpaqueFunction',
+        'Shutdown',
+    ),
     'launch.substitutions': ('LaunchConfiguration', 'PathJoinSubstitution'),
     'launch_ros': (),
     'launch_ros.actions': ('Node',),
@@ -67,7 +74,7 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> Launched:
     for name, classes in MODULES.items():
         module = ModuleType(name)
         vars(module).update({each: type(each, (StandIn,), {}) for each in classes})
-        vars(module).update(PackageNotFoundErrorError=NotFoundError, get_package_prefix=prefix)
+        vars(module).update(PackageNotFoundError=NotFoundError, get_package_prefix=prefix)
         monkeypatch.setitem(sys.modules, name, module)
     return Launched(runpy.run_path(str(LAUNCH / 'cell.launch.py')), installed)
 
@@ -160,7 +167,8 @@ def test_the_end_of_a_node(launched: Launched, respawn: str, status: int, ends: 
 def test_two_cells_share_nothing(launched: Launched) -> None:
     file = runpy.run_path(str(LAUNCH / 'two_cells.launch.py'))
     (entities,) = file['generate_launch_description']().args
-    cells = [dict(item.given['launch_arguments']) for item in entities if 'launch_arguments' in item.given]
+    groups = [item for item in entities if item.given.get('scoped')]
+    cells = [dict(item.given['launch_arguments']) for group in groups for item in group.args[0]]
     assert [cell['namespace'] for cell in cells] == ['left', 'right']
     assert [cell['seed'] for cell in cells] == ['0', '1']
     assert [cell['recordings'].args[0][-1] for cell in cells] == ['left', 'right']
