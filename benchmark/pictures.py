@@ -17,10 +17,22 @@ from markupsafe import Markup
 from benchmark.common import CELL, parser
 from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, NOMINAL_COLOUR
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.render.figure import style, svg_file
+from scara_kinetostatic.render.marker_picture import marker_picture
+from scara_kinetostatic.render.markers import (
+    Scales,
+    SeenTouch,
+    arm_markers,
+    object_markers,
+    result_markers,
+    touch_markers,
+    uncertainty_markers,
+)
 from scara_kinetostatic.report import effect_figures, figures, tip_maps
+from scara_kinetostatic.report.document import as_document
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.studies.design import figures as design_pictures
@@ -49,6 +61,7 @@ def main() -> int:
 def pictures() -> Iterator[tuple[str, Markup]]:
     """Name and SVG of each."""
     yield 'missing_effect', missing_effect()
+    yield 'markers', markers()
     found = calibrate(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL)), CELL)
     yield 'cell', figures.cell_picture(found)
     yield 'tip_deviation', tip_maps.deviation_picture(found, tip_maps.deviation(found, tip_maps.tip_map(found, 1)))
@@ -65,6 +78,32 @@ def pictures() -> Iterator[tuple[str, Markup]]:
     assert gripper.gap_map is not None
     yield 'gripper_backlash', gauge_pictures.map_picture(gripper.gap_map, 'µm', 'backlash (gap)', 'gap')
     yield 'gripper_force', gauge_pictures.force_picture(gripper.runs[0], 'force')
+
+
+def markers() -> Markup:
+    """What the visualizer shows of the recording with a displaced disc, after its calibration."""
+    cell = embedded_cell(UNDECLARED)
+    assert cell is not None
+    outcome = calibrate_recordings([UNDECLARED], cell)
+    document, touches, scales = as_document(outcome), outcome.final.touches, Scales()
+    pose = touches.joints[len(touches) // 2].tolist()
+    seen = [
+        SeenTouch((q[0], q[1]), (f[0], f[1]), cell.discs[disc].name, bool(used))
+        for q, f, disc, used in zip(
+            touches.joints.tolist(), outcome.final.force.tolist(), touches.disc, outcome.final.used, strict=True
+        )
+    ]
+    parameters = outcome.final.parameters
+    return marker_picture(
+        [
+            *object_markers(cell.discs),
+            *touch_markers(seen, parameters, cell.discs, scales),
+            *result_markers(document, cell.discs, scales),
+            *arm_markers('nominal', cell.nominal, pose, NOMINAL_COLOUR),
+            *arm_markers('calibrated', parameters, pose, CALIBRATED_COLOUR),
+            *uncertainty_markers(document, pose, scales),
+        ]
+    )
 
 
 def missing_effect() -> Markup:

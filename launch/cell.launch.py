@@ -19,6 +19,11 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
+from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.files.cell_file import load_cell
+from scara_kinetostatic.files.urdf import BASE_FRAME, side_by_side
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell
+
 PACKAGE = 'scara_kinetostatic'
 CONFIG = PathJoinSubstitution([FindPackageShare(PACKAGE), 'config'])
 WRONG_INPUT = 2
@@ -29,7 +34,7 @@ RESPAWN_DELAY = 2.0
 
 def generate_launch_description() -> LaunchDescription:
     """The arguments, and the nodes that they ask for."""
-    return LaunchDescription([*_arguments(), OpaqueFunction(function=lambda context: Cell(context).actions())])
+    return LaunchDescription([*_arguments(), OpaqueFunction(function=lambda context: CellNodes(context).actions())])
 
 
 def _arguments() -> list[DeclareLaunchArgument]:
@@ -65,7 +70,7 @@ def _arguments() -> list[DeclareLaunchArgument]:
     ]
 
 
-class Cell:
+class CellNodes:
     """The nodes of one cell, by the arguments in a context."""
 
     def __init__(self, context: LaunchContext) -> None:
@@ -96,6 +101,7 @@ class Cell:
             raise RuntimeError('simulate:=false needs the cell description of the robot: cell:=/path/to/cell.yaml')
         if not any(map(self._on, ('simulate', 'record', 'calibrate', 'show'))):
             raise RuntimeError('nothing to start: simulate, record, calibrate and show are all false')
+        self._cell = _cell_description(self._text('cell'))
         if self._on('rviz') and not _is_installed('rviz2'):
             raise RuntimeError('rviz:=true, but rviz2 is not installed: apt install ros-jazzy-rviz2')
 
@@ -130,12 +136,7 @@ class Cell:
 
     def _robot_state_publisher(self) -> Node:
         """Publishes the frames of the nominal arm; the visualizer hands it the calibrated one."""
-        from scara_kinetostatic.files.cell_file import load_cell
-        from scara_kinetostatic.files.urdf import side_by_side
-        from scara_kinetostatic.model.cell import PAPER_CELL
-
-        path = self._text('cell')
-        cell = load_cell(path) if path else PAPER_CELL
+        cell = self._cell
         urdf = side_by_side('scara', cell.joint_names, cell.nominal, None)
         values = {'robot_description': ParameterValue(urdf, value_type=str), 'frame_prefix': self._prefix}
         name = 'robot_state_publisher'
@@ -151,7 +152,7 @@ class Cell:
 
     def _rviz(self) -> Iterable[Node]:
         if self._on('rviz'):
-            configuration = ['-d', PathJoinSubstitution([CONFIG, 'cell.rviz']), '-f', f'{self._prefix}base_link']
+            configuration = ['-d', PathJoinSubstitution([CONFIG, 'cell.rviz']), '-f', self._prefix + BASE_FRAME]
             yield self._any_node(
                 'rviz2', 'rviz2', arguments=configuration, parameters=[{'use_sim_time': self._on('use_sim_time')}]
             )
@@ -182,6 +183,18 @@ class Cell:
     def _typed(self, name: str, kind: type) -> ParameterValue:
         """The argument as a parameter of that type."""
         return ParameterValue(LaunchConfiguration(name), value_type=kind)
+
+
+def _cell_description(path: str) -> Cell:
+    """The cell description, the example where there is none.
+
+    Raises:
+        RuntimeError: it cannot be read, or is not valid; said before a node starts.
+    """
+    try:
+        return load_cell(path) if path else PAPER_CELL
+    except ScaraKinetostaticError as error:
+        raise RuntimeError(str(error)) from error
 
 
 def _is_installed(package: str) -> bool:

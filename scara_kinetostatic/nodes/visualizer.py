@@ -100,8 +100,9 @@ class Visualizer(Node):
         usual, size = Scales(), Range(0.0, 1e6)
         force = declare.number(self, 'force_scale', usual.force, 'length of the arrow of a force, m/N', size)
         residual = declare.number(self, 'residual_scale', usual.residual, 'the same of a residual force, m/N', size)
-        magnified = 'magnification of displaced objects and of the uncertainty of the tip'
-        return Scales(force, residual, declare.number(self, 'error_scale', usual.error, magnified, size))
+        error = declare.number(self, 'error_scale', usual.error, 'magnification of displacements of objects', size)
+        tip = 'magnification of the uncertainty of the tip'
+        return Scales(force, residual, error, declare.number(self, 'uncertainty_scale', usual.uncertainty, tip, size))
 
     def close(self) -> None:
         """Nothing to close."""

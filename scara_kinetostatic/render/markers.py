@@ -1,8 +1,8 @@
 """What of a cell is to be seen in RViz or Foxglove, as geometric primitives in the base frame; no ROS in here.
 
 Deflections and errors are micrometres and the cell is a metre, so lengths are magnified: a force F is an arrow of
-`Scales.force` ‖F‖, a residual force one of `Scales.residual` ‖F‖, displacements of objects and the uncertainty of the
-tip are drawn `Scales.error` times as large. What is magnified says so in a text beside it.
+`Scales.force` ‖F‖, a residual force one of `Scales.residual` ‖F‖, displacements of objects are drawn `Scales.error`
+times and the uncertainty of the tip `Scales.uncertainty` times as large. What is magnified says so in a text beside it.
 """
 
 from __future__ import annotations
@@ -85,12 +85,14 @@ class Scales(NamedTuple):
     Attributes:
         force: length of the arrow of a force, m/N.
         residual: of a residual force, m/N.
-        error: magnification of displacements and of the tip's uncertainty.
+        error: magnification of displacements of objects.
+        uncertainty: magnification of the tip's uncertainty.
     """
 
     force: float = 0.002
     residual: float = 0.05
     error: float = 200.0
+    uncertainty: float = 5000.0
 
 
 class SeenTouch(NamedTuple):
@@ -135,7 +137,7 @@ def object_markers(discs: Sequence[Disc]) -> list[Primitive]:
         at = _points([[disc.x, disc.y]], -_HEIGHT / 2)
         made += [
             Primitive('objects', Shape.CYLINDER, at, colour, 2 * disc.radius, _HEIGHT),
-            _label('objects', (disc.x, disc.y), disc.name, TEXT),
+            _label('objects', (disc.x, disc.y - disc.radius / 2), disc.name, TEXT),
         ]
     return made
 
@@ -198,8 +200,8 @@ def uncertainty_markers(document: Mapping[str, Any], joints: ArrayLike, scales: 
     tip = forward(estimated(document), joints)
     values, axes = np.linalg.eigh(covariance)
     lengths = COVERAGE_FACTOR * np.sqrt(np.maximum(values, 0))
-    outline = tip + scales.error * (_circle() * lengths) @ axes.T
-    text = f'tip ±{quantity(float(lengths[-1]), "m")} (k = 2), × {scales.error:g}'
+    outline = tip + scales.uncertainty * (_circle() * lengths) @ axes.T
+    text = f'tip ±{quantity(float(lengths[-1]), "m")} (k = 2), × {scales.uncertainty:g}'
     below = (float(tip[0]), float(outline[:, 1].min()) - _LETTERS)
     return [
         Primitive('uncertainty', Shape.STRIP, _points(outline), CALIBRATED_COLOUR, _THIN),

@@ -29,6 +29,7 @@ MODULES = {
     'ament_index_python': (),
     'ament_index_python.packages': (),
 }
+CELL = str(LAUNCH.parent / 'config' / 'cell.yaml')
 ALL = ['contact_simulator', 'collector', 'calibrator', 'visualizer']
 
 
@@ -52,7 +53,7 @@ class Launched:
 
     def actions(self, **arguments: str) -> list[Any]:
         assert arguments.keys() <= self.defaults.keys()
-        return list(self.file['Cell'](self.defaults | arguments).actions())
+        return list(self.file['CellNodes'](self.defaults | arguments).actions())
 
     def nodes(self, **arguments: str) -> dict[str, dict[str, Any]]:
         """What each node is started with, by its name."""
@@ -91,11 +92,11 @@ def test_everything_starts_by_default(launched: Launched) -> None:
 
 
 @pytest.mark.parametrize(('arguments', 'expected'), [
-    ({'simulate': 'false', 'cell': 'c.yaml'}, ALL[1:]),
+    ({'simulate': 'false', 'cell': CELL}, ALL[1:]),
     ({'calibrate': 'false'}, ['contact_simulator', 'collector', 'visualizer']),
-    ({'calibrate': 'false', 'show': 'false', 'simulate': 'false', 'cell': 'c.yaml'}, ['collector']),
+    ({'calibrate': 'false', 'show': 'false', 'simulate': 'false', 'cell': CELL}, ['collector']),
     ({'simulate': 'false', 'record': 'false', 'recording': 'bag'}, ['calibrator']),
-    ({'simulate': 'false', 'record': 'false', 'cell': 'c.yaml'}, ['calibrator', 'visualizer']),
+    ({'simulate': 'false', 'record': 'false', 'cell': CELL}, ['calibrator', 'visualizer']),
 ])  # fmt: skip
 def test_parts_are_left_out(launched: Launched, arguments: dict[str, str], expected: list[str]) -> None:
     assert list(launched.nodes(**arguments)) == expected
@@ -106,6 +107,7 @@ def test_parts_are_left_out(launched: Launched, arguments: dict[str, str], expec
     ({'simulate': 'false', 'cell': ' '}, 'simulate:=false needs the cell description'),
     (dict.fromkeys(('simulate', 'record', 'calibrate', 'show'), 'false'), 'nothing to start'),
     ({'rviz': 'true'}, 'rviz2 is not installed'),
+    ({'cell': '/no/cell.yaml'}, '^/no/cell.yaml: there is no such file; check the path$'),
 ])  # fmt: skip
 def test_arguments_that_contradict_each_other_are_refused(
     launched: Launched, arguments: dict[str, str], problem: str

@@ -147,7 +147,7 @@ def test_the_uncertainty_is_that_of_the_calibration(plain: Outcome) -> None:
     (ellipse,) = of('uncertainty', uncertainty_markers(as_document(plain), joints, SCALES), Shape.STRIP)
     away = np.array(ellipse.points)[:, :2] - forward(c.parameters, joints)
     expected = 2 * np.sqrt(np.linalg.eigvalsh(covariance)[-1])
-    assert np.linalg.norm(away, axis=1).max() == pytest.approx(SCALES.error * expected)
+    assert np.linalg.norm(away, axis=1).max() == pytest.approx(SCALES.uncertainty * expected)
 
 
 def test_what_is_not_determined_has_no_ellipse(plain: Outcome) -> None:
