@@ -25,11 +25,11 @@ def recorded_cell(paths: Sequence[Path], option: str) -> Cell:
     """
     cells = {path: embedded_cell(path) for path in paths if not is_touch_table(path)}
     if not cells:
-        raise RecordingError(paths[0], 'a table contains no cell description', f'give one by {option} cell.yaml')
+        raise RecordingError(paths[0], 'a table contains no cell description', f'give one by {option}')
     first = next(iter(cells))
     for path, cell in cells.items():
         if cell is None:
-            raise RecordingError(path, 'contains no cell description', f'give one by {option} cell.yaml')
+            raise RecordingError(path, 'contains no cell description', f'give one by {option}')
         if cell != cells[first]:
             raise RecordingError(path, f'contains another cell description than {first}', f'choose one by {option}')
     common = cells[first]

@@ -103,7 +103,7 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.report import residuals
     from scara_kinetostatic.report.text import text_report
     from scara_kinetostatic.report.write import RESULTS, write_results
-    from scara_kinetostatic.touches.left_out import parse_left_out
+    from scara_kinetostatic.touches.left_out import kept_recordings, parse_left_out
 
     check_different(args.bags)
     inputs = [*args.bags, *([args.cell] if args.cell else [])]
@@ -113,16 +113,17 @@ def run(args: argparse.Namespace) -> int:
     left_out = parse_left_out(args.leave_out, '--leave-out')
     if args.residuals:
         _check_residuals(args.residuals, inputs, args.out, RESULTS)
-    cell = cell_or_recorded(args.cell, args.bags)
+    kept = list(map(Path, kept_recordings(args.bags, left_out)))
+    cell = cell_or_recorded(args.cell, kept)
     fixed = fixed_values(args.fix, cell.nominal, '--fix')
     with progress() as show_progress:
         try:
             outcome = calibrate_recordings(args.bags, cell, fixed=fixed, left_out=left_out, progress=show_progress)
         except CellError as error:  # the data contradict it: name its file
-            where = args.cell or f'the cell description in {args.bags[0]}'
+            where = args.cell or f'the cell description in {kept[0]}'
             raise CellError(f'{where}: {error.where}', error.problem, error.remedy) from error
         if args.cell:
-            outcome = replace(outcome, warnings=(*outcome.warnings, *other_descriptions(cell, args.bags, '--cell')))
+            outcome = replace(outcome, warnings=(*outcome.warnings, *other_descriptions(cell, kept, '--cell')))
         show_progress('writing the report', 1.0)
         if args.residuals and args.residuals.resolve() != (args.out / residuals.NAME).resolve():
             write_texts(args.residuals.parent, {args.residuals.name: residuals.residual_table(outcome)})

@@ -41,6 +41,7 @@ class Job(NamedTuple):
         left_out: touches and recordings to leave out, as the parameter `leave_out` has them.
         output: folder for the results.
         publish_unfit: whether a result that is not fit for use replaces an earlier one.
+        name: under which the result is kept.
     """
 
     recordings: list[str]
@@ -50,6 +51,7 @@ class Job(NamedTuple):
     left_out: list[str]
     output: str
     publish_unfit: bool
+    name: str = ''
 
 
 class Reply(NamedTuple):
@@ -149,6 +151,8 @@ def _taken_back() -> Iterator[None]:
 def _calibrate(job: Job, progress: Callable[[str, float], None]) -> Any:
     """The outcome; recordings that the node joined by itself and that cannot be used are left out.
 
+    Of these the cell description of the last one counts: it is the one that the user has written last.
+
     Raises:
         ScaraKinetostaticError: there is no result.
     """
@@ -156,7 +160,7 @@ def _calibrate(job: Job, progress: Callable[[str, float], None]) -> Any:
     from scara_kinetostatic.calibration.fixed import fixed_values
     from scara_kinetostatic.files.cell_file import load_cell
     from scara_kinetostatic.pipeline import calibrate_recordings
-    from scara_kinetostatic.touches.left_out import kept_recordings, parse_left_out
+    from scara_kinetostatic.touches.left_out import check_named, kept_recordings, parse_left_out
 
     left_out = parse_left_out(job.left_out, 'parameter leave_out')
     paths = list(map(Path, kept_recordings(job.recordings, left_out)))
@@ -164,7 +168,8 @@ def _calibrate(job: Job, progress: Callable[[str, float], None]) -> Any:
     warnings: list[str] = []
     while True:
         try:
-            cell = load_cell(Path(job.cell).expanduser()) if job.cell else recorded_cell(paths, 'parameter cell:')
+            latest_first = paths[::-1] if job.joined else paths
+            cell = load_cell(Path(job.cell)) if job.cell else recorded_cell(latest_first, 'the parameter cell')
             fixed = fixed_values(job.fixed, cell.nominal, 'parameter fixed:')
             outcome = calibrate_recordings(
                 paths, cell, fixed=fixed, left_out=left_out, progress=_over_all_steps(progress)
@@ -174,6 +179,9 @@ def _calibrate(job: Job, progress: Callable[[str, float], None]) -> Any:
             useless = [path for path in paths if str(path) == error.where]
             if not job.joined or not useless or len(paths) == 1:
                 raise
+            if useless[0] != paths[-1]:
+                check_named(left_out)
+            left_out = tuple(entry for entry in left_out if not entry.recording or not entry.names(useless[0]))
             paths = [path for path in paths if path not in useless]
             warnings.append(f'{error}: left out')
         except CellError as error:  # the data contradict it: name its file

@@ -22,7 +22,8 @@ COMMAND = (
 """Followed by the places of Python modules: those of the node, and not the folder in which it was started."""
 PATIENCE = 3.0
 """Time for the process to end by itself after it was told to, s."""
-_CANCELLED = 'cancelled; earlier results are unchanged'
+CANCELLED = 'cancelled; earlier results are unchanged'
+"""Why there is no reply after `CalibrationProcess.cancel`."""
 
 
 class Progress(NamedTuple):
@@ -122,7 +123,7 @@ class CalibrationProcess:
         """Why the process ended without a reply."""
         status = self._finish()
         if self._cancelled_at is not None:
-            return _CANCELLED
+            return CANCELLED
         if status == -signal.SIGKILL:
             return 'the calibration was killed (SIGKILL); has the memory run out?'
         return one_line(f'the calibration ended with status {status} and without a reply; see what the node prints')

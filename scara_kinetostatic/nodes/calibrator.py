@@ -27,7 +27,7 @@ from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.errors import ParameterError, ScaraKinetostaticError
 from scara_kinetostatic.nodes.announced import SESSION, Announced
 from scara_kinetostatic.nodes.calibration_job import UNFIT, Job, Reply
-from scara_kinetostatic.nodes.calibration_process import CalibrationProcess, Progress
+from scara_kinetostatic.nodes.calibration_process import CANCELLED, CalibrationProcess, Progress
 from scara_kinetostatic.nodes.calibrator_settings import CalibratorSettings
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN, Condition, DiagnosticsPublisher
 from scara_kinetostatic.nodes.outcome_text import stored_document, summary, warnings_in_line
@@ -35,6 +35,7 @@ from scara_kinetostatic.nodes.result_parameters import ResultParameters
 from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.stream_subscription import LATCHED
 from scara_kinetostatic.report import parameter_file
+from scara_kinetostatic.report.document import NAME
 from scara_kinetostatic.report.parameter_file import EffectParameter, load_result
 
 POLL = 0.05
@@ -87,10 +88,11 @@ class Calibrator(Node):
             return response
         former = self._condition
         try:
-            ended = await self._run(self._settings.job())
+            job = self._settings.job()
+            ended = await self._run(job)
             if isinstance(ended, Reply):
-                response.success, response.message = self._publish(ended)
-            elif ended.startswith('cancelled'):
+                response.success, response.message = self._publish(ended, job)
+            elif ended == CANCELLED:
                 response.message, self._condition = ended, former
                 self._tell('cancelled', ended)
                 self.get_logger().warning(ended)
@@ -123,6 +125,9 @@ class Calibrator(Node):
 
     def _load(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Takes an earlier result, that of the parameter `name`, as the present one."""
+        if self._process is not None:
+            response.message = 'a calibration is running; call again when it is done, or ~/cancel'
+            return response
         try:
             folder = self._settings.folder
             stored = load_result(folder / parameter_file.NAME)
@@ -132,7 +137,9 @@ class Calibrator(Node):
             self._condition = self._loaded(str(folder))
             response.success, response.message = True, self._condition.message
             if document := stored_document(folder):
-                self._publish_document(document, folder, True, response.message)
+                self._publish_document(document, folder, self._settings.name, True, response.message)
+            else:
+                response.message += f'; ~/result is as it was: no {NAME} there'
         except ScaraKinetostaticError as error:
             response.message = str(error)
             self.get_logger().error(response.message)
@@ -159,13 +166,13 @@ class Calibrator(Node):
         """Publishes on `~/progress`."""
         self._progress.publish(String(data=json.dumps({'state': state, 'message': message, 'part': part})))
 
-    def _publish(self, reply: Reply) -> tuple[bool, str]:
-        """Publishes a result.
+    def _publish(self, reply: Reply, job: Job) -> tuple[bool, str]:
+        """Publishes a result; name and rules are those with which it was begun.
 
         Returns:
             Whether it may be used, and the result in one line.
         """
-        take = reply.grade != UNFIT or self._settings.publishes_unfit
+        take = reply.grade != UNFIT or job.publish_unfit
         if take:
             effects = [EffectParameter(tuple(path), *rest) for path, *rest in reply.effects]
             self._results.publish(reply.values, reply.deviations, effects, reply.facts)
@@ -179,14 +186,17 @@ class Calibrator(Node):
         self._log(level, message)
         for warning in reply.warnings:
             self.get_logger().warning(warning)
-        self._publish_document(reply.document, None if reply.unwritten else Path(reply.folder), take, message)
+        folder = None if reply.unwritten else Path(reply.folder)
+        self._publish_document(reply.document, folder, job.name, take, message)
         self._tell('done', message)
         return reply.grade != UNFIT, message
 
-    def _publish_document(self, document: dict[str, Any], folder: Path | None, published: bool, message: str) -> None:
+    def _publish_document(
+        self, document: dict[str, Any], folder: Path | None, name: str, published: bool, message: str
+    ) -> None:
         """Publishes on `~/result`."""
         own = {
-            'name': self._settings.name,
+            'name': name,
             'published': published,
             'message': message,
             'files': {'folder': None if folder is None else str(folder.absolute())},
@@ -228,9 +238,11 @@ class Calibrator(Node):
         return Condition(level, message, {})
 
     def _origin(self) -> str:
-        """When and from what the present result was calculated."""
-        sources = self._results.fact('recordings')
-        return f'of {self._results.fact("created")}, from {", ".join(sources if isinstance(sources, list) else [])}'
+        """When and from what the present result was calculated, as far as it says so."""
+        created, sources = self._results.fact('created'), self._results.fact('recordings')
+        parts = [f'of {created}'] if created else []
+        parts += [f'from {", ".join(sources)}'] if isinstance(sources, list) else []
+        return ', '.join(parts) or 'of unknown origin'
 
     def _report(self) -> Condition:
         """The status, with what the present parameters are."""

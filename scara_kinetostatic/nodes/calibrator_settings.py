@@ -15,7 +15,7 @@ from scara_kinetostatic.errors import ParameterError, RecordingError, ScaraKinet
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.announced import CHOICES, SESSION, Announced
-from scara_kinetostatic.nodes.calibration_job import Job
+from scara_kinetostatic.nodes.calibration_job import UNFIT, Job
 from scara_kinetostatic.touches.left_out import parse_left_out
 
 _NAME = re.compile(r'[A-Za-z0-9_-][A-Za-z0-9._-]*')
@@ -104,6 +104,7 @@ class CalibratorSettings:
             left_out=self._texts('leave_out'),
             output=str(self.folder),
             publish_unfit=self.publishes_unfit,
+            name=self.name,
         )
 
     def _recordings(self) -> tuple[list[str], bool]:
@@ -140,6 +141,8 @@ def _check(name: str, value: Any) -> None:
         raise ParameterError(where, f'expected {", ".join(CHOICES)}, got {value!r}')
     elif name == 'name' and value and not _NAME.fullmatch(str(value)):
         raise ParameterError(where, f'expected letters, digits, . _ or -, got {value!r}')
+    elif name == 'name' and value == UNFIT:
+        raise ParameterError(where, f'{UNFIT!r} is the folder of results that are not fit for use', 'take another')
     elif name == 'leave_out':
         parse_left_out(_listed(value), where)
     elif name == 'fixed':

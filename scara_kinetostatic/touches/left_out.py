@@ -1,7 +1,8 @@
 """Touches and recordings that the user leaves out of a calibration, and how they are written.
 
 ``5`` and ``10-14`` are touches by their numbers in the result, ``touches_1`` is a recording by the name of its file or
-folder, ``touches_1:5`` and ``touches_1:10-14`` are touches by their numbers in that recording.
+folder, ``touches_1:5`` and ``touches_1:10-14`` are touches by their numbers in that recording. Of recordings with the
+same name in several folders, ``monday/touches_1`` is one.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ class LeftOut(NamedTuple):
 
     def names(self, path: str | Path) -> bool:
         """Whether the entry names that recording."""
-        return self.recording in (Path(path).name, Path(path).stem, str(path))
+        named, parts = Path(self.recording).parts, Path(path).parts
+        return named == parts[-len(named) :] or self.recording == Path(path).stem
 
 
 def parse_left_out(texts: Sequence[str], where: str) -> tuple[LeftOut, ...]:
@@ -64,16 +66,36 @@ def kept_recordings(paths: Sequence[str | Path], entries: Sequence[LeftOut]) -> 
     """The recordings that are not left out as a whole.
 
     Raises:
-        ParameterError: an entry names none of the recordings, or none of them is kept.
+        ParameterError: an entry names none of the recordings, or several; none of them is kept; or touches are given by
+            their numbers in the result although a recording before them is left out, which changes these numbers.
     """
     for entry in entries:
-        if entry.recording and not any(map(entry.names, paths)):
+        named = [str(path) for path in paths if entry.recording and entry.names(path)]
+        if entry.recording and not named:
             problem = f'{entry.recording!r} is none of the recordings {", ".join(Path(path).name for path in paths)}'
             raise ParameterError(_WHERE, problem, 'write touches as 5 or 10-14, or with their recording as NAME:5')
-    kept = [path for path in paths if not any(entry.numbers is None and entry.names(path) for entry in entries)]
+        if len(named) > 1:
+            problem = f'{entry.recording!r} is the name of several recordings: {", ".join(named)}'
+            raise ParameterError(_WHERE, problem, 'write the folder before the name, or the whole name of the file')
+    whole = [entry for entry in entries if entry.numbers is None]
+    kept = [path for path in paths if not any(entry.names(path) for entry in whole)]
     if not kept:
         raise ParameterError(_WHERE, 'every recording is', 'keep one')
+    if kept != list(paths[: len(kept)]):
+        check_named(entries)
     return kept
+
+
+def check_named(entries: Sequence[LeftOut]) -> None:
+    """Check that no touch is given by its number in the result: the numbers are not those the user has seen.
+
+    Raises:
+        ParameterError: one is.
+    """
+    for entry in entries:
+        if entry.numbers is not None and not entry.recording:
+            problem = f'{entry.text} counts the touches of a recording that is left out as well'
+            raise ParameterError(_WHERE, problem, 'write touches with their recording, as NAME:5')
 
 
 def leave_out(detection: Detection, paths: Sequence[str | Path], entries: Sequence[LeftOut]) -> Detection:
@@ -96,7 +118,9 @@ def leave_out(detection: Detection, paths: Sequence[str | Path], entries: Sequen
         for first, end in spans if entry.numbers is not None else ():
             assert entry.numbers is not None
             if first + entry.numbers[-1] >= end:
-                problem = f'{entry.text}: the touches are numbered from 0 to {end - first - 1}'
+                count = end - first
+                known = f'the touches are numbered from 0 to {count - 1}' if count else 'there are no touches'
+                problem = f'{entry.text}: {known}'
                 raise ParameterError(_WHERE, problem, 'take the numbers from the report')
             numbers.update(first + number for number in entry.numbers)
     return detection.without(numbers, REASON) if numbers else detection

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.errors import CellError, InputError, RecordingError
 from scara_kinetostatic.files.cell_file import dump_cell
@@ -87,6 +88,22 @@ def test_a_recording_that_cannot_be_read_is_left_out_only_where_the_node_joined_
         assert warning.endswith(': left out')
     with pytest.raises(RecordingError, match='broken'):
         calibrated(job(recordings=[str(bags[2])], joined=True))
+
+
+def test_of_joined_recordings_the_last_cell_description_counts(job: Make, bags: list[Path], tmp_path: Path) -> None:
+    write_streams(tmp_path / 'third', read_streams(bags[1], PAPER_CELL), replace(PAPER_CELL, noise=None))
+    reply, _ = calibrated(job(recordings=[str(bags[0]), str(tmp_path / 'third')], joined=True))
+    assert reply.facts['recordings'] == [str(tmp_path / 'third')]
+    (warning,) = reply.warnings
+    assert warning.startswith(f'{bags[0]}: contains another cell description than {tmp_path / "third"}')
+
+
+def test_numbers_of_touches_do_not_shift_where_a_recording_is_left_out(job: Make, bags: list[Path]) -> None:
+    joined = job(recordings=[str(bags[2]), str(bags[0])], joined=True)
+    with pytest.raises(InputError, match='3 counts the touches of a recording that is left out'):
+        calibrated(joined._replace(left_out=['3']))
+    reply, _ = calibrated(joined._replace(left_out=['first:3', 'broken:0']))
+    assert reply.document['touches']['rejected'] == [{'index': 3, 'reason': REASON}]
 
 
 def test_another_cell_description_than_the_recorded_one_is_a_warning(

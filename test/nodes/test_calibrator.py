@@ -257,6 +257,7 @@ def test_a_second_call_is_refused_while_one_runs_and_a_running_one_can_be_cancel
         second = calibrate(client)
         assert not second.success
         assert 'running already' in second.message
+        assert 'is running' in client.call('/calibrator/load', Trigger, Trigger.Request(), WAIT).message
         assert set_parameter(client, 'output', 'elsewhere') == '', 'the node answers while it calibrates'
         answer = client.call('/calibrator/cancel', Trigger, Trigger.Request(), WAIT)
         assert answer.success, answer.message

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from math import isnan
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -118,6 +119,20 @@ def test_an_unfit_result_leaves_the_parameters_unless_told_to_replace_them(
     assert heard[-1]['identifiability']['rank'] == 12
 
 
+def test_a_result_keeps_the_rules_with_which_it_was_begun(
+    spin: Callable[..., Node], reply: Reply, tmp_path: Path
+) -> None:
+    """Its files are written by these rules already."""
+    node = start(spin, tmp_path)
+    job = node._settings.job()
+    node.set_parameters([Parameter('publish_unfit', value=True), Parameter('name', value='next')])
+    shown: list[str] = []
+    node._result = SimpleNamespace(publish=lambda message: shown.append(message.data))
+    node._publish(reply._replace(grade='unfit'), job)
+    assert not node.has_parameter('calibrated.l1')
+    assert json.loads(shown[0])['name'] == ''
+
+
 @pytest.mark.parametrize(
     ('changes', 'level', 'said'),
     [
@@ -165,13 +180,14 @@ def test_the_status_says_which_result_was_loaded_from_a_file(
     given['calibration']['assessment'] = grade
     if not grade:
         del given['calibration']  # a file of an earlier version
+    origin = ', of 20' if grade else ', of unknown origin'
     path = tmp_path / 'calibration.yaml'
     path.write_text(yaml.safe_dump(tree))
     status = start(spin, tmp_path, '--params-file', str(path))._report()
     assert status.level == level
     assert 'loaded from a parameter file' in status.message
     assert 'not say how it was assessed' in status.message or status.message.startswith(f'{grade}: ')
-    assert status.values['present result'].startswith(grade or 'not assessed')
+    assert status.values['present result'].startswith(f'{grade or "not assessed"}{origin}')
 
 
 def test_results_are_kept_by_name_and_loaded_again(
@@ -206,6 +222,8 @@ def test_results_are_kept_by_name_and_loaded_again(
     node.set_parameters([Parameter('publish_unfit', value=True)])
     assert load('bad').success
     assert node._condition.level == ERROR
+    (tmp_path / 'monday' / 'calibration.json').unlink()
+    assert load('monday').message.endswith('; ~/result is as it was: no calibration.json there')
 
 
 def test_recordings_of_a_collector_that_was_started_anew_go_together(
@@ -243,6 +261,7 @@ def test_recordings_of_a_collector_that_was_started_anew_go_together(
     [
         ('announced:=some', 'expected session, last, all'),
         ('name:=../elsewhere', 'expected letters'),
+        ('name:=unfit', 'folder of results that are not fit'),
         ("leave_out:=['7-5']", 'expected a range'),
         ('fixed:=[l1=long]', 'parameter fixed'),
         ('calibration.rank:=12.5', 'calibration.rank'),

@@ -44,7 +44,7 @@ def test_touches_by_number(detection: Detection, entries: list[str], numbers: li
 
 
 def test_recordings_by_name() -> None:
-    assert kept_recordings(PATHS, parse_left_out(['monday', '3'], 'x')) == ['bags/tuesday.mcap']
+    assert kept_recordings(PATHS, parse_left_out(['monday', 'tuesday:3'], 'x')) == ['bags/tuesday.mcap']
     assert kept_recordings(PATHS, parse_left_out(['tuesday:3'], 'x')) == PATHS
 
 
@@ -63,6 +63,20 @@ def test_entries_that_name_nothing_are_refused(detection: Detection, entry: str,
     with pytest.raises(ParameterError, match=message):
         entries = parse_left_out([entry], '--leave-out')
         leave_out(detection, kept_recordings(PATHS, entries), entries)
+
+
+def test_recordings_of_one_name_are_told_apart_by_their_folders() -> None:
+    paths = ['may/touches', 'june/touches', 'touches.csv']
+    for text in ('touches', 'touches:3'):
+        with pytest.raises(ParameterError, match="'touches' is the name of several recordings: may/touches, june"):
+            kept_recordings(paths, parse_left_out([text], 'x'))
+    assert kept_recordings(paths, parse_left_out(['june/touches', 'touches.csv:1'], 'x')) == [paths[0], paths[2]]
+
+
+def test_numbers_that_a_recording_left_out_would_change_are_refused() -> None:
+    with pytest.raises(ParameterError, match='3 counts the touches of a recording that is left out as well'):
+        kept_recordings(PATHS, parse_left_out(['monday', '3'], 'x'))
+    assert kept_recordings(PATHS, parse_left_out(['tuesday', '3'], 'x')) == PATHS[:1]
 
 
 def test_one_recording_is_kept() -> None:
