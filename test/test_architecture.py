@@ -52,7 +52,9 @@ KEPT_IN = {
     'mujoco': ('simulation',),
     **dict.fromkeys(('rosbags', 'mcap', 'lz4', 'zstandard'), ('bags',)),
     **dict.fromkeys(('rclpy', 'builtin_interfaces', 'rcl_interfaces', 'diagnostic_msgs'), ('nodes',)),
-    **dict.fromkeys(('geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'visualization_msgs'), ('nodes',)),
+    **dict.fromkeys(
+        ('geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'visualization_msgs', 'tf2_msgs'), ('nodes',)
+    ),
 }
 """The packages in which each library is imported."""
 FORMER_NAMES = """

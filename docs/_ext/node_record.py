@@ -17,7 +17,7 @@ from typing import Any
 
 REPLACED = (
     'rclpy', 'rcl_interfaces', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'rosgraph_msgs', 'sensor_msgs',
-    'std_msgs', 'std_srvs', 'visualization_msgs', 'ament_index_python', 'launch', 'launch_ros',
+    'std_msgs', 'std_srvs', 'visualization_msgs', 'tf2_msgs', 'ament_index_python', 'launch', 'launch_ros',
 )  # fmt: skip
 NODES = {
     'contact_simulator': 'ContactSimulator',

@@ -35,6 +35,7 @@ from scara_kinetostatic.nodes.complaints import PersistentComplaints
 from scara_kinetostatic.nodes.conversion import Sample, UnusableMessageError, joint_sample, wrench_sample
 from scara_kinetostatic.nodes.declare import cell_or_example
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN, Condition, DiagnosticsPublisher
+from scara_kinetostatic.nodes.frame_check import FrameCheck
 from scara_kinetostatic.nodes.judged_touch import JudgedTouch
 from scara_kinetostatic.nodes.publishers import full_name, recorded_qos
 from scara_kinetostatic.nodes.runtime import run
@@ -69,6 +70,7 @@ class Collector(Node):
         self._touches = self.create_publisher(UInt32, '~/touches', LATCHED)
         self._touch = self.create_publisher(DiagnosticArray, '~/touch', LATCHED_TOUCHES)
         self._recording = self.create_publisher(String, '~/recording', LATCHED)
+        self._frame = FrameCheck(self, self._cell.sensor.frame)
         self._monitors: dict[Stream, StreamMonitor] = {}
         self._subscriptions_of: dict[Stream, StreamSubscription] = {}
         for stream, kind, topic in zip(Stream, (JointState, WrenchStamped), self._cell.sensor[:2], strict=True):
@@ -176,7 +178,8 @@ class Collector(Node):
 
     def _with_warnings(self, answer: str) -> str:
         """The answer of a service, with what spoils the data."""
-        return '; '.join(filter(None, (answer, *(monitor.mixture() for monitor in self._monitors.values()))))
+        mixtures = (monitor.mixture() for monitor in self._monitors.values())
+        return '; '.join(filter(None, (answer, *mixtures, self._frame.complaint())))
 
     def _look_at_publishers(self) -> None:
         """Notes who publishes the topics, and by which quality of service."""
@@ -219,6 +222,7 @@ class Collector(Node):
     def _convert(self, stream: Stream, message: bytes) -> Sample:
         if stream is Stream.JOINTS:
             return joint_sample(message, self._cell.joint_names)
+        self._frame.last = message
         return wrench_sample(message)
 
     def _now(self) -> int:
@@ -266,7 +270,7 @@ class Collector(Node):
 
     def _examine(self, losses: Sequence[str] = ()) -> Condition:
         values: dict[str, str] = {}
-        complaints = []
+        complaints = [self._frame.complaint()]
         for monitor in self._monitors.values():
             rate = monitor.rate()
             values |= monitor.details(rate)

@@ -18,6 +18,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
+from scara_kinetostatic.files.urdf import BASE_FRAME, TOOL_FRAME
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.nodes import conversion, declare
 from scara_kinetostatic.nodes.declare import Range
@@ -56,7 +57,7 @@ class ContactSimulator(Node):
         self._wrench = self.create_publisher(WrenchStamped, sensor.wrench, RELIABLE_STREAM)
         self._finished = self.create_publisher(Bool, '~/finished', LATCHED)
         self._finished.publish(Bool(data=False))
-        self._frame_id = 'tool' if sensor.frame is SensorFrame.TOOL else 'base'
+        self._frame_id = TOOL_FRAME if sensor.frame is SensorFrame.TOOL else BASE_FRAME
         self._passes = 0
         self._playback = self._simulate()
         self._elapsed = 0.0

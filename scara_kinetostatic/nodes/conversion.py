@@ -100,6 +100,17 @@ def wrench_sample(serialized: bytes) -> Sample:
     return _finite(Sample(seconds * NANOSECONDS + nanoseconds, force[0], force[1]))
 
 
+def frame_of(serialized: bytes) -> str:
+    """The `frame_id` of a `WrenchStamped` as it came over the wire; empty where it cannot be read."""
+    if serialized[:2] != _PLAIN:
+        return str(deserialize_message(serialized, WrenchStamped).header.frame_id)
+    try:
+        size = _HEAD.unpack_from(serialized, 4)[2]
+    except struct.error:
+        return ''
+    return serialized[16 : 15 + size].decode(errors='replace') if size else ''
+
+
 def _joint_fields(serialized: bytes) -> tuple[int, Sequence[str], Sequence[float]]:
     """Stamp, ns, names and positions of a `JointState`.
 

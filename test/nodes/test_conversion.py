@@ -13,7 +13,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 from scara_kinetostatic.nodes import conversion
-from scara_kinetostatic.nodes.conversion import Sample, UnusableMessageError, joint_sample, wrench_sample
+from scara_kinetostatic.nodes.conversion import Sample, UnusableMessageError, frame_of, joint_sample, wrench_sample
 
 NAMES = ('joint1', 'joint2')
 STAMP = 1_700_000_000_123_456_789
@@ -30,6 +30,7 @@ def joints(names: list[str], position: list[float], frame: str = '') -> bytes:
 def test_a_wrench(frame: str) -> None:
     message = conversion.wrench(Sample(STAMP, 1.5, -2.5), frame)
     assert wrench_sample(bytes(serialize_message(message))) == Sample(STAMP, 1.5, -2.5)
+    assert frame_of(bytes(serialize_message(message))) == frame
 
 
 @pytest.mark.parametrize('frame', ['', 'b', 'base', 'tool0'])
