@@ -11,6 +11,8 @@ from xml.etree import ElementTree
 
 import pytest
 import rclpy
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -113,3 +115,22 @@ def test_the_description_of_the_robot_has_the_calibrated_arm_once_there_is_one(c
     results = cell.node.create_publisher(String, 'calibrator/result', LATCHED)
     results.publish(String(data=json.dumps(summary(as_document(plain)) | {'files': {'folder': None}})))
     cell.wait(lambda: 'calibrated_tool0' in links())
+
+
+def test_robot_state_publisher_is_given_each_description(cell: Cell, plain: Any) -> None:
+    told: list[SetParameters.Request] = []
+
+    def take(request: SetParameters.Request, response: SetParameters.Response) -> SetParameters.Response:
+        told.append(request)
+        response.results = [SetParametersResult(successful=True)]
+        return response
+
+    cell.node.create_service(SetParameters, 'robot_state_publisher/set_parameters', take)
+    cell.wait(lambda: told)
+    results = cell.node.create_publisher(String, 'calibrator/result', LATCHED)
+    results.publish(String(data=json.dumps(summary(as_document(plain)) | {'files': {'folder': None}})))
+    cell.wait(lambda: len(told) == 2)
+    for request, calibrated in zip(told, (False, True), strict=True):
+        (parameter,) = request.parameters
+        assert parameter.name == 'robot_description'
+        assert ('calibrated_tool0' in parameter.value.string_value) == calibrated
