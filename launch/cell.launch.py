@@ -109,7 +109,8 @@ class CellNodes:
         if self._on('simulate'):
             effects = {'effects': ParameterValue(LaunchConfiguration('effects'), value_type=List[str])}  # noqa: UP006
             numbers = {'time_factor': self._typed('time_factor', float), 'seed': self._typed('seed', int)}
-            yield self._node('contact_simulator', {'plan': self._typed('plan', str), **numbers, **effects})
+            strings = {'plan': self._typed('plan', str), 'frame_prefix': self._prefix}
+            yield self._node('contact_simulator', strings | numbers | effects)
         if self._on('record'):
             recording = {'autostart': self._on('autostart'), 'output': self._typed('recordings', str)}
             yield self._node('collector', recording)

@@ -57,7 +57,8 @@ class ContactSimulator(Node):
         self._wrench = self.create_publisher(WrenchStamped, sensor.wrench, RELIABLE_STREAM)
         self._finished = self.create_publisher(Bool, '~/finished', LATCHED)
         self._finished.publish(Bool(data=False))
-        self._frame_id = TOOL_FRAME if sensor.frame is SensorFrame.TOOL else BASE_FRAME
+        prefix = declare.text(self, 'frame_prefix', '', 'before the frame_id of the wrench')
+        self._frame_id = prefix + (TOOL_FRAME if sensor.frame is SensorFrame.TOOL else BASE_FRAME)
         self._passes = 0
         self._playback = self._simulate()
         self._elapsed = 0.0

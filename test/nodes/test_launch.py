@@ -122,6 +122,7 @@ def test_a_namespace_is_that_of_every_node_and_of_the_frames(launched: Launched)
     nodes = launched.nodes(namespace='/left', rviz='true')
     assert list(nodes) == [*ALL, 'robot_state_publisher', 'rviz2']
     assert {node['namespace'] for node in nodes.values()} == {'/left'}
+    assert parameters(nodes['contact_simulator'])['frame_prefix'] == 'left/'
     assert parameters(nodes['visualizer'])['frame_prefix'] == 'left/'
     assert parameters(nodes['robot_state_publisher'])['frame_prefix'] == 'left/'
     assert nodes['rviz2']['arguments'][-2:] == ['-f', 'left/base_link']
