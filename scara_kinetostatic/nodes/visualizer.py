@@ -16,6 +16,7 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -51,7 +52,11 @@ from scara_kinetostatic.render.markers import (
 )
 
 PERIOD = 0.1
-"""Between two messages, s."""
+"""Between two messages on `~/arm`, s."""
+SCENE_PERIOD = 0.5
+"""The least between two messages on `~/markers`, s: each has all touches in it."""
+PAUSE = 20.0
+"""Between two messages on `~/markers`, in times that the last one took: many touches take a while."""
 REST = 0.01
 """Between two callbacks, s: of joint states at 1 kHz only some are taken."""
 MOST_TOUCHES = 1000
@@ -85,6 +90,7 @@ class Visualizer(Node):
         self._touches: dict[tuple[str, str], SeenTouch] = {}
         self._document: Mapping[str, Any] | None = None
         self._changed = True
+        self._next_scene = 0.0
         self._markers = self.create_publisher(MarkerArray, '~/markers', LATCHED)
         self._arm = self.create_publisher(MarkerArray, '~/arm', 1)
         self._description = self.create_publisher(String, 'robot_description', LATCHED)
@@ -94,7 +100,9 @@ class Visualizer(Node):
         self.create_subscription(DiagnosticArray, 'collector/touch', self._note_touch, LATCHED_TOUCHES)
         self.create_subscription(String, 'calibrator/result', self._note_result, LATCHED)
         self._describe(None)
-        self.create_timer(PERIOD, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(PERIOD, self._publish_arms, clock=steady)
+        self.create_timer(SCENE_PERIOD, self._publish_scene, clock=steady)
 
     def _declare_scales(self) -> Scales:
         usual, size = Scales(), Range(0.0, 1e6)
@@ -153,11 +161,15 @@ class Visualizer(Node):
             self._frames.call_async(SetParameters.Request(parameters=[parameter]))
             self._untold = ''
 
-    def _publish(self) -> None:
+    def _publish_scene(self) -> None:
         self._tell_frames()
-        if self._changed:
+        began = monotonic()
+        if self._changed and began >= self._next_scene:
             self._markers.publish(marker_array(self._scene(), self._frame))
             self._changed = False
+            self._next_scene = began + PAUSE * (monotonic() - began)
+
+    def _publish_arms(self) -> None:
         if self._joints is not None:
             self._arm.publish(marker_array(self._arms(self._joints), self._frame))
 
