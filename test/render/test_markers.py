@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from typing import Any
 
@@ -14,6 +15,7 @@ from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.render.json_file import json_text
 from scara_kinetostatic.render.markers import (
     UNUSED,
     Primitive,
@@ -154,3 +156,14 @@ def test_what_is_not_determined_has_no_ellipse(plain: Outcome) -> None:
     document = as_document(plain)
     document['parameters'] = document['parameters'] | {'l1': document['parameters']['l1'] | {'status': 'confounded'}}
     assert uncertainty_markers(document, (0.3, 0.9), SCALES) == []
+
+
+@pytest.mark.parametrize('which', ['plain', 'confounded', 'nasty', 'ambiguous', 'unnamed', 'rough'])
+def test_every_kind_of_result_can_be_shown(which: str, request: pytest.FixtureRequest) -> None:
+    outcome: Outcome = request.getfixturevalue(which)
+    document = json.loads(json_text(as_document(outcome)))
+    scene = result_markers(document, outcome.final.cell.discs, SCALES) + uncertainty_markers(
+        document, (0.3, 0.9), SCALES
+    )
+    assert of('summary', scene)
+    assert all(np.isfinite(item.points).all() and item.size >= 0 for item in scene)
