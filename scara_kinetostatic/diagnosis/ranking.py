@@ -89,11 +89,14 @@ def undetected_bias(problem: Problem, candidate: Candidate, std: Floats) -> tupl
 
 
 def significance(problem: Problem, candidate: Candidate) -> tuple[float, float]:
-    """F-test of one candidate (Bonferroni over its trials), and the part of the sum of squares it explains."""
+    """F-test of one candidate (Bonferroni over its trials), and the part of the sum of squares it explains.
+
+    A fitted effect may add nothing that is independent of the base model; then it is not significant.
+    """
     total = float(problem.left @ problem.left)
     rank = candidate.unit.shape[1]
     freedoms = problem.freedoms - rank
-    if freedoms < 1 or total < ROUNDING * len(problem.left):
+    if rank == 0 or freedoms < 1 or total < ROUNDING * len(problem.left):
         return 1.0, 0.0
     explained = float(np.sum((candidate.unit.T @ problem.left) ** 2))
     ratio = (explained / rank) / (max(total - explained, 1e-300) / freedoms)

@@ -14,7 +14,7 @@ from scara_kinetostatic.diagnosis.candidates import gather
 from scara_kinetostatic.diagnosis.discriminating_touches import discriminating_touches
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
 from scara_kinetostatic.diagnosis.model_selection import score_subsets
-from scara_kinetostatic.diagnosis.ranking import held_out_deviance, undetected_bias
+from scara_kinetostatic.diagnosis.ranking import held_out_deviance, significance, undetected_bias
 from scara_kinetostatic.diagnosis.refit import fit_with
 from scara_kinetostatic.diagnosis.thresholds import NONCENTRALITY
 from scara_kinetostatic.effects.registry import catalogue
@@ -68,6 +68,13 @@ def test_scores_penalise_parameters_and_the_search():
     assert np.isclose(penalty['base_compliance',], 2 * np.log(n) + 2 * np.log(count))
     assert penalty['transmission_error[joint2]',] > 3 * np.log(n) + 2 * np.log(200)
     assert scored_subsets.subsets[0].members == ()  # clean data: nothing pays
+
+
+def test_a_fitted_effect_that_adds_nothing_to_the_base_model_is_not_significant():
+    problem = pose_problem(calibrate(simulate(), CELL))
+    candidate = gather(problem, catalogue(CELL)).candidates[0]
+    assert significance(problem, candidate)[0] < 1
+    assert significance(problem, candidate._replace(unit=candidate.unit[:, :0])) == (1.0, 0.0)
 
 
 def test_the_undetected_bias_is_that_of_a_fit():
