@@ -265,7 +265,7 @@ def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
         gram = gram - part @ part.transpose(0, 2, 1)
         projected = projected - part @ (beside.T @ problem.left)
     size = np.trace(gram, axis1=1, axis2=2)
-    ridge = (_RIDGE * size.max())[..., None, None] * np.eye(projected.shape[1])
+    ridge = (_RIDGE * size.max() or 1.0) * np.eye(projected.shape[1])  # where no trial explains anything, any
     coefficients = np.linalg.solve(gram + ridge, projected[..., None])[..., 0]
     return np.asarray((projected * coefficients).sum(axis=1))
 

@@ -10,7 +10,7 @@ from diagnosis.simulated import CELL, effect, examined, simulate
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis import search
-from scara_kinetostatic.diagnosis.candidates import gather
+from scara_kinetostatic.diagnosis.candidates import Scan, gains, gather
 from scara_kinetostatic.diagnosis.discriminating_touches import discriminating_touches
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
 from scara_kinetostatic.diagnosis.model_selection import score_subsets
@@ -128,3 +128,10 @@ def test_a_fit_that_does_not_predict_the_forces_is_no_result(monkeypatch):
 
     monkeypatch.setattr(search, 'fit_with', astray)
     assert selection.fit(subsets.candidate_set.candidates) is None
+
+
+def test_trials_that_the_base_model_explains_gain_nothing() -> None:
+    """All of their columns are 0, as where an effect acts on nothing that these few touches show."""
+    columns, none = np.zeros((4, 3, 2)), np.zeros((3, 2))
+    scan = Scan(None, (), columns, 3, 0.0, np.zeros((3, 2, 2)), none)  # type: ignore[arg-type]
+    assert gains(None, scan).tolist() == [0.0, 0.0, 0.0]  # type: ignore[arg-type]
