@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from scara_kinetostatic.assessment.mistake_hypotheses import Origin
-from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, find_mistake
+from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, agree, find_mistake
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.bags.messages import reading
 from scara_kinetostatic.bags.reader import read_streams
@@ -29,6 +29,8 @@ from scara_kinetostatic.model.touch import Rejection, TouchSet, common_reason
 from scara_kinetostatic.touches.detection import Detection, find_touches
 from scara_kinetostatic.touches.left_out import LeftOut, kept_recordings, leave_out
 from scara_kinetostatic.touches.sequence import UNKNOWN_SEQUENCE, first_places, sequence_of
+from scara_kinetostatic.touches.stamp_offset import offset_touches
+from scara_kinetostatic.touches.streams import Streams
 from scara_kinetostatic.touches.table import cell_of_files, touches_of_table
 
 _OTHER_UNITS = (
@@ -37,6 +39,8 @@ _OTHER_UNITS = (
     (1e3, float(np.deg2rad(1.0)), 'the forces are in kN, not in N, and the joint angles in degrees, not in rad'),
 )
 """Factors of forces and joint angles, with words for each."""
+_MANY = 0.3
+"""Where more of the touches are rejected, the streams are checked for the likeliest mistakes."""
 _MOSTLY = 0.5
 """Such a unit is right if with it at least this part of the contacts are touches of known objects."""
 Progress = Callable[[str, float], None]
@@ -62,7 +66,8 @@ def calibrate_recordings(
 
     Raises:
         RecordingError: a recording or table cannot be read.
-        InputError: tables together with recordings of a sensor in the tool frame.
+        InputError: tables together with recordings of a sensor in the tool frame; joint states and wrenches stamped by
+            clocks that differ, or in other units.
         CellError: the forces contradict the cell's sensor sign or frame.
         UnsupportedDataError: no touches, too few, or a fit that does not converge.
         ParameterError: `fixed` names no parameter, or `left_out` no touch or recording.
@@ -71,8 +76,9 @@ def calibrate_recordings(
     tables = [path for path in paths if is_touch_table(path)]
     cell = cell_of_files(cell, tables, [path for path in paths if path not in tables])
     detection = leave_out(gather_touches(paths, cell, progress), paths, left_out)
-    if len(detection.held) < FEWEST_TOUCHES:
-        _check_units(paths, cell)
+    if len(detection.rejected) > _MANY * detection.found or len(detection.held) < FEWEST_TOUCHES:
+        for path in (path for path in paths if not is_touch_table(path)):
+            _check_streams(read_streams(path, cell), cell)
     recordings = tuple(_recording(path, start) for path, start in zip(paths, detection.starts, strict=True))
     outcome = calibrate_touches(detection, cell, fixed=fixed, sources=paths, progress=progress)
     return replace(outcome, recordings=recordings)
@@ -253,22 +259,40 @@ def left_out(calibration: Calibration) -> tuple[Rejection, ...]:
     return tuple(item for item in calibration.rejected if item.index not in calibration.touches.index)
 
 
-def _check_units(paths: Sequence[str | Path], cell: Cell) -> None:
-    """Check that recordings without touches would not have them with forces in kN, or joint angles in degrees.
+def _check_streams(streams: Streams, cell: Cell) -> None:
+    """Check that a recording with few touches would not have them with one clock, or in other units.
 
     Raises:
-        InputError: they would.
+        InputError: it would.
     """
-    recordings = [path for path in paths if not is_touch_table(path)]
-    for force, angle, what in _OTHER_UNITS if recordings else ():
-        streams = read_streams(recordings[0], cell)
+    found = find_touches(streams, cell)
+    joints, wrench = streams.topics or cell.sensor.topics
+    if (shifted := offset_touches(streams, cell, found)) and agree(shifted[1].touches, cell):
+        offset, detection = shifted
+        apart = f'{abs(offset):.1f} s {"later" if offset > 0 else "earlier"}'
+        problem = (
+            f'{wrench} is stamped about {apart} than {joints}: without that {len(detection.touches)} '
+            f'of {detection.found} touches can be used, else {len(found.touches)}'
+        )
+        raise InputError(streams.source, problem, 'let both drivers stamp by one clock, and record again')
+    if len(found.held) < FEWEST_TOUCHES:
+        _check_units(streams, cell)
+
+
+def _check_units(streams: Streams, cell: Cell) -> None:
+    """Check that a recording without touches would not have them with forces in kN, or joint angles in degrees.
+
+    Raises:
+        InputError: it would, and these touches agree with the cell.
+    """
+    for force, angle, what in _OTHER_UNITS:
         joints = replace(streams.joints, position=angle * streams.joints.position)
         wrench = replace(streams.wrench, force=force * streams.wrench.force)
         found = find_touches(replace(streams, joints=joints, wrench=wrench), cell)
-        if len(found.touches) >= max(FEWEST_TOUCHES, _MOSTLY * found.found):
+        if len(found.touches) >= _MOSTLY * found.found and agree(found.touches, cell):
             size = float(np.median(np.hypot(*found.touches.force.T)))
             problem = f'{what}: then {len(found.touches)} touches are found, of {size:.2g} N (median), else none'
-            raise InputError(recordings[0], problem, 'let the drivers publish rad and N')
+            raise InputError(streams.source, problem, 'let the drivers publish rad and N')
 
 
 def _fit_and_diagnose(

@@ -135,6 +135,13 @@ def find_mistake(
     )
 
 
+def agree(touches: TouchSet, cell: Cell) -> bool:
+    """Whether touches lie on the objects with their forces along the normals, but for what a calibration corrects."""
+    if len(touches) < FEWEST_TOUCHES:
+        return False
+    return bool(_fit([_reading(touches.select(_spread(len(touches))), cell, {})]).misfit[0] < _AGREES)
+
+
 def _spread(n: int) -> Indices:
     return np.unique(np.linspace(0, n - 1, min(n, MOST_TOUCHES)).round().astype(np.intp))
 

@@ -11,7 +11,7 @@ from scara_kinetostatic import pipeline
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.effects.registry import find
-from scara_kinetostatic.errors import CellError, UnsupportedDataError
+from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
@@ -35,6 +35,38 @@ def test_too_few_touches_name_the_recording(tmp_path):
     write_streams(tmp_path / 'few.mcap', simulate_streams(CELL, PAPER_ACTUAL, few), CELL)
     with pytest.raises(UnsupportedDataError, match=r'few\.mcap: 4 touches'):
         calibrate_recordings([tmp_path / 'few.mcap'], CELL)
+
+
+@pytest.mark.parametrize(
+    ('force', 'angle', 'offset', 'message'),
+    [
+        (1e-3, 1.0, 0.0, 'the forces are in kN, not in N: then 24 touches are found'),
+        (1.0, 180 / np.pi, 0.0, 'the joint angles are in degrees, not in rad'),
+        (1.0, 1.0, 0.5, r'/wrench is stamped about 0.\d s later than /joint_states: without that 24 of 24'),
+        (1.0, 1.0, 1.0, r'/wrench is stamped about 1.\d s later than /joint_states: without that 24 of 24'),
+        (1.0, 1.0, -5.0, r'/wrench is stamped about [45].\d s earlier than /joint_states: without that 24 of 24'),
+    ],
+)
+def test_streams_of_other_units_or_clocks_are_named(tmp_path, force, angle, offset, message):
+    """The log times are shifted as the stamps are: only the touches show the difference of the clocks."""
+    plan = default_plan(CELL).select(np.arange(24))
+    streams = simulate_streams(CELL, PAPER_ACTUAL, plan, seed=3)
+    stamp = streams.wrench.stamp + round(1e9 * offset)
+    wrench = replace(streams.wrench, force=force * streams.wrench.force, stamp=stamp)
+    joints = replace(streams.joints, position=angle * streams.joints.position)
+    write_streams(tmp_path / 'one', replace(streams, joints=joints, wrench=wrench), CELL)
+    with pytest.raises(InputError, match=message):
+        calibrate_recordings([tmp_path / 'one'], CELL)
+
+
+def test_touches_that_slide_are_no_difference_of_clocks(tmp_path):
+    plan = default_plan(CELL).select(np.arange(12))
+    streams = simulate_streams(CELL, PAPER_ACTUAL, plan, seed=3)
+    time = 1e-9 * (streams.joints.stamp - streams.joints.stamp[0])
+    sliding = streams.joints.position + 2e-2 * np.sin(7.0 * time)[:, None]
+    write_streams(tmp_path / 'one', replace(streams, joints=replace(streams.joints, position=sliding)), CELL)
+    with pytest.raises(UnsupportedDataError, match='the tip slides'):
+        calibrate_recordings([tmp_path / 'one'], CELL)
 
 
 def test_two_recordings_are_calibrated_together(tmp_path):
