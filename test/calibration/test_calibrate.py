@@ -10,7 +10,7 @@ from calibration.studies import CELL, EXACT, NOISE, touches, z_scores
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.held_out import held_out_force_error
-from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.calibration.solver import MAX_ITERATIONS, Termination
 from scara_kinetostatic.errors import CellError, InputError, ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import GripperSign, Noise, Sensor, SensorFrame, SensorSign
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, Parameters
@@ -28,6 +28,14 @@ def test_exact_touches_give_back_the_truth(robot, noise):
     assert found.used.all()
     assert found.force_error < 1e-9
     assert found.force_error_nominal > 10
+
+
+def test_a_fit_whose_steps_lower_nothing_ends_early():
+    """One radius is 5 mm off: no model of twelve parameters is near, and steps lead from one bad touch to the next."""
+    first = CELL.discs[0]._replace(radius=CELL.discs[0].radius + 5e-3)
+    found = calibrate(touches(PAPER_ACTUAL, cell=replace(CELL, discs=(first, *CELL.discs[1:]))), CELL)
+    assert found.termination is Termination.STALLED
+    assert found.iterations < MAX_ITERATIONS
 
 
 def test_exact_touches_with_the_printed_gripper():
