@@ -61,10 +61,10 @@ setup(
     entry_points={
         'console_scripts': [
             f'scara-kinetostatic = {NAME}.cli.main:command',
-            f'contact_simulator = {NAME}.nodes.contact_simulator:main',
-            f'collector = {NAME}.nodes.collector:main',
-            f'calibrator = {NAME}.nodes.calibrator:main',
-            f'visualizer = {NAME}.nodes.visualizer:main',
+            f'contact_simulator = {NAME}.nodes.executables:contact_simulator',
+            f'collector = {NAME}.nodes.executables:collector',
+            f'calibrator = {NAME}.nodes.executables:calibrator',
+            f'visualizer = {NAME}.nodes.executables:visualizer',
         ],
     },
 )

@@ -5,6 +5,7 @@
 - `calibrator` calibrates from a recording on a service call;
 - `visualizer` shows arm, objects, touches and results as markers.
 
-The only modules of the package that import `rclpy`. Shared by them: `runtime` (start, spin, stop), `declare`
-(parameters with descriptors), `stream_subscription` (quality of service), `conversion` (messages to numbers and back).
+The only modules of the package that import `rclpy`. Shared by them: `executables` and `runtime` (start, spin, stop),
+`declare` (parameters with descriptors), `stream_subscription` (quality of service), `conversion` (messages to numbers
+and back).
 """

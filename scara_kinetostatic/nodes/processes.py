@@ -59,7 +59,8 @@ class NodeProcesses:
             Its process id.
         """
         arguments = [part for key, value in parameters.items() for part in ('-p', f'{key}:={_yaml(value)}')]
-        command = [sys.executable, '-m', f'scara_kinetostatic.nodes.{name}', '--ros-args', *arguments]
+        code = f'import sys; from scara_kinetostatic.nodes import executables; sys.exit(executables.{name}())'
+        command = [sys.executable, '-c', code, '--ros-args', *arguments]
         rules = {**({'__ns': f'/{namespace}'} if namespace else {}), **(remaps or {})}
         command += [part for old, new in rules.items() for part in ('-r', f'{old}:={new}')]
         name = '_'.join(filter(None, (*namespace.split('/'), name)))

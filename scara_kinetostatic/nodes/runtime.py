@@ -22,10 +22,10 @@ from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedE
 from rclpy.signals import SignalHandlerOptions
 
 from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.nodes.executables import ENDING
 
 EXIT_DONE = 0
 EXIT_WRONG_INPUT = 2
-ENDING = (signal.SIGINT, signal.SIGTERM)
 LAST_ANSWERS = 3
 """Callbacks after a node has closed: answers of services that were waiting for something that now will not come."""
 WAKE_UP = 0.2
@@ -91,6 +91,7 @@ def run(
 def _refuse(message: str) -> int:
     print(' '.join(message.split()), file=sys.stderr)
     rclpy.try_shutdown()
+    _ignore_signals()
     return EXIT_WRONG_INPUT
 
 

@@ -52,6 +52,29 @@ def test_signals_until_the_very_end_do_no_harm(name: str, processes: NodeProcess
     assert process.returncode == 0, processes.log(name).read_text()
 
 
+INTERRUPTED = """
+import os, signal, sys
+
+class Interrupt:
+    def find_spec(self, name, *_):
+        if name == {module!r}:
+            os.kill(os.getpid(), {number})
+            print('still there')
+
+sys.meta_path.insert(0, Interrupt())
+from scara_kinetostatic.nodes import executables
+sys.exit(executables.{name}())
+"""
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('name', [*NODES, 'visualizer'])
+def test_a_signal_while_a_node_is_imported_ends_it_without_a_word(name: str, number: signal.Signals) -> None:
+    code = INTERRUPTED.format(name=name, number=int(number), module='rclpy')
+    ended = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=WAIT)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, '', '')
+
+
 def _handles_sigterm(pid: int) -> bool:
     """Whether the process has handlers of its own; Python by itself leaves SIGTERM alone."""
     status = Path(f'/proc/{pid}/status').read_text()
