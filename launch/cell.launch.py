@@ -2,8 +2,8 @@
 
 For a real robot set `simulate:=false`, which leaves out the first, and `cell:=/path/to/cell.yaml`: its joint angles and
 forces make no sense with the example cell. Then calibrate by
-`ros2 service call /calibrator/calibrate std_srvs/srv/Trigger`. A node that ends ends the launch, by itself or for a
-wrong parameter; with `respawn:=true` one that has crashed is started again.
+`ros2 service call /calibrator/calibrate std_srvs/srv/Trigger`. A node that ends ends those of its cell, and so the
+launch unless it has other cells; with `respawn:=true` one that has crashed is started again.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from typing import Any, List  # noqa: UP035 - launch knows lists by this name on
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, Shutdown
+from launch.actions import DeclareLaunchArgument, EmitEvent, LogInfo, OpaqueFunction
+from launch.events.process import ShutdownProcess
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -26,8 +27,8 @@ from scara_kinetostatic.model.cell import PAPER_CELL, Cell
 
 PACKAGE = 'scara_kinetostatic'
 CONFIG = PathJoinSubstitution([FindPackageShare(PACKAGE), 'config'])
-WRONG_INPUT = 2
-"""Exit status of a node for a parameter or a file that is not valid: to start it again would not help."""
+FINAL = (0, 2)
+"""Exit statuses of a node that is not started again: it was told to end; a parameter or a file is not valid."""
 RESPAWN_DELAY = 2.0
 """From the end of a node to its next start, s."""
 
@@ -51,7 +52,7 @@ def _arguments() -> list[DeclareLaunchArgument]:
         argument('namespace', '', 'of all nodes, such as left; also begins the names of their frames'),
         argument('use_sim_time', 'false', 'take the time from /clock', *switch),
         argument('log_level', 'info', 'of the log of all nodes', *levels),
-        argument('respawn', 'false', 'start a node again that has crashed; else the launch ends', *switch),
+        argument('respawn', 'false', 'start a node again that has crashed; else the cell ends', *switch),
         argument('simulate', 'true', 'start the simulator', *switch),
         argument('record', 'true', 'start the collector', *switch),
         argument('calibrate', 'true', 'start the calibrator', *switch),
@@ -76,6 +77,8 @@ class CellNodes:
     def __init__(self, context: LaunchContext) -> None:
         self._context = context
         self._respawn = self._on('respawn')
+        self._started: list[Node] = []
+        self._ending = False
 
     def actions(self) -> list[Any]:
         """What to start.
@@ -159,15 +162,19 @@ class CellNodes:
             )
 
     def _any_node(self, package: str, name: str, **more: Any) -> Node:
-        return Node(
-            package=package, executable=name, name=name, namespace=self._text('namespace'), output='screen', **more
-        )
+        namespace = self._text('namespace')
+        node = Node(package=package, executable=name, name=name, namespace=namespace, output='screen', **more)
+        self._started.append(node)
+        return node
 
-    def _note_end(self, event: Any, context: LaunchContext) -> Shutdown | None:
-        """Ends the launch when a node has ended that is not started again."""
-        if context.is_shutdown or (self._respawn and event.returncode != WRONG_INPUT):
+    def _note_end(self, event: Any, context: LaunchContext) -> list[Any] | None:
+        """Ends all nodes of this cell when one has ended that is not started again; other cells go on."""
+        if context.is_shutdown or self._ending or (self._respawn and event.returncode not in FINAL):
             return None
-        return Shutdown(reason=f'{event.process_name} has ended with status {event.returncode}')
+        self._ending = True
+        said = f'{event.process_name} has ended with status {event.returncode}: its cell ends'
+        of_this_cell = ShutdownProcess(process_matcher=lambda action: action in self._started)
+        return [LogInfo(msg=said), EmitEvent(event=of_this_cell)]
 
     @property
     def _prefix(self) -> str:

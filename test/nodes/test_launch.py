@@ -15,12 +15,14 @@ MODULES = {
     'launch': ('LaunchContext', 'LaunchDescription'),
     'launch.actions': (
         'DeclareLaunchArgument',
+        'EmitEvent',
         'GroupAction',
         'IncludeLaunchDescription',
         'LogInfo',
         'OpaqueFunction',
-        'Shutdown',
     ),
+    'launch.events': (),
+    'launch.events.process': ('ShutdownProcess',),
     'launch.substitutions': ('LaunchConfiguration', 'PathJoinSubstitution'),
     'launch_ros': (),
     'launch_ros.actions': ('Node',),
@@ -154,17 +156,24 @@ def test_time_log_level_and_an_earlier_result(launched: Launched) -> None:
 
 @pytest.mark.parametrize(('respawn', 'status', 'ends'), [
     ('false', 1, True), ('false', 2, True), ('true', 1, False), ('true', -9, False), ('true', 2, True),
+    ('true', 0, True),
 ])  # fmt: skip
 def test_the_end_of_a_node(launched: Launched, respawn: str, status: int, ends: bool) -> None:
-    """It ends the launch, unless the node is started again."""
-    node = launched.nodes(respawn=respawn)['collector']
+    """It ends the nodes of its cell, once, unless the node is started again."""
+    started = [item for item in launched.actions(respawn=respawn) if 'name' in item.given]
+    (node,) = (item.given for item in started if item.given['name'] == 'collector')
     assert node['respawn'] == (respawn == 'true') and node['respawn_delay'] > 0
     event = SimpleNamespace(returncode=status, process_name='collector-2')
-    action = node['on_exit'](event, SimpleNamespace(is_shutdown=False))
-    assert (action is not None) == ends
-    if ends:
-        assert action.given['reason'] == f'collector-2 has ended with status {status}'
     assert node['on_exit'](event, SimpleNamespace(is_shutdown=True)) is None
+    actions = node['on_exit'](event, SimpleNamespace(is_shutdown=False))
+    assert (actions is not None) == ends
+    if ends:
+        said, emitted = actions
+        assert said.given['msg'] == f'collector-2 has ended with status {status}: its cell ends'
+        matches = emitted.given['event'].given['process_matcher']
+        assert all(map(matches, started))
+        assert not any(map(matches, launched.actions()))  # another cell
+        assert node['on_exit'](event, SimpleNamespace(is_shutdown=False)) is None
 
 
 def test_two_cells_share_nothing(launched: Launched) -> None:
