@@ -7,7 +7,8 @@ URDF of both arms is on `robot_description`, latched, and is handed to a `robot_
 which publishes their frames.
 
 It hears the collector's `~/touch` and the calibrator's `~/result`; single touches of a result, with their residuals,
-and the covariance, it reads from the file that the result names; without the file they are not shown.
+and the covariance, it reads from the file that the result names; without the file they are not shown, and that is said.
+A result that the calibrator does not publish, as it is unfit, changes neither the calibrated arm nor the URDF.
 """
 
 from __future__ import annotations
@@ -50,6 +51,7 @@ from scara_kinetostatic.render.markers import (
     touch_markers,
     uncertainty_markers,
 )
+from scara_kinetostatic.report.document import NAME
 
 PERIOD = 0.1
 """Between two messages on `~/arm`, s."""
@@ -88,7 +90,8 @@ class Visualizer(Node):
         self._scales = self._declare_scales()
         self._joints: tuple[float, float] | None = None
         self._touches: dict[tuple[str, str], SeenTouch] = {}
-        self._document: Mapping[str, Any] | None = None
+        self._document: Mapping[str, Any] | None = None  # the last result
+        self._calibrated: Mapping[str, Any] | None = None  # the last one that is in the calibrator's parameters
         self._changed = True
         self._next_scene = 0.0
         self._markers = self.create_publisher(MarkerArray, '~/markers', LATCHED)
@@ -134,19 +137,21 @@ class Visualizer(Node):
 
     def _note_result(self, message: String) -> None:
         try:
-            document = json.loads(message.data)
-            folder = document['files']['folder']
-            stored = stored_document(Path(folder)) if folder else None
-            if stored is not None and stored['created'] == document['created']:
-                document = stored
+            said = json.loads(message.data)
+            document, missing = _with_file(said)
             calibrated = estimated(document)
             result_markers(document, self._cell.discs, self._scales)
             uncertainty_markers(document, NO_ANGLES, self._scales)
+            published = bool(said.get('published', True))
         except (ValueError, LookupError, TypeError, AttributeError, ScaraKinetostaticError) as error:
             self.get_logger().warning(f'calibrator/result cannot be shown: {type(error).__name__}: {error}')
             return
+        if missing:
+            self.get_logger().warning(f'residual forces and the uncertainty of the tip are not shown: {missing}')
         self._document, self._changed = document, True
-        self._describe(calibrated)
+        if published:
+            self._calibrated = document
+            self._describe(calibrated)
 
     def _describe(self, calibrated: Parameters | None) -> None:
         """Publishes the URDF."""
@@ -181,10 +186,27 @@ class Visualizer(Node):
 
     def _arms(self, joints: tuple[float, float]) -> list[Primitive]:
         nominal = arm_markers('nominal', self._cell.nominal, joints, NOMINAL_COLOUR)
-        if self._document is None:
+        if self._calibrated is None:
             return nominal
-        calibrated = arm_markers('calibrated', estimated(self._document), joints, CALIBRATED_COLOUR)
-        return nominal + calibrated + uncertainty_markers(self._document, joints, self._scales)
+        calibrated = arm_markers('calibrated', estimated(self._calibrated), joints, CALIBRATED_COLOUR)
+        return nominal + calibrated + uncertainty_markers(self._calibrated, joints, self._scales)
+
+
+def _with_file(said: Mapping[str, Any]) -> tuple[Mapping[str, Any], str]:
+    """A result of the calibrator with what its file adds, and why nothing was added.
+
+    Raises:
+        ValueError, LookupError, TypeError: it is no such result.
+    """
+    folder = said['files']['folder']
+    if not folder:
+        return said, 'the files of the result could not be written'
+    stored = stored_document(Path(folder))
+    if stored is None:
+        return said, f'no {NAME} can be read in {folder}; is the calibrator on another machine?'
+    if stored['created'] != said['created']:
+        return said, f'{NAME} in {folder} is of another result, {stored["created"]}'
+    return stored, ''
 
 
 def main(args: Sequence[str] | None = None) -> int:

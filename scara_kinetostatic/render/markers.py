@@ -276,7 +276,8 @@ def _summary(
         )
         target = f'[{effect["target"]}]' if effect['target'] else ''
         lines.append(f'{effect["name"]}{target}: {values}')
-    lines.append(f'displacements × {scales.error:g}; residual forces {1e3 * scales.residual:g} mm per N')
+    shown = f'{1e3 * scales.residual:g} mm per N' if 'fitted' in document['touches'] else 'not shown, no file'
+    lines.append(f'displacements × {scales.error:g}; residual forces {shown}')
     left = min(disc.x - disc.radius for disc in discs)
     below = min(0.0, min(disc.y - disc.radius for disc in discs))
     middle = 0.5 * (left + max(disc.x + disc.radius for disc in discs))

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import pytest
 import rclpy
-from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.msg import Log, SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -98,11 +98,40 @@ def test_it_shows_touches_arm_and_result(cell: Cell, grown: Any, tmp_path: Path)
     assert 'uncertainty' in cell.groups('visualizer/arm')
 
 
-def test_a_result_whose_file_is_gone_is_shown_without_residuals(cell: Cell, plain: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize(('created', 'said'), [
+    (None, 'no calibration.json can be read in {folder}; is the calibrator on another machine?'),
+    ('1970-01-01T00:00:00Z', 'calibration.json in {folder} is of another result, 1970-01-01T00:00:00Z'),
+])  # fmt: skip
+def test_a_result_without_its_file_is_shown_without_residuals(
+    cell: Cell, plain: Any, tmp_path: Path, created: str | None, said: str
+) -> None:
+    document = as_document(plain)
+    if created:
+        (tmp_path / 'calibration.json').write_text(json_text(document | {'created': created}))
+    heard: list[str] = []
+    cell.node.create_subscription(Log, '/rosout', lambda message: heard.append(message.msg), 10)
+    cell.wait(lambda: cell.node.count_publishers('/rosout') > 1)
     results = cell.node.create_publisher(String, 'calibrator/result', LATCHED)
-    results.publish(String(data=json.dumps(summary(as_document(plain)) | {'files': {'folder': str(tmp_path)}})))
+    results.publish(String(data=json.dumps(summary(document) | {'files': {'folder': str(tmp_path)}})))
     cell.wait(lambda: 'summary' in cell.groups('visualizer/markers'))
     assert 'residuals' not in cell.groups('visualizer/markers')
+    assert any(item.text.endswith('not shown, no file') for item in cell.heard['visualizer/markers'].markers)
+    cell.wait(lambda: any(item.endswith(said.format(folder=tmp_path)) for item in heard))
+
+
+def test_a_result_that_is_not_published_leaves_the_calibrated_arm_alone(cell: Cell, plain: Any) -> None:
+    cell.wait(lambda: 'robot_description' in cell.heard)
+    before = cell.heard['robot_description'].data
+    results = cell.node.create_publisher(String, 'calibrator/result', LATCHED)
+    unfit = summary(as_document(plain)) | {'files': {'folder': None}, 'published': False}
+    results.publish(String(data=json.dumps(unfit)))
+    cell.wait(lambda: 'summary' in cell.groups('visualizer/markers'))
+    joints = cell.node.create_publisher(JointState, 'joint_states', RELIABLE_STREAM)
+    cell.wait(joints.get_subscription_count)
+    joints.publish(conversion.joint_state(Sample(0, 0.3, 0.9), ('joint1', 'joint2')))
+    cell.wait(lambda: 'visualizer/arm' in cell.heard)
+    assert cell.groups('visualizer/arm') == {'', 'nominal'}
+    assert cell.heard['robot_description'].data == before
 
 
 def test_the_description_of_the_robot_has_the_calibrated_arm_once_there_is_one(cell: Cell, plain: Any) -> None:
