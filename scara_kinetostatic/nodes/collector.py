@@ -45,6 +45,9 @@ from scara_kinetostatic.nodes.stream_subscription import LATCHED, LATCHED_TOUCHE
 
 POLL = 0.1
 """Period of the search for finished touches, s."""
+SIMULATOR = 'contact_simulator'
+"""Node whose robot is that of the example cell where no cell is given."""
+EXAMPLE = 'the parameter cell is empty: the robot is taken for the example cell of figure 3; name its cell description'
 REST = 0.005
 """Between two callbacks, s: messages of 1 kHz are taken ten at a time."""
 
@@ -179,7 +182,13 @@ class Collector(Node):
     def _with_warnings(self, answer: str) -> str:
         """The answer of a service, with what spoils the data."""
         mixtures = (monitor.mixture() for monitor in self._monitors.values())
-        return '; '.join(filter(None, (answer, *mixtures, self._frame.complaint())))
+        return '; '.join(filter(None, (answer, *mixtures, self._frame.complaint(), self._example_cell())))
+
+    def _example_cell(self) -> str:
+        """That a robot other than the simulated one is taken for the example cell; empty if it is not."""
+        named = bool(self.get_parameter('cell').value)
+        robots = {name.rpartition('/')[2] for monitor in self._monitors.values() for name in monitor.publishers}
+        return '' if named or robots <= {SIMULATOR} else EXAMPLE
 
     def _look_at_publishers(self) -> None:
         """Notes who publishes the topics, and by which quality of service."""
@@ -275,6 +284,7 @@ class Collector(Node):
             rate = monitor.rate()
             values |= monitor.details(rate)
             complaints += [monitor.complaint(rate, expected=self._session is not None), monitor.mixture()]
+        complaints.append(self._example_cell())
         if self._session is not None:
             values |= self._session.details()
             complaints += [self._session.clock_warning, self._session.room.complaint()]

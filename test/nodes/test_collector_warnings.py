@@ -13,6 +13,8 @@ import pytest
 pytest.importorskip('rclpy')
 
 from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 
 from scara_kinetostatic.bags.encoding import joint_state_messages, wrench_messages
 from scara_kinetostatic.bags.reader import read_streams
@@ -22,6 +24,7 @@ from scara_kinetostatic.nodes import disk_room, session
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.complaints import PersistentComplaints
 from scara_kinetostatic.nodes.conversion import Sample
+from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.diagnostics import OK, WARN
 from scara_kinetostatic.nodes.session import Session, Stream
 from scara_kinetostatic.nodes.stream_monitor import StreamMonitor
@@ -126,6 +129,28 @@ def test_the_collector_warns_of_the_disk(
     assert f'the disk of {tmp_path} has' in condition.message
     collector.close()
     collector._session = None
+    assert collector._examine().level == OK
+
+
+def test_a_robot_taken_for_the_example_cell_is_said(
+    spin: Callable[..., Node], client: DemoClient, tmp_path: Path
+) -> None:
+    collector = spin(Collector, '--ros-args', '-p', f'output:={tmp_path / "bags"}')
+    said = 'taken for the example cell'
+    for name, expected in (('/left/contact_simulator', False), ('/left/driver', True)):
+        collector._monitors[Stream.JOINTS].publishers = [name]
+        assert (said in collector._examine().message) == expected
+        assert (collector._examine().level == WARN) == expected
+    client._node.create_publisher(JointState, '/joint_states', 10)
+    client.wait('the driver', lambda: collector.count_publishers('/joint_states') == 1, 15.0)
+    answer = client.call('/collector/start', Trigger, Trigger.Request(), 15.0)
+    assert answer.success
+    assert said in answer.message
+
+
+def test_a_robot_whose_cell_is_given_is_no_example(spin: Callable[..., Node], cell_file: Path) -> None:
+    collector = spin(Collector, '--ros-args', '-p', f'cell:={cell_file}')
+    collector._monitors[Stream.JOINTS].publishers = ['/left/driver']
     assert collector._examine().level == OK
 
 
