@@ -219,8 +219,8 @@ def main() -> None:
         send('reply', reply._asdict())
     except ScaraKinetostaticError as error:
         send('error', str(error))
-    except KeyboardInterrupt:
-        sys.exit(1)
+    except (KeyboardInterrupt, BrokenPipeError):  # told to end, or the node has gone
+        os._exit(1)
     except Exception as error:  # the node says so and stays up
         traceback.print_exc()
         send('error', one_line(f'internal error: {type(error).__name__}: {error}'))

@@ -175,6 +175,20 @@ def test_the_process_speaks_json_only(bags: list[Path], tmp_path: Path) -> None:
     assert ended.stderr == ''
 
 
+def test_the_process_ends_with_the_node(bags: list[Path], tmp_path: Path) -> None:
+    order = Job([str(bags[0])], False, '', [], [], str(tmp_path / 'out'), False)
+    code = 'from scara_kinetostatic.nodes.calibration_job import main; main()'
+    pipes = {'stdin': subprocess.PIPE, 'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE}
+    process = subprocess.Popen([sys.executable, '-c', code], text=True, **pipes)  # type: ignore[call-overload]
+    process.stdout.close()
+    process.stdin.write(json.dumps(order._asdict()) + '\n')
+    process.stdin.close()
+    assert process.stderr.read() == ''
+    assert process.wait(60) == 1
+    process.stderr.close()
+    assert not (tmp_path / 'out').exists()
+
+
 @pytest.mark.parametrize(
     ('announcements', 'session', 'last', 'everything'),
     [
