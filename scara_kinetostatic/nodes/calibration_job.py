@@ -176,7 +176,7 @@ def _calibrate(job: Job, progress: Callable[[str, float], None]) -> Any:
             )
             break
         except RecordingError as error:
-            useless = [path for path in paths if str(path) == error.where]
+            useless = [path for path in paths if Path(error.where).is_relative_to(path)]  # or one of its files
             if not job.joined or not useless or len(paths) == 1:
                 raise
             if useless[0] != paths[-1]:

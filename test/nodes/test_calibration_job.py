@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -96,6 +97,16 @@ def test_of_joined_recordings_the_last_cell_description_counts(job: Make, bags: 
     assert reply.facts['recordings'] == [str(tmp_path / 'third')]
     (warning,) = reply.warnings
     assert warning.startswith(f'{bags[0]}: contains another cell description than {tmp_path / "third"}')
+
+
+def test_a_joined_recording_with_a_file_that_cannot_be_read_is_left_out(
+    job: Make, bags: list[Path], tmp_path: Path
+) -> None:
+    shutil.copytree(bags[1], tmp_path / 'cut')
+    next((tmp_path / 'cut').glob('*.mcap')).write_bytes(b'')
+    reply, _ = calibrated(job(recordings=[str(bags[0]), str(tmp_path / 'cut')], joined=True))
+    assert reply.facts['recordings'] == [str(bags[0])]
+    assert 'the file is empty' in reply.warnings[0]
 
 
 def test_numbers_of_touches_do_not_shift_where_a_recording_is_left_out(job: Make, bags: list[Path]) -> None:
