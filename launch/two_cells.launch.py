@@ -35,5 +35,6 @@ def _cell(name: str, seed: int) -> GroupAction:
         'respawn': LaunchConfiguration('respawn'),
         'recordings': PathJoinSubstitution([LaunchConfiguration('recordings'), name]),
         'seed': str(seed),
+        'enclaves': f'/scara_kinetostatic/{name}',
     }
     return GroupAction([IncludeLaunchDescription(ONE, launch_arguments=arguments.items())], scoped=True)

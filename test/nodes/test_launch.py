@@ -183,5 +183,6 @@ def test_two_cells_share_nothing(launched: Launched) -> None:
     cells = [dict(item.given['launch_arguments']) for group in groups for item in group.args[0]]
     assert [cell['namespace'] for cell in cells] == ['left', 'right']
     assert [cell['seed'] for cell in cells] == ['0', '1']
+    assert [cell['enclaves'] for cell in cells] == ['/scara_kinetostatic/left', '/scara_kinetostatic/right']
     assert [cell['recordings'].args[0][-1] for cell in cells] == ['left', 'right']
     assert all(cell.keys() <= launched.defaults.keys() for cell in cells)

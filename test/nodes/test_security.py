@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
@@ -32,33 +33,55 @@ RULES = {
 """What a policy can allow, and how a node is asked what it does."""
 
 
-def allowed(file: str, node: str) -> dict[tuple[str, str], set[str]]:
+EDIT = re.compile(r's\|([^|]+)\|([^|]+)\|')
+
+
+def policy_text(file: str, namespace: str = '') -> str:
+    """A policy, for a namespace edited as the page says."""
+    text = (POLICIES / file).read_text()
+    if not namespace:
+        return text
+    page = (ROOT / 'docs' / 'how_to' / 'security.md').read_text(encoding='utf-8')
+    edits = EDIT.findall(page)
+    assert len(edits) == 2
+    for old, new in edits:
+        text = text.replace(old, new)
+    return text
+
+
+def allowed(file: str, node: str, namespace: str = '') -> dict[tuple[str, str], set[str]]:
     """The full names that a policy allows a node, by rule."""
-    policy = ElementTree.parse(POLICIES / file).getroot()
+    policy = ElementTree.fromstring(policy_text(file, namespace).encode())
     assert (policy.tag, policy.attrib) == ('policy', {'version': '0.2.0'})
     (profile,) = policy.iterfind(f"enclaves/enclave/profiles/profile[@node='{node}']")
-    assert profile.attrib['ns'] == '/'
+    assert profile.attrib['ns'] == (namespace or '/')
     names: dict[tuple[str, str], set[str]] = {rule: set() for rule in RULES}
     for group in profile:
         ((verb, qualifier),) = group.attrib.items()
         assert qualifier == 'ALLOW'
-        names[group.tag, verb] |= {_resolved(str(item.text), node) for item in group}
+        names[group.tag, verb] |= {_resolved(str(item.text), node, namespace) for item in group}
     return names
 
 
-def _resolved(name: str, node: str) -> str:
-    return f'/{node}{name[1:]}' if name.startswith('~') else '/' + name.removeprefix('/')
+def _resolved(name: str, node: str, namespace: str) -> str:
+    """As sros2 does it."""
+    if name.startswith('/'):
+        return name
+    return f'{namespace}/{node}{name[1:]}' if name.startswith('~') else f'{namespace}/{name}'
 
 
+@pytest.mark.parametrize('namespace', ['', '/left'])
 @pytest.mark.parametrize('name', KINDS)
-def test_a_node_may_do_what_it_does_and_nothing_else(spin: Callable[..., Node], name: str) -> None:
-    enclave = f'/scara_kinetostatic/{name}'
-    node = spin(KINDS[name], '--ros-args', '-p', 'use_sim_time:=true', '--enclave', enclave)
-    assert (name, '/', enclave) in node.get_node_names_and_namespaces_with_enclaves()
-    has = {rule: {topic for topic, _ in ask(node, name, '/')} for rule, ask in RULES.items()}
+def test_a_node_may_do_what_it_does_and_nothing_else(spin: Callable[..., Node], name: str, namespace: str) -> None:
+    enclave = f'/scara_kinetostatic{namespace}/{name}'
+    given = ('-p', 'use_sim_time:=true', '--enclave', enclave, '-r', f'__ns:={namespace or "/"}')
+    node = spin(KINDS[name], '--ros-args', *given)
+    assert (name, namespace or '/', enclave) in node.get_node_names_and_namespaces_with_enclaves()
+    has = {rule: {topic for topic, _ in ask(node, name, namespace or '/')} for rule, ask in RULES.items()}
     if name == 'collector' and TFMessage is None:
         has['topics', 'subscribe'].add('/tf_static')
-    assert allowed('nodes.policy.xml', name) == has
+    assert allowed('nodes.policy.xml', name, namespace) == has
+    assert f'<enclave path="{enclave}">' in policy_text('nodes.policy.xml', namespace)
 
 
 def test_every_node_has_an_enclave_of_its_own_and_the_launch_file_names_it() -> None:
@@ -70,9 +93,10 @@ def test_every_node_has_an_enclave_of_its_own_and_the_launch_file_names_it() -> 
     assert "argument('enclaves', '/scara_kinetostatic'" in (ROOT / 'launch/cell.launch.py').read_text()
 
 
-def test_the_operator_may_call_and_hear_what_there_is() -> None:
-    nodes = [allowed('nodes.policy.xml', name) for name in KINDS]
-    operator = allowed('operator.policy.xml', '_ros2cli')
+@pytest.mark.parametrize('namespace', ['', '/left'])
+def test_the_operator_may_call_and_hear_what_there_is(namespace: str) -> None:
+    nodes = [allowed('nodes.policy.xml', name, namespace) for name in KINDS]
+    operator = allowed('operator.policy.xml', '_ros2cli', namespace)
     assert operator['services', 'request'] == set().union(*(node['services', 'reply'] for node in nodes))
     assert operator['topics', 'subscribe'] <= set().union(*(node['topics', 'publish'] for node in nodes))
     assert operator['topics', 'publish'] == {'/parameter_events', '/rosout'}
