@@ -63,6 +63,13 @@ REST = 0.01
 """Between two callbacks, s: of joint states at 1 kHz only some are taken."""
 MOST_TOUCHES = 1000
 """So many are shown, the latest."""
+SCALES = (
+    'length of the arrow of a force, m/N',
+    'the same of a residual force, m/N',
+    'magnification of displacements of objects',
+    'magnification of the uncertainty of the tip',
+)
+"""Meaning of each of the fields of `Scales`, as a parameter."""
 NO_ANGLES = (0.0, 0.0)
 """Joint angles at which a result is tried before it is shown."""
 NEWEST = QoSProfile(
@@ -87,12 +94,12 @@ class Visualizer(Node):
         self._cell = cell_or_example(self)
         prefix = declare.text(self, 'frame_prefix', '', 'before the names of frames, as of robot_state_publisher')
         self._frame = prefix + BASE_FRAME
-        self._scales = self._declare_scales()
         self._joints: tuple[float, float] | None = None
         self._touches: dict[tuple[str, str], SeenTouch] = {}
         self._document: Mapping[str, Any] | None = None  # the last result
         self._calibrated: Mapping[str, Any] | None = None  # the last one that is in the calibrator's parameters
         self._changed = True
+        self._declare_scales()
         self._next_scene = 0.0
         self._markers = self.create_publisher(MarkerArray, '~/markers', LATCHED)
         self._arm = self.create_publisher(MarkerArray, '~/arm', 1)
@@ -107,13 +114,18 @@ class Visualizer(Node):
         self.create_timer(PERIOD, self._publish_arms, clock=steady)
         self.create_timer(SCENE_PERIOD, self._publish_scene, clock=steady)
 
-    def _declare_scales(self) -> Scales:
-        usual, size = Scales(), Range(0.0, 1e6)
-        force = declare.number(self, 'force_scale', usual.force, 'length of the arrow of a force, m/N', size)
-        residual = declare.number(self, 'residual_scale', usual.residual, 'the same of a residual force, m/N', size)
-        error = declare.number(self, 'error_scale', usual.error, 'magnification of displacements of objects', size)
-        tip = 'magnification of the uncertainty of the tip'
-        return Scales(force, residual, error, declare.number(self, 'uncertainty_scale', usual.uncertainty, tip, size))
+    def _declare_scales(self) -> None:
+        """Declares how large things are drawn; they can be set while the node runs."""
+        for (name, usual), meaning in zip(Scales()._asdict().items(), SCALES, strict=True):
+            declare.number(self, f'{name}_scale', usual, meaning, Range(0.0, 1e6), read_only=False)
+        self.add_post_set_parameters_callback(self._draw_again)
+
+    @property
+    def _scales(self) -> Scales:
+        return Scales(*(float(self.get_parameter(f'{name}_scale').value) for name in Scales._fields))
+
+    def _draw_again(self, _: Sequence[Any]) -> None:
+        self._changed = True
 
     def close(self) -> None:
         """Nothing to close."""

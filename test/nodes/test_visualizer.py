@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from math import dist
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -15,6 +16,7 @@ from rcl_interfaces.msg import Log, SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
@@ -132,6 +134,22 @@ def test_a_result_that_is_not_published_leaves_the_calibrated_arm_alone(cell: Ce
     cell.wait(lambda: 'visualizer/arm' in cell.heard)
     assert cell.groups('visualizer/arm') == {'', 'nominal'}
     assert cell.heard['robot_description'].data == before
+
+
+def test_forces_are_drawn_anew_when_their_scale_is_set(cell: Cell) -> None:
+    def length() -> float:
+        arrows = [item for item in cell.heard['visualizer/markers'].markers if item.ns == 'forces']
+        return dist(*((point.x, point.y) for point in arrows[0].points)) if arrows else 0.0
+
+    touches = cell.node.create_publisher(type(TOUCH.message('', '', '')), 'collector/touch', LATCHED_TOUCHES)
+    touches.publish(TOUCH.message('/left/collector', '/bags/one', 'base'))
+    cell.wait(lambda: 'forces' in cell.groups('visualizer/markers'))
+    assert length() == pytest.approx(0.002 * 20.0)
+    (answer,) = cell.visualizer.set_parameters([Parameter('force_scale', value=0.01)])
+    assert answer.successful
+    cell.wait(lambda: length() == pytest.approx(0.01 * 20.0))
+    (answer,) = cell.visualizer.set_parameters([Parameter('force_scale', value=-1.0)])
+    assert not answer.successful
 
 
 def test_the_description_of_the_robot_has_the_calibrated_arm_once_there_is_one(cell: Cell, plain: Any) -> None:
