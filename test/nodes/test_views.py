@@ -112,6 +112,18 @@ def test_foxglove(published: dict[str, str]) -> None:
     assert view['configById']['DiagnosticSummary!diagnostics']['topicToRender'] == '/diagnostics'
 
 
+def test_foxglove_in_a_namespace(tmp_path: Path) -> None:
+    """The command on the page puts the namespace before all names but /diagnostics, which all cells share."""
+    page = (CONFIG.parent / 'docs/how_to/ros_cell.md').read_text(encoding='utf-8')
+    (edit,) = re.findall(r"^sed -E '(.*)' foxglove.json > left.json$", page, re.MULTILINE)
+    text = subprocess.run(
+        ['sed', '-E', edit, str(CONFIG / 'foxglove.json')], capture_output=True, text=True, check=True
+    ).stdout
+    names = re.findall(r'"(/[^"]*)"', text)
+    assert [name for name in names if not name.startswith('/left/')] == ['/diagnostics']
+    assert json.loads(text)['configById']['3D!cell']['followTf'] == 'left/base_link'
+
+
 def test_the_groups_are_those_of_the_markers() -> None:
     source = (CONFIG.parent / 'scara_kinetostatic/render/markers.py').read_text()
     for group in set().union(*GROUPS.values()) - {'nominal', 'calibrated'}:
