@@ -19,8 +19,8 @@ from scara_kinetostatic.files.cell_file import CELL_TOPIC
 from scara_kinetostatic.model.cell import Cell
 
 DISCARD_TOPIC = '/discarded_touch'
-"""Carries, for each touch that was discarded while recording, `{"touch": 5, "stamp": 1700000000000000000}`: its number
-and the middle of its hold by the clock of the streams, ns."""
+"""Carries, for each touch that was discarded while recording, `{"touch": 5, "stamp": 1700…, "received": 1700…}`: its
+number, the middle of its hold by the clock of the streams, and when that was received, ns."""
 OfferedQos: TypeAlias = Qos
 """Quality of service that a publisher offers."""
 _FOREVER = QosTime(9223372036, 854775807)

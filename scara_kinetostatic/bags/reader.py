@@ -12,6 +12,8 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from scara_kinetostatic.bags.bag_folder import METADATA
 from scara_kinetostatic.bags.cell_topics import cell_topics
 from scara_kinetostatic.bags.decoding import Decoder, Samples, decode_string
@@ -32,7 +34,7 @@ from scara_kinetostatic.errors import CellError, RecordingError, one_line
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
 from scara_kinetostatic.model.cell import Cell, Sensor
 from scara_kinetostatic.touches import clock
-from scara_kinetostatic.touches.clock import counted, on_one_clock
+from scara_kinetostatic.touches.clock import Judgement, counted, judge_clocks
 from scara_kinetostatic.touches.interleaving import INTERLEAVED, interleaved_seconds
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
@@ -41,12 +43,19 @@ _ATTEMPTS = 5
 """So often a folder is read if files vanish from it because they are merged."""
 
 
+class _Discard(NamedTuple):
+    """A touch that was discarded while recording: a stamp within its hold, and when that was received, ns."""
+
+    stamp: int
+    received: int
+
+
 class _Contents(NamedTuple):
     """What a recording holds of two topics: their messages, decoded, and its source, which then knows all topics."""
 
     source: Source
     samples: dict[str, Samples]
-    discarded: tuple[int, ...]
+    discarded: tuple[_Discard, ...]
 
 
 def read_streams(path: str | Path, cell: Cell) -> Streams:
@@ -77,9 +86,11 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
         if interleaved_seconds(streams[names[0]].log_time, streams[names[0]].values):
             warnings.append(f'{names[0]}: {INTERLEAVED}')
         clocked = {topic: clock.Samples(*samples[:3]) for topic, samples in streams.items()}
-        joints, wrench = on_one_clock(str(path), clocked, warnings)
+        judged = judge_clocks(str(path), clocked, warnings)
+        joints, wrench = judged.topics
+        held = tuple(_on_that_clock(item, judged, names[1]) for item in discarded)
         return Streams(
-            str(path), JointStream(*joints), WrenchStream(*wrench), tuple(map(one_line, warnings)), names, discarded
+            str(path), JointStream(*joints), WrenchStream(*wrench), tuple(map(one_line, warnings)), names, held
         )
 
 
@@ -106,7 +117,7 @@ def _read_once(path: str | Path, names: tuple[str, str], cell: Cell) -> _Content
     """As `_samples`, whatever happens to the folder meanwhile."""
     types = dict(zip(names, (JOINT_STATE, WRENCH_STAMPED), strict=True))
     decoders = dict(zip(names, (Decoder(cell.joint_names), Decoder()), strict=True))
-    source, discarded = open_recording(path), list[int]()
+    source, discarded = open_recording(path), list[_Discard]()
     for batch in source.batches((*types, DISCARD_TOPIC)):
         if batch.topic.encoding not in _ENCODINGS:
             continue
@@ -118,14 +129,27 @@ def _read_once(path: str | Path, names: tuple[str, str], cell: Cell) -> _Content
     return _Contents(source, {topic: decoder.samples() for topic, decoder in decoders.items()}, tuple(discarded))
 
 
-def _discarded(batch: Batch) -> list[int]:
-    """The stamps of discarded touches, ns."""
+def _on_that_clock(discard: _Discard, judged: Judgement, wrench: str) -> int:
+    """A stamp within the hold of a discarded touch, by the clock that is valid for the recording, ns.
+
+    The collector may have judged the clocks before they stepped.
+    """
+    if judged.by_log_time:
+        return discard.received
+    if samples := judged.joined.get(wrench):
+        return int(samples.stamp[np.argmin(np.abs(samples.log_time - discard.received))])
+    return discard.stamp
+
+
+def _discarded(batch: Batch) -> list[_Discard]:
+    """The discarded touches."""
     found = []
     for payload in batch.payloads():
-        stamp = json.loads(decode_string(payload, batch.topic.encoding))['stamp']
-        if not isinstance(stamp, int):
-            raise ValueError(f'{DISCARD_TOPIC}: expected a stamp in ns, got {stamp!r}')
-        found.append(stamp)
+        said = json.loads(decode_string(payload, batch.topic.encoding))
+        discard = _Discard(said['stamp'], said.get('received') or said['stamp'])
+        if not all(isinstance(time, int) for time in discard):
+            raise ValueError(f'{DISCARD_TOPIC}: expected times in ns, got {said!r}')
+        found.append(discard)
     return found
 
 

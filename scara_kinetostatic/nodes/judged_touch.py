@@ -43,6 +43,7 @@ class JudgedTouch(NamedTuple):
         object: name of the object touched; empty where unknown.
         force: on the object, in the frame of the sensor, (fx, fy), N; empty where unknown.
         joints: (q1, q2), rad; empty where unknown.
+        received: when the wrench of that stamp was received, ns; 0 where unknown.
     """
 
     number: int
@@ -52,6 +53,7 @@ class JudgedTouch(NamedTuple):
     object: str = ''
     force: tuple[float, ...] = ()
     joints: tuple[float, ...] = ()
+    received: int = 0
 
     @property
     def line(self) -> str:

@@ -124,7 +124,8 @@ class Session:
         if not self._accepted:
             return None
         touch = self._accepted.pop()
-        self._writer.write_discard(json.dumps({'touch': touch.number, 'stamp': touch.stamp}), log_time)
+        which = {'touch': touch.number, 'stamp': touch.stamp, 'received': touch.received}
+        self._writer.write_discard(json.dumps(which), log_time)
         self.touches -= 1
         self.rejected += 1
         discarded = touch._replace(reason=DISCARDED)
@@ -177,7 +178,9 @@ class Session:
         self._checkpoint()
         self.touches += len(new.touches)
         self.rejected += len(new.rejected)
-        judged = judged_touches(new, self._cell)
+        judged = [
+            touch._replace(received=self._detector.received(touch.stamp)) for touch in judged_touches(new, self._cell)
+        ]
         self._accepted += [touch for touch in judged if not touch.reason]
         self._reasons += [touch.reason for touch in judged if touch.reason]
         self.news = judged[-1].line

@@ -78,11 +78,6 @@ class Judgement(NamedTuple):
     at_one_rate: bool
 
 
-def on_one_clock(source: str, streams: dict[str, Samples], warnings: list[str]) -> list[Timed]:
-    """Both topics sorted by time on one clock; arguments and errors are those of `judge_clocks`."""
-    return judge_clocks(source, streams, warnings).topics
-
-
 def judge_clocks(source: str, streams: dict[str, Samples], warnings: list[str]) -> Judgement:
     """Both topics sorted by time on one clock, and which that is.
 

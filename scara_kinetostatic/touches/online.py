@@ -97,6 +97,10 @@ class OnlineDetector:
         """The touches not yet reported, at the end of the streams; one still in contact counts as well."""
         return self._search(open_too=True)
 
+    def received(self, stamp_ns: int) -> int:
+        """When the wrench was received whose stamp is nearest, ns, as long as it is kept."""
+        return self._wrench.log_time_of(stamp_ns)
+
     def _is_due(self) -> bool:
         """Whether a contact has ended, or `_LONGEST_WAIT` is over."""
         fresh = self._wrench.fresh(self._width)

@@ -34,6 +34,7 @@ from scara_kinetostatic.touches.detection import DISCARDED, find_touches
 from scara_kinetostatic.touches.streams import Streams
 
 GIB = 1 << 30
+SECOND = 1_000_000_000
 
 
 def touches(count: int) -> Streams:
@@ -41,17 +42,35 @@ def touches(count: int) -> Streams:
     return simulate_streams(PAPER_CELL, PAPER_MEASURED, plan, seed=3)
 
 
-def feed(recording: Session, streams: Streams) -> None:
-    """Gives a recording all messages in the order of their stamps."""
-    joints, wrench = streams.joints, streams.wrench
+def part(streams: Streams, begin: int, end: int) -> Streams:
+    """The messages stamped from `begin` to `end`, ns."""
+    j, w = streams.joints, streams.wrench
+    some, others = ((begin <= stamp) & (stamp < end) for stamp in (j.stamp, w.stamp))
+    return replace(
+        streams,
+        joints=replace(j, stamp=j.stamp[some], position=j.position[some]),
+        wrench=replace(w, stamp=w.stamp[others], force=w.force[others]),
+    )
+
+
+def feed(recording: Session, streams: Streams, ahead: int = 0) -> None:
+    """Gives a recording all messages in the order of their stamps.
+
+    The clock of the driver is `ahead` of that of the collector, ns.
+    """
+    joints, wrench = (
+        replace(topic, stamp=topic.stamp + ahead)  # type: ignore[type-var]
+        for topic in (streams.joints, streams.wrench)
+    )
     messages = joint_state_messages(joints.stamp, joints.position, PAPER_CELL.joint_names)
     messages += wrench_messages(wrench.stamp, wrench.force, 'base')
+    received = np.concatenate([streams.joints.stamp, streams.wrench.stamp])
     stamps = np.concatenate([joints.stamp, wrench.stamp])
     values = np.concatenate([joints.position, wrench.force]).tolist()
-    for number, place in enumerate(np.argsort(stamps, kind='stable').tolist()):
+    for number, place in enumerate(np.argsort(received, kind='stable').tolist()):
         stream = Stream.JOINTS if place < len(joints.stamp) else Stream.WRENCH
         stamp = int(stamps[place])
-        recording.take(stream, messages[place], stamp, Sample(stamp, *values[place]))
+        recording.take(stream, messages[place], int(received[place]), Sample(stamp, *values[place]))
         if number % 50 == 0:
             recording.poll()
 
@@ -86,6 +105,23 @@ def test_discarded_touches_are_those_of_the_recording(tmp_path: Path) -> None:
     detection = find_touches(read_streams(recording.folder, PAPER_CELL), PAPER_CELL)
     numbers = [(touch.number, DISCARDED) for touch in reversed(discarded) if touch]
     assert [(item.index, item.reason) for item in detection.rejected] == numbers
+    assert detection.warnings == ()
+
+
+def test_a_touch_discarded_before_the_clock_steps_stays_discarded(tmp_path: Path) -> None:
+    """The recording is then read by another clock than that by which the touch was discarded."""
+    recording, streams = Session(tmp_path, PAPER_CELL, 1), touches(6)
+    middle = int(np.mean(streams.wrench.stamp[[0, -1]]))
+    first, rest = part(streams, 0, middle), part(streams, middle, 1 << 62)
+    feed(recording, first, ahead=10 * SECOND)
+    recording.poll()
+    touch = recording.discard_last(10**18)
+    assert touch is not None
+    feed(recording, rest, ahead=5 * SECOND)
+    recording.close()
+    assert recording.clock_warning
+    detection = find_touches(read_streams(recording.folder, PAPER_CELL), PAPER_CELL)
+    assert [(item.index, item.reason) for item in detection.rejected] == [(touch.number, DISCARDED)]
     assert detection.warnings == ()
 
 

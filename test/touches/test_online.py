@@ -13,7 +13,7 @@ from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
-from scara_kinetostatic.touches.clock import Samples, on_one_clock
+from scara_kinetostatic.touches.clock import Samples, judge_clocks
 from scara_kinetostatic.touches.detection import find_touches
 from scara_kinetostatic.touches.online import _MOST, OnlineDetector
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
@@ -133,7 +133,7 @@ def test_clocks_are_judged_live_as_in_a_recording(offsets):
     recorded = Streams(
         'recorded',
         *(kind(*timed) for kind, timed in zip(
-            (JointStream, WrenchStream), on_one_clock('recorded', dict(zip('jw', topics, strict=True)), []), strict=True
+            (JointStream, WrenchStream), judge_clocks('recorded', dict(zip('jw', topics, strict=True)), []).topics, strict=True
         )),
     )  # fmt: skip
     offline = find_touches(recorded, CELL)
