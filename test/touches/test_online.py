@@ -133,7 +133,7 @@ def test_clocks_are_judged_live_as_in_a_recording(offsets):
     recorded = Streams(
         'recorded',
         *(kind(*timed) for kind, timed in zip(
-            (JointStream, WrenchStream), judge_clocks('recorded', dict(zip('jw', topics, strict=True)), []).topics, strict=True
+            (JointStream, WrenchStream), judge_clocks('recorded', {'j': topics[0], 'w': topics[1]}, []).topics, strict=True
         )),
     )  # fmt: skip
     offline = find_touches(recorded, CELL)
