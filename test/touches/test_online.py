@@ -130,12 +130,8 @@ def test_clocks_are_judged_live_as_in_a_recording(offsets):
     for stamp, offset, value in zip((streams.joints.stamp, streams.wrench.stamp), offsets, values, strict=True):
         late = np.sort(stamp + rng.integers(0, 1_000_000, len(stamp)))
         topics.append(Samples(stamped(stamp, offset), late, value))
-    recorded = Streams(
-        'recorded',
-        *(kind(*timed) for kind, timed in zip(
-            (JointStream, WrenchStream), judge_clocks('recorded', {'j': topics[0], 'w': topics[1]}, []).topics, strict=True
-        )),
-    )  # fmt: skip
+    joints, wrench = judge_clocks('recorded', dict(zip('jw', topics, strict=True)), []).topics
+    recorded = Streams('recorded', JointStream(*joints), WrenchStream(*wrench))
     offline = find_touches(recorded, CELL)
     detector, found = OnlineDetector(CELL), []
     arrival = np.concatenate([topic.log_time for topic in topics])
