@@ -7,6 +7,7 @@ import queue
 import signal
 import subprocess
 import sys
+from pathlib import Path
 from threading import Thread
 from time import monotonic
 from typing import Any, NamedTuple
@@ -20,6 +21,8 @@ COMMAND = (
     'import sys; sys.path[:] = sys.argv[1:]; from scara_kinetostatic.nodes.calibration_job import main; main()',
 )
 """Followed by the places of Python modules: those of the node, and not the folder in which it was started."""
+_PACKAGES = str(Path(__file__).resolve().parents[2])
+"""Where this package is, which may be that folder."""
 PATIENCE = 3.0
 """Time for the process to end by itself after it was told to, s."""
 CANCELLED = 'cancelled; earlier results are unchanged'
@@ -47,7 +50,7 @@ class CalibrationProcess:
 
     def __init__(self, job: Job) -> None:
         self._process = subprocess.Popen(
-            [*COMMAND, *filter(None, sys.path)],
+            [*COMMAND, *filter(None, sys.path), _PACKAGES],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

@@ -39,8 +39,8 @@ def test_topics_and_services_are_those_of_the_policy(node: str) -> None:
     policy = ElementTree.parse(ROOT / 'config' / 'sros2' / 'nodes.policy.xml')
     (profile,) = policy.iterfind(f".//profile[@node='{node}']")
     allowed = {
-        'publishes': {t.text for t in profile.iterfind("topics[@publish='ALLOW']/topic")} - COMMON,
-        'subscribes': {t.text for t in profile.iterfind("topics[@subscribe='ALLOW']/topic")} - COMMON,
+        'publishes': {str(t.text).lstrip('/') for t in profile.iterfind("topics[@publish='ALLOW']/topic")} - COMMON,
+        'subscribes': {str(t.text).lstrip('/') for t in profile.iterfind("topics[@subscribe='ALLOW']/topic")} - COMMON,
         'service': {s.text for s in profile.iterfind('services/service') if 'parameter' not in str(s.text)},
     }
     allowed['service'] -= {'~/get_type_description'}

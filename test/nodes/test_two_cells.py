@@ -108,8 +108,10 @@ def test_topics_and_quality_of_service_are_recorded_as_they_are(spin: Callable[.
     assert read_streams(bag, PAPER_CELL).topics == ('/arm/state', '/left/ft')
 
 
-def test_two_publishers_on_a_topic_are_said(spin: Callable[..., Node], client: DemoClient, tmp_path: Path) -> None:
-    collector = spin(Collector, '--ros-args', '-p', f'output:={tmp_path}')
+def test_two_publishers_on_a_topic_are_said(
+    spin: Callable[..., Node], client: DemoClient, cell_file: Path, tmp_path: Path
+) -> None:
+    collector = spin(Collector, '--ros-args', '-p', f'cell:={cell_file}', '-p', f'output:={tmp_path}')
     told: list[tuple[bytes, str]] = []
     client._node.create_subscription(
         DiagnosticArray, '/diagnostics', lambda array: told.append((array.status[0].level, array.status[0].message)), 10
