@@ -228,7 +228,7 @@ def _calibrate_touches(
     calibration = diagnosis.refitted or calibration
     _report(progress, 'predicting held-out touches', 0.8)
     final = diagnosis.extended or calibration
-    _check_converged(final, names)
+    _check_converged(final, detection, names)
     held_out = held_out_force_error(replace(calibration, used=final.used))
     extended_held_out = held_out if final is calibration else held_out_force_error(final)
     _report(progress, 'done', 1.0)
@@ -339,17 +339,18 @@ def _with_rejections(error: UnsupportedDataError, detection: Detection, names: s
     return UnsupportedDataError(problem, error.remedy)
 
 
-def _check_converged(final: Calibration, names: str) -> None:
+def _check_converged(final: Calibration, detection: Detection, names: str) -> None:
     """Check that the final model is a result.
 
     Raises:
         UnsupportedDataError: its fit did not converge, or the force error is as large as the forces.
     """
     if not final.is_result:
-        raise UnsupportedDataError(
-            f'{names}: the fit does not converge; its force error is {final.force_error:.3g} N',
+        error = UnsupportedDataError(
+            f'the fit does not converge; its force error is {final.force_error:.3g} N',
             'check the places of the discs, the names and units of the joints, frame, sign and axes of the sensor',
         )
+        raise _with_rejections(error, detection, names)
 
 
 def _no_touches(detection: Detection) -> str:
