@@ -191,13 +191,8 @@ def test_any_samples_survive(data: st.DataObject, name: str, tmp_path_factory: p
     assert_same(read_streams(path, CELL), streams)
 
 
-def test_reading_is_fast(tmp_path: Path, cell: Cell) -> None:
-    """Bulk decoding: some 50 000 messages take well under a second; a deserialiser takes several."""
-    import time
-
+def test_many_messages_are_read(tmp_path: Path, cell: Cell) -> None:
+    """As many as are decoded in several blocks; `benchmark.reading` has the times."""
     streams = make_streams(25_000, 25_000)
     write_streams(tmp_path / 'a.mcap', streams, cell)
-    start = time.perf_counter()
-    read = read_streams(tmp_path / 'a.mcap', cell)
-    assert time.perf_counter() - start < 1.0
-    assert_same(read, streams)
+    assert_same(read_streams(tmp_path / 'a.mcap', cell), streams)

@@ -6,10 +6,11 @@ import signal
 from collections.abc import Callable
 from math import inf, nan
 from pathlib import Path
-from time import monotonic, sleep
+from time import sleep
 
 import pytest
 from geometry_msgs.msg import WrenchStamped
+from nodes.waiting import WAIT, eventually, trigger
 from rclpy.node import Node
 from rclpy.qos import QoSPresetProfiles, QoSProfile
 from rosbags.rosbag2 import Reader
@@ -28,19 +29,6 @@ from scara_kinetostatic.nodes.processes import NodeProcesses
 from scara_kinetostatic.nodes.stream_monitor import StreamMonitor
 from scara_kinetostatic.nodes.stream_subscription import RELIABLE_STREAM
 from scara_kinetostatic.touches.detection import find_touches
-
-WAIT = 15.0
-
-
-def eventually(condition: Callable[[], bool]) -> bool:
-    end = monotonic() + WAIT
-    while not condition() and monotonic() < end:
-        sleep(0.02)
-    return condition()
-
-
-def trigger(client: DemoClient, service: str) -> Trigger.Response:
-    return client.call(service, Trigger, Trigger.Request(), WAIT)
 
 
 def publish(node: Node, qos: QoSProfile, count: int, names: tuple[str, str] = ('joint1', 'joint2')) -> None:

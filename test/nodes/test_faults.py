@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from time import monotonic, sleep
+from time import sleep
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
+from nodes.waiting import WAIT, eventually
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -29,15 +30,7 @@ from scara_kinetostatic.nodes.session import Stream
 from scara_kinetostatic.nodes.stream_monitor import SequenceMonitor
 from scara_kinetostatic.nodes.stream_subscription import RELIABLE_STREAM
 
-WAIT = 15.0
 NOBODY = '~nobody_of_that_name/recordings'
-
-
-def eventually(condition: Callable[[], bool]) -> bool:
-    end = monotonic() + WAIT
-    while not condition() and monotonic() < end:
-        sleep(0.02)
-    return condition()
 
 
 def play(collector: Node, names: list[str], start: int) -> None:

@@ -1,0 +1,26 @@
+"""Waiting for what nodes in other threads and processes do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import monotonic, sleep
+
+from std_srvs.srv import Trigger
+
+from scara_kinetostatic.nodes.demo_client import DemoClient
+
+WAIT = 15.0
+"""For anything that comes at once on an idle machine, s."""
+
+
+def eventually(condition: Callable[[], bool]) -> bool:
+    """Whether a condition comes true."""
+    end = monotonic() + WAIT
+    while not condition() and monotonic() < end:
+        sleep(0.02)
+    return condition()
+
+
+def trigger(client: DemoClient, service: str) -> Trigger.Response:
+    """The answer of a service."""
+    return client.call(service, Trigger, Trigger.Request(), WAIT)
