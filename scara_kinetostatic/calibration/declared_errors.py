@@ -82,6 +82,17 @@ class DeclaredErrors:
         """How many errors there are, m."""
         return sum(source.components for source in self.sources)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of each error: ``object_position[disc_1].x``, ``object_radius[disc_1]``, and so on."""
+        pairs = ((s.label, ('.x', '.y') if s.components > 1 else ('',)) for s in self.sources)
+        return tuple(label + ending for label, endings in pairs for ending in endings)
+
+    @property
+    def units(self) -> Floats:
+        """The standard uncertainty of each error, (m,), in its unit."""
+        return np.repeat([s.std for s in self.sources], [s.components for s in self.sources])
+
     @cached_property
     def places(self) -> dict[str, Indices]:
         """Positions of the errors of each source, by label."""

@@ -11,6 +11,8 @@ import numpy as np
 from scara_kinetostatic import __version__
 from scara_kinetostatic.assessment.grade import Assessment
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
+from scara_kinetostatic.calibration.propagation import undetermined_directions
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
@@ -45,12 +47,14 @@ def as_document(outcome: Outcome) -> Document:
         'parameters': _parameters(outcome),
         'covariance': _covariance(c),
         'covariance_extended': _covariance(c, c.effect_std),
+        'covariance_with_cell': _covariance_with_cell(c),
         'touches': _touches(outcome),
         'noise': {**c.noise.as_dict(), 'source': c.noise_source},
         **_errors(outcome),
         'fit': {
             'chi_square': _number(c.chi_square),
             'degrees_of_freedom': c.degrees_of_freedom,
+            'enlargement': c.enlargement,
             'iterations': c.iterations,
             'termination': c.termination.name.lower(),
         },
@@ -200,6 +204,23 @@ def _covariance(c: Calibration, extra_std: Floats | None = None) -> Document:
             names.append(labels[place])
             places.append(len(NAMES) + place)
     return {'names': names, 'matrix': c.covariance[np.ix_(places, places)].tolist()}
+
+
+def _covariance_with_cell(c: Calibration) -> Document:
+    """What a later prediction needs: all values of the model and the errors of the cell description with their joint
+    covariance, SI units, and the directions of the values that the data do not determine, by their plausible ranges.
+    """
+    declared = DeclaredErrors.of(c.cell)
+    names, units = (declared.names, declared.units) if declared else ((), np.zeros(0))
+    scale = np.concatenate([np.ones(len(c.model.names)), units])
+    matrix = scale[:, None] * c.covariance_with_errors * scale
+    matrix[: len(c.model.names), : len(c.model.names)] = c.covariance
+    return {
+        'names': [*c.model.names, *names],
+        'values': [*c.model.as_array().tolist(), *(units * c.errors).tolist()],
+        'matrix': matrix.tolist(),
+        'undetermined': undetermined_directions(c).T.tolist(),
+    }
 
 
 def _touches(outcome: Outcome) -> Document:
