@@ -30,6 +30,7 @@ below it (`test/test_architecture.py` checks that):
     bags           recordings of all formats, read and written
     touches        from streams to touches, and the object each belongs to
     files          cell description, touch table, safe YAML, atomic writing
+    compensation   the calibrated arm in use: tip under load, compensated joint angles, with uncertainty
     assessment     may the result be used? grade, reasons, actions; the outcome of it all
     diagnosis      is the model complete? which effects explain the residual, and which rivals have they?
     calibration    from touches to the parameters, with their uncertainty

@@ -65,6 +65,10 @@ class RecordingError(InputError):
     """A recording that cannot be read, or lacks what is needed."""
 
 
+class CalibrationFileError(InputError):
+    """A file of a calibration that cannot be read, or is none."""
+
+
 class OutputError(InputError):
     """A place that cannot be written to."""
 

@@ -25,6 +25,7 @@ ORDER = (
     'calibration',
     'diagnosis',
     'assessment',
+    'compensation',
     'files',
     'touches',
     'bags',

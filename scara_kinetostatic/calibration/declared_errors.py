@@ -157,9 +157,13 @@ class DeclaredErrors:
         """Centres relative to the origins of the plates before these are turned, (D, 2), m."""
         return np.asarray(self.cell.centers - self._by_disc.origin + self._by_disc.own @ errors)
 
+    def sensor(self, errors: Floats) -> tuple[float, float]:
+        """Errors of the force sensor's gain, relative, and rotation, rad."""
+        return self._size('force_gain', errors), self._size('force_rotation', errors)
+
     def true_force(self, reported: Floats, errors: Floats) -> Floats:
         """Reported forces (n, 2) in N without the errors of gain and rotation."""
-        gain, angle = self._size('force_gain', errors), self._size('force_rotation', errors)
+        gain, angle = self.sensor(errors)
         if gain == 0 and angle == 0:
             return reported
         c, s = np.cos(angle) / (1 + gain), np.sin(angle) / (1 + gain)

@@ -74,7 +74,20 @@ def parse_cell(text: str, where: str | Path = 'cell description') -> Cell:
     Raises:
         CellError: the text is not YAML, or its content is not valid.
     """
-    data = parse_yaml(text, where, CellError)
+    return read_cell(parse_yaml(text, where, CellError), where)
+
+
+def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cell:
+    """The cell of a parsed description.
+
+    Args:
+        data: as `parse_yaml` gives it.
+        where: the file, for messages.
+        check_layout: whether to refuse discs that cannot be touched.
+
+    Raises:
+        CellError: the content is not valid.
+    """
     optional = ('sensor', 'noise', 'model', 'plates', 'uncertainty', 'tolerance', 'tip', 'gravity', 'identification')
     top = Section(CellError, str(where), '', data, ('robot', 'objects'), optional)
     robot = top.section('robot', ('nominal',), ('joint_names',))
@@ -95,7 +108,8 @@ def parse_cell(text: str, where: str | Path = 'cell description') -> Cell:
         identification=_identification(top.section('identification', (), Identification._fields)),
     )
     _check_gravity(top)
-    _check_layout(cell, top)
+    if check_layout:
+        _check_layout(cell, top)
     return cell
 
 

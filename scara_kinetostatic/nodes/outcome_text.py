@@ -8,14 +8,13 @@ from pathlib import Path
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.assessment.thresholds import LEAST_FREEDOMS
+from scara_kinetostatic.files.calibration_file import LIVE_SCHEMA as SCHEMA
 from scara_kinetostatic.render.json_file import Document
 from scara_kinetostatic.report.document import NAME
 from scara_kinetostatic.report.parameter_rows import base_rank
 
-SCHEMA = 'scara_kinetostatic/result/1'
-"""Keys may be added under the same number; what is there keeps its name and meaning."""
 _SHARED = (
-    'created', 'recordings', 'warnings', 'parameters', 'noise', 'force_error', 'held_out_force_error',
+    'created', 'recordings', 'warnings', 'cell', 'parameters', 'model', 'noise', 'force_error', 'held_out_force_error',
     'reduced_chi_square', 'tip_error', 'tip_uncertainty', 'assessment',
 )  # fmt: skip
 """Keys that are those of `calibration.json`."""

@@ -15,19 +15,17 @@ from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.propagation import undetermined_directions
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
+from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.files.declared_uncertainty import disc_entry, uncertainty_entries
+from scara_kinetostatic.files.calibration_file import SCHEMA, cell_entry, model_entry
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.render.json_file import Document
 from scara_kinetostatic.report.parameter_rows import base_rank
 
 NAME = 'calibration.json'
-SCHEMA = 'scara_kinetostatic/calibration/1'
-"""Keys may be added under the same number; what is there keeps its name and meaning."""
 
 
 def as_document(outcome: Outcome) -> Document:
@@ -43,7 +41,8 @@ def as_document(outcome: Outcome) -> Document:
         'recordings': [_recording(item) for item in outcome.recordings],
         'sources': list(outcome.sources),
         'warnings': list(outcome.warnings),
-        'cell': _cell(c.cell),
+        'cell': cell_entry(c.cell),
+        'model': model_entry(CalibratedArm.of_outcome(outcome)),
         'parameters': _parameters(outcome),
         'covariance': _covariance(c),
         'covariance_extended': _covariance(c, c.effect_std),
@@ -154,20 +153,6 @@ def _errors(outcome: Outcome) -> Document:
             'noise': _number(extended.tip.noise),
             'bias': {'rms': _number(compared.tip_bias), 'largest': _number(compared.largest_tip_bias)},
         },
-    }
-
-
-def _cell(cell: Cell) -> Document:
-    """The cell as its description states it; what that leaves out is left out here, too."""
-    return {
-        'joint_names': list(cell.joint_names),
-        'objects': [disc_entry(disc) for disc in cell.discs],
-        'sensor': {'frame': cell.sensor.frame.value, 'sign': cell.sensor.sign.value},
-        'gripper_sign': cell.gripper_sign.value,
-        'gripper_excess': [list(row) for row in cell.gripper_excess],
-        'identification': cell.identification.given(),
-        **({} if cell.noise is None else {'noise': cell.noise.as_dict(as_stated=True)}),
-        **uncertainty_entries(cell),
     }
 
 

@@ -6,10 +6,13 @@ can check recording, time and assessment. Lists are of strings; a number that do
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from typing import NamedTuple
 
 from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.compensation.arm import CalibratedArm
+from scara_kinetostatic.files.calibration_file import arm_document
 from scara_kinetostatic.report.document import utc
 from scara_kinetostatic.report.parameter_rows import base_rank
 
@@ -84,8 +87,13 @@ FACTS = {
     'warnings': Fact(list, 'irregularities of the recordings', lambda o: list(o.warnings)),
     'recordings': Fact(list, 'the recordings and touch tables', lambda o: list(o.sources)),
     'created': Fact(str, 'when the result was calculated, UTC', lambda o: utc(o.created)),
+    'model': Fact(str, 'the calibrated model with its covariance, for the node compensator: JSON', lambda o: _model(o)),
 }
 """By the part of the parameter's name after `calibration.`."""
+
+
+def _model(outcome: Outcome) -> str:
+    return json.dumps(arm_document(CalibratedArm.of_outcome(outcome)), ensure_ascii=False, separators=(',', ':'))
 
 
 def facts(outcome: Outcome) -> dict[str, Value]:

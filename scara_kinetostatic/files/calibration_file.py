@@ -1,0 +1,264 @@
+"""A calibrated arm as plain JSON values, in `calibration.json`, in `calibration.yaml` and on a topic; and back.
+
+All three hold the same: the cell under `cell`, the model with its covariance under `model`, `assessment.grade` and
+`diagnosis.verdict`. In `calibration.yaml` it is the text of the ROS parameter `calibration.model`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scara_kinetostatic.compensation.arm import CalibratedArm, SensorErrors, UsedRange
+from scara_kinetostatic.errors import CalibrationFileError, CellError, ParameterError
+from scara_kinetostatic.files.cell_file import read_cell
+from scara_kinetostatic.files.declared_uncertainty import disc_entry, uncertainty_entries
+from scara_kinetostatic.files.effect_entry import effect_entry, read_effect
+from scara_kinetostatic.files.yaml_text import parse_yaml, read_text
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.noise import Level, Noise
+
+SCHEMA = 'scara_kinetostatic/calibration/1'
+"""Keys may be added under the same number; what is there keeps its name and meaning."""
+LIVE_SCHEMA = 'scara_kinetostatic/result/1'
+"""Of the document on `~/result` of the calibrator."""
+_MAX_BYTES = 1 << 28
+_REMEDY = 'give the calibration.json that calibrate writes'
+_VERBATIM = ('noise', 'plates', 'uncertainty', 'tolerance', 'tip', 'identification')
+"""Keys of `cell` that are those of a cell description."""
+
+
+def cell_entry(cell: Cell) -> dict[str, Any]:
+    """The cell as its description states it; what that leaves out is left out here, too."""
+    sensor = cell.sensor
+    return {
+        'joint_names': list(cell.joint_names),
+        'nominal': cell.nominal.as_dict(),
+        'objects': [disc_entry(disc) for disc in cell.discs],
+        'sensor': {
+            'joint_states': sensor.joint_states,
+            'wrench': sensor.wrench,
+            'frame': sensor.frame.value,
+            'sign': sensor.sign.value,
+        },
+        'gripper_sign': cell.gripper_sign.value,
+        'gripper_excess': [list(row) for row in cell.gripper_excess],
+        'identification': cell.identification.given(),
+        **({} if cell.noise is None else {'noise': cell.noise.as_dict(as_stated=True)}),
+        **uncertainty_entries(cell),
+    }
+
+
+def model_entry(arm: CalibratedArm) -> dict[str, Any]:
+    """The calibrated model with all that is needed to use it."""
+    effects = zip(arm.model.effects, arm.model.effect_values, strict=True)
+    return {
+        'names': list(arm.model.names),
+        'values': arm.model.as_array().tolist(),
+        'covariance': arm.covariance.tolist(),
+        'undetermined': arm.undetermined.T.tolist(),
+        'effects': [effect_entry(effect) | {'values': list(values)} for effect, values in effects],
+        'noise': arm.noise.as_dict(),
+        'sensor': arm.sensor._asdict(),
+        'used': arm.used._asdict() | {'postures': list(arm.used.postures)},
+    }
+
+
+def arm_document(arm: CalibratedArm) -> dict[str, Any]:
+    """The arm alone: those keys of `calibration.json` that are read back."""
+    return {
+        'schema': SCHEMA,
+        'created': arm.created,
+        'cell': cell_entry(arm.cell),
+        'model': model_entry(arm),
+        'assessment': {'grade': arm.grade},
+        'diagnosis': {'verdict': arm.verdict},
+    }
+
+
+def load_arm(path: str | Path) -> CalibratedArm:
+    """The calibrated arm of a result.
+
+    Args:
+        path: `calibration.json` or `calibration.yaml` as `calibrate` writes them.
+
+    Raises:
+        CalibrationFileError: the file cannot be read, has another schema, or is damaged.
+    """
+    path = Path(path)
+    if path.suffix.lower() in ('.yaml', '.yml'):
+        return _load_yaml(path)
+    return parse_arm(_read(path), path)
+
+
+def _read(path: Path) -> str:
+    try:
+        if path.is_dir():
+            raise CalibrationFileError(path, 'is a folder', f'give {path / "calibration.json"}')
+        if path.stat().st_size > _MAX_BYTES:
+            raise CalibrationFileError(path, f'expected at most {_MAX_BYTES >> 20} MiB', _REMEDY)
+        return path.read_text(encoding='utf-8-sig')
+    except UnicodeDecodeError as error:
+        raise CalibrationFileError(path, f'not UTF-8 text (byte {error.start})', _REMEDY) from error
+    except (OSError, ValueError) as error:
+        reason = (error.strerror if isinstance(error, OSError) else None) or error
+        raise CalibrationFileError(path, f'cannot be read: {reason}', _REMEDY) from error
+
+
+def _load_yaml(path: Path) -> CalibratedArm:
+    tree = parse_yaml(read_text(path, CalibrationFileError), path, CalibrationFileError)
+    try:
+        text = tree['/**']['ros__parameters']['calibration']['model']
+    except (KeyError, TypeError) as error:
+        problem = 'holds no calibrated model (calibration.model)'
+        raise CalibrationFileError(path, problem, 'give the calibration.json beside it, or calibrate again') from error
+    if not isinstance(text, str):
+        raise CalibrationFileError(path, 'calibration.model is not text', _REMEDY)
+    return parse_arm(text, path)
+
+
+def parse_arm(text: str, where: str | Path) -> CalibratedArm:
+    """The arm of a JSON text.
+
+    Args:
+        text: of `calibration.json`, of `calibration.model`, or of `~/result`.
+        where: the file or topic, for messages.
+
+    Raises:
+        CalibrationFileError: it is no JSON, has another schema, or is damaged.
+    """
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise CalibrationFileError(where, f'not JSON: {error}', _REMEDY) from error
+    return read_arm(document, where)
+
+
+def read_arm(document: Any, where: str | Path) -> CalibratedArm:
+    """The arm of a parsed document.
+
+    Args:
+        document: as `json.loads` gives it.
+        where: the file or topic, for messages.
+
+    Raises:
+        CalibrationFileError: it has another schema, or is damaged.
+    """
+    check_schema(document, where)
+    for key in ('cell', 'model'):
+        if key not in document:
+            problem = f'there is no {key!r} in it: an earlier version of this package wrote it'
+            raise CalibrationFileError(where, problem, 'calibrate again with this version')
+    try:
+        return _arm(document, where)
+    except CalibrationFileError:
+        raise
+    except CellError as error:
+        raise CalibrationFileError(error.where, error.problem, error.remedy) from error
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, ParameterError) as error:
+        reason = f'there is no {error}' if isinstance(error, KeyError) else f'{error}'
+        raise CalibrationFileError(where, f'is damaged: {reason:.200}', _REMEDY) from error
+
+
+def check_schema(document: Any, where: str | Path) -> None:
+    """Whether a document is one of a calibration.
+
+    Raises:
+        CalibrationFileError: it is none, or of another version.
+    """
+    if not isinstance(document, dict):
+        raise CalibrationFileError(where, f'expected a calibration, got {type(document).__name__}', _REMEDY)
+    schema = document.get('schema')
+    if schema in (SCHEMA, LIVE_SCHEMA):
+        return
+    if schema is None:
+        raise CalibrationFileError(where, 'is no calibration: there is no key "schema"', _REMEDY)
+    same = isinstance(schema, str) and schema.rpartition('/')[0] == SCHEMA.rpartition('/')[0]
+    remedy = 'use the version of this package that wrote it' if same else _REMEDY
+    raise CalibrationFileError(where, f'expected the schema {SCHEMA}, got {schema!r:.80}', remedy)
+
+
+def _arm(document: Mapping[str, Any], where: str | Path) -> CalibratedArm:
+    """The arm of a document with the right schema.
+
+    Raises:
+        KeyError, TypeError, ValueError, AttributeError, OverflowError, ParameterError: it is damaged.
+    """
+    cell, entry = stored_cell(document['cell'], where), document['model']
+    model = _model(entry, cell, where)
+    size, directions = len(model.names), entry['undetermined']
+    return CalibratedArm(
+        cell=cell,
+        model=model,
+        covariance=_numbers(entry['covariance'], (size, size)),
+        undetermined=_numbers(directions, (len(directions), size)).T,
+        noise=_noise(entry['noise']),
+        sensor=SensorErrors(*(float(entry['sensor'][name]) for name in SensorErrors._fields)),
+        used=_used(entry['used']),
+        grade=str(document['assessment']['grade']),
+        verdict=str(document['diagnosis']['verdict']),
+        created=str(document['created']),
+    )
+
+
+def stored_cell(entry: Mapping[str, Any], where: str | Path) -> Cell:
+    """The cell of the key `cell`.
+
+    Args:
+        entry: as `cell_entry` gives it.
+        where: the file, for messages.
+
+    Raises:
+        CellError: it is not valid.
+        KeyError, TypeError: something is missing.
+    """
+    model = {'gripper_sign': entry['gripper_sign'], 'gripper_excess': entry['gripper_excess']}
+    robot = {'joint_names': entry['joint_names'], 'nominal': entry['nominal']}
+    description = {'robot': robot, 'objects': entry['objects'], 'sensor': entry['sensor'], 'model': model}
+    description |= {key: entry[key] for key in _VERBATIM if entry.get(key)}
+    return read_cell(description, f'{where}: cell', check_layout=False)
+
+
+def _model(entry: Mapping[str, Any], cell: Cell, where: str | Path) -> ExtendedModel:
+    effects = [read_effect(part, cell, where) for part in entry['effects']]
+    start = ExtendedModel.at_start(cell.nominal, effects)
+    if list(start.names) != entry['names']:
+        problem = 'the effects of this calibration have other parameters here'
+        raise CalibrationFileError(where, problem, 'use the version of this package that wrote it')
+    return start.with_array(_numbers(entry['values'], (len(start.names),)))
+
+
+def _noise(entry: Mapping[str, Any]) -> Noise:
+    return Noise(_level(entry['joint']), _level(entry['force']), entry.get('force_relative'))
+
+
+def _level(level: Any) -> Level:
+    """One number or one per axis."""
+    first, second = level if isinstance(level, list) else (level, level)
+    return (float(first), float(second)) if isinstance(level, list) else float(first)
+
+
+def _used(entry: Mapping[str, Any]) -> UsedRange:
+    lowest, highest, duration = (float(entry[key]) for key in UsedRange._fields[:3])
+    postures = tuple(int(sign) for sign in entry['postures'])
+    if not (0 <= lowest <= highest and duration >= 0 and set(postures) <= {1, -1}):
+        raise ValueError(f'used: {dict(entry)!r:.100}')
+    return UsedRange(lowest, highest, duration, postures)
+
+
+def _numbers(values: Any, shape: tuple[int, ...]) -> Floats:
+    """An array of finite numbers of a shape.
+
+    Raises:
+        ValueError, TypeError: it is none.
+    """
+    array = np.array(values, dtype=float).reshape(shape if len(values) == 0 else np.shape(values))
+    if array.shape != shape or not np.isfinite(array).all():
+        raise ValueError(f'expected finite numbers of shape {shape}')
+    return array

@@ -1,0 +1,133 @@
+"""A calibrated arm survives `calibration.json` and `calibration.yaml`; what is none is refused in one line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.compensation.arm import CalibratedArm
+from scara_kinetostatic.effects.off_normal_force import OffNormalForce
+from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.effects.unnamed import Unnamed
+from scara_kinetostatic.errors import CalibrationFileError
+from scara_kinetostatic.files.calibration_file import arm_document, load_arm, read_arm
+from scara_kinetostatic.model.cell import PAPER_CELL
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.render.json_file import json_text
+from scara_kinetostatic.report.document import as_document
+from scara_kinetostatic.report.parameter_file import parameter_text
+
+
+def same(one: CalibratedArm, other: CalibratedArm) -> None:
+    assert one.model == other.model
+    assert one.cell == other.cell
+    np.testing.assert_array_equal(one.covariance, other.covariance)
+    np.testing.assert_array_equal(one.undetermined, other.undetermined)
+    for name in ('noise', 'sensor', 'used', 'grade', 'verdict', 'created'):
+        assert getattr(one, name) == getattr(other, name), name
+
+
+@pytest.mark.parametrize('which', ['plain', 'confounded', 'grown', 'ambiguous', 'unnamed', 'rough'])
+def test_both_files_hold_the_arm(which: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+    outcome: Outcome = request.getfixturevalue(which)
+    arm = CalibratedArm.of_outcome(outcome)
+    for name, text in (
+        ('calibration.json', json_text(as_document(outcome))),
+        ('calibration.yaml', parameter_text(outcome)),
+    ):
+        path = tmp_path / name
+        path.write_text(text, encoding='utf-8')
+        same(load_arm(path), arm)
+    assert arm.undetermined.shape[1] == (which == 'confounded')
+
+
+def test_every_effect_of_the_catalogue_is_read_back(plain: Outcome) -> None:
+    arm = CalibratedArm.of_outcome(plain)
+    for effect in (*catalogue(PAPER_CELL), OffNormalForce(off_normal=0.07), Unnamed(None, 'joint2', 'q2', 0.1, 2.0)):
+        for law in (effect, *effect.alternative_laws()):
+            model = ExtendedModel(arm.model.parameters, (law,), (law.typical,))
+            size = len(model.names)
+            other = replace(
+                arm, cell=PAPER_CELL, model=model, covariance=np.eye(size), undetermined=np.zeros((size, 0))
+            )
+            same(read_arm(json.loads(json.dumps(arm_document(other))), 'x'), other)
+
+
+def _without(key: str) -> Callable[[dict[str, Any]], Any]:
+    def change(document: dict[str, Any]) -> Any:
+        del document[key]
+        return document
+
+    return change
+
+
+def _with(*path: str, value: Any) -> Callable[[dict[str, Any]], Any]:
+    def change(document: dict[str, Any]) -> Any:
+        inner = document
+        for key in path[:-1]:
+            inner = inner[key]
+        inner[path[-1]] = value
+        return document
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ('change', 'message'),
+    [
+        (_without('schema'), 'no calibration'),
+        (_with('schema', value='scara_kinetostatic/calibration/2'), 'the version of this package that wrote it'),
+        (_with('schema', value='scara_kinetostatic/design/1'), 'expected the schema'),
+        (_with('schema', value=7), 'expected the schema'),
+        (lambda document: [document], 'got list'),
+        (_without('model'), 'earlier version'),
+        (_without('cell'), 'earlier version'),
+        (_without('assessment'), "no 'grade'|no 'assessment'"),
+        (_with('model', value=None), 'damaged'),
+        (_with('model', 'values', value=[1.0]), 'damaged'),
+        (_with('model', 'covariance', value='x'), 'damaged'),
+        (_with('model', 'covariance', value=[[None] * 12] * 12), 'damaged'),
+        (_with('model', 'names', value=['x0']), 'other parameters'),
+        (_with('model', 'noise', value={'joint': -1, 'force': 0.3}), 'damaged'),
+        (_with('model', 'noise', value={'joint': 'x', 'force': 0.3}), 'damaged'),
+        (_with('model', 'used', 'highest_force', value=-1.0), 'damaged'),
+        (
+            _with('model', 'effects', value=[{'label': 'l', 'name': 'n', 'class': 'N', 'fields': {}}]),
+            "'l' of this calibration",
+        ),
+        (
+            _with('model', 'effects', value=[{'label': 'u', 'name': 'unnamed', 'class': 'Unnamed', 'fields': 3}]),
+            'damaged',
+        ),
+        (_with('cell', 'nominal', value={'l1': 'long'}), 'cell: robot.nominal'),
+    ],
+)
+def test_anything_else_is_refused(
+    change: Callable[[dict[str, Any]], Any], message: str, plain: Outcome, tmp_path: Path
+) -> None:
+    path = tmp_path / 'calibration.json'
+    path.write_text(json.dumps(change(as_document(plain))), encoding='utf-8')
+    with pytest.raises(CalibrationFileError, match=message) as caught:
+        load_arm(path)
+    assert str(path) in str(caught.value)
+    assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize('name', ['calibration.json', 'calibration.yaml'])
+@pytest.mark.parametrize('content', [b'', b'{"schema": ', b'\xff\xfe', b'[' * 100_000, b'/**: {ros__parameters: 3}'])
+def test_files_that_are_none(name: str, content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / name
+    with pytest.raises(CalibrationFileError):
+        load_arm(path)
+    path.write_bytes(content)
+    with pytest.raises(CalibrationFileError):
+        load_arm(path)
+    with pytest.raises(CalibrationFileError):
+        load_arm(tmp_path)
