@@ -76,7 +76,12 @@ def _add_truth(parser: argparse.ArgumentParser) -> None:
 
 def _add_plan(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('touches')
-    group.add_argument('--plan', type=Path, metavar='FILE', help='plan of touches (see docs/reference/formats.md)')
+    group.add_argument(
+        '--plan',
+        type=Path,
+        metavar='FILE',
+        help='plan of touches, or of slides along objects (see docs/reference/formats.md)',
+    )
     group.add_argument('--per-disc', type=whole(1), metavar='N', help='points around each disc (default: 12)')
     group.add_argument(
         '--levels', type=real(0, above=True), nargs='+', metavar='F', help='force levels, N (default: 10 25 40)'
@@ -132,18 +137,27 @@ def run(args: argparse.Namespace) -> int:
         advice = 'leave out --per-disc, --levels and --preload'
         raise InputError('--plan', 'a plan defines all touches', advice)
     from scara_kinetostatic.bags.writer import write_streams
+    from scara_kinetostatic.simulation.sliding.plan_file import holds_slides, load_slides
+    from scara_kinetostatic.simulation.sliding.streams import simulate_slides
     from scara_kinetostatic.simulation.streams import simulate_streams
     from scara_kinetostatic.simulation.truth import parse_effect, truth_named, truth_text, with_effects
 
     cell = _cell(args)
     truth = with_effects(truth_named(args.truth, cell), [parse_effect(text, cell) for text in args.effect])
-    plan = _plan(args, cell)
+    slides = load_slides(args.plan, cell) if args.plan and holds_slides(args.plan) else ()
+    plan = None if slides else _plan(args, cell)
     with _beside(args.truth_file, truth_text(truth, args.seed)):
-        streams = simulate_streams(cell, truth, plan, sensors=_sensors(args, cell), seed=args.seed)
+        more = {'sensors': _sensors(args, cell), 'seed': args.seed}
+        streams = (
+            simulate_slides(cell, truth, slides, **more)
+            if plan is None
+            else simulate_streams(cell, truth, plan, **more)
+        )
         form = {'storage': args.storage, 'compression': args.compression, 'with_cell': not args.plain}
         write_streams(args.out, streams, cell, **form)
     duration = 1e-9 * float(max(streams.joints.stamp[-1], streams.wrench.stamp[-1]) - streams.joints.stamp[0])
-    print(f'{args.out}: {len(plan)} touches in {duration:.0f} s of simulated time')
+    what = f'{len(slides)} slides' if plan is None else f'{len(plan)} touches'
+    print(f'{args.out}: {what} in {duration:.0f} s of simulated time')
     print('truth: ' + ', '.join(f'{name} {value:.6g}' for name, value in truth.parameters.as_dict().items()))
     for effect, values in zip(truth.effects, truth.effect_values, strict=True):
         shown = (f'{p.name} {value:.6g} {p.unit}' for p, value in zip(effect.parameters, values, strict=True))

@@ -91,9 +91,15 @@ class SensorModel:
             force: in the hold, (count, 2), N; where the noise grows with it.
             sensor_angle: of the sensor's x axis in the base frame, (count,), rad; None for 0.
         """
-        noise = self.touch_noise or cell.noise or TYPICAL_NOISE
         joint, unit = random.standard_normal((2, count, 2))
-        joint_errors, force_errors = noise.joint_levels * joint, noise.force_levels * unit
+        return self.scaled_errors(cell, joint, unit, force, sensor_angle)
+
+    def scaled_errors(
+        self, cell: Cell, joint: Floats, unit: Floats, force: Floats | None, sensor_angle: Floats | None
+    ) -> tuple[Floats, Floats]:
+        """As `touch_errors`, from errors of joint angles and force in standard deviations, (count, 2) each."""
+        noise = self.touch_noise or cell.noise or TYPICAL_NOISE
+        joint_errors, force_errors = np.array(noise.joint_levels) * joint, np.array(noise.force_levels) * unit
         if noise.growth and force is not None:
             grown = noise.growth * np.hypot(force[:, 0], force[:, 1])[:, None]
             force_errors = np.hypot(noise.force_levels, grown) * unit

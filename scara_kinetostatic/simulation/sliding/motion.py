@@ -1,0 +1,255 @@
+"""The motion of a robot that slides along objects: joint angles, force and place at any time.
+
+A slide runs through ten phases (`PHASES`). In contact the tip's centre is at S = P + r n, and the force of the tip on
+the object is F = N (-n + μ τ t), with N the normal force, t the direction of travel and τ the part of the friction
+that is used: 1 while it slides, from 0 to 1 and back while it sticks. The joint angles are Q = Ḡ(S, F) of the true
+robot with its effects, hence F = A(Q) all along; there is no inner solve.
+
+Where the line of the force passes an axis, the torque of that joint changes its sign and the joint crosses its backlash
+2g. It does so while the lever arm of the force is within ± `CROSSING`: there g sign(c) of (6) is g h / `CROSSING`, with
+h = c / ‖F‖. Beyond, (6) holds exactly. What joints with memory keep of the load (history) is not simulated: they
+behave as without memory.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
+from scara_kinetostatic.model.kinematics import quarter_turn, wrap
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
+from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.simulation.phases import minimum_jerk
+from scara_kinetostatic.simulation.sliding.outline import Track
+from scara_kinetostatic.simulation.sliding.slide import Slide, SlideTiming
+
+PHASES = ('travel', 'pause', 'approach', 'press', 'stick', 'slide', 'stop', 'release', 'retract', 'rest')
+TRAVEL, PAUSE, APPROACH, PRESS, STICK, SLIDE, STOP, RELEASE, RETRACT, REST = range(10)
+CROSSING = 2e-3
+"""Lever arm of the force within which a joint crosses its backlash, m."""
+FIRST_FORCE = 1e-6
+"""Force that stands for 0+ in the free motion beside an object, N: it defines the direction of the force."""
+_WAVES = 48
+"""Waves of which a slowly changing random number is made."""
+_TABLE = 721
+"""Places along a slide for which joint angles are computed beforehand, so that they go on without a jump of a turn."""
+
+
+class SlideState(NamedTuple):
+    """The state at k times.
+
+    Attributes:
+        joints: actuator angles Q, (k, 2), rad.
+        force: force of the tip on the object, base frame, (k, 2), N.
+        tip: centre of the tip, (k, 2), m; between two slides, where the third axis is lifted, NaN.
+        surface: the point of contact, (k, 2), m; NaN where there is none.
+        slide: number of the slide, (k,).
+        phase: which of `PHASES`, (k,).
+    """
+
+    joints: Floats
+    force: Floats
+    tip: Floats
+    surface: Floats
+    slide: Indices
+    phase: Indices
+
+
+class _Course(NamedTuple):
+    """Where a slide is at k times, before the robot is asked: all (k,), or (k, 2)."""
+
+    point: Floats
+    normal: Floats
+    along: Floats
+    travelled: Floats
+    clearance: Floats
+    normal_force: Floats
+    friction: Floats
+
+
+class SlidingMotion:
+    """The motion through several slides.
+
+    Args:
+        cell: sign of the gripper's law; its tip has the tip's radius.
+        truth: the simulated robot, with its effects.
+        slides: one after the other.
+        timing: how long the phases last.
+        seed: of the variation of the normal force.
+
+    Attributes:
+        duration: of the whole motion, s.
+        tip_radius: m; 0 where the cell does not state it.
+
+    Raises:
+        UnsupportedDataError: there is no slide, or the simulated robot does not reach one.
+        ParameterError: an outline is too narrow for the tip.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        truth: ExtendedModel | Parameters,
+        slides: tuple[Slide, ...],
+        timing: SlideTiming | None = None,
+        seed: int = 0,
+    ) -> None:
+        if not slides:
+            raise UnsupportedDataError('there is no slide', 'plan at least one')
+        self.cell, self.model, self.slides = cell, as_model(truth), slides
+        self.timing, self.tip_radius = timing or SlideTiming(), cell.tip_radius or 0.0
+        self._tracks = [Track.along(slide.outline, self.tip_radius) for slide in slides]
+        random = np.random.default_rng([seed, 2])
+        self._variation = [SlowNoise(random, 1, self.timing.variation_time) for _ in slides]
+        self._knots = self._schedule()
+        self.duration = float(self._knots[-1, -1])
+        self._paths = [self._path(number) for number in range(len(slides))]
+        ends = self._free_poses()
+        home = ends[[0, -1], [0, 1]] + (0.25, -0.15)
+        self._stations = np.concatenate([home[:1], ends.reshape(-1, 2), home[1:]])
+
+    def _schedule(self) -> Floats:
+        """Begins of the phases of each slide, and the end of the last phase, (m, 11), s; a last row: the way home."""
+        t, rows, begin = self.timing, [], 0.0
+        for slide, track in zip(self.slides, self._tracks, strict=True):
+            sliding = abs(slide.end - slide.begin) * track.length / slide.speed + t.start
+            spans = (t.travel, t.pause, t.approach, t.press, t.stick, sliding, t.stick, t.press, t.approach, t.pause)
+            rows.append(begin + np.append(0.0, np.cumsum(spans)))
+            begin = float(rows[-1][-1])
+        rows.append(np.full(len(PHASES) + 1, begin + t.travel))
+        rows[-1][0] = begin
+        return np.array(rows)
+
+    def state_at(self, time: Floats) -> SlideState:
+        """The state at times in s since the start, (k,); before it and past the end the arm rests."""
+        time = np.clip(np.asarray(time, dtype=float), 0.0, self.duration)
+        slide = np.clip(np.searchsorted(self._knots[:, 0], time, side='right') - 1, 0, len(self.slides))
+        phase = (self._knots[slide, 1:-1] <= time[:, None]).sum(axis=1)
+        phase[slide == len(self.slides)] = TRAVEL
+        joints, force = np.empty((len(time), 2)), np.zeros((len(time), 2))
+        tip, surface = np.full((len(time), 2), np.nan), np.full((len(time), 2), np.nan)
+        travelling = phase == TRAVEL
+        joints[travelling] = self._between(slide[travelling], time[travelling])
+        for number in range(len(self.slides)):
+            here = np.flatnonzero((slide == number) & ~travelling)
+            course = self._course(number, time[here])
+            loaded = course.normal_force > 0
+            pressed = self._force(number, course)
+            tip[here] = course.point + (self.tip_radius + course.clearance)[:, None] * course.normal
+            joints[here] = self._joints(number, tip[here], pressed, course.travelled)
+            force[here[loaded]] = pressed[loaded]
+            surface[here[loaded]] = course.point[loaded]
+        return SlideState(joints, force, tip, surface, slide.clip(max=len(self.slides) - 1), phase)
+
+    def _between(self, slide: NDArray[np.intp], time: Floats) -> Floats:
+        """Joint angles on the way to a slide, (k, 2), rad."""
+        begin, end = self._stations[2 * slide], self._stations[2 * slide + 1]
+        part = minimum_jerk((time - self._knots[slide, 0]) / self.timing.travel)
+        return np.asarray(begin + part[:, None] * (end - begin))
+
+    def _course(self, number: int, time: Floats) -> _Course:
+        """Where a slide is at times within it."""
+        slide, track, t = self.slides[number], self._tracks[number], self.timing
+        knots = self._knots[number]
+
+        def part(phase: int) -> Floats:
+            """How much of a phase has passed, 0 to 1, by the time law."""
+            span = knots[phase + 1] - knots[phase]
+            return minimum_jerk(np.clip((time - knots[phase]) / span, 0.0, 1.0))
+
+        sense = np.sign(slide.end - slide.begin)
+        distance = _distance(np.clip(time - knots[SLIDE], 0.0, None), knots[STOP] - knots[SLIDE], slide.speed, t.start)
+        travelled = slide.begin * track.length + sense * distance
+        point, normal = slide.outline.at(track.place(travelled))
+        steady = part(STICK) - part(STOP)
+        variation = t.force_variation * self._variation[number].at(time)[:, 0].clip(-3, 3)
+        return _Course(
+            point,
+            normal,
+            sense * quarter_turn(normal),
+            travelled,
+            t.clearance * (1.0 - part(APPROACH) + part(RETRACT)),
+            slide.force * (part(PRESS) - part(RELEASE)) * (1.0 + steady * variation),
+            slide.friction * steady,
+        )
+
+    def _force(self, number: int, course: _Course) -> Floats:
+        """F = N (-n + μ τ t), (k, 2), N; 0+ along -n in the free motion."""
+        size = np.maximum(course.normal_force, FIRST_FORCE)[:, None]
+        return np.asarray(size * (course.friction[:, None] * course.along - course.normal))
+
+    def _joints(self, number: int, tip: Floats, force: Floats, travelled: Floats) -> Floats:
+        """Ḡ, each joint crossing its backlash within `CROSSING`, near the path of the slide, (k, 2), rad."""
+        joints = self._poses(number, tip, force)
+        places, path = self._paths[number]
+        near = np.column_stack([np.interp(travelled, places, column) for column in path.T])
+        return np.asarray(near + wrap(joints - near))
+
+    def _poses(self, number: int, tip: Floats, force: Floats) -> Floats:
+        p, posture = self.model.parameters, self.slides[number].posture
+        joints, torques = inverse_kinetostatics(self.model, tip, force, np.full(len(tip), posture), self.cell.gripper)
+        arm = torques / np.hypot(*force.T)[:, None]
+        return np.asarray(joints + (p.g1, p.g2) * (np.clip(arm / CROSSING, -1.0, 1.0) - np.sign(torques)))
+
+    def _path(self, number: int) -> tuple[Floats, Floats]:
+        """Lengths travelled, increasing, and the joint angles there, without a jump of a turn."""
+        slide, track = self.slides[number], self._tracks[number]
+        travelled = np.linspace(min(slide.begin, slide.end), max(slide.begin, slide.end), _TABLE) * track.length
+        point, normal = slide.outline.at(track.place(travelled))
+        distances = (self.tip_radius, self.tip_radius + self.timing.clearance)
+        poses = [self._poses(number, point + distance * normal, -slide.force * normal) for distance in distances]
+        lost = ~np.isfinite(poses).all(axis=(0, 2))
+        if lost.any():
+            raise UnsupportedDataError(
+                f'slide {number}: the simulated robot does not reach it around ({point[lost][0][0]:.3f}, '
+                f'{point[lost][0][1]:.3f}) m',
+                'place the object elsewhere, or slide along a part of it',
+            )
+        path = np.unwrap(poses[0], axis=0)
+        if np.abs(np.diff(path, axis=0)).max() > 0.5:
+            raise ParameterError(f'slide {number}', 'it passes a stretched or folded arm', 'place the object elsewhere')
+        return travelled, path
+
+    def _free_poses(self) -> Floats:
+        """Joint angles where each slide's travel ends and the next one's begins, (m, 2, 2), rad."""
+        poses = []
+        for number, knots in enumerate(self._knots[:-1]):
+            course = self._course(number, knots[[PAUSE, -1]])
+            tip = course.point + (self.tip_radius + course.clearance)[:, None] * course.normal
+            poses.append(self._joints(number, tip, self._force(number, course), course.travelled))
+        return np.array(poses)
+
+
+def _distance(time: Floats, span: float, speed: float, start: float) -> Floats:
+    """Distance after a time of a motion of constant speed that starts and stops with constant acceleration, (k,), m."""
+    start = min(start, span / 2)
+    time = np.minimum(time, span)
+    rest = span - time
+    gone = np.where(time < start, time**2 / (2 * start), time - start / 2)
+    return np.asarray(speed * np.where(rest < start, span - start - rest**2 / (2 * start), gone))
+
+
+class SlowNoise:
+    """Random numbers of variance 1 that change slowly with time: normal, with the correlation exp(-t²/(2 T²)).
+
+    Args:
+        random: source.
+        columns: independent ones.
+        duration: T, s.
+    """
+
+    def __init__(self, random: np.random.Generator, columns: int, duration: float) -> None:
+        self._frequency = random.standard_normal((_WAVES, columns)) / duration
+        self._phase = random.uniform(0, 2 * np.pi, (_WAVES, columns))
+        self._size = random.rayleigh(1.0, (_WAVES, columns)) / np.sqrt(_WAVES)
+
+    def at(self, time: Floats) -> Floats:
+        """Their values at times in s, (k, columns)."""
+        waves = np.cos(time[:, None, None] * self._frequency + self._phase)
+        return np.asarray((self._size * waves).sum(axis=1))
