@@ -79,12 +79,13 @@ def calibrate_recordings(
     if len(detection.rejected) > _MANY * detection.found or len(detection.held) < FEWEST_TOUCHES:
         for path in (path for path in paths if not is_touch_table(path)):
             _check_streams(read_streams(path, cell), cell)
-    recordings = tuple(_recording(path, start) for path, start in zip(paths, detection.starts, strict=True))
+    sources = zip(paths, detection.starts, detection.turned, strict=True)
+    recordings = tuple(_recording(*source) for source in sources)
     outcome = calibrate_touches(detection, cell, fixed=fixed, sources=paths, progress=progress)
     return replace(outcome, recordings=recordings)
 
 
-def _recording(path: str | Path, start: int) -> Recording:
+def _recording(path: str | Path, start: int, turned: str) -> Recording:
     """A recording with its checksum.
 
     Raises:
@@ -92,7 +93,7 @@ def _recording(path: str | Path, start: int) -> Recording:
     """
     with reading(path):
         begun = datetime.fromtimestamp(start // 10**9, timezone.utc) if start > 0 else None
-        return Recording(str(path), recording_checksum(path), begun)
+        return Recording(str(path), recording_checksum(path), begun, turned)
 
 
 def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress | None = None) -> Detection:
@@ -124,6 +125,7 @@ def gather_touches(paths: Sequence[str | Path], cell: Cell, progress: Progress |
         start=parts[0].start,
         starts=tuple(part.start for part in parts),
         first_touches=tuple(first_touches),
+        turned=tuple(text for part in parts for text in part.turned or ('',)),
         sequence_known=sequence is not None,
         contradiction=next((part.contradiction for part in parts if part.contradiction), ''),
     )
@@ -151,7 +153,8 @@ def touches_of_file(path: str | Path, cell: Cell) -> Detection:
         return touches_of_table(load_touch_table(path), cell)
     streams = read_streams(path, cell)
     detection = find_touches(streams, cell)
-    return replace(detection, warnings=(*streams.warnings, *detection.warnings))
+    warnings = (*streams.warnings, *detection.warnings)
+    return replace(detection, warnings=warnings, turned=(streams.turned,))
 
 
 def _with_source(path: str | Path, text: str, paths: Sequence[str | Path]) -> str:

@@ -27,11 +27,13 @@ class Recording(NamedTuple):
         path: as given.
         sha256: of the file, or of the files of a rosbag2 folder (`files.checksum`), hexadecimal.
         start: time of its first sample by the clock of the recording, UTC; None where unknown, as of a touch table.
+        turned: how its forces were turned by their `frame_id`; empty where they were not.
     """
 
     path: str
     sha256: str
     start: datetime | None
+    turned: str = ''
 
 
 def _now() -> datetime:

@@ -22,7 +22,7 @@ from types import TracebackType
 from rosbags.interfaces import Qos
 
 from scara_kinetostatic.bags.bag_folder import METADATA
-from scara_kinetostatic.bags.encoding import channels, discard_channel, string_message
+from scara_kinetostatic.bags.encoding import Channel, channels, discard_channel, string_message, transform_channel
 from scara_kinetostatic.bags.file_merging import SPLIT_SIZE, FileMerging
 from scara_kinetostatic.bags.mcap_writer import McapWriter
 from scara_kinetostatic.bags.metadata import FileInfo, metadata_text
@@ -31,7 +31,7 @@ from scara_kinetostatic.files.atomic import all_or_nothing, replace_text, sync_f
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import Cell
 
-CELL, JOINTS, WRENCH, DISCARDS = range(4)
+CELL, JOINTS, WRENCH = range(3)
 
 
 class BagWriter:
@@ -73,7 +73,7 @@ class BagWriter:
     @property
     def recorded(self) -> int:
         """Number of joint states and wrenches up to the last checkpoint."""
-        return sum(sum(file.counts[JOINTS:DISCARDS]) for file in self._merging.files)
+        return sum(sum(file.counts[JOINTS : WRENCH + 1]) for file in self._merging.files)
 
     def offer(self, joint_states: Qos | None, wrench: Qos | None) -> None:
         """States the quality of service that the drivers offer, for the files that follow; None where it is unknown."""
@@ -109,11 +109,27 @@ class BagWriter:
             log_time: now, ns.
         """
         with self._lock:
-            if len(self._channels) == DISCARDS:
-                self.checkpoint()
-                self._channels.append(discard_channel())
-            self._write(DISCARDS, string_message(text), log_time)
+            self._write(self._added(discard_channel()), string_message(text), log_time)
             self.checkpoint()
+
+    def write_transforms(self, data: bytes, log_time: int) -> None:
+        """Add fixed transforms.
+
+        Args:
+            data: a `tf2_msgs/msg/TFMessage` as it came, CDR.
+            log_time: when it came, ns.
+        """
+        with self._lock:
+            self._write(self._added(transform_channel()), data, log_time)
+
+    def _added(self, channel: Channel) -> int:
+        """The number of a channel that not every recording has; from its first use on every file has it."""
+        for number, known in enumerate(self._channels):
+            if known.topic == channel.topic:
+                return number
+        self.checkpoint()
+        self._channels.append(channel)
+        return len(self._channels) - 1
 
     def checkpoint(self) -> None:
         """Makes everything written so far part of the recording on the disk; call it before reporting a touch."""

@@ -15,6 +15,7 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.typesys import Stores, get_typestore
 
 from scara_kinetostatic.bags.messages import JOINT_STATE, STRING, WRENCH_STAMPED
+from scara_kinetostatic.bags.transforms import TF_MESSAGE, TF_STATIC
 from scara_kinetostatic.files.cell_file import CELL_TOPIC
 from scara_kinetostatic.model.cell import Cell
 
@@ -92,6 +93,11 @@ def _time(nanoseconds: int) -> QosTime:
 def discard_channel() -> Channel:
     """The topic on which a collector records that a touch is discarded."""
     return _channel(DISCARD_TOPIC, STRING, QosDurability.VOLATILE, 10)
+
+
+def transform_channel() -> Channel:
+    """The topic of the fixed transforms."""
+    return _channel(TF_STATIC, TF_MESSAGE, QosDurability.TRANSIENT_LOCAL, 100)
 
 
 def _channel(topic: str, msgtype: str, durability: QosDurability, depth: int) -> Channel:

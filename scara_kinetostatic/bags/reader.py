@@ -8,6 +8,7 @@ recording that cannot be used is a `RecordingError` that says what to do.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -30,13 +31,16 @@ from scara_kinetostatic.bags.messages import (
     reading,
 )
 from scara_kinetostatic.bags.sources import open_recording
+from scara_kinetostatic.bags.transforms import TF_MESSAGE, TF_STATIC, decode_transforms
 from scara_kinetostatic.errors import CellError, RecordingError, one_line
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Sensor
 from scara_kinetostatic.touches import clock
 from scara_kinetostatic.touches.clock import Judgement, counted, judge_clocks
 from scara_kinetostatic.touches.interleaving import INTERLEAVED, interleaved_seconds
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
+from scara_kinetostatic.touches.wrench_frame import FixedTransform, WrenchFrame
 
 _ENCODINGS = ('cdr', 'ros1')
 _ATTEMPTS = 5
@@ -51,11 +55,21 @@ class _Discard(NamedTuple):
 
 
 class _Contents(NamedTuple):
-    """What a recording holds of two topics: their messages, decoded, and its source, which then knows all topics."""
+    """What a recording holds of two topics.
+
+    Attributes:
+        source: of the recording, which then knows all topics.
+        samples: the messages of the two topics, decoded.
+        discarded: touches that were discarded while recording.
+        frame_ids: of the wrenches.
+        transforms: those that are fixed, in the order of recording.
+    """
 
     source: Source
     samples: dict[str, Samples]
     discarded: tuple[_Discard, ...]
+    frame_ids: tuple[str, ...]
+    transforms: tuple[FixedTransform, ...]
 
 
 def read_streams(path: str | Path, cell: Cell) -> Streams:
@@ -73,35 +87,56 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
     """
     with reading(path):
         names = cell.sensor.topics
-        source, streams, discarded = _samples(path, names, cell)
+        contents = _samples(path, names, cell)
+        source = contents.source
         found = cell_topics(str(path), source.topics(), cell.sensor, lambda: _recorded_sensor(path, source))
         if found != names:
             names = found
-            source, streams, discarded = _samples(path, names, cell)
-        warnings = list(source.warnings)
+            contents = _samples(path, names, cell)
+        frame = _frame(contents, cell)
+        turns = {name: turn for name in contents.frame_ids if (turn := frame.turn(name)) is not None}
+        if turns:
+            contents = _samples(path, names, cell, turns)
+        streams, warnings = contents.samples, list(contents.source.warnings)
         for (topic, samples), msgtype in zip(streams.items(), (JOINT_STATE, WRENCH_STAMPED), strict=True):
             if len(samples.stamp) == 0:
-                raise _nothing_usable(path, source, topic, msgtype, samples, cell)
+                raise _nothing_usable(path, contents.source, topic, msgtype, samples, cell)
             warnings += [f'{topic}: {counted(number)} {why} dropped' for why, number in samples.dropped.items()]
         if interleaved_seconds(streams[names[0]].log_time, streams[names[0]].values):
             warnings.append(f'{names[0]}: {INTERLEAVED}')
+        warnings += [f'{names[1]}: {said}' for name in contents.frame_ids if (said := frame.complaint(name))]
         clocked = {topic: clock.Samples(*samples[:3]) for topic, samples in streams.items()}
         judged = judge_clocks(str(path), clocked, warnings)
         joints, wrench = judged.topics
-        held = tuple(_on_that_clock(item, judged, names[1]) for item in discarded)
         return Streams(
-            str(path), JointStream(*joints), WrenchStream(*wrench), tuple(map(one_line, warnings)), names, held
+            str(path),
+            JointStream(*joints),
+            WrenchStream(*wrench),
+            warnings=tuple(map(one_line, warnings)),
+            topics=names,
+            discarded=tuple(_on_that_clock(item, judged, names[1]) for item in contents.discarded),
+            turned=one_line('; '.join(map(frame.description, turns))),
         )
 
 
-def _samples(path: str | Path, names: tuple[str, str], cell: Cell) -> _Contents:
-    """What a recording holds of two topics."""
+def _frame(contents: _Contents, cell: Cell) -> WrenchFrame:
+    """What the fixed transforms of a recording say of the wrenches."""
+    frame = WrenchFrame(cell.sensor.frame)
+    for transform in contents.transforms:
+        frame.add(transform)
+    return frame
+
+
+def _samples(
+    path: str | Path, names: tuple[str, str], cell: Cell, turns: Mapping[str, Floats] | None = None
+) -> _Contents:
+    """What a recording holds of two topics, the forces turned by their `frame_id`."""
     for _ in range(_ATTEMPTS - 1):
         before = _version(path)
-        contents = _read_once(path, names, cell)
+        contents = _read_once(path, names, cell, turns)
         if not getattr(contents.source, 'vanished', False) or _version(path) == before:
             return contents
-    return _read_once(path, names, cell)
+    return _read_once(path, names, cell, turns)
 
 
 def _version(path: str | Path) -> tuple[int, int]:
@@ -113,12 +148,13 @@ def _version(path: str | Path) -> tuple[int, int]:
     return 0, 0
 
 
-def _read_once(path: str | Path, names: tuple[str, str], cell: Cell) -> _Contents:
+def _read_once(path: str | Path, names: tuple[str, str], cell: Cell, turns: Mapping[str, Floats] | None) -> _Contents:
     """As `_samples`, whatever happens to the folder meanwhile."""
     types = dict(zip(names, (JOINT_STATE, WRENCH_STAMPED), strict=True))
-    decoders = dict(zip(names, (Decoder(cell.joint_names), Decoder()), strict=True))
-    source, discarded = open_recording(path), list[_Discard]()
-    for batch in source.batches((*types, DISCARD_TOPIC)):
+    wrenches = Decoder(turns=turns)
+    decoders = dict(zip(names, (Decoder(cell.joint_names), wrenches), strict=True))
+    source, discarded, transforms = open_recording(path), list[_Discard](), list[FixedTransform]()
+    for batch in source.batches((*types, DISCARD_TOPIC, TF_STATIC)):
         if batch.topic.encoding not in _ENCODINGS:
             continue
         for portion in decompress_messages(batch):
@@ -126,7 +162,11 @@ def _read_once(path: str | Path, names: tuple[str, str], cell: Cell) -> _Content
                 decoders[batch.topic.name].add(portion)
             elif (batch.topic.name, batch.topic.msgtype) == (DISCARD_TOPIC, STRING):
                 discarded += _discarded(portion)
-    return _Contents(source, {topic: decoder.samples() for topic, decoder in decoders.items()}, tuple(discarded))
+            elif (batch.topic.name, batch.topic.msgtype) == (TF_STATIC, TF_MESSAGE):
+                for payload in portion.payloads():
+                    transforms += decode_transforms(payload, batch.topic.encoding)
+    samples = {topic: decoder.samples() for topic, decoder in decoders.items()}
+    return _Contents(source, samples, tuple(discarded), tuple(sorted(wrenches.frame_ids)), tuple(transforms))
 
 
 def _on_that_clock(discard: _Discard, judged: Judgement, wrench: str) -> int:

@@ -75,6 +75,7 @@ def _inspection(bag: Path, streams: Streams | None, detection: Detection, cell: 
         }
         if streams
         else {},
+        **({'turned': streams.turned} if streams and streams.turned else {}),
         'warnings': [*(streams.warnings if streams else ()), *detection.warnings],
         'touches': _touches(detection, cell),
     }
@@ -141,7 +142,8 @@ def _as_text(found: dict[str, Any]) -> str:
         _touch_table(found['touches']).text() if found['touches'] else 'no contact in the recording',
         f'{count(len(found["touches"]), "touch", "touches")} found: {accepted} accepted, {rejected} rejected',
     ]
-    return '\n'.join(['\n\n'.join(parts), *(f'note: {warning}' for warning in found['warnings'])])
+    notes = [*([found['turned']] if 'turned' in found else []), *found['warnings']]
+    return '\n'.join(['\n\n'.join(parts), *(f'note: {note}' for note in notes)])
 
 
 def _topic_table(found: dict[str, Any]) -> Table:

@@ -73,7 +73,7 @@ class Collector(Node):
         self._touches = self.create_publisher(UInt32, '~/touches', LATCHED)
         self._touch = self.create_publisher(DiagnosticArray, '~/touch', LATCHED_TOUCHES)
         self._recording = self.create_publisher(String, '~/recording', LATCHED)
-        self._frame = FrameCheck(self, self._cell.sensor.frame)
+        self._frame = FrameCheck(self, self._cell.sensor.frame, self._take_transforms)
         self._monitors: dict[Stream, StreamMonitor] = {}
         self._subscriptions_of: dict[Stream, StreamSubscription] = {}
         for stream, kind, topic in zip(Stream, (JointState, WrenchStamped), self._cell.sensor[:2], strict=True):
@@ -157,6 +157,8 @@ class Collector(Node):
         parent = declare.place('output', str(self.get_parameter('output').value)).absolute()
         joint_states, wrench = (monitor.topic for monitor in self._monitors.values())
         self._session = Session(parent, self._cell, self._now(), (joint_states, wrench))
+        for message in self._frame.messages:
+            self._session.take_transforms(message, self._now())
         self._look_at_publishers()
         self._lost_before = self._lost()
         self._autostart = False
@@ -231,8 +233,21 @@ class Collector(Node):
     def _convert(self, stream: Stream, message: bytes) -> Sample:
         if stream is Stream.JOINTS:
             return joint_sample(message, self._cell.joint_names)
-        self._frame.last = message
-        return wrench_sample(message)
+        return wrench_sample(message, self._frame.turn(message))
+
+    def _take_transforms(self, message: bytes, anew: bool) -> None:
+        """Records fixed transforms; touches before them are told as they were judged."""
+        session = self._session
+        if session is None:
+            return
+        try:
+            self._tell(session.take_transforms(message, self._now(), anew))
+        except ScaraKinetostaticError as error:
+            self._fail(error)
+            return
+        if anew and session.touches + session.rejected:
+            after = f'after touch {session.touches + session.rejected - 1}: {self._frame.description()}'
+            self.get_logger().warning(f'/tf_static came {after}; a calibration turns the forces before as well')
 
     def _now(self) -> int:
         """Time of the node's clock, ns; 0 before the first message on `/clock`."""
@@ -275,6 +290,8 @@ class Collector(Node):
         for loss in losses:
             self.get_logger().warning(loss)
         self._look_at_publishers()
+        if news := self._frame.news():
+            self.get_logger().info(news)
         return self._examine(losses)
 
     def _examine(self, losses: Sequence[str] = ()) -> Condition:
@@ -284,6 +301,7 @@ class Collector(Node):
             rate = monitor.rate()
             values |= monitor.details(rate)
             complaints += [monitor.complaint(rate, expected=self._session is not None), monitor.mixture()]
+        values['wrench frame'] = self._frame.description()
         complaints.append(self._example_cell())
         if self._session is not None:
             values |= self._session.details()

@@ -80,24 +80,26 @@ def joint_sample(serialized: bytes, names: Sequence[str]) -> Sample:
     return _finite(Sample(stamp, position[names[0]], position[names[1]]))
 
 
-def wrench_sample(serialized: bytes) -> Sample:
+def wrench_sample(serialized: bytes, turn: Sequence[Sequence[float]] | None = None) -> Sample:
     """The force in the plane, as the sensor gives it.
 
     Args:
         serialized: a `WrenchStamped` as it came over the wire.
+        turn: two rows of three, by which the force is turned into the frame of the cell description; None: it is not.
 
     Raises:
         UnusableMessageError: the force is not finite.
     """
     if serialized[:2] != _PLAIN:
         message = deserialize_message(serialized, WrenchStamped)
-        return _finite(Sample(_nanoseconds(message.header.stamp), message.wrench.force.x, message.wrench.force.y))
+        vector = message.wrench.force
+        return _force(_nanoseconds(message.header.stamp), (vector.x, vector.y, vector.z), turn)
     try:
         seconds, nanoseconds, size = _HEAD.unpack_from(serialized, 4)
         force = _WRENCH.unpack_from(serialized, _aligned(16 + size, 8))
     except struct.error as error:
         raise UnusableMessageError('the message is cut off') from error
-    return _finite(Sample(seconds * NANOSECONDS + nanoseconds, force[0], force[1]))
+    return _force(seconds * NANOSECONDS + nanoseconds, force, turn)
 
 
 def frame_of(serialized: bytes) -> str:
@@ -141,6 +143,14 @@ def _joint_fields(serialized: bytes) -> tuple[int, Sequence[str], Sequence[float
 def _aligned(at: int, size: int) -> int:
     """The next place for a field of that size; counted from byte 4, behind the encapsulation."""
     return at + (4 - at) % size
+
+
+def _force(stamp: int, force: Sequence[float], turn: Sequence[Sequence[float]] | None) -> Sample:
+    if turn is None:
+        return _finite(Sample(stamp, force[0], force[1]))
+    x, y, z = force[:3]
+    first, second = (row[0] * x + row[1] * y + row[2] * z for row in turn)
+    return _finite(Sample(stamp, first, second))
 
 
 def _finite(sample: Sample) -> Sample:

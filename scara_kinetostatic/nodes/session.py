@@ -94,6 +94,25 @@ class Session:
         else:
             self._detector.add_wrench(sample.stamp_ns, (sample.first, sample.second), log_time)
 
+    def take_transforms(self, message: bytes, log_time: int, anew: bool = False) -> list[JudgedTouch]:
+        """Takes fixed transforms in.
+
+        Args:
+            message: as it came, CDR.
+            log_time: when it came, ns.
+            anew: whether the forces to come are turned otherwise than those before.
+
+        Returns:
+            The touches before, not yet reported.
+        """
+        self._writer.write_transforms(message, log_time)
+        self._secured = False
+        if not anew:
+            return []
+        found = self._secure(self._detector.finish())
+        self._detector.restart()
+        return found
+
     def offer(self, joint_states: OfferedQos | None, wrench: OfferedQos | None) -> None:
         """States the quality of service that the drivers offer; None where it is unknown."""
         self._writer.offer(joint_states, wrench)

@@ -123,7 +123,9 @@ def utc(time: datetime) -> str:
 
 
 def _recording(item: Recording) -> Document:
-    return {'path': item.path, 'sha256': item.sha256, 'start': None if item.start is None else utc(item.start)}
+    start = None if item.start is None else utc(item.start)
+    turned = {'turned': item.turned} if item.turned else {}
+    return {'path': item.path, 'sha256': item.sha256, 'start': start, **turned}
 
 
 def _errors(outcome: Outcome) -> Document:

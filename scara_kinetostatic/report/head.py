@@ -44,6 +44,7 @@ class Source(NamedTuple):
     path: str
     start: str
     sha256: str
+    turned: str = ''
 
 
 class Number(NamedTuple):
@@ -69,7 +70,7 @@ def entries(outcome: Outcome) -> list[Entry]:
 
 def recordings(outcome: Outcome) -> list[Source]:
     """The recordings with their checksums; paths alone where these are unknown."""
-    known = [Source(item.path, _start(item.start), item.sha256) for item in outcome.recordings]
+    known = [Source(item.path, _start(item.start), item.sha256, item.turned) for item in outcome.recordings]
     return known or [Source(path, '', '') for path in outcome.sources]
 
 

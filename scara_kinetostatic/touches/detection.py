@@ -63,6 +63,7 @@ class Detection:
         start: first stamp of the recording, ns; 0 where unknown. Of several recordings, of the first.
         starts: first stamp of each recording, ns; empty for one.
         first_touches: number of the first touch of each recording.
+        turned: how the forces of each recording were turned by their `frame_id`, empty where not; or no entries.
         sequence_known: whether the touches of several recordings are in the order of time.
         contradiction: a sentence where most touches meet no disc but would with another frame or sign of the sensor;
             empty otherwise.
@@ -78,6 +79,7 @@ class Detection:
     start: int = 0
     starts: tuple[int, ...] = ()
     first_touches: tuple[int, ...] = (0,)
+    turned: tuple[str, ...] = ()
     sequence_known: bool = True
     contradiction: str = ''
     memories: tuple[LoadMemory, ...] = field(default=(), repr=False)

@@ -97,6 +97,15 @@ class OnlineDetector:
         """The touches not yet reported, at the end of the streams; one still in contact counts as well."""
         return self._search(open_too=True)
 
+    def restart(self) -> None:
+        """Begins anew with what comes, as forces that are turned otherwise; call `finish` before.
+
+        What the joints remember of the load, and the numbers of the touches, go on.
+        """
+        self._joints, self._wrench = _Buffer(), _Buffer()
+        self._tare, self._in_contact = None, False
+        self._reported = self._searched = _NEVER
+
     def received(self, stamp_ns: int) -> int:
         """When the wrench was received whose stamp is nearest, ns, as long as it is kept."""
         return self._wrench.log_time_of(stamp_ns)

@@ -45,6 +45,7 @@ class Streams:
         warnings: what was dropped or mended on reading, one sentence each.
         topics: the names of both, where they are not those of the cell description.
         discarded: touches that were discarded while recording, each by a stamp within its hold, ns.
+        turned: how the forces were turned by their `frame_id`; empty where they were not.
     """
 
     source: str
@@ -53,3 +54,4 @@ class Streams:
     warnings: tuple[str, ...] = field(default=())
     topics: tuple[str, str] | None = None
     discarded: tuple[int, ...] = ()
+    turned: str = ''

@@ -1,0 +1,104 @@
+"""A wrench is turned by its frame_id; one that contradicts the cell description is said. A plain tree of transforms."""
+
+from __future__ import annotations
+
+from math import cos, radians, sin
+
+import numpy as np
+import pytest
+
+from scara_kinetostatic.model.cell import SensorFrame
+from scara_kinetostatic.touches.wrench_frame import FixedTransform, WrenchFrame
+
+NO_TURN = (0.0, 0.0, 0.0, 1.0)
+UPSIDE_DOWN = (1.0, 0.0, 0.0, 0.0)
+
+
+def about_z(angle: float) -> tuple[float, float, float, float]:
+    return 0.0, 0.0, sin(radians(angle) / 2), cos(radians(angle) / 2)
+
+
+def tree(stated: SensorFrame, *transforms: tuple[str, str, tuple[float, float, float, float]]) -> WrenchFrame:
+    frame = WrenchFrame(stated)
+    for transform in transforms:
+        frame.add(FixedTransform(*transform))
+    return frame
+
+
+@pytest.mark.parametrize('frame_id', ['', 'base', 'base_link', '/left/base_link', 'world', 'sensor'])
+def test_what_agrees_or_is_unknown_is_not_said(frame_id: str) -> None:
+    frame = WrenchFrame(SensorFrame.BASE)
+    assert not frame.complaint(frame_id) and frame.turn(frame_id) is None
+
+
+@pytest.mark.parametrize(('stated', 'frame_id'), [
+    (SensorFrame.BASE, 'tool0'), (SensorFrame.BASE, 'left/flange'), (SensorFrame.TOOL, 'base_link'),
+])  # fmt: skip
+def test_the_other_frame_is_said(stated: SensorFrame, frame_id: str) -> None:
+    said = WrenchFrame(stated).complaint(frame_id)
+    assert repr(frame_id) in said and f'sensor.frame: {stated.value}' in said
+
+
+def test_a_sensor_that_is_fixed_to_the_tool_is_not_in_the_base() -> None:
+    mounted = ('tool0', 'mount', about_z(90)), ('mount', 'sensor', about_z(-90))
+    base = tree(SensorFrame.BASE, *mounted)
+    assert 'is fixed to tool0' in base.complaint('sensor')
+    assert base.turn('mount') is None, 'what is contradicted is not turned'
+    tool = tree(SensorFrame.TOOL, *mounted)
+    assert not tool.complaint('sensor') and tool.turn('sensor') is None
+    assert not tool.complaint('mount')
+    assert tool.description('mount') == 'forces turned by 90 degrees from mount into tool0'
+
+
+def test_a_force_is_turned_into_the_parent() -> None:
+    """x of a sensor mounted at 90 degrees is y of the tool."""
+    turn = tree(SensorFrame.TOOL, ('left/tool0', 'left/sensor', about_z(90))).turn('/left/sensor')
+    assert turn is not None
+    np.testing.assert_allclose(turn @ [1.0, 0.0, 5.0], [0.0, 1.0], atol=1e-15)
+    np.testing.assert_allclose(turn @ [0.0, 1.0, 5.0], [-1.0, 0.0], atol=1e-15)
+
+
+def test_the_tree_may_stand_upside_down() -> None:
+    turn = tree(SensorFrame.BASE, ('sensor', 'base_link', about_z(-30))).turn('sensor')
+    other = tree(SensorFrame.BASE, ('base_link', 'sensor', about_z(30))).turn('sensor')
+    assert turn is not None
+    np.testing.assert_allclose(turn, other, atol=1e-15)
+
+
+def test_a_sensor_mounted_upside_down_or_on_its_side() -> None:
+    down = tree(SensorFrame.TOOL, ('tool0', 'sensor', UPSIDE_DOWN)).turn('sensor')
+    assert down is not None
+    np.testing.assert_allclose(down @ [3.0, 4.0, 5.0], [3.0, -4.0], atol=1e-15)
+    side = tree(SensorFrame.TOOL, ('tool0', 'sensor', (0.0, sin(np.pi / 4), 0.0, cos(np.pi / 4)))).turn('sensor')
+    assert side is not None
+    np.testing.assert_allclose(side @ [3.0, 4.0, 5.0], [5.0, 4.0], atol=1e-15)
+
+
+def test_turns_add_up_along_the_tree() -> None:
+    tool = tree(SensorFrame.TOOL, ('tool0', 'mount', about_z(30)), ('mount', 'sensor', UPSIDE_DOWN))
+    turn = tool.turn('sensor')
+    assert turn is not None
+    x, y = cos(radians(30)), sin(radians(30))
+    np.testing.assert_allclose(turn @ [1.0, 2.0, 0.0], [x + 2 * y, y - 2 * x], atol=1e-15)
+
+
+def test_the_frame_of_the_description_counts_before_others_of_the_same_side() -> None:
+    """`world` is a usual name, but the tree knows `base_link`, in which the objects are given."""
+    frame = tree(SensorFrame.BASE, ('world', 'base_link', about_z(90)))
+    assert frame.description('world') == 'forces turned by 90 degrees from world into base_link'
+
+
+def test_a_later_transform_replaces_an_earlier_one() -> None:
+    frame = tree(SensorFrame.BASE, ('base_link', 'sensor', about_z(30)), ('base_link', 'sensor', NO_TURN))
+    assert frame.turn('sensor') is None
+
+
+@pytest.mark.parametrize('wrong', [(0.0, 0.0, 0.0, 0.0), (float('nan'),) * 4])
+def test_a_senseless_rotation_is_none(wrong: tuple[float, float, float, float]) -> None:
+    frame = tree(SensorFrame.BASE, ('base_link', 'sensor', wrong))
+    assert not frame.complaint('sensor') and frame.turn('sensor') is None
+
+
+def test_a_circle_of_frames_ends() -> None:
+    frame = tree(SensorFrame.BASE, ('a', 'b', NO_TURN), ('b', 'c', NO_TURN), ('c', 'a', NO_TURN))
+    assert frame.turn('a') is None
