@@ -9,3 +9,12 @@ The only modules of the package that import `rclpy`. Shared by them: `executable
 `declare` (parameters with descriptors), `stream_subscription` (quality of service), `conversion` (messages to numbers
 and back).
 """
+
+from __future__ import annotations
+
+import sys
+
+from scara_kinetostatic.nodes.executables import catch_signals
+
+if sys.argv[:1] == ['-m']:  # `python -m scara_kinetostatic.nodes.collector`, before that module is imported
+    catch_signals()

@@ -14,13 +14,14 @@ class Announced:
     """Recordings in the order in which they were announced.
 
     A collector that was started anew, after a crash say, goes on with the same session in another recording. One that
-    was told to stop and to start begins another session. The middleware tells which: every publisher numbers its
-    messages from 1.
+    was told to stop begins another session when it is told to start, also by another process, the next day say. The
+    middleware tells which process: every publisher numbers its messages from 1.
     """
 
     def __init__(self) -> None:
         self._all: list[str] = []
         self._session: list[str] = []
+        self._stopped = ''
 
     def note(self, path: str, number: int | None) -> bool:
         """Notes an announcement.
@@ -34,10 +35,14 @@ class Announced:
         """
         if not path or self._session[-1:] == [path]:
             return False
-        continued = number == 1 and bool(self._session)
+        continued = number == 1 and bool(self._session) and self._session[-1] != self._stopped
         self._session = [*(item for item in self._session if continued and item != path), path]
         self._all = [*(item for item in self._all if item != path), path]
         return continued
+
+    def stop(self, path: str) -> None:
+        """Notes that the collector was told to stop a recording."""
+        self._stopped = path
 
     def chosen(self, which: str) -> list[str]:
         """The recordings to calibrate together.

@@ -58,9 +58,11 @@ class Calibrator(Node):
         self._settings = CalibratorSettings(self, self._announced)
         self._results = ResultParameters(self)
         self._process: CalibrationProcess | None = None
+        self._part = 0.0
         self._ended = Future()
         self._condition = self._loaded('a parameter file')
         self.create_subscription(String, 'collector/recording', self._note_recording, LATCHED)
+        self.create_subscription(String, 'collector/stopped', lambda said: self._announced.stop(said.data), LATCHED)
         self._result = self.create_publisher(String, '~/result', LATCHED)
         self._progress = self.create_publisher(String, '~/progress', LATCHED)
         self.create_service(Trigger, '~/calibrate', self._calibrate, callback_group=ReentrantCallbackGroup())
@@ -86,7 +88,7 @@ class Calibrator(Node):
         if self._process is not None:
             response.message = 'a calibration is running already; call again when it is done, or ~/cancel'
             return response
-        former = self._condition
+        former, self._part = self._condition, 0.0
         try:
             job = self._settings.job()
             ended = await self._run(job)
@@ -94,7 +96,7 @@ class Calibrator(Node):
                 response.success, response.message = self._publish(ended, job)
             elif ended == CANCELLED:
                 response.message, self._condition = ended, former
-                self._tell('cancelled', ended)
+                self._tell('cancelled', ended, self._part)
                 self.get_logger().warning(ended)
             else:
                 self._fail(response, ended)
@@ -159,10 +161,11 @@ class Calibrator(Node):
         self._ended.set_result(ended)
 
     def _show(self, progress: Progress) -> None:
+        self._part = progress.part
         self._condition = Condition(OK, f'calibrating: {progress.step}', {'progress': f'{100 * progress.part:.0f} %'})
         self._tell('running', progress.step, progress.part)
 
-    def _tell(self, state: str, message: str, part: float = 1.0) -> None:
+    def _tell(self, state: str, message: str, part: float) -> None:
         """Publishes on `~/progress`."""
         self._progress.publish(String(data=json.dumps({'state': state, 'message': message, 'part': part})))
 
@@ -188,7 +191,7 @@ class Calibrator(Node):
             self.get_logger().warning(warning)
         folder = None if reply.unwritten else Path(reply.folder)
         self._publish_document(reply.document, folder, job.name, take, message)
-        self._tell('done', message)
+        self._tell('done', message, 1.0)
         return reply.grade != UNFIT, message
 
     def _publish_document(
@@ -216,7 +219,7 @@ class Calibrator(Node):
         """Answers that there is no result."""
         response.message = message
         self._condition = Condition(ERROR, message, {})
-        self._tell('failed', message)
+        self._tell('failed', message, self._part)
         self.get_logger().error(message)
 
     def _loaded(self, where: str) -> Condition:

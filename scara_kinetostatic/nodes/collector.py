@@ -4,7 +4,7 @@ Every message goes into the bag as it came. The same messages go through the
 touch detection; a touch is counted on `~/touches` only when the bag holds it
 durably, and published on `~/touch` with its judgement. Services `~/start` and
 `~/stop` begin and end a recording, each in a new folder, which is announced on
-`~/recording`; `~/discard_last` discards a touch. A full or vanished disk ends
+`~/recording`, its end by `~/stop` on `~/stopped`; `~/discard_last` discards a touch. A full or vanished disk ends
 the recording, not the node; so does a folder that cannot be written to. What
 would spoil a recording is said at once: several publishers on a topic, clocks
 that differ, touches that are rejected, a disk that will be full.
@@ -73,6 +73,7 @@ class Collector(Node):
         self._touches = self.create_publisher(UInt32, '~/touches', LATCHED)
         self._touch = self.create_publisher(DiagnosticArray, '~/touch', LATCHED_TOUCHES)
         self._recording = self.create_publisher(String, '~/recording', LATCHED)
+        self._stopped = self.create_publisher(String, '~/stopped', LATCHED)
         self._frame = FrameCheck(self, self._cell.sensor.frame, self._take_transforms)
         self._monitors: dict[Stream, StreamMonitor] = {}
         self._subscriptions_of: dict[Stream, StreamSubscription] = {}
@@ -122,6 +123,7 @@ class Collector(Node):
         if self._session is None:
             response.message = self._failure or 'nothing is being recorded; call ~/start first'
             return response
+        self._stopped.publish(String(data=str(self._session.folder)))
         response.message = self._end()
         response.success = not self._failure
         self.get_logger().info(response.message)

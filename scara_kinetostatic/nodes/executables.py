@@ -36,9 +36,14 @@ def visualizer() -> int:
 
 
 def _run(name: str) -> int:
+    catch_signals()
+    return int(import_module(f'scara_kinetostatic.nodes.{name}').main())
+
+
+def catch_signals() -> None:
+    """Lets a signal end the process at once until the node has handlers of its own."""
     for number in ENDING:
         signal.signal(number, _end)
-    return int(import_module(f'scara_kinetostatic.nodes.{name}').main())
 
 
 def _end(_number: int, _: FrameType | None) -> None:

@@ -222,6 +222,17 @@ def test_announced_recordings_that_belong_together(
     assert [announced.chosen(which) for which in (SESSION, LAST, ALL)] == [session, last, everything]
 
 
+def test_a_recording_that_was_stopped_ends_the_session() -> None:
+    announced = Announced()
+    announced.note('monday', 1)
+    announced.note('monday_again', 1)  # after a crash
+    announced.stop('monday_again')
+    assert not announced.note('tuesday', 1)
+    assert announced.chosen(SESSION) == ['tuesday']
+    assert announced.note('tuesday_again', 1)
+    assert announced.chosen(SESSION) == ['tuesday', 'tuesday_again']
+
+
 def test_many_warnings_are_counted() -> None:
     assert warnings_in_line([]) == ''
     assert warnings_in_line(list('abcde')) == 'warnings: a; b; c; 2 more'

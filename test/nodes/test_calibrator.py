@@ -233,11 +233,14 @@ def test_a_surprise_in_a_calibration_does_not_end_the_node(
 ) -> None:
     monkeypatch.setattr(module, 'COMMAND', (sys.executable, '-c', code))
     node = spin(Calibrator, '--ros-args', '-p', f'recording:={recording}')
-    for _ in range(2):
+    heard = listen(client, '/calibrator/progress')
+    for number in range(2):
         answer = calibrate(client)
         assert not answer.success
         assert message in answer.message
         assert node._condition.level == ERROR
+        client.wait('the end', lambda number=number: sum(item['state'] == 'failed' for item in heard) > number, WAIT)
+        assert heard[-1]['part'] < 1.0, 'the work is not done'
 
 
 def test_a_second_call_is_refused_while_one_runs_and_a_running_one_can_be_cancelled(
@@ -266,6 +269,7 @@ def test_a_second_call_is_refused_while_one_runs_and_a_running_one_can_be_cancel
         assert calibrate_later.result().message == answer.message == 'cancelled; earlier results are unchanged'
         assert node._condition.message == 'no calibration yet'
         client.wait('progress', lambda: heard[-1]['state'] == 'cancelled', WAIT)
+        assert heard[-1]['part'] == PROGRESS['part']
 
 
 def test_a_calibration_that_does_not_end_is_killed(

@@ -16,6 +16,7 @@ from rclpy.qos import QoSPresetProfiles, QoSProfile
 from rosbags.rosbag2 import Reader
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
@@ -27,7 +28,7 @@ from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN
 from scara_kinetostatic.nodes.processes import NodeProcesses
 from scara_kinetostatic.nodes.stream_monitor import StreamMonitor
-from scara_kinetostatic.nodes.stream_subscription import RELIABLE_STREAM
+from scara_kinetostatic.nodes.stream_subscription import LATCHED, RELIABLE_STREAM
 from scara_kinetostatic.touches.detection import find_touches
 
 
@@ -60,7 +61,10 @@ def test_start_and_stop_each_make_sense_once(
     assert not again.success
     assert 'recording already' in again.message
 
+    stopped: list[str] = []
+    client._node.create_subscription(String, '/collector/stopped', lambda said: stopped.append(said.data), LATCHED)
     assert trigger(client, '/collector/stop').success
+    client.wait('its end', lambda: stopped == [str(first)], WAIT)
     assert trigger(client, '/collector/start').success
     client.wait('another recording', lambda: client.recording != str(first), WAIT)
     assert embedded_cell(first) == PAPER_CELL

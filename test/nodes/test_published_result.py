@@ -256,6 +256,24 @@ def test_recordings_of_a_collector_that_was_started_anew_go_together(
     assert not node._settings.job().joined
 
 
+def test_after_stop_another_session_begins(spin: Callable[..., Node], client: DemoClient, tmp_path: Path) -> None:
+    bags = [tmp_path / name for name in ('monday', 'tuesday')]
+    for bag in bags:
+        bag.mkdir()
+    node = spin(Calibrator)
+
+    def say(topic: str, path: Path, heard: Callable[[], bool]) -> None:
+        publisher = client._node.create_publisher(String, topic, LATCHED)  # of another process each time
+        publisher.publish(String(data=str(path)))
+        client.wait(topic, heard, WAIT)
+        client._node.destroy_publisher(publisher)
+
+    say('/collector/recording', bags[0], lambda: node._announced.chosen('last') == [str(bags[0])])
+    say('/collector/stopped', bags[0], lambda: node._announced._stopped == str(bags[0]))
+    say('/collector/recording', bags[1], lambda: node._announced.chosen('last') == [str(bags[1])])
+    assert node._settings.job().recordings == [str(bags[1])]
+
+
 @pytest.mark.parametrize(
     ('argument', 'message'),
     [

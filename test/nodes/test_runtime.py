@@ -75,6 +75,21 @@ def test_a_signal_while_a_node_is_imported_ends_it_without_a_word(name: str, num
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, '', '')
 
 
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_module_that_is_run_ends_so_as_well(number: signal.Signals, tmp_path: Path) -> None:
+    (tmp_path / 'rclpy.py').write_text(f'import os; os.kill(os.getpid(), {int(number)}); print("still there")')
+    places = os.pathsep.join(filter(None, (str(Path(__file__).parents[2]), os.environ.get('PYTHONPATH'))))
+    ended = subprocess.run(
+        [sys.executable, '-m', 'scara_kinetostatic.nodes.collector'],
+        cwd=tmp_path,
+        env=os.environ | {'PYTHONPATH': places},
+        capture_output=True,
+        text=True,
+        timeout=WAIT,
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, '', '')
+
+
 def _handles_sigterm(pid: int) -> bool:
     """Whether the process has handlers of its own; Python by itself leaves SIGTERM alone."""
     status = Path(f'/proc/{pid}/status').read_text()
