@@ -17,6 +17,9 @@ From a recording to a compensated joint angle::
     tip = sk.locate(outcome, angles.joints, [0.0, 30.0])
     print(tip.position, tip.std)                              # back at the place, m
 
+    arm = sk.load_calibration('result/calibration.json')      # later, elsewhere: the same without the recording
+    print(sk.locate(arm, angles.joints, [0.0, 30.0]).position)
+
 What `__all__` names is stable, typed and loaded on first use. The packages, from the top; each imports only from those
 below it (`test/test_architecture.py` checks that):
 
@@ -49,15 +52,16 @@ if TYPE_CHECKING:
     from scara_kinetostatic.bags.reader import read_streams as read_streams
     from scara_kinetostatic.calibration.calibrate import calibrate
     from scara_kinetostatic.calibration.result import Calibration
+    from scara_kinetostatic.compensation.arm import CalibratedArm
+    from scara_kinetostatic.compensation.predictions import JointAngles, TipPosition
     from scara_kinetostatic.diagnosis.result import Diagnosis as Diagnosis
     from scara_kinetostatic.effects.base import Effect
     from scara_kinetostatic.effects.registry import catalogue, register
     from scara_kinetostatic.errors import InputError, UnsupportedDataError
     from scara_kinetostatic.errors import ScaraKinetostaticError as ScaraKinetostaticError
+    from scara_kinetostatic.files.calibration_file import load_calibration
     from scara_kinetostatic.files.cell_file import load_cell
     from scara_kinetostatic.interface import (
-        JointAngles,
-        TipPosition,
         compensate,
         diagnose,
         locate,
@@ -85,19 +89,21 @@ if TYPE_CHECKING:
 __version__ = '0.1.0'
 
 _HOME = {
+    'CalibratedArm': 'compensation.arm',
     'Calibration': 'calibration.result',
     'Cell': 'model.cell',
     'Effect': 'effects.base',
     'InputError': 'errors',
-    'JointAngles': 'interface',
+    'JointAngles': 'compensation.predictions',
     'Outcome': 'assessment.outcome',
-    'TipPosition': 'interface',
+    'TipPosition': 'compensation.predictions',
     'TouchSet': 'model.touch',
     'UnsupportedDataError': 'errors',
     'calibrate': 'calibration.calibrate',
     'catalogue': 'effects.registry',
     'compensate': 'interface',
     'diagnose': 'interface',
+    'load_calibration': 'files.calibration_file',
     'load_cell': 'files.cell_file',
     'locate': 'interface',
     'make_touches': 'interface',
@@ -127,6 +133,7 @@ _FORMER = {
 """Names of earlier versions and of parts of the above; they can be imported still."""
 
 __all__ = [
+    'CalibratedArm',
     'Calibration',
     'Cell',
     'Effect',
@@ -141,6 +148,7 @@ __all__ = [
     'catalogue',
     'compensate',
     'diagnose',
+    'load_calibration',
     'load_cell',
     'locate',
     'make_touches',

@@ -9,23 +9,23 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.calibration.prediction import base_force, force_residual, observe
-from scara_kinetostatic.calibration.propagation import Prediction, compensate_joints, locate_tip, tip_under_force
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.compensation.arm import CalibratedArm
+from scara_kinetostatic.compensation.predictions import JointAngles, Predictor, TipPosition
 from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError, did_you_mean, expect
 from scara_kinetostatic.files.touch_table import is_touch_table
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import LATER, TouchSet, order_of_time
@@ -41,69 +41,6 @@ from scara_kinetostatic.touches.table import press_of
 _LOAD = "give one, such as load_cell('cell.yaml')"
 ELBOWS = {'left': 1, 'right': -1}
 Paths = str | Path | Sequence[str | Path]
-
-
-class TipPosition(NamedTuple):
-    """Places of the tip with their uncertainty.
-
-    Attributes:
-        position: S in the base frame, (n, 2), m.
-        covariance: by the uncertainty of the calibration, (n, 2, 2), m²; NaN where the data do not determine it.
-            Where not `loaded`, it contains g²/3 for each backlash that may be anywhere in its dead band.
-        loaded: whether the force and both joint torques exceed three times their standard uncertainty, (n,);
-            where not, the backlash concerned is taken to be in the middle of its dead band.
-        status: of each, (n,): ``ok``, ``unloaded``, or ``undetermined`` (no covariance).
-
-    Example:
-        >>> import scara_kinetostatic as sk
-        >>> cell = sk.load_cell('cell.yaml')
-        >>> tip = sk.locate(sk.diagnose('touches.csv', cell), [[0.8, 2.1]] * 2, [[-20.0, 0.0], [0.0, 0.0]])
-        >>> tip.std.shape, tip.loaded.tolist(), tip.status.tolist()
-        ((2, 2), [True, False], ['ok', 'unloaded'])
-    """
-
-    position: Floats
-    covariance: Floats
-    loaded: Mask
-    status: NDArray[Any]
-
-    @property
-    def std(self) -> Floats:
-        """Standard uncertainty of x and y, (n, 2), m."""
-        return _std(self.covariance)
-
-
-class JointAngles(NamedTuple):
-    """Compensated joint angles with their uncertainty.
-
-    Attributes:
-        joints: Q, (n, 2), rad; NaN where the place is out of reach.
-        torques: of the actuators, C, (n, 2), Nm.
-        covariance: of Q by the uncertainty of the calibration, (n, 2, 2), rad²; NaN where the data do not determine
-            it. Where not `loaded`, it contains g²/3 for each backlash that may be anywhere in its dead band.
-        loaded: whether the force and both joint torques exceed three times their standard uncertainty, (n,);
-            where not, the backlash concerned is taken to be in the middle of its dead band.
-        status: of each, (n,): ``ok``, ``unloaded``, ``undetermined`` (no covariance) or ``out_of_reach`` (no angles).
-
-    Example:
-        >>> import scara_kinetostatic as sk
-        >>> cell = sk.load_cell('cell.yaml')
-        >>> outcome = sk.diagnose('touches.csv', cell)
-        >>> angles = sk.compensate(outcome, [[0.3, 0.2], [0.9, 0.0]], [0.0, 30.0], elbow='right')
-        >>> angles.std.shape, angles.status.tolist()
-        ((2, 2), ['ok', 'out_of_reach'])
-    """
-
-    joints: Floats
-    torques: Floats
-    covariance: Floats
-    loaded: Mask
-    status: NDArray[Any]
-
-    @property
-    def std(self) -> Floats:
-        """Standard uncertainty of both angles, (n, 2), rad."""
-        return _std(self.covariance)
 
 
 def make_touches(
@@ -338,27 +275,32 @@ def predict_force(
 
 
 def locate(
-    result: Outcome | Calibration,
+    result: Outcome | Calibration | CalibratedArm,
     joints: ArrayLike,
     force: ArrayLike = (0.0, 0.0),
     *,
     time: ArrayLike | None = None,
     approach: ArrayLike | None = None,
+    nominal: bool = False,
+    rigid: bool = False,
 ) -> TipPosition:
     """H̄: where the tip is, from measured joint angles and the force.
 
-    Where the force or a torque is below three times its standard uncertainty, the backlash concerned may be anywhere
-    in its dead band: the result is that of the middle, with g²/3 added to the variance (`loaded` is False).
+    Where the force or a torque is below three times its standard uncertainty, the sign of its backlash is not known
+    (`loaded` is False): the dead band is crossed on a straight line, from edge to edge, and g²/3 is added to the
+    variance in its middle, nothing at its edges. So no result jumps.
     `force` is the true one: errors of the sensor that the model has are not removed from it.
 
     Args:
-        result: of `diagnose` or `calibrate`.
+        result: of `diagnose`, `calibrate` or `load_calibration`.
         joints: Q, (n, 2), rad.
         force: on the object, base frame, (n, 2), or one for all, N.
         time: of each pose, s since the first touch of the calibration, (n,), or one for all; None: 0. Needed where the
             model has an effect that depends on it, such as drift.
         approach: each joint's last movement before the pose, rad or only its sense, (n, 2), or one for all; None:
             unknown, the middle of the hysteresis.
+        nominal: whether to take the nominal parameters; they have no uncertainty.
+        rigid: whether to leave out the deflection: H (1) instead of H̄.
 
     Raises:
         InputError: arrays of other shapes, or values that are not finite.
@@ -377,16 +319,15 @@ def locate(
         >>> bool((tip.std < 1e-5).all())
         True
     """
-    c = _final(result)
+    predictor = Predictor(_arm(result), nominal, rigid)
     q = _pairs(joints, 'joints')
     f = _rows(force, 'force', len(q))
-    metadata = _metadata(c, posture(c.parameters, q), time, approach)
-    found = locate_tip(c, q, f, metadata)
-    return TipPosition(found.value, found.covariance, found.loaded, _status(found))
+    metadata = _metadata(predictor, posture(predictor.law.model.parameters, q), time, approach)
+    return predictor.locate(q, f, metadata)
 
 
 def compensate(
-    result: Outcome | Calibration,
+    result: Outcome | Calibration | CalibratedArm,
     position: ArrayLike,
     force: ArrayLike = (0.0, 0.0),
     elbow: str | Sequence[str] = 'left',
@@ -396,12 +337,13 @@ def compensate(
 ) -> JointAngles:
     """Ḡ: the joint angles that bring the tip to a place under a force.
 
-    Where the force or a torque is below three times its standard uncertainty, the backlash concerned may be anywhere
-    in its dead band: the result is that of the middle, with g²/3 added to the variance (`loaded` is False).
+    Where the force or a torque is below three times its standard uncertainty, the sign of its backlash is not known
+    (`loaded` is False): the dead band is crossed on a straight line, from edge to edge, and g²/3 is added to the
+    variance in its middle, nothing at its edges. So the joint angles do not jump, and `locate` gives the place back.
     `force` is the true one: errors of the sensor that the model has are not removed from it.
 
     Args:
-        result: of `diagnose` or `calibrate`.
+        result: of `diagnose`, `calibrate` or `load_calibration`.
         position: of the tip, base frame, (n, 2), m.
         force: on the object, base frame, (n, 2), or one for all, N.
         elbow: ``left``, sin(q2 + theta2) > 0, or ``right``; one for all or n.
@@ -427,27 +369,27 @@ def compensate(
         >>> sk.locate(outcome, angles.joints, [0.0, 30.0]).position.round(9)
         array([[0.3, 0.2]])
     """
-    c = _final(result)
+    predictor = Predictor(_arm(result))
     tip = _pairs(position, 'position')
     f = _rows(force, 'force', len(tip))
     elbows = _words(elbow, 'elbow', "give 'left' or 'right'")
     sides = np.array([_side(name) for name in (elbows * len(tip) if isinstance(elbow, str) else elbows)])
     if len(sides) != len(tip):
         raise InputError('elbow', f'expected one, or {len(tip)}, got {len(sides)}')
-    metadata = _metadata(c, sides, time, approach)
-    found = compensate_joints(c, tip, f, sides, metadata)
-    return JointAngles(found.value, found.torques, found.covariance, found.loaded, _status(found))
+    return predictor.compensate(tip, f, sides, _metadata(predictor, sides, time, approach))
 
 
-def _metadata(c: Calibration, sides: Indices, time: ArrayLike | None, approach: ArrayLike | None) -> TouchMetadata:
+def _metadata(
+    predictor: Predictor, sides: Indices, time: ArrayLike | None, approach: ArrayLike | None
+) -> TouchMetadata:
     """What effects need to know of n poses; warns where it is not given, and an effect needs it."""
     n = len(sides)
     for name, given in (('time', time), ('approach', approach)):
-        needing = [] if given is not None else _effects_of(c, name)
+        needing = [] if given is not None else predictor.effects_of(name)
         if needing:
             text = f'{needing[0]} depends on {name}, which is not given; its value at {name} 0 is taken'
             warnings.warn(text, UserWarning, stacklevel=3)
-    needing = _effects_of(c, 'history')
+    needing = predictor.effects_of('history')
     if needing:
         text = f'{needing[0]} depends on the load before, which is not given; none, and no preload, is taken'
         warnings.warn(text, UserWarning, stacklevel=3)
@@ -456,29 +398,10 @@ def _metadata(c: Calibration, sides: Indices, time: ArrayLike | None, approach: 
     return TouchMetadata(np.zeros(n, dtype=np.intp), when, moved, sides, np.zeros((n, 2)))
 
 
-def _effects_of(c: Calibration, name: str) -> list[str]:
-    """The labels of the effects of the robot in the model that depend on ``time``, ``approach`` or ``history``."""
-    pose = np.array([[0.4, 1.1]])
-    still = TouchMetadata.plain(1)
-    force, gripper = np.array([[20.0, 30.0]]), c.cell.gripper
-    before = np.concatenate([pose, 100.0 * force], axis=1)[:, None]
-    others = {
-        'time': still._replace(time=np.ones(1)),
-        'approach': still._replace(approach=np.ones((1, 2))),
-        'history': still._replace(history=before),
-    }
-    found = []
-    for effect, values in zip(c.model.effects, c.model.effect_values, strict=True):
-        model = ExtendedModel(c.parameters, (effect,), (values,))
-        with_it, without = (tip_under_force(model, pose, force, gripper, each)[0] for each in (others[name], still))
-        found += [effect.label] if not np.array_equal(with_it, without) else []
-    return found
-
-
-def _status(found: Prediction) -> NDArray[np.str_]:
-    undetermined = np.isnan(found.covariance).any(axis=(1, 2))
-    reached = np.isfinite(found.value).all(axis=1)
-    return np.select([~reached, undetermined, ~found.loaded], ['out_of_reach', 'undetermined', 'unloaded'], 'ok')
+def _arm(result: Outcome | Calibration | CalibratedArm) -> CalibratedArm:
+    if isinstance(result, CalibratedArm):
+        return result
+    return CalibratedArm.of_outcome(result) if isinstance(result, Outcome) else CalibratedArm.of(_final(result))
 
 
 def _final(result: Outcome | Calibration) -> Calibration:
@@ -586,7 +509,3 @@ def _whole(value: object, name: str, least: int) -> None:
     """
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
         raise ParameterError(name, f'expected a whole number of {least} or more, got {value!r:.40}')
-
-
-def _std(covariance: Floats) -> Floats:
-    return np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))

@@ -68,6 +68,15 @@ class CalibratedArm:
 
     Raises:
         ParameterError: an array has another shape than the model asks for, or a number is not finite.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> arm = sk.CalibratedArm.of_outcome(sk.diagnose('touches.csv', cell))
+        >>> arm.grade, arm.verdict, arm.used.postures
+        ('fit', 'explained', (1, -1))
+        >>> sk.locate(arm, [0.8, 2.1], [-20.0, 0.0]).position.round(4)
+        array([[-0.0867,  0.3136]])
     """
 
     cell: Cell

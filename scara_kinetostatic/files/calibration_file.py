@@ -82,7 +82,7 @@ def arm_document(arm: CalibratedArm) -> dict[str, Any]:
     }
 
 
-def load_arm(path: str | Path) -> CalibratedArm:
+def load_calibration(path: str | Path) -> CalibratedArm:
     """The calibrated arm of a result.
 
     Args:
@@ -90,7 +90,18 @@ def load_arm(path: str | Path) -> CalibratedArm:
 
     Raises:
         CalibrationFileError: the file cannot be read, has another schema, or is damaged.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> files = sk.write_results(sk.diagnose('touches.csv', sk.load_cell('cell.yaml')), 'stored')
+        >>> arm = sk.load_calibration(files.document)
+        >>> arm
+        <CalibratedArm: fit, effects: object_radius[disc_2]>
+        >>> sk.locate(arm, [0.8, 2.1], [-20.0, 0.0]).position.round(4)
+        array([[-0.0867,  0.3136]])
     """
+    if not isinstance(path, (str, Path)):
+        raise CalibrationFileError('path', f'expected the path of a file, got {type(path).__name__}', _REMEDY)
     path = Path(path)
     if path.suffix.lower() in ('.yaml', '.yml'):
         return _load_yaml(path)

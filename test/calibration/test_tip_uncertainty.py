@@ -10,7 +10,7 @@ import pytest
 import scara_kinetostatic as sk
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.improvements import MORE_TOUCHES, best_improvement, improvements, round_value
-from scara_kinetostatic.calibration.propagation import locate_tip, tip_under_force
+from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import (
     COVERAGE_FACTOR,
@@ -82,7 +82,7 @@ def test_variances_of_the_budget_add_up(measured: Calibration) -> None:
 def test_the_worst_place_is_as_uncertain_as_a_prediction_there(measured: Calibration) -> None:
     tip = tip_uncertainty(measured)
     assert tip.at is not None
-    found = locate_tip(measured, tip.at.joints[None], tip.at.force[None], TouchMetadata.plain(1))
+    found = sk.locate(measured, tip.at.joints, tip.at.force)
     std = np.sqrt(tip.at.direction @ found.covariance[0] @ tip.at.direction)
     assert COVERAGE_FACTOR * std == pytest.approx(tip.worst, rel=0.01)
     assert tip.at.tip == pytest.approx(forward(measured.parameters, tip.at.joints))

@@ -17,7 +17,7 @@ from scara_kinetostatic.effects.off_normal_force import OffNormalForce
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import CalibrationFileError
-from scara_kinetostatic.files.calibration_file import arm_document, load_arm, read_arm
+from scara_kinetostatic.files.calibration_file import arm_document, load_calibration, read_arm
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.render.json_file import json_text
@@ -44,7 +44,7 @@ def test_both_files_hold_the_arm(which: str, request: pytest.FixtureRequest, tmp
     ):
         path = tmp_path / name
         path.write_text(text, encoding='utf-8')
-        same(load_arm(path), arm)
+        same(load_calibration(path), arm)
     assert arm.undetermined.shape[1] == (which == 'confounded')
 
 
@@ -115,7 +115,7 @@ def test_anything_else_is_refused(
     path = tmp_path / 'calibration.json'
     path.write_text(json.dumps(change(as_document(plain))), encoding='utf-8')
     with pytest.raises(CalibrationFileError, match=message) as caught:
-        load_arm(path)
+        load_calibration(path)
     assert str(path) in str(caught.value)
     assert '\n' not in str(caught.value)
 
@@ -125,9 +125,9 @@ def test_anything_else_is_refused(
 def test_files_that_are_none(name: str, content: bytes, tmp_path: Path) -> None:
     path = tmp_path / name
     with pytest.raises(CalibrationFileError):
-        load_arm(path)
+        load_calibration(path)
     path.write_bytes(content)
     with pytest.raises(CalibrationFileError):
-        load_arm(path)
+        load_calibration(path)
     with pytest.raises(CalibrationFileError):
-        load_arm(tmp_path)
+        load_calibration(tmp_path)

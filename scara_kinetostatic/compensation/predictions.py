@@ -1,0 +1,248 @@
+"""Places of the tip and compensated joint angles of many poses, each with uncertainty and status; in chunks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.compensation.arm import CalibratedArm
+from scara_kinetostatic.compensation.equilibrium import Equilibrium, joints_under_load, tip_under_load
+from scara_kinetostatic.compensation.loading import SIGN_KNOWN, Force, Law
+from scara_kinetostatic.compensation.uncertainty import (
+    Jacobian,
+    Spread,
+    Symmetric,
+    band_covariance,
+    measurement_covariance,
+    tip_derivative,
+)
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.kinematics import posture as posture_of
+
+CHUNK = 4096
+"""Poses that are worked out together: their derivatives fit into the cache."""
+STATUSES = ('ok', 'unloaded', 'extrapolated', 'undetermined', 'out_of_reach')
+"""Of a pose; the gravest that applies, which is the last."""
+_OK, _UNLOADED, _EXTRAPOLATED, _UNDETERMINED, _OUT_OF_REACH = range(len(STATUSES))
+_NAMES = np.array(STATUSES)
+_PROBE = np.array([[0.4, 1.1]])
+"""A pose in which it is tried what effects depend on, rad."""
+
+
+class TipPosition(NamedTuple):
+    """Places of the tip with their uncertainty.
+
+    Attributes:
+        position: S in the base frame, (n, 2), m; NaN where it could not be found.
+        covariance: by the uncertainty of the calibration, (n, 2, 2), m²; NaN where the data do not determine it.
+            Where not `loaded`, it contains the place in the dead band, g²/3 in its middle.
+        loaded: whether the force and both joint torques exceed three times their standard uncertainty, (n,); where not,
+            the backlash concerned is crossed continuously, and is in the middle of its dead band at zero.
+        status: of each, (n,): the last that applies of ``ok``, ``unloaded``, ``extrapolated`` (a force or an elbow
+            posture that no touch had, or a time outside theirs where the model depends on time), ``undetermined`` (no
+            covariance).
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> tip = sk.locate(sk.diagnose('touches.csv', cell), [[0.8, 2.1]] * 2, [[-20.0, 0.0], [0.0, 0.0]])
+        >>> tip.std.shape, tip.loaded.tolist(), tip.status.tolist()
+        ((2, 2), [True, False], ['ok', 'unloaded'])
+    """
+
+    position: Floats
+    covariance: Floats
+    loaded: Mask
+    status: NDArray[Any]
+
+    @property
+    def std(self) -> Floats:
+        """Standard uncertainty of x and y, (n, 2), m."""
+        return _std(self.covariance)
+
+
+class JointAngles(NamedTuple):
+    """Compensated joint angles with their uncertainty.
+
+    Attributes:
+        joints: Q, (n, 2), rad; NaN where the place is out of reach.
+        torques: of the actuators, C, (n, 2), Nm.
+        covariance: of Q by the uncertainty of the calibration, (n, 2, 2), rad²; NaN where the data do not determine
+            it. Where not `loaded`, it contains the place in the dead band, g²/3 in its middle.
+        loaded: whether the force and both joint torques exceed three times their standard uncertainty, (n,); where not,
+            the backlash concerned is crossed continuously, and is in the middle of its dead band at zero.
+        status: of each, (n,): as that of `TipPosition`, and ``out_of_reach`` (no angles).
+        std_normal: standard uncertainty of the tip's place at these joint angles along the force, (n,), m; without a
+            force that in the worst direction.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> outcome = sk.diagnose('touches.csv', cell)
+        >>> angles = sk.compensate(outcome, [[0.3, 0.2], [0.9, 0.0]], [0.0, 30.0], elbow='right')
+        >>> angles.std.shape, angles.status.tolist()
+        ((2, 2), ['ok', 'out_of_reach'])
+    """
+
+    joints: Floats
+    torques: Floats
+    covariance: Floats
+    loaded: Mask
+    status: NDArray[Any]
+    std_normal: Floats
+
+    @property
+    def std(self) -> Floats:
+        """Standard uncertainty of both angles, (n, 2), rad."""
+        return _std(self.covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class Predictor:
+    """H̄ and Ḡ of a calibrated arm, or of its nominal one.
+
+    Attributes:
+        arm: the arm.
+        nominal: whether to take the nominal parameters, without effects and without a statement of uncertainty.
+        rigid: whether to leave out all deflection: the arm without a force.
+    """
+
+    arm: CalibratedArm
+    nominal: bool = False
+    rigid: bool = False
+
+    @cached_property
+    def law(self) -> Law:
+        """The law of the arm."""
+        model = self.arm.nominal if self.nominal else self.arm.model
+        if self.rigid:
+            model = model.replace(p_ee=0.0, p1=0.0, p2=0.0, g_ee=0.0, g1=0.0, g2=0.0)
+        return Law(model, self.arm.cell.gripper, self.arm.noise)
+
+    @cached_property
+    def _spread(self) -> Spread | None:
+        """Of the values; None where nothing is stated."""
+        return None if self.nominal else Spread.of(self.arm.covariance, self.arm.undetermined)
+
+    def locate(
+        self, joints: Floats, force: Floats, metadata: TouchMetadata | None = None, *, measured: bool = False
+    ) -> TipPosition:
+        """H̄: where the tip is.
+
+        Args:
+            joints: Q, (n, 2), rad.
+            force: true one on the object, base frame, (n, 2), N.
+            metadata: of the poses; None for nothing known.
+            measured: whether joints and force are one measurement, whose noise is part of the covariance.
+        """
+        n = len(joints)
+        sides = posture_of(self.law.model.parameters, joints)
+        metadata = _plain(sides) if metadata is None else metadata
+        position, covariance, codes = np.empty((n, 2)), np.empty((n, 2, 2)), np.empty(n, dtype=np.intp)
+        for rows in _chunks(n):
+            f = Force.of(0.0 * force[rows] if self.rigid else force[rows], self.arm.noise)
+            found = tip_under_load(self.law, joints[rows], f, metadata.select(rows))
+            jacobian = Jacobian.at(found, f)
+            spread = self._tip_spread(found, f, jacobian)
+            if measured:
+                spread = spread.plus(measurement_covariance(self.law, found, f, jacobian))
+            position[rows], covariance[rows] = found.tip, spread.matrices
+            codes[rows] = self._status(found, f, spread, metadata.select(rows), sides[rows])
+        return TipPosition(position, covariance, codes != _UNLOADED, _NAMES[codes])
+
+    def compensate(
+        self, tip: Floats, force: Floats, posture: Indices, metadata: TouchMetadata | None = None
+    ) -> JointAngles:
+        """Ḡ: the joint angles that bring the tip to a place under a force.
+
+        Args:
+            tip: S, (n, 2), m.
+            force: true one on the object, base frame, (n, 2), N.
+            posture: +1 or -1, (n,).
+            metadata: of the poses; None for nothing known.
+        """
+        n = len(tip)
+        metadata = _plain(posture) if metadata is None else metadata
+        joints, torques, covariance = np.empty((n, 2)), np.empty((n, 2)), np.empty((n, 2, 2))
+        codes, normal = np.empty(n, dtype=np.intp), np.empty(n)
+        for rows in _chunks(n):
+            f = Force.of(force[rows], self.arm.noise)
+            found = joints_under_load(self.law, tip[rows], f, posture[rows], metadata.select(rows))
+            jacobian = Jacobian.at(found, f)
+            spread = self._tip_spread(found, f, jacobian)
+            joints[rows], torques[rows] = found.joints, np.array([found.loading.c1, found.loading.c2]).T
+            with np.errstate(invalid='ignore'):
+                covariance[rows] = spread.mapped(jacobian.inverse()).matrices
+                variance = np.where(f.size > 0, spread.variance_along(f.nx, f.ny), spread.largest)
+            normal[rows] = np.sqrt(variance)
+            codes[rows] = self._status(found, f, spread, metadata.select(rows), posture[rows])
+        return JointAngles(joints, torques, covariance, codes != _UNLOADED, _NAMES[codes], normal)
+
+    def _tip_spread(self, found: Equilibrium, force: Force, jacobian: Jacobian) -> Symmetric:
+        """Covariance of the tip at Q and F; NaN where nothing is stated."""
+        if self._spread is None:
+            none = np.full(len(force.x), np.nan)
+            return Symmetric(none, none, none)
+        by_model = self._spread.tip(tip_derivative(self.law, found, force, jacobian))
+        return by_model.plus(band_covariance(self.law, found, force, jacobian))
+
+    def _status(
+        self, found: Equilibrium, force: Force, spread: Symmetric, metadata: TouchMetadata, posture: Indices
+    ) -> Indices:
+        """Numbers in `STATUSES`."""
+        used, code = self.arm.used, np.full(len(force.x), _OK, dtype=np.intp)
+        if not self.rigid:
+            code[found.loading.in_band | (force.place < 1)] = _UNLOADED
+        beyond = force.size > used.highest_force + SIGN_KNOWN * force.std
+        beyond |= ~np.isin(posture, used.postures)
+        if self.depends_on_time:
+            beyond |= (metadata.time < 0) | (metadata.time > used.duration)
+        if not self.nominal:
+            code[beyond] = _EXTRAPOLATED
+            code[~np.isfinite(spread.xx + spread.yy)] = _UNDETERMINED
+        code[np.isnan(found.tip[:, 0])] = _UNDETERMINED
+        code[np.isnan(found.joints[:, 0])] = _OUT_OF_REACH
+        return code
+
+    @cached_property
+    def depends_on_time(self) -> bool:
+        """Whether the place of the tip depends on time."""
+        return bool(self.effects_of('time'))
+
+    def effects_of(self, name: str) -> list[str]:
+        """The labels of the effects in the model that depend on ``time``, ``approach`` or ``history``."""
+        still, force = TouchMetadata.plain(1), np.array([[20.0, 30.0]])
+        before = np.concatenate([_PROBE, 100.0 * force], axis=1)[:, None]
+        changed = {
+            'time': still._replace(time=np.ones(1)),
+            'approach': still._replace(approach=np.ones((1, 2))),
+            'history': still._replace(history=before),
+        }[name]
+        found, model = [], self.law.model
+        for effect, values in zip(model.effects, model.effect_values, strict=True):
+            law = Law(ExtendedModel(model.parameters, (effect,), (values,)), self.law.gripper, self.law.noise)
+            other, tip = (
+                tip_under_load(law, _PROBE, Force.of(force, law.noise), each).tip for each in (changed, still)
+            )
+            found += [] if np.array_equal(other, tip) else [effect.label]
+        return found
+
+
+def _plain(posture: Indices) -> TouchMetadata:
+    return TouchMetadata.plain(len(posture))._replace(posture=posture)
+
+
+def _chunks(n: int) -> Iterator[slice]:
+    for first in range(0, n, CHUNK):
+        yield slice(first, first + CHUNK)
+
+
+def _std(covariance: Floats) -> Floats:
+    return np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
