@@ -7,8 +7,14 @@ from setuptools import find_packages, setup
 NAME = 'scara_kinetostatic'
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
 PHYSICS = ['mujoco>=3.13']  # first version with the integrator `discrete`; for the verb `mujoco` only
-TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML', *PHYSICS]
-BENCH = ['casadi', 'mcap-ros2-support', *PHYSICS]  # the solvers and readers that `benchmark` compares with
+TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML', 'xacro', *PHYSICS]
+BENCH = [
+    'casadi',
+    'mcap-ros2-support',
+    'yourdfpy',
+    'pin',
+    *PHYSICS,
+]  # the solvers and readers that `benchmark` compares with
 DOCS = ['sphinx>=7.2', 'myst-parser>=3', 'furo', 'latex2mathml']  # the documentation site in docs/
 README = Path('README.md')
 

@@ -33,6 +33,7 @@ ORDER = (
     'pipeline',
     'render',
     'report',
+    'monitoring',
     'studies.dial_gauge',
     'studies.hysteresis',
     'studies.design',
@@ -44,11 +45,11 @@ ORDER = (
 """The packages from the ground up: each imports from those before it alone."""
 ANYWHERE = {'numpy'}
 KEPT_IN = {
-    'scipy': ('assessment', 'calibration', 'diagnosis', 'report', 'studies'),
+    'scipy': ('assessment', 'calibration', 'diagnosis', 'monitoring', 'report', 'studies'),
     'yaml': ('files', 'simulation'),
     'matplotlib': ('render', 'report', 'studies'),
     'markupsafe': ('render', 'report', 'studies'),
-    'jinja2': ('render',),
+    'jinja2': ('files', 'render'),
     'rich': ('cli',),
     'mujoco': ('simulation',),
     **dict.fromkeys(('rosbags', 'mcap', 'lz4', 'zstandard'), ('bags',)),

@@ -153,7 +153,7 @@ def _errors(c: Calibration, final: Calibration, held_out: float) -> ModelErrors:
     base = orthonormal(augmented(point, (point.whitened.derivative @ c.subspace.basis).reshape(2 * n, -1)))[: 2 * n]
     chi_square = c.chi_square if c is final else float(point.distance.sum()) + c.prior_cost
     freedoms = 2 * n + c.trusted - c.subspace.basis.shape[1]
-    across_circle = _whitened_normal(observations, point)
+    across_circle = whitened_normal(observations, point)
     tip = TipError(
         rms((point.whitened.residual * across_circle).sum(axis=1)),
         rms((_left_out(base, point.whitened.residual) * across_circle).sum(axis=1)),
@@ -162,7 +162,7 @@ def _errors(c: Calibration, final: Calibration, held_out: float) -> ModelErrors:
     return ModelErrors(force_error(c.residual[c.used]), held_out, chi_square / freedoms, tip)
 
 
-def _whitened_normal(observations: Observations, point: Point) -> Floats:
+def whitened_normal(observations: Observations, point: Point) -> Floats:
     """Rᵀm, with m the contact normal and R the root that whitens h: r·Rᵀm is h·m, (n, 2), m."""
     contact_problem = observations.contact_problem(point.adjusted.joints, point.adjusted.off_normal)
     at = contact_problem.touch_state(point.parameters, point.adjusted.state)

@@ -11,8 +11,7 @@ import numpy as np
 from scara_kinetostatic import __version__
 from scara_kinetostatic.assessment.grade import Assessment
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
-from scara_kinetostatic.calibration.propagation import undetermined_directions
+from scara_kinetostatic.calibration.propagation import joint_covariance
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.compensation.arm import CalibratedArm
@@ -194,20 +193,9 @@ def _covariance(c: Calibration, extra_std: Floats | None = None) -> Document:
 
 
 def _covariance_with_cell(c: Calibration) -> Document:
-    """What a later prediction needs: all values of the model and the errors of the cell description with their joint
-    covariance, SI units, and the directions of the values that the data do not determine, by their plausible ranges.
-    """
-    declared = DeclaredErrors.of(c.cell)
-    names, units = (declared.names, declared.units) if declared else ((), np.zeros(0))
-    scale = np.concatenate([np.ones(len(c.model.names)), units])
-    matrix = scale[:, None] * c.covariance_with_errors * scale
-    matrix[: len(c.model.names), : len(c.model.names)] = c.covariance
-    return {
-        'names': [*c.model.names, *names],
-        'values': [*c.model.as_array().tolist(), *(units * c.errors).tolist()],
-        'matrix': matrix.tolist(),
-        'undetermined': undetermined_directions(c).T.tolist(),
-    }
+    """What a later prediction needs: all values of the model and the errors of the cell description, SI units."""
+    names, values, matrix = joint_covariance(c)
+    return {'names': list(names), 'values': values.tolist(), 'matrix': matrix.tolist()}
 
 
 def _touches(outcome: Outcome) -> Document:

@@ -1,0 +1,96 @@
+"""`scara-kinetostatic export`: the calibrated arm in the formats of other software."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from scara_kinetostatic.cli.arguments import Subparsers, add_verb
+from scara_kinetostatic.errors import InputError
+
+if TYPE_CHECKING:
+    from scara_kinetostatic.compensation.arm import CalibratedArm
+
+FORMATS = ('urdf', 'xacro', 'dh', 'header')
+DESCRIPTION = """\
+Writes the calibrated arm in a format of other software:
+
+  urdf    for robot_state_publisher, MoveIt, ros2_control: rigid, the joint
+          offsets in the origins of the joints, so that the joint angles which
+          the robot reports give the tip (frame tool0)
+  xacro   the same as properties and a macro
+  dh      Denavit-Hartenberg table (CSV), standard or modified convention
+  header  C99 header: constants, and functions for the tip from joint angles
+          and force, and back
+
+URDF, xacro and DH table hold the geometry alone; compliance and backlash are in
+the header. Each file says from which calibration it is.
+"""
+EXAMPLE = """\
+  scara-kinetostatic export result/calibration.json --format urdf --out arm.urdf
+  scara-kinetostatic export result/calibration.json --format header --out calibrated.h
+"""
+
+
+def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
+    """Adds the verb."""
+    parser = add_verb(
+        subparsers,
+        'export',
+        'write the calibrated arm as URDF, xacro, DH table or C header',
+        DESCRIPTION,
+        EXAMPLE,
+        run,
+        unsupported='the format cannot hold the calibrated model',
+    )
+    parser.add_argument('calibration', type=Path, metavar='CALIBRATION.json', help='of the result of calibrate')
+    parser.add_argument('--format', choices=FORMATS, required=True, help='of the file')
+    parser.add_argument('--out', type=Path, metavar='FILE', help='the file (default: stdout)')
+    parser.add_argument(
+        '--convention', choices=('standard', 'modified'), default='standard', help='of dh (default: standard)'
+    )
+    return parser
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exports.
+
+    Raises:
+        InputError: the calibration cannot be read, or the file not be written.
+        UnsupportedDataError: the format cannot hold the model.
+    """
+    from scara_kinetostatic.files.atomic import write_texts
+    from scara_kinetostatic.files.calibration_file import load_arm
+
+    out: Path | None = args.out
+    if out is not None and out.is_dir():
+        raise InputError(out, 'is a folder where a file is to be written', 'give the name of a file')
+    if out is not None and out.resolve() == args.calibration.resolve():
+        raise InputError(out, 'is the input and would be replaced', 'choose another file for --out')
+    text, notes = _exported(load_arm(args.calibration), args)
+    if out is None:
+        print(text, end='')
+    else:
+        write_texts(out.parent, {out.name: text})
+        print(out)
+    for note in notes:
+        print(f'note: {note}', file=sys.stderr)
+    return 0
+
+
+def _exported(arm: CalibratedArm, args: argparse.Namespace) -> tuple[str, list[str]]:
+    """The text of the file, and notes about it."""
+    from scara_kinetostatic.files.export import denavit_hartenberg, description, header
+    from scara_kinetostatic.files.export.facts import CONTENT, ExportFacts
+
+    facts = ExportFacts.of(arm, args.calibration.name, CONTENT[args.format])
+    notes = facts.notes(is_rigid=args.format in ('urdf', 'xacro', 'dh'))
+    if args.format == 'urdf':
+        return description.urdf_text(arm, facts), notes
+    if args.format == 'xacro':
+        return description.xacro_text(arm, facts), notes
+    if args.format == 'dh':
+        return denavit_hartenberg.dh_text(arm, facts, args.convention), notes
+    return header.header_text(arm, facts), notes

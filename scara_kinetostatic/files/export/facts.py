@@ -1,0 +1,100 @@
+"""What every exported file says of the calibration that it holds, as comment lines."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from scara_kinetostatic import __version__
+from scara_kinetostatic.calibration.propagation import tip_under_force
+from scara_kinetostatic.compensation.arm import CalibratedArm
+from scara_kinetostatic.model.effect_law import EffectLaw
+from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.parameters import NAMES
+
+_POSES = 24
+"""Joint angles along each axis at which the rigid arm is compared with the model."""
+_NO_MISS = 1e-9
+"""A displacement of the tip that is none, m."""
+
+
+CONTENT = {
+    'urdf': 'Rigid geometry of the calibrated arm: the tip tool0 is H(L, Q), without compliance and backlash.',
+    'xacro': 'Rigid geometry of the calibrated arm: the tip tool0 is H(L, Q), without compliance and backlash.',
+    'dh': 'Denavit-Hartenberg parameters of the calibrated arm, rigid: without compliance and backlash.',
+    'csv': 'Corrections of the joint angles of the nominal arm, over places and forces of the robot on the object.',
+    'header': 'Calibrated kinetostatic model of a SCARA arm: geometry, compliance, backlash.',
+}
+"""What a file of each format holds."""
+
+
+class ExportFacts(NamedTuple):
+    """Facts of a calibration for the head of a file.
+
+    Attributes:
+        lines: comment lines without marks; no line holds the end of a comment of XML or C.
+        std: of each of the twelve parameters, words: ``u = 2e-06`` or ``not determined``.
+        robot_effects: labels of the effects that act on the robot itself.
+        rigid_miss: largest displacement of the tip without load by these effects, which a rigid arm leaves out, m.
+    """
+
+    lines: tuple[str, ...]
+    std: tuple[str, ...]
+    robot_effects: tuple[str, ...]
+    rigid_miss: float
+
+    @classmethod
+    def of(cls, arm: CalibratedArm, source: str, content: str) -> ExportFacts:
+        """Those of an arm.
+
+        Args:
+            arm: the calibrated arm.
+            source: the file that it was read from.
+            content: what the exported file holds, a sentence.
+        """
+        effects = tuple(effect.label for effect in arm.model.effects if _is_of_robot(effect))
+        grade = f', grade {arm.grade}' if arm.grade else ''
+        found = ', '.join(effect.label for effect in arm.model.effects) or 'none'
+        lines: tuple[str, ...] = (
+            content,
+            f'From {source}: calibrated {arm.created or "at an unknown time"}{grade}.',
+            f'Model errors found: {found}.',
+            f'Written by scara_kinetostatic {__version__}.',
+        )
+        miss = rigid_miss(arm) if effects else 0.0
+        if miss:
+            lines += (f'Up to {1e3 * miss:.3g} mm of the unloaded tip are by {", ".join(effects)}.',)
+        cleaned = tuple(line.replace('*/', '* /').replace('--', '- -') for line in lines)
+        return cls(cleaned, _stds(arm), effects, miss)
+
+    def notes(self, *, is_rigid: bool) -> list[str]:
+        """What a reader must know besides, one sentence each; `is_rigid`: whether the file has the geometry alone."""
+        if not (is_rigid and self.rigid_miss):
+            return []
+        effects = ', '.join(self.robot_effects)
+        miss = f'{1e3 * self.rigid_miss:.3g} mm'
+        return [f'it cannot hold {effects}: the tip is up to {miss} elsewhere even without load; see `locate`']
+
+
+def _is_of_robot(effect: EffectLaw) -> bool:
+    no_force = np.ones((1, 2))
+    start = np.array([p.start for p in effect.parameters])
+    return not effect.on_object and effect.sensor_error_of_touches(no_force, start, None) is None
+
+
+def _stds(arm: CalibratedArm) -> tuple[str, ...]:
+    touched = np.abs(arm.undetermined[: len(NAMES)]).sum(axis=1) > 0
+    stds = np.sqrt(np.diag(arm.covariance))[: len(NAMES)]
+    pairs = zip(touched.tolist(), stds.tolist(), strict=True)
+    return tuple('not determined' if free else f'u = {std:.2g}' if std else 'fixed' for free, std in pairs)
+
+
+def rigid_miss(arm: CalibratedArm) -> float:
+    """Largest displacement of the unloaded tip by effects that act on the robot, over all joint angles, m."""
+    angles = np.linspace(-np.pi, np.pi, _POSES)
+    joints = np.stack(np.meshgrid(angles, angles), axis=-1).reshape(-1, 2)
+    tip, _ = tip_under_force(arm.model, joints, np.zeros_like(joints), arm.cell.gripper)
+    miss = np.linalg.norm(tip - forward(arm.model.parameters, joints), axis=1)
+    largest = float(np.nanmax(miss))
+    return largest if largest > _NO_MISS else 0.0

@@ -1,0 +1,45 @@
+"""C99 header of the calibrated arm: constants, and H, H̄, Ḡ (4) as functions without any library but `math.h`.
+
+The functions are those of the base model with the isotropic gripper (6) (7) (8). A joint whose torque is zero within
+its dead band floats in it, as `scara_kinetostatic.locate` has it: c is then 0 at a place in the band that follows from
+the geometry.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import jinja2
+
+from scara_kinetostatic.compensation.arm import CalibratedArm
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.files.export.facts import ExportFacts
+from scara_kinetostatic.model.cell import GripperSign
+from scara_kinetostatic.model.parameters import NAMES, UNITS
+
+_TEMPLATE = Path(__file__).with_name('header.h.j2')
+
+
+def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
+    """The header.
+
+    Args:
+        arm: the calibrated arm.
+        facts: of it.
+
+    Raises:
+        UnsupportedDataError: the arm has a general gripper or effects of its own, which the functions do not have.
+    """
+    if facts.robot_effects:
+        problem = f'a C header has the base model alone, and this calibration found {", ".join(facts.robot_effects)}'
+        raise UnsupportedDataError(problem, 'use `locate` and `compensate`, which contain it')
+    if not arm.cell.gripper.isotropic:
+        problem = 'a C header has the isotropic gripper alone, and the cell description states model.gripper_excess'
+        raise UnsupportedDataError(problem, 'use `locate` and `compensate`, which contain it')
+    values = zip(NAMES, arm.model.parameters.as_array().tolist(), facts.std, strict=True)
+    constants = [(name.upper(), repr(value), std, UNITS[name]) for name, value, std in values]
+    template = jinja2.Template(
+        _TEMPLATE.read_text(encoding='utf-8'), trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+    )
+    physical = arm.cell.gripper_sign is GripperSign.PHYSICAL
+    return template.render(lines=facts.lines, constants=constants, compliance_sign='-' if physical else '+')

@@ -1,0 +1,1 @@
+"""Is a calibration still right? Verification, comparison of calibrations, drift in production, history, archives."""

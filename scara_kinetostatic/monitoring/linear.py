@@ -1,0 +1,221 @@
+r"""Touches as linear measurements of what may have changed since a calibration.
+
+At the calibrated model a touch leaves the whitened residual r (two numbers, of variance one each without any error):
+
+    r = J δ + ε,    ε ~ N(0, I),    δ = x_true - x_calibrated,    x = (values of the model, errors of the cell).
+
+The calibration itself says δ ~ N(0, C₀) with its joint covariance C₀: errors of the discs' places within their declared
+uncertainties have moved the parameters, and the same discs touched again are predicted better than either alone says.
+C₀ has zero rows for what was fixed or exactly known, and the plausible range of directions that the calibration
+did not determine.
+
+From P = Σ JᵀJ and u = Σ Jᵀr of some touches (`Information`) follow, without an inverse of C₀,
+
+    posterior of δ after these touches:      C = (I + C₀ P)⁻¹ C₀,    m = C u  (plus the earlier mean)
+    evidence for a change d after C, m:      b = (I + P C)⁻¹ (u - P m),    Λ = (I + P C)⁻¹ P,
+    likelihood ratio of a change along D:    T = bᵀD (Dᵀ Λ D)⁻¹ Dᵀb  ~ χ² of rank D if nothing has changed,
+    global chi-square:                       Σ rᵀr - uᵀ C u - …      ~ χ² of 2n.
+
+Numbers are scaled by plausible sizes of each value, so that matrices are well conditioned.
+
+Sources: Willsky and Jones, IEEE Trans. Automatic Control 21 (1976) 108 (generalised likelihood ratio of a jump); Kalman
+filter in information form, Bar-Shalom, Li and Kirubarajan (2001).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
+from scara_kinetostatic.calibration.identifiability import scales_of
+from scara_kinetostatic.calibration.prediction import observe
+from scara_kinetostatic.calibration.projection import project
+from scara_kinetostatic.diagnosis.comparison import whitened_normal
+from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import Cell, Uncertainty
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.monitoring.record import CalibrationRecord
+
+_SCALES = {'m': 1e-4, 'rad': 1e-3, '1': 1e-2}
+"""Plausible size of an error of the cell, by unit."""
+
+
+class State(NamedTuple):
+    """What may be off: all values of the model and all errors that a cell can have, declared or not.
+
+    Attributes:
+        names: of each, (p,).
+        scale: its plausible size, SI, (p,).
+        cell: in which every error is declared with a standard uncertainty of one SI unit.
+        errors: their estimates by the calibration, (m,), SI.
+        covariance: C₀, in units of `scale`, (p, p).
+    """
+
+    names: tuple[str, ...]
+    scale: Floats
+    cell: Cell
+    errors: Floats
+    covariance: Floats
+
+    @classmethod
+    def of(cls, record: CalibrationRecord, cell: Cell | None = None) -> State:
+        """That of a calibration, for touches in a cell; by default its own.
+
+        Errors of objects that the calibration does not know, or knows otherwise, are as the cell declares them.
+        """
+        arm = record.arm
+        cell = arm.cell if cell is None else cell
+        probe = DeclaredErrors.of(_with_unit_uncertainties(cell))
+        assert probe is not None
+        names = (*arm.model.names, *probe.names)
+        units = [_SCALES[unit] for s in probe.sources for unit in [s.unit] * s.components]
+        scale = np.concatenate([scales_of(arm.model), units])
+        errors, covariance = _prior(record, cell, names)
+        values = len(arm.model.names)
+        covariance[:values, :values] += arm.undetermined @ arm.undetermined.T
+        return cls(names, scale, probe.cell, errors[values:], covariance / np.outer(scale, scale))
+
+    def place(self, name: str) -> int:
+        """Position of a value or an error."""
+        return self.names.index(name)
+
+
+def _with_unit_uncertainties(cell: Cell) -> Cell:
+    discs = tuple(disc._replace(center_std=1.0, radius_std=1.0) for disc in cell.discs)
+    plates = tuple(plate._replace(center_std=1.0, angle_std=1.0) for plate in cell.plates)
+    return replace(cell, discs=discs, plates=plates, uncertainty=Uncertainty(1.0, 1.0, 1.0))
+
+
+def _prior(record: CalibrationRecord, cell: Cell, names: Sequence[str]) -> tuple[Floats, Floats]:
+    """Means (zero for the model, whose values are linearised at) and covariance of the state, SI."""
+    mean, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
+    same = _same_sources(record.arm.cell, cell)
+    known = [k for k, name in enumerate(record.names) if _source(name) in same or k < len(record.arm.model.names)]
+    places = [names.index(record.names[k]) for k in known]
+    covariance[np.ix_(places, places)] = record.covariance[np.ix_(known, known)]
+    mean[places] = record.values[known]
+    declared = DeclaredErrors.of(cell)
+    for name, std in zip(declared.names, declared.units, strict=True) if declared else ():
+        if names.index(name) not in places:
+            covariance[names.index(name), names.index(name)] = std**2
+    return mean, covariance
+
+
+def _source(name: str) -> str:
+    return name.removesuffix('.x').removesuffix('.y')
+
+
+def _same_sources(known: Cell, cell: Cell) -> set[str]:
+    """Labels of the sources of uncertainty that are the same thing in two cells."""
+    same = {'radius', 'force_gain', 'force_rotation'}
+    discs = {disc.name: disc for disc in known.discs}
+    for disc in cell.discs:
+        if discs.get(disc.name) == disc:
+            same |= {f'object_position[{disc.name}]', f'object_radius[{disc.name}]'}
+    plates = {plate.name: plate for plate in known.plates}
+    for plate in cell.plates:
+        if plates.get(plate.name) == plate:
+            same |= {f'plate_position[{plate.name}]', f'plate_angle[{plate.name}]'}
+    return same
+
+
+class Measured(NamedTuple):
+    """n touches as linear measurements.
+
+    Attributes:
+        residual: r, (n, 2).
+        jacobian: J by the state in units of its scale, (n, 2, p).
+        normal: m with r·m the distance of the predicted tip from the circle of contact, (n, 2), m.
+    """
+
+    residual: Floats
+    jacobian: Floats
+    normal: Floats
+
+    @property
+    def tip_error(self) -> Floats:
+        """Distance of the predicted tip from the circle that it touches, (n,), m."""
+        return np.asarray((self.residual * self.normal).sum(axis=1))
+
+    def select(self, which: Floats | slice) -> Measured:
+        """Some of the touches."""
+        return Measured(self.residual[which], self.jacobian[which], self.normal[which])
+
+
+def measure(touches: TouchSet, record: CalibrationRecord, state: State) -> Measured:
+    """Touches as linear measurements at the calibrated model.
+
+    Args:
+        touches: in the cell of `state`.
+        record: the calibration.
+        state: what may be off.
+
+    Raises:
+        InputError: a touch is so far from the model that nothing can be said.
+    """
+    observations = observe(touches, state.cell, state.errors)
+    point = project(observations, record.arm.model, record.arm.noise)
+    spread = np.sqrt(record.enlargement)
+    residual = -point.whitened.residual / spread
+    jacobian = point.whitened.jacobian * state.scale / spread
+    if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
+        problem = 'a touch cannot be evaluated at the calibrated model'
+        raise InputError(record.source, problem, 'check that robot and cell are those of the calibration')
+    return Measured(residual, jacobian, whitened_normal(observations, point) * spread)
+
+
+class Information(NamedTuple):
+    """What some touches say of the state.
+
+    Attributes:
+        matrix: P = Σ JᵀJ, (p, p).
+        score: u = Σ Jᵀr, (p,).
+    """
+
+    matrix: Floats
+    score: Floats
+
+    @classmethod
+    def of(cls, measured: Measured) -> Information:
+        """That of touches together."""
+        rows = measured.jacobian.reshape(-1, measured.jacobian.shape[2])
+        return cls(rows.T @ rows, rows.T @ measured.residual.ravel())
+
+
+class Evidence(NamedTuple):
+    """What touches say of a change of the state, given an earlier knowledge of it.
+
+    Attributes:
+        score: b, (p,).
+        matrix: Λ, its covariance if nothing has changed, (p, p).
+    """
+
+    score: Floats
+    matrix: Floats
+
+    @classmethod
+    def of(cls, found: Information, covariance: Floats, mean: Floats | float = 0.0) -> Evidence:
+        """Of a change after `covariance` and `mean` of the state were known."""
+        size = len(found.score)
+        mean = np.broadcast_to(mean, (size,))
+        right = np.concatenate([found.matrix, (found.score - found.matrix @ mean)[:, None]], axis=1)
+        solved = np.linalg.solve(np.eye(size) + found.matrix @ covariance, right)
+        matrix = (solved[:, :size] + solved[:, :size].T) / 2
+        return cls(solved[:, size], matrix)
+
+    def ratio(self, places: Sequence[int]) -> tuple[float, Floats]:
+        """Likelihood ratio statistic T of a change of some values, and the estimated change in units of the scale.
+
+        Directions of which the touches say nothing do not count.
+        """
+        where = list(places)
+        block, score = self.matrix[np.ix_(where, where)], self.score[where]
+        values, vectors = np.linalg.eigh(block)
+        kept = values > 1e-9 * max(float(values.max(initial=0.0)), 1e-12)
+        change = vectors[:, kept] @ ((vectors[:, kept].T @ score) / values[kept])
+        return float(score @ change), change

@@ -1,0 +1,164 @@
+"""What monitoring needs of a calibration: the arm, and its joint covariance with the errors of the cell description."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.calibration.propagation import joint_covariance
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.compensation.arm import CalibratedArm
+from scara_kinetostatic.errors import CalibrationFileError
+from scara_kinetostatic.files.calibration_file import read_arm
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.render.json_file import Document
+from scara_kinetostatic.report.document import as_document
+
+_REMEDY = 'calibrate again with this version'
+MAX_BYTES = 1 << 28
+"""Larger files are refused."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CalibrationRecord:
+    """A calibration as a file holds it.
+
+    Attributes:
+        source: the file, for messages.
+        document: `calibration.json`.
+        arm: the calibrated arm.
+        names: of all values of the model, then of the declared errors of the cell (`DeclaredErrors.names`).
+        values: of all these, SI units, (12 + k + m,).
+        covariance: of all these, (12 + k + m, 12 + k + m).
+
+    Raises:
+        CalibrationFileError: the joint covariance is missing or damaged.
+    """
+
+    source: str
+    document: Mapping[str, Any]
+    arm: CalibratedArm
+    names: tuple[str, ...]
+    values: Floats
+    covariance: Floats
+
+    @classmethod
+    def load(cls, path: str | Path) -> CalibrationRecord:
+        """That of a `calibration.json`.
+
+        Raises:
+            CalibrationFileError: it cannot be read, has another schema, or is damaged.
+        """
+        path = Path(path)
+        try:
+            if path.is_dir():
+                raise CalibrationFileError(path, 'is a folder', f'give {path / "calibration.json"}')
+            if path.stat().st_size > MAX_BYTES:
+                raise CalibrationFileError(path, f'expected at most {MAX_BYTES >> 20} MiB')
+            document = json.loads(path.read_text(encoding='utf-8-sig'))
+        except (OSError, ValueError, RecursionError) as error:
+            reason = (error.strerror if isinstance(error, OSError) else None) or error
+            remedy = 'give the calibration.json that calibrate writes'
+            raise CalibrationFileError(path, f'cannot be read: {reason}', remedy) from error
+        return cls.of_document(document, path)
+
+    @classmethod
+    def of(cls, calibration: Calibration) -> CalibrationRecord:
+        """That of a calibration that nobody has assessed."""
+        source = 'estimated' if calibration.noise_source == 'estimated' else 'given'
+        freedoms = {'degrees_of_freedom': calibration.degrees_of_freedom, 'enlargement': calibration.enlargement}
+        document = {'fit': freedoms, 'noise': {'source': source}}
+        return cls('calibration', document, CalibratedArm.of(calibration), *joint_covariance(calibration))
+
+    @classmethod
+    def of_outcome(cls, outcome: Outcome) -> CalibrationRecord:
+        """That of an outcome that is in memory."""
+        return cls.of_document(as_document(outcome), 'calibration')
+
+    @classmethod
+    def of_document(cls, document: Document, where: str | Path) -> CalibrationRecord:
+        """That of a parsed document; `where` is its file.
+
+        Raises:
+            CalibrationFileError: it has another schema, or is damaged.
+        """
+        arm = read_arm(document, where)
+        try:
+            entry = document['covariance_with_cell']
+            names, values = tuple(map(str, entry['names'])), np.array(entry['values'], dtype=float)
+            covariance = np.array(entry['matrix'], dtype=float)
+            size = len(names)
+            if values.shape != (size,) or covariance.shape != (size, size) or not np.isfinite(covariance).all():
+                raise ValueError('covariance_with_cell: sizes differ')
+            if names[: len(arm.model.names)] != arm.model.names:
+                raise ValueError('covariance_with_cell: names differ from those of the model')
+        except (KeyError, TypeError, ValueError) as error:
+            reason = f'there is no {error}' if isinstance(error, KeyError) else f'{error}'
+            raise CalibrationFileError(where, f'is damaged or old: {reason:.200}', _REMEDY) from error
+        return cls(str(where), document, arm, names, values, covariance)
+
+    @property
+    def created(self) -> str:
+        """When it was calculated, UTC."""
+        return self.arm.created
+
+    @property
+    def robot(self) -> str:
+        """Identification of the robot: type and serial number, empty where neither is stated."""
+        identification = self.arm.cell.identification
+        return ' '.join(filter(None, (identification.robot, identification.serial_number)))
+
+    @property
+    def checksums(self) -> frozenset[str]:
+        """SHA-256 of its recordings."""
+        return frozenset(str(item['sha256']) for item in self.document.get('recordings', ()) if item.get('sha256'))
+
+    @property
+    def noise_freedoms(self) -> float:
+        """Degrees of freedom of the noise: infinite where it was given and covers the residuals."""
+        fit = self.document.get('fit', {})
+        estimated = self.document.get('noise', {}).get('source') == 'estimated' or self.enlargement > 1
+        return float(fit.get('degrees_of_freedom', np.inf)) if estimated else np.inf
+
+    @property
+    def enlargement(self) -> float:
+        """By what its covariance was enlarged, as the stated noise does not cover the residuals; 1 if not."""
+        return float(self.document.get('fit', {}).get('enlargement', 1.0))
+
+    @property
+    def fixed(self) -> frozenset[str]:
+        """Names of the base parameters that were held."""
+        entries = self.document.get('parameters', {})
+        return frozenset(name for name in NAMES if entries.get(name, {}).get('status') == 'fixed')
+
+    @cached_property
+    def touches(self) -> TouchSet:
+        """The used touches of the calibration: joint angles, forces in the sensor's frame, objects.
+
+        Raises:
+            CalibrationFileError: they are damaged.
+        """
+        discs = {disc.name: k for k, disc in enumerate(self.arm.cell.discs)}
+        try:
+            rows = [row for row in self.document['touches']['fitted'] if row['used']]
+            joints = np.array([row['joints'] for row in rows], dtype=float).reshape(-1, 2)
+            force = np.array([row['force'] for row in rows], dtype=float).reshape(-1, 2)
+            disc = np.array([discs[row['object']] for row in rows], dtype=np.intp)
+            posture = np.array([row['posture'] for row in rows], dtype=np.intp)
+            return TouchSet(joints, force, disc, posture)
+        except (KeyError, TypeError, ValueError) as error:
+            raise CalibrationFileError(self.source, f'its touches are damaged: {error!r:.200}', _REMEDY) from error
+
+    def std_of(self, name: str) -> float:
+        """Standard uncertainty of a value of the model or an error of the cell by name, SI; 0 where it is fixed."""
+        place = self.names.index(name)
+        return float(np.sqrt(max(self.covariance[place, place], 0.0)))

@@ -1,0 +1,146 @@
+"""Exported files have the kinematics, and the C header the kinetostatics, of the calibrated model."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from files.test_urdf import pose
+
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.propagation import tip_under_force
+from scara_kinetostatic.compensation.arm import CalibratedArm
+from scara_kinetostatic.effects.registry import find
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.files.export.denavit_hartenberg import CONVENTIONS, dh_text
+from scara_kinetostatic.files.export.description import urdf_text, xacro_text
+from scara_kinetostatic.files.export.facts import CONTENT, ExportFacts
+from scara_kinetostatic.files.export.header import header_text
+from scara_kinetostatic.files.urdf import TOOL_FRAME
+from scara_kinetostatic.interface import simulate
+from scara_kinetostatic.model.cell import PAPER_CELL, GripperSign
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+
+JOINTS = np.random.default_rng(0).uniform(-np.pi, np.pi, (30, 2))
+PROGRAM = """\
+#include <stdio.h>
+#include "arm.h"
+int main(void)
+{
+    double q[2], f[2], tip[2], back[2], torque[2];
+    while (scanf("%lf %lf %lf %lf", &q[0], &q[1], &f[0], &f[1]) == 4) {
+        int status = scara_locate(q, f, tip);
+        status += scara_compensate(tip, f, sin(q[1] + SCARA_THETA2) > 0 ? SCARA_LEFT : SCARA_RIGHT, back, torque);
+        printf("%d %.17g %.17g %.17g ", status, tip[0], tip[1], back[0]);
+        printf("%.17g %.17g %.17g\\n", back[1], torque[0], torque[1]);
+    }
+    return 0;
+}
+"""
+
+
+def arm_of(**changes: object) -> CalibratedArm:
+    cell = replace(PAPER_CELL, joint_names=('shoulder', 'elbow & ${more}'), **changes)
+    made = CalibratedArm.of(calibrate(simulate(replace(cell, gripper_sign=GripperSign.PHYSICAL), PAPER_ACTUAL), cell))
+    return replace(made, model=ExtendedModel(PAPER_ACTUAL.replace(theta1=2.0, theta2=-1.0)))
+
+
+@pytest.fixture(scope='module')
+def arm() -> CalibratedArm:
+    return arm_of()
+
+
+def facts(arm: CalibratedArm, kind: str) -> ExportFacts:
+    return ExportFacts.of(arm, 'a -- b */ <c>.json', CONTENT[kind])
+
+
+def check_tree(text: str, arm: CalibratedArm) -> None:
+    robot = ElementTree.fromstring(text)
+    for q in JOINTS:
+        at = pose(robot, TOOL_FRAME, dict(zip(arm.cell.joint_names, q.tolist(), strict=True)))
+        np.testing.assert_allclose(at[:2, 3], forward(arm.model.parameters, q), rtol=0, atol=1e-12)
+
+
+def test_urdf(arm: CalibratedArm) -> None:
+    check_tree(urdf_text(arm, facts(arm, 'urdf')), arm)
+
+
+def test_xacro(arm: CalibratedArm, tmp_path: Path) -> None:
+    text = xacro_text(arm, facts(arm, 'xacro'))
+    assert ElementTree.fromstring(text).tag == 'robot'
+    xacro = pytest.importorskip('xacro')
+    (tmp_path / 'arm.xacro').write_text(text)
+    check_tree(xacro.process_file(str(tmp_path / 'arm.xacro')).toprettyxml(), arm)
+    (tmp_path / 'two.xacro').write_text(
+        '<robot name="two" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="standalone" default="false"/>'
+        '<xacro:include filename="arm.xacro"/><link name="world"/>'
+        '<xacro:calibrated_scara parent="world" prefix="a_"/></robot>'
+    )
+    tree = ElementTree.fromstring(
+        xacro.process_file(str(tmp_path / 'two.xacro'), mappings={'standalone': 'false'}).toprettyxml()
+    )
+    assert [link.attrib['name'] for link in tree.iterfind('link')] == ['world', 'a_link1', 'a_link2', 'a_tool0']
+
+
+@pytest.mark.parametrize('convention', CONVENTIONS)
+def test_dh(arm: CalibratedArm, convention: str) -> None:
+    lines = [line for line in dh_text(arm, facts(arm, 'dh'), convention).splitlines() if not line.startswith('#')]
+    rows = list(csv.DictReader(lines))
+    assert [row['joint_name'] for row in rows[1:3]] == list(arm.cell.joint_names)
+    for q in JOINTS:
+        angles = {'joint1': q[0], 'joint2': q[1]}
+        at, turned = 0j, 0.0  # in the complex plane
+        for row in rows:
+            a, shift = float(row['a_m']), complex(float(row['x_m']), float(row['y_m']))
+            angle = float(row['theta_offset_rad']) + angles.get(row['row'], 0.0)
+            steps = ((shift, 0.0), (a, angle)) if convention == 'modified' else ((shift, angle), (a, 0.0))
+            for step, turn in steps:
+                at, turned = at + step * np.exp(1j * turned), turned + turn
+        at = np.array([at.real, at.imag])
+        np.testing.assert_allclose(at, forward(arm.model.parameters, q), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize('sign', GripperSign)
+def test_the_header_gives_the_tip_and_the_joint_angles(sign: GripperSign, tmp_path: Path) -> None:
+    compiler = shutil.which('cc')
+    if compiler is None:
+        pytest.skip('there is no C compiler')
+    arm = arm_of(gripper_sign=sign)
+    (tmp_path / 'arm.h').write_text(header_text(arm, facts(arm, 'header')))
+    (tmp_path / 'main.c').write_text(PROGRAM)
+    options = ['-std=c99', '-Wall', '-Wextra', '-pedantic', '-Werror']
+    subprocess.run([compiler, *options, 'main.c', '-o', 'main', '-lm'], check=True, cwd=tmp_path)
+    force = np.random.default_rng(1).uniform(-40, 40, JOINTS.shape)
+    force[:3] = 0
+    given = '\n'.join(' '.join(map(repr, row)) for row in np.hstack([JOINTS, force]).tolist())
+    done = subprocess.run([tmp_path / 'main'], input=given, capture_output=True, text=True, check=True)
+    found = np.array([[float(word) for word in line.split()] for line in done.stdout.splitlines()])
+    assert not found[:, 0].any()
+    tip, _ = tip_under_force(arm.model, JOINTS, force, arm.cell.gripper)
+    np.testing.assert_allclose(found[:, 1:3], tip, rtol=0, atol=1e-12)
+    posture = np.where(np.sin(JOINTS[:, 1] + arm.model.parameters.theta2) > 0, 1, -1)
+    joints, torques = inverse_kinetostatics(arm.model, tip, force, posture, arm.cell.gripper)
+    assert np.abs((found[:, 3:5] - joints + np.pi) % (2 * np.pi) - np.pi).max() < 1e-11
+    np.testing.assert_allclose(found[:, 5:], torques, rtol=0, atol=1e-9)
+
+
+def test_what_a_format_cannot_hold_is_refused_or_said(arm: CalibratedArm) -> None:
+    effect = find(arm.cell, 'encoder_gain[joint1]')
+    model = ExtendedModel(arm.model.parameters, (effect,), ((1e-3,),))
+    covariance, undetermined = np.zeros((13, 13)), np.zeros((13, 0))
+    other = replace(arm, model=model, covariance=covariance, undetermined=undetermined)
+    with pytest.raises(UnsupportedDataError, match=r'encoder_gain\[joint1\]'):
+        header_text(other, facts(other, 'header'))
+    (note,) = facts(other, 'urdf').notes(is_rigid=True)
+    assert 'encoder_gain[joint1]' in note
+    assert 'mm of the unloaded tip' in urdf_text(other, facts(other, 'urdf'))
+    assert not facts(arm, 'urdf').notes(is_rigid=True)
