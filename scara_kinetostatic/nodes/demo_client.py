@@ -30,12 +30,13 @@ from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free
 from scara_kinetostatic.nodes.result_parameters import DEVIATION, VALUE
 from scara_kinetostatic.nodes.stream_subscription import LATCHED
 
-START_UP = 30.0
+START_UP = 120.0
 """Longest wait for the nodes to find each other, s."""
-STANDSTILL = 20.0
+STANDSTILL = 60.0
 """Longest time without a new touch, s of wall time."""
-CALIBRATION = 120.0
-"""Longest calibration, report included, s."""
+CALIBRATION = 600.0
+"""Longest calibration, report included, s. All three are far more than an idle machine needs; a node that has ended is
+noticed at once."""
 ASK_AGAIN = 2.0
 """After this time without an answer the first request is repeated, s."""
 WAIT = 0.1

@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from nodes.waiting import WAIT
 
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.bags.writer import write_streams
@@ -178,7 +179,7 @@ def test_the_process_speaks_json_only(bags: list[Path], tmp_path: Path) -> None:
     order = Job([str(bags[2])], False, '', [], [], str(tmp_path), False)
     code = 'from scara_kinetostatic.nodes.calibration_job import main; main()'
     ended = subprocess.run(
-        [sys.executable, '-c', code], input=json.dumps(order._asdict()), capture_output=True, text=True, timeout=60
+        [sys.executable, '-c', code], input=json.dumps(order._asdict()), capture_output=True, text=True, timeout=WAIT
     )
     (said,) = map(json.loads, ended.stdout.splitlines())
     assert list(said) == ['error']
@@ -195,7 +196,7 @@ def test_the_process_ends_with_the_node(bags: list[Path], tmp_path: Path) -> Non
     process.stdin.write(json.dumps(order._asdict()) + '\n')
     process.stdin.close()
     assert process.stderr.read() == ''
-    assert process.wait(60) == 1
+    assert process.wait(WAIT) == 1
     process.stderr.close()
     assert not (tmp_path / 'out').exists()
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from nodes.waiting import WAIT
 from rcl_interfaces.srv import SetParameters
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
@@ -30,7 +31,6 @@ from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
 
-WAIT = 60.0
 PROGRESS = {'state': 'running', 'message': 'fitting 72 touches', 'part': 0.3}
 STARTED = '{"progress": {"step": "deaf", "part": 0.1}}'
 GROWN = 5e-5
@@ -247,7 +247,7 @@ def test_a_second_call_is_refused_while_one_runs_and_a_running_one_can_be_cancel
     spin: Callable[..., Node], client: DemoClient, recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     step = '{"progress": {"step": "fitting 72 touches", "part": 0.3}}'
-    slow = f'import time; print({step!r}, flush=True); time.sleep(60)'
+    slow = f'import time; print({step!r}, flush=True); time.sleep(3600)'
     monkeypatch.setattr(module, 'COMMAND', (sys.executable, '-c', slow))
     node = spin(Calibrator, '--ros-args', '-p', f'recording:={recording}')
     assert client.call('/calibrator/cancel', Trigger, Trigger.Request(), WAIT).message == 'no calibration is running'
@@ -275,7 +275,7 @@ def test_a_second_call_is_refused_while_one_runs_and_a_running_one_can_be_cancel
 def test_a_calibration_that_does_not_end_is_killed(
     spin: Callable[..., Node], client: DemoClient, recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    deaf = 'import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print("{}", flush=True); time.sleep(60)'
+    deaf = 'import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print("{}", flush=True); time.sleep(3600)'
     monkeypatch.setattr(module, 'COMMAND', (sys.executable, '-c', deaf.replace('"{}"', f"'{STARTED}'")))
     monkeypatch.setattr(module, 'PATIENCE', 0.2)
     spin(Calibrator, '--ros-args', '-p', f'recording:={recording}')

@@ -9,6 +9,7 @@ from pathlib import Path
 from time import monotonic
 
 import pytest
+from nodes.waiting import WAIT
 
 from scara_kinetostatic.cli import demo
 from scara_kinetostatic.errors import InputError, OutputError
@@ -38,16 +39,16 @@ def test_the_whole_cell_finds_the_truth(tmp_path: Path, capsys: pytest.CaptureFi
 
 @pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_ends_the_nodes_as_well(number: signal.Signals, status: int, tmp_path: Path) -> None:
-    end = monotonic() + 30
+    end = monotonic() + WAIT
     command = [sys.executable, '-m', 'scara_kinetostatic.cli.main', 'demo', '--out', str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
         assert process.stdout is not None
-        while b'touching' not in process.stdout.readline():
-            assert monotonic() < end
+        while b'touching' not in (line := process.stdout.readline()):
+            assert line and monotonic() < end
         nodes = children(process.pid)
         assert len(nodes) == 3
         process.send_signal(number)
-        assert process.wait(20) == status
+        assert process.wait(WAIT) == status
     assert not any(Path(f'/proc/{node}').exists() for node in nodes)
 
 

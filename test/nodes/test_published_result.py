@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nodes.waiting import WAIT
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -37,7 +38,6 @@ from scara_kinetostatic.report.parameter_file import parameter_text
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 
-WAIT = 60.0
 Calibrated = Callable[..., Trigger.Response]
 
 

@@ -8,13 +8,13 @@ from pathlib import Path
 from time import monotonic, sleep
 
 import pytest
+from nodes.waiting import WAIT
 from rcl_interfaces.srv import GetParameters
 
 from scara_kinetostatic.nodes.demo_client import DemoClient
 from scara_kinetostatic.nodes.processes import NodeProcesses, free_domain
 
 NODES = ('contact_simulator', 'collector', 'calibrator')
-WAIT = 20.0
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 import pytest
 import rclpy
+from nodes.waiting import WAIT
 from rcl_interfaces.msg import Log, SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
@@ -32,7 +33,6 @@ from scara_kinetostatic.nodes.visualizer import Visualizer
 from scara_kinetostatic.render.json_file import json_text
 from scara_kinetostatic.report.document import as_document
 
-WAIT = 20.0
 TOUCH = JudgedTouch(0, 10**9, (0, 2 * 10**9), '', 'disc_2', (0.0, 20.0), (0.8, 2.1))
 
 

@@ -9,8 +9,8 @@ from std_srvs.srv import Trigger
 
 from scara_kinetostatic.nodes.demo_client import DemoClient
 
-WAIT = 15.0
-"""For anything that comes at once on an idle machine, s."""
+WAIT = 300.0
+"""After so long a test hangs, s; what it waits for comes at once on an idle machine."""
 
 
 def eventually(condition: Callable[[], bool]) -> bool:
