@@ -7,13 +7,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb
+from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real
 from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.compensation.arm import CalibratedArm
 
-FORMATS = ('urdf', 'xacro', 'dh', 'header')
+FORMATS = ('urdf', 'xacro', 'dh', 'csv', 'header')
 DESCRIPTION = """\
 Writes the calibrated arm in a format of other software:
 
@@ -22,15 +22,17 @@ Writes the calibrated arm in a format of other software:
           the robot reports give the tip (frame tool0)
   xacro   the same as properties and a macro
   dh      Denavit-Hartenberg table (CSV), standard or modified convention
+  csv     corrections of the joint angles of the nominal arm, over the
+          workspace and the load
   header  C99 header: constants, and functions for the tip from joint angles
           and force, and back
 
 URDF, xacro and DH table hold the geometry alone; compliance and backlash are in
-the header. Each file says from which calibration it is.
+csv and header. Each file says from which calibration it is.
 """
 EXAMPLE = """\
   scara-kinetostatic export result/calibration.json --format urdf --out arm.urdf
-  scara-kinetostatic export result/calibration.json --format header --out calibrated.h
+  scara-kinetostatic export result/calibration.json --format csv --force 0 --force 20 --out corrections.csv
 """
 
 
@@ -39,7 +41,7 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     parser = add_verb(
         subparsers,
         'export',
-        'write the calibrated arm as URDF, xacro, DH table or C header',
+        'write the calibrated arm as URDF, xacro, DH table, correction table or C header',
         DESCRIPTION,
         EXAMPLE,
         run,
@@ -50,6 +52,22 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     parser.add_argument('--out', type=Path, metavar='FILE', help='the file (default: stdout)')
     parser.add_argument(
         '--convention', choices=('standard', 'modified'), default='standard', help='of dh (default: standard)'
+    )
+    group = parser.add_argument_group('of csv')
+    group.add_argument(
+        '--step',
+        type=real(1e-3),
+        default=0.05,
+        metavar='M',
+        help='distance of the places along x and y (default: 0.05)',
+    )
+    group.add_argument(
+        '--force',
+        type=real(0),
+        action='append',
+        metavar='N',
+        help='force in eight directions, 0 for none; may be given several times (default: 0, and the mean force of the '
+        'touches)',
     )
     return parser
 
@@ -62,14 +80,14 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: the format cannot hold the model.
     """
     from scara_kinetostatic.files.atomic import write_texts
-    from scara_kinetostatic.files.calibration_file import load_arm
+    from scara_kinetostatic.files.calibration_file import load_calibration
 
     out: Path | None = args.out
     if out is not None and out.is_dir():
         raise InputError(out, 'is a folder where a file is to be written', 'give the name of a file')
     if out is not None and out.resolve() == args.calibration.resolve():
         raise InputError(out, 'is the input and would be replaced', 'choose another file for --out')
-    text, notes = _exported(load_arm(args.calibration), args)
+    text, notes = _exported(load_calibration(args.calibration), args)
     if out is None:
         print(text, end='')
     else:
@@ -82,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _exported(arm: CalibratedArm, args: argparse.Namespace) -> tuple[str, list[str]]:
     """The text of the file, and notes about it."""
-    from scara_kinetostatic.files.export import denavit_hartenberg, description, header
+    from scara_kinetostatic.files.export import corrections, denavit_hartenberg, description, header
     from scara_kinetostatic.files.export.facts import CONTENT, ExportFacts
 
     facts = ExportFacts.of(arm, args.calibration.name, CONTENT[args.format])
@@ -93,4 +111,7 @@ def _exported(arm: CalibratedArm, args: argparse.Namespace) -> tuple[str, list[s
         return description.xacro_text(arm, facts), notes
     if args.format == 'dh':
         return denavit_hartenberg.dh_text(arm, facts, args.convention), notes
-    return header.header_text(arm, facts), notes
+    if args.format == 'header':
+        return header.header_text(arm, facts), notes
+    forces = tuple(args.force) if args.force else (0.0, (arm.used.lowest_force + arm.used.highest_force) / 2)
+    return corrections.correction_text(arm, facts, corrections.Grid(args.step, forces)), notes

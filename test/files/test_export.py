@@ -18,6 +18,7 @@ from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.files.export.corrections import Grid, correction_text
 from scara_kinetostatic.files.export.denavit_hartenberg import CONVENTIONS, dh_text
 from scara_kinetostatic.files.export.description import urdf_text, xacro_text
 from scara_kinetostatic.files.export.facts import CONTENT, ExportFacts
@@ -131,6 +132,26 @@ def test_the_header_gives_the_tip_and_the_joint_angles(sign: GripperSign, tmp_pa
     joints, torques = inverse_kinetostatics(arm.model, tip, force, posture, arm.cell.gripper)
     assert np.abs((found[:, 3:5] - joints + np.pi) % (2 * np.pi) - np.pi).max() < 1e-11
     np.testing.assert_allclose(found[:, 5:], torques, rtol=0, atol=1e-9)
+
+
+def test_the_corrections_bring_the_nominal_arm_to_the_place(arm: CalibratedArm) -> None:
+    arm = replace(arm, model=ExtendedModel(PAPER_ACTUAL))
+    text = correction_text(arm, facts(arm, 'csv'), Grid(0.2, (0.0, 30.0)))
+    rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith('#')))
+    assert {row['elbow'] for row in rows} == {'left', 'right'} and len(rows) > 100
+
+    def column(*names: str) -> np.ndarray:
+        return np.array([[float(row[name]) for name in names] for row in rows])
+
+    tip, force = column('x_m', 'y_m'), column('fx_N', 'fy_N')
+    joints = column('q1_nominal_rad', 'q2_nominal_rad') + column('dq1_rad', 'dq2_rad')
+    loaded = np.array([row['status'] == 'ok' for row in rows])
+    found, _ = tip_under_force(arm.model, joints, force, arm.cell.gripper)
+    np.testing.assert_allclose(found[loaded], tip[loaded], rtol=0, atol=1e-9)
+    nominal, _ = tip_under_force(arm.model, column('q1_nominal_rad', 'q2_nominal_rad'), force, arm.cell.gripper)
+    assert loaded.sum() > 50
+    miss = np.linalg.norm(nominal - tip, axis=1)
+    np.testing.assert_allclose(miss[loaded], column('miss_m')[loaded, 0], rtol=0, atol=2e-5)  # in the dead bands
 
 
 def test_what_a_format_cannot_hold_is_refused_or_said(arm: CalibratedArm) -> None:

@@ -32,10 +32,10 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
     """
     if facts.robot_effects:
         problem = f'a C header has the base model alone, and this calibration found {", ".join(facts.robot_effects)}'
-        raise UnsupportedDataError(problem, 'use `locate` and `compensate`, which contain it')
+        raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
     if not arm.cell.gripper.isotropic:
         problem = 'a C header has the isotropic gripper alone, and the cell description states model.gripper_excess'
-        raise UnsupportedDataError(problem, 'use `locate` and `compensate`, which contain it')
+        raise UnsupportedDataError(problem, 'export --format csv, which contains it, or use `compensate`')
     values = zip(NAMES, arm.model.parameters.as_array().tolist(), facts.std, strict=True)
     constants = [(name.upper(), repr(value), std, UNITS[name]) for name, value, std in values]
     template = jinja2.Template(
