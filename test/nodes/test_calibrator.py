@@ -275,7 +275,9 @@ def test_a_second_call_is_refused_while_one_runs_and_a_running_one_can_be_cancel
 def test_a_calibration_that_does_not_end_is_killed(
     spin: Callable[..., Node], client: DemoClient, recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    deaf = 'import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print("{}", flush=True); time.sleep(3600)'
+    deaf = (
+        'import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print("{}", flush=True); time.sleep(999)'
+    )
     monkeypatch.setattr(module, 'COMMAND', (sys.executable, '-c', deaf.replace('"{}"', f"'{STARTED}'")))
     monkeypatch.setattr(module, 'PATIENCE', 0.2)
     spin(Calibrator, '--ros-args', '-p', f'recording:={recording}')
