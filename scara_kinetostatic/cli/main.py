@@ -22,7 +22,20 @@ from scara_kinetostatic.cli.arguments import EXIT_STATUSES, Parser
 from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
 
 _PROGRAM = 'scara-kinetostatic'
-VERBS = ('calibrate', 'inspect', 'simulate', 'mujoco', 'demo', 'dial_gauge', 'hysteresis', 'design', 'paper', 'export')
+VERBS = (
+    'calibrate',
+    'inspect',
+    'compensate',
+    'locate',
+    'simulate',
+    'mujoco',
+    'demo',
+    'dial_gauge',
+    'hysteresis',
+    'design',
+    'paper',
+    'export',
+)
 """Modules of this package, one per verb, in the order of the help."""
 _DONE, _INTERNAL, _WRONG_INPUT, _UNSUPPORTED, _INTERRUPTED, _BROKEN_PIPE, _TERMINATED = 0, 1, 2, 3, 130, 141, 143
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)

@@ -1,0 +1,160 @@
+"""`scara-kinetostatic compensate`: joint angles that bring the tip to its place under load."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from scara_kinetostatic.cli.arguments import Subparsers, add_verb
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from scara_kinetostatic.compensation.predictions import Predictor
+    from scara_kinetostatic.files.pose_table import PoseTable
+    from scara_kinetostatic.model.arrays import Indices
+    from scara_kinetostatic.model.effect_law import TouchMetadata
+
+DESCRIPTION = """\
+The joint angles to command so that the tip of the calibrated arm reaches its
+place under a force (inverse kinetostatics): deflection of joints and gripper,
+backlash, and all effects that were found are compensated.
+
+POSES.csv has the columns x_m, y_m (tip, base frame), fx_N, fy_N (force of the
+robot on the object, base frame) and, optional, elbow: left, sin(q2 + theta2) > 0,
+or right. Without it, the elbow is left, or right where the calibration has
+touches with the right elbow only. Where the calibration has an effect of time or
+of the motion before, time_s (since its first touch), approach1, approach2, too.
+
+The result adds q1_rad, q2_rad, the torques c1_Nm, c2_Nm, std_normal_m, the
+standard uncertainty of the tip along the force (without a force: in the worst
+direction), and status, the last of these that applies:
+  ok            as stated
+  unloaded      force or torque too small for the sign of a backlash to be known
+  extrapolated  a force, an elbow or a time beyond those of the calibration
+  undetermined  the calibration does not determine the uncertainty
+  out_of_reach  no joint angles; they are nan
+"""
+EXAMPLE = """\
+  scara-kinetostatic compensate result/calibration.json poses.csv --out commands.csv
+"""
+
+
+def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
+    """Adds the verb."""
+    parser = add_verb(
+        subparsers,
+        'compensate',
+        'joint angles for wanted places of the tip under force',
+        DESCRIPTION,
+        EXAMPLE,
+        run,
+        unsupported='no pose of the table is within reach',
+    )
+    add_files(parser, 'POSES.csv', 'wanted places of the tip and forces')
+    return parser
+
+
+def add_files(parser: argparse.ArgumentParser, table: str, meaning: str) -> None:
+    """Adds the calibration, the table and ``--out``."""
+    parser.add_argument(
+        'calibration', type=Path, metavar='CALIBRATION.json', help='of calibrate; or its calibration.yaml'
+    )
+    parser.add_argument('table', type=Path, metavar=table, help=meaning)
+    parser.add_argument('--out', type=Path, required=True, metavar='FILE.csv', help='the table with its results')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compensates.
+
+    Raises:
+        InputError: the calibration or the table is wrong, or FILE.csv cannot be written.
+        UnsupportedDataError: no pose is within reach.
+    """
+    import numpy as np
+
+    from scara_kinetostatic.compensation.predictions import Predictor
+    from scara_kinetostatic.errors import UnsupportedDataError
+    from scara_kinetostatic.files.calibration_file import load_calibration
+    from scara_kinetostatic.files.pose_table import POSES, check_output, load_pose_table
+
+    check_output(args.out, [args.calibration, args.table])
+    predictor = Predictor(load_calibration(args.calibration))
+    table = load_pose_table(args.table, POSES)
+    sides = _sides(table, predictor)
+    found = predictor.compensate(table.pair('x_m', 'y_m'), table.force, sides, metadata_of(table, sides))
+    if np.isnan(found.joints).all():
+        raise UnsupportedDataError(f'{args.table}: no pose is within reach of the arm', 'places are in m, base frame')
+    (q1, q2), (c1, c2) = found.joints.T, found.torques.T
+    results = {'q1_rad': q1, 'q2_rad': q2, 'c1_Nm': c1, 'c2_Nm': c2, 'std_normal_m': found.std_normal}
+    write(args.out, table, results | {'status': found.status}, predictor)
+    if table.elbows is None:
+        note(f'{table.source}: no column elbow; {"left" if sides[0] > 0 else "right"} is taken for all rows')
+    return 0
+
+
+def _sides(table: PoseTable, predictor: Predictor) -> Indices:
+    """+1 or -1 for each row."""
+    import numpy as np
+
+    if table.elbows is not None:
+        return np.array([1 if elbow == 'left' else -1 for elbow in table.elbows], dtype=np.intp)
+    touched = predictor.arm.used.postures
+    side = 1 if 1 in touched or not touched else -1
+    return np.full(len(table), side, dtype=np.intp)
+
+
+def metadata_of(table: PoseTable, sides: Indices) -> TouchMetadata:
+    """What effects need to know of the rows."""
+    from scara_kinetostatic.model.effect_law import TouchMetadata
+
+    metadata = TouchMetadata.plain(len(table))._replace(posture=sides)
+    if table.time is not None:
+        metadata = metadata._replace(time=table.time)
+    return metadata if table.approach is None else metadata._replace(approach=table.approach)
+
+
+def write(path: Path, table: PoseTable, results: dict[str, NDArray[Any]], predictor: Predictor) -> None:
+    """Writes the table, and says what is to be known of it."""
+    from scara_kinetostatic.files.pose_table import write_pose_table
+
+    write_pose_table(path, table, results)
+    for text in (*_of_calibration(predictor), *_of_table(table, list(results), predictor)):
+        note(text)
+    print(f'{len(table)} rows: {_counts(results["status"])}\n{path}')
+
+
+def _counts(status: NDArray[np.str_]) -> str:
+    from scara_kinetostatic.compensation.predictions import STATUSES
+
+    counts = {name: int((status == name).sum()) for name in STATUSES}
+    return ', '.join(f'{number} {name}' for name, number in counts.items() if number)
+
+
+def _of_calibration(predictor: Predictor) -> list[str]:
+    """Whether the calibration may be used."""
+    if predictor.arm.grade != 'unfit' or predictor.nominal:
+        return []
+    return ['the calibration is unfit for use; its calibration.json says why (assessment.reasons)']
+
+
+def _of_table(table: PoseTable, results: Sequence[str], predictor: Predictor) -> list[str]:
+    """What the table lacks, or has too much."""
+    same = ', '.join(table.replaced(results))
+    notes = [f'{table.source}: replaced by results: {same}'] if same else []
+    columns = (('time', table.time, 'time_s'), ('approach', table.approach, 'approach1, approach2'))
+    for name, given, wanted in columns:
+        if given is None and (effects := predictor.effects_of(name)):
+            notes.append(f'{effects[0]} depends on {name}; 0 is taken, as the table has no {wanted}')
+    if effects := predictor.effects_of('history'):
+        notes.append(f'{effects[0]} depends on the load before; none, and no preload, is taken')
+    return notes
+
+
+def note(text: str) -> None:
+    """One line on stderr."""
+    print(f'note: {text}', file=sys.stderr)

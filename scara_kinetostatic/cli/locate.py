@@ -1,0 +1,85 @@
+"""`scara-kinetostatic locate`: where the tip is, from measured joint angles and force."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from scara_kinetostatic.cli.arguments import Subparsers, add_verb
+from scara_kinetostatic.cli.compensate import add_files, metadata_of, write
+
+if TYPE_CHECKING:
+    from scara_kinetostatic.compensation.predictions import Predictor
+    from scara_kinetostatic.files.pose_table import PoseTable
+    from scara_kinetostatic.model.arrays import Floats
+
+DESCRIPTION = """\
+Where the tip of the calibrated arm is under a force (direct kinetostatics), with
+its uncertainty. compensate is its inverse.
+
+STATES.csv has the columns q1_rad, q2_rad, fx_N, fy_N (force of the robot on the
+object, base frame). Where the calibration has an effect of time or of the motion
+before, time_s (since its first touch), approach1, approach2, too.
+
+The result adds x_m, y_m (base frame), std_x_m, std_y_m, cov_xy_m2: standard
+uncertainties and covariance by the calibration, and status, the last of these
+that applies:
+  ok            as stated
+  unloaded      force or torque too small for the sign of a backlash to be known
+  extrapolated  a force, an elbow or a time beyond those of the calibration
+  undetermined  the calibration does not determine the uncertainty: nan
+"""
+EXAMPLE = """\
+  scara-kinetostatic locate result/calibration.json states.csv --out places.csv
+  scara-kinetostatic locate result/calibration.json states.csv --rigid --out rigid.csv
+"""
+
+
+def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
+    """Adds the verb."""
+    parser = add_verb(subparsers, 'locate', 'where the tip is under force', DESCRIPTION, EXAMPLE, run)
+    add_files(parser, 'STATES.csv', 'joint angles and forces')
+    parser.add_argument('--rigid', action='store_true', help='leave out all deflection and backlash')
+    parser.add_argument(
+        '--nominal', action='store_true', help='take the nominal parameters, without effects; their uncertainty is nan'
+    )
+    parser.add_argument(
+        '--measured',
+        action='store_true',
+        help='the forces are as the sensor reports them: its errors that the calibration found are removed first',
+    )
+    return parser
+
+
+def run(args: argparse.Namespace) -> int:
+    """Locates.
+
+    Raises:
+        InputError: the calibration or the table is wrong, or FILE.csv cannot be written.
+    """
+    import numpy as np
+
+    from scara_kinetostatic.compensation.predictions import Predictor
+    from scara_kinetostatic.files.calibration_file import load_calibration
+    from scara_kinetostatic.files.pose_table import STATES, check_output, load_pose_table
+    from scara_kinetostatic.model.kinematics import posture
+
+    check_output(args.out, [args.calibration, args.table])
+    predictor = Predictor(load_calibration(args.calibration), args.nominal, args.rigid)
+    table = load_pose_table(args.table, STATES)
+    joints = table.pair('q1_rad', 'q2_rad')
+    force = _measured(table, predictor) if args.measured and not args.nominal else table.force
+    metadata = metadata_of(table, posture(predictor.law.model.parameters, joints))
+    found = predictor.locate(joints, force, metadata)
+    (x, y), (std_x, std_y) = found.position.T, np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2)).T
+    results = {'x_m': x, 'y_m': y, 'std_x_m': std_x, 'std_y_m': std_y, 'cov_xy_m2': found.covariance[:, 0, 1]}
+    write(args.out, table, results | {'status': found.status}, predictor)
+    return 0
+
+
+def _measured(table: PoseTable, predictor: Predictor) -> Floats:
+    """The true forces behind those of the table."""
+    from scara_kinetostatic.compensation.sensor import force_on_object, in_sensor_frame
+
+    joints = table.pair('q1_rad', 'q2_rad')
+    return force_on_object(predictor.arm, in_sensor_frame(predictor.arm, table.force, joints), joints)

@@ -1,0 +1,146 @@
+"""`compensate` and `locate`: tables in, tables out."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli.command import Run
+
+from scara_kinetostatic.cli.main import main
+
+POSES = """\
+x_m,y_m,fx_N,fy_N,elbow,id
+0.30,0.20,0.0,30.0,right,a
+-0.2,0.35,-12.5,4.0,left,"b, c"
+0.25,-0.3,0,0,left,c
+0.9,0.0,10,0,left,d
+0.3,0.2,0,90,right,e
+"""
+RESULTS = ['q1_rad', 'q2_rad', 'c1_Nm', 'c2_Nm', 'std_normal_m', 'status']
+PLACES = ['x_m', 'y_m', 'std_x_m', 'std_y_m', 'cov_xy_m2', 'status']
+
+
+@pytest.fixture(scope='module')
+def result(tmp_path_factory: pytest.TempPathFactory, recordings: Path) -> Path:
+    """The folder of a calibration."""
+    folder = tmp_path_factory.mktemp('poses') / 'result'
+    assert main(['calibrate', str(recordings / 'good'), '--out', str(folder)]) == 0
+    return folder
+
+
+def rows(path: str) -> list[dict[str, str]]:
+    with Path(path).open(newline='') as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_there_and_back(run: Run, result: Path) -> None:
+    Path('poses.csv').write_text(POSES)
+    found = run('compensate', result / 'calibration.json', 'poses.csv', '--out', 'deep/commands.csv')
+    assert (found.status, found.err) == (0, '')
+    assert '5 rows: 2 ok, 1 unloaded, 1 extrapolated, 1 out_of_reach' in found.out
+    commands = rows('deep/commands.csv')
+    assert list(commands[0]) == ['x_m', 'y_m', 'fx_N', 'fy_N', 'elbow', 'id', *RESULTS]
+    assert [row['status'] for row in commands] == ['ok', 'ok', 'unloaded', 'out_of_reach', 'extrapolated']
+    assert [row['id'] for row in commands] == ['a', 'b, c', 'c', 'd', 'e']
+    assert (commands[0]['x_m'], commands[3]['q1_rad']) == ('0.30', 'nan')
+    assert 0 < float(commands[0]['std_normal_m']) < 1e-4
+    reached = [row for row in commands if row['q1_rad'] != 'nan']
+    Path('states.csv').write_text(
+        'q1_rad,q2_rad,fx_N,fy_N\n'
+        + ''.join(','.join(row[name] for name in ('q1_rad', 'q2_rad', 'fx_N', 'fy_N')) + '\n' for row in reached)
+    )
+    for calibration in ('calibration.json', 'calibration.yaml'):
+        assert run('locate', result / calibration, 'states.csv', '--out', 'places.csv').err == ''
+        places = rows('places.csv')
+        assert list(places[0]) == ['q1_rad', 'q2_rad', 'fx_N', 'fy_N', *PLACES]
+        for place, wanted in zip(places, reached, strict=True):
+            assert float(place['x_m']) == pytest.approx(float(wanted['x_m']), abs=1e-12)
+            assert float(place['y_m']) == pytest.approx(float(wanted['y_m']), abs=1e-12)
+    directly = run('locate', result / 'calibration.json', 'deep/commands.csv', '--out', 'again.csv')
+    assert directly.status == 2
+    assert 'line 5: q1_rad: expected a number' in directly.err
+
+
+def test_rigid_and_nominal(run: Run, result: Path) -> None:
+    Path('states.csv').write_text('q1_rad;q2_rad;fx_N;fy_N\n0,4;1,1;20;-30\n')
+    tips = []
+    for options in ((), ('--rigid',), ('--nominal',), ('--nominal', '--rigid')):
+        assert run('locate', result / 'calibration.json', 'states.csv', '--out', 'x.csv', *options).status == 0
+        (row,) = rows('x.csv')
+        tips.append((float(row['x_m']), float(row['y_m'])))
+        assert (row['std_x_m'] == 'nan') == ('--nominal' in options)
+        assert row['status'] == 'ok'
+    nominal = 0.33 * np.array([np.cos(0.4) + np.cos(1.5), np.sin(0.4) + np.sin(1.5)])
+    np.testing.assert_allclose(tips[3], nominal, rtol=0, atol=1e-12)
+    assert 3e-4 < np.hypot(*np.subtract(tips[0], tips[1])) < 2e-3
+    assert 1e-3 < np.hypot(*np.subtract(tips[1], tips[3])) < 1e-2
+    assert 1e-4 < np.hypot(*np.subtract(tips[2], tips[3])) < 1e-3
+
+
+def test_what_is_to_be_known_is_said(run: Run, result: Path) -> None:
+    document = json.loads((result / 'calibration.json').read_text())
+    document['assessment']['grade'] = 'unfit'
+    Path('unfit.json').write_text(json.dumps(document))
+    Path('poses.csv').write_text('x_m,y_m,fx_N,fy_N,status\n-0.2,0.35,-12.5,4,old\n')
+    found = run('compensate', 'unfit.json', 'poses.csv', '--out', 'x.csv')
+    assert found.status == 0
+    assert found.err.splitlines() == [
+        'note: the calibration is unfit for use; its calibration.json says why (assessment.reasons)',
+        'note: poses.csv: replaced by results: status',
+        'note: poses.csv: no column elbow; left is taken for all rows',
+    ]
+    assert rows('x.csv')[0]['status'] == 'ok'
+
+
+@pytest.mark.parametrize(
+    ('table', 'status', 'message'),
+    [
+        ('x_m,y_m,fx_N,fy_N\n9,9,0,0\n', 3, 'no pose is within reach'),
+        ('x_mm,y_mm,fx_N,fy_N\n300,200,0,0\n', 2, "there is no column 'x_m', but 'x_mm'; give lengths in m"),
+        ('x_m,y_m,fx_N,fy_N\n300,200,0,0\n', 2, 'line 2: x_m: expected at most 100 in size (lengths in m), got 300'),
+        ('x_m,y_m,fx_N,fy_N\n0.3,nan,0,0\n', 2, "line 2: y_m: expected a number, got 'nan'"),
+        ('x_m,y_m,fx_N,fy_N\n0.3,0.2,0\n0.3,,0,0\n', 2, 'line 2: fy_N: expected a number, got nothing; also wrong'),
+        ('x_m,y_m,fx_N,fy_N,elbow\n0.3,0.2,0,0,up\n', 2, 'elbow: expected left or right'),
+        ('x_m,y_m,fx_N,fy_N\n', 2, 'no rows below the heading'),
+        ('x_m,y_m,fx_N\n1,2,3\n', 2, "there is no column 'fy_N', got x_m, y_m, fx_N; name them x_m,y_m,fx_N,fy_N"),
+        ('x_m,y_m,fx_N,fy_N,x_m\n1,2,3,4,5\n', 2, 'two columns of x_m'),
+        ('x_m,y_m,fx_N,fy_N,approach1\n1,2,3,4,5\n', 2, 'give both, or none'),
+        ('', 2, 'the file is empty'),
+    ],
+)  # fmt: skip
+def test_wrong_tables_are_one_line_and_leave_nothing(
+    run: Run, result: Path, table: str, status: int, message: str
+) -> None:
+    Path('poses.csv').write_text(table)
+    Path('out').mkdir()
+    found = run('compensate', result / 'calibration.json', 'poses.csv', '--out', 'out/x.csv')
+    assert found.status == status
+    assert message in found.err
+    assert found.err.startswith('scara-kinetostatic: ')
+    assert found.err.count('\n') == 1
+    assert list(Path('out').iterdir()) == []
+
+
+@pytest.mark.parametrize('verb', ['compensate', 'locate'])
+def test_wrong_places(run: Run, result: Path, verb: str) -> None:
+    calibration = result / 'calibration.json'
+    Path('t.csv').write_text('x_m,y_m,q1_rad,q2_rad,fx_N,fy_N\n0.3,0.2,0.4,1.1,0,0\n')
+    for arguments, message in (
+        ((calibration, 't.csv', '--out', 't.csv'), 'is an input'),
+        ((calibration, 't.csv', '--out', 'x.txt'), 'ends in .csv'),
+        ((calibration, 't.csv', '--out', '.'), 'is a folder'),
+        ((calibration, 'none.csv', '--out', 'x.csv'), 'no such file'),
+        (('none.json', 't.csv', '--out', 'x.csv'), 'cannot be read'),
+        ((result, 't.csv', '--out', 'x.csv'), 'calibration.json'),
+        ((result / 'report.html', 't.csv', '--out', 'x.csv'), 'not JSON'),
+        ((calibration, 't.csv'), '--out'),
+    ):
+        found = run(verb, *arguments)
+        assert found.status == 2
+        assert found.err.count('\n') == 1
+        assert message in found.err
+    assert sorted(path.name for path in Path().iterdir()) == ['t.csv']
