@@ -70,6 +70,14 @@ def unexplained(c: Calibration, dependences: Sequence[Dependence]) -> str:
     )
 
 
+def cut_short() -> str:
+    """Message where fits were left out, as too many were tried in vain."""
+    return (
+        'too many sets of effects were fitted in vain, so the search was ended early: several large effects act at '
+        'once, and the names are suspicions; mend what is known to be wrong (discs, sensor, noise), and record again'
+    )
+
+
 def weak_evidence(p_value: float, dependences: Sequence[Dependence]) -> str:
     """Message where the test is significant, but no effect explains the residual clearly better than none."""
     on = f': the residual is correlated with {dependences[0].name}' if dependences else ''

@@ -14,7 +14,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.contributions import ALTERNATIVES, Contribution
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import Calibration
@@ -29,6 +28,7 @@ from scara_kinetostatic.diagnosis.candidates import (
     refined,
     scan_trials,
 )
+from scara_kinetostatic.diagnosis.effort import Effort
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
 from scara_kinetostatic.diagnosis.refit import fitted_effects, penalised_deviance, start_from
 from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, DISTINCT
@@ -47,7 +47,7 @@ _MOST_PEAKS = 4
 """Peaks that are fitted at most, the highest first."""
 
 
-def fit_alternative_laws(extended: Calibration) -> list[Calibration]:
+def fit_alternative_laws(extended: Calibration, effort: Effort) -> list[Calibration]:
     """The touches of an extended model fitted with alternative laws of its effects, where these fit equally well."""
     model, variants = extended.model, []
     for place, (effect, _, _) in enumerate(fitted_effects(extended)):
@@ -55,15 +55,18 @@ def fit_alternative_laws(extended: Calibration) -> list[Calibration]:
             effects, values = list(model.effects), list(model.effect_values)
             effects[place], values[place] = other, other.start
             variants.append(ExtendedModel(model.parameters, tuple(effects), tuple(values)))
-    return _fit_variants(extended, variants)
+    return _fit_variants(extended, variants, effort)
 
 
-def fit_alternative_frequencies(extended: Calibration, in_every_model: Container[str]) -> list[Calibration]:
+def fit_alternative_frequencies(
+    extended: Calibration, in_every_model: Container[str], effort: Effort
+) -> list[Calibration]:
     """The touches of an extended model fitted with other frequencies of its effects, where these fit equally well.
 
     Args:
         extended: the extended model.
         in_every_model: labels of effects without rivals; the frequency of a rival, which explains a part, is vague.
+        effort: of the diagnosis.
     """
     fitted = fitted_effects(extended)
     waves = [
@@ -82,7 +85,7 @@ def fit_alternative_frequencies(extended: Calibration, in_every_model: Container
         for peak in _peaks(problem, found, place, max(1.0, extended.reduced_chi_square)):
             if abs(peak.trial.place - frequency) > DISTINCT * std:
                 variants.append(start_from(problem, [*found[:place], peak, *found[place + 1 :]])[0])
-    return _fit_variants(extended, variants)
+    return _fit_variants(extended, variants, effort)
 
 
 def alternative_places(extended: Calibration) -> list[Calibration]:
@@ -146,24 +149,25 @@ def _peaks(problem: Problem, found: list[Candidate], place: int, scale: float) -
     return sorted(peaks, key=lambda peak: -explained(problem, peak))[:_MOST_PEAKS]
 
 
-def _fit_variants(extended: Calibration, variants: Sequence[ExtendedModel]) -> list[Calibration]:
+def _fit_variants(extended: Calibration, variants: Sequence[ExtendedModel], effort: Effort) -> list[Calibration]:
     """Fits that start from other models, where they are credible beside the extended one.
 
     Args:
         extended: the extended model.
         variants: the models to start from.
+        effort: of the diagnosis; variants beyond it are left out.
     """
     scale = max(1.0, extended.reduced_chi_square)
     limit = penalised_deviance(extended, 0.0, scale) + CREDIBLE
-    fits = [fit for variant in variants if (fit := _fit_variant(extended, variant)) is not None]
+    fits = [fit for variant in variants if effort.allows() and (fit := _fit_variant(extended, variant, effort))]
     return [fit for fit in fits if _has_physical_compliances(fit) and penalised_deviance(fit, 0.0, scale) < limit]
 
 
-def _fit_variant(extended: Calibration, start: ExtendedModel) -> Calibration | None:
+def _fit_variant(extended: Calibration, start: ExtendedModel, effort: Effort) -> Calibration | None:
     c = extended
     warm_start = WarmStart(start, c.noise, c.used, c.errors)
     try:
-        fit = calibrate(c.touches, c.cell, start.effects, fixed=c.fixed, warm_start=warm_start)
+        fit = effort.fit(c.touches, c.cell, start.effects, fixed=c.fixed, warm_start=warm_start)
     except UnsupportedDataError:
         return None
     return fit if fit.termination is Termination.CONVERGED else None

@@ -12,13 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.calibration.whitening import whiten_by
+from scara_kinetostatic.diagnosis.effort import Effort
 from scara_kinetostatic.diagnosis.refit import fitted_effects, with_rejections_of
 from scara_kinetostatic.diagnosis.variance_components import FORCE, GROWING, JOINT, OFF_NORMAL, excess_p_value
 from scara_kinetostatic.effects.off_normal_force import OffNormalForce
@@ -56,7 +56,7 @@ def growing_p_value(calibration: Calibration) -> float:
     return excess_p_value(calibration, GROWING, (JOINT, FORCE, OFF_NORMAL))
 
 
-def fit_with_off_normal(calibration: Calibration) -> Calibration:
+def fit_with_off_normal(calibration: Calibration, effort: Effort) -> Calibration:
     """The touches of a calibration fitted with a random off-normal angle of each force, σ_α estimated.
 
     Effects that the calibration has stay.
@@ -67,7 +67,7 @@ def fit_with_off_normal(calibration: Calibration) -> Calibration:
     for _ in range(_ROUNDS):
         effects = (OffNormalForce(off_normal=off_normal), *others)
         warm_start = WarmStart(latest.model.with_effects(effects), latest.noise, used, latest.errors)
-        latest = calibrate(c.touches, c.cell, effects, fixed=c.fixed, warm_start=warm_start)
+        latest = effort.fit(c.touches, c.cell, effects, fixed=c.fixed, warm_start=warm_start)
         used, before = latest.used, off_normal
         off_normal = max(_updated(latest, off_normal), _LEAST_STD)
         slow += latest.termination is not Termination.CONVERGED or latest.iterations > _MANY_STEPS

@@ -28,6 +28,7 @@ from scara_kinetostatic.diagnosis.contact_angle import (
     with_free_off_normal_angles,
 )
 from scara_kinetostatic.diagnosis.discriminating_touches import discriminating_touches
+from scara_kinetostatic.diagnosis.effort import MOST_STEPS, Effort
 from scara_kinetostatic.diagnosis.hypotheses import select_hypothesis
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence, find_dependences
 from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
@@ -105,21 +106,40 @@ def _shares(c: Calibration) -> int:
 
 def _diagnose_noise_and_effects(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
     """The diagnosis with the noise as stated or estimated, or with the components that the touches ask for."""
-    found = _diagnose_with_noise(calibration, known)
-    refitted = noise_candidate(calibration, found)
+    found = _diagnose_within(Effort(), calibration, known)
+    effort = Effort(MOST_STEPS // 3)
+    refitted = noise_candidate(calibration, found, effort)
     if refitted is None:
         return found
-    return likelier(found, calibration, _diagnose_with_noise(refitted, known), refitted)
+    return likelier(found, calibration, _diagnose_within(effort, refitted, known), refitted)
 
 
-def _diagnose_with_noise(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
+def _diagnose_within(effort: Effort, calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
+    """The diagnosis with the noise of a calibration; its names are suspicions where fits were left out."""
+    found = _diagnose_with_noise(calibration, known, effort)
+    return _cut_short(found) if effort.has_left_out else found
+
+
+def _cut_short(found: Diagnosis) -> Diagnosis:
+    """A diagnosis in which fits were left out: others may explain the touches as well, so its names are suspicions."""
+    is_named = found.verdict in {'explained', 'ambiguous'}
+    return replace(
+        found,
+        verdict='unexplained' if is_named else found.verdict,
+        found=tuple(_as_suspicion(item) if item.in_every_model else item for item in found.found),
+        ranking=tuple(item._replace(role='possible') if item.role == 'found' else item for item in found.ranking),
+        advice=advice.joined(advice.cut_short(), found.advice),
+    )
+
+
+def _diagnose_with_noise(calibration: Calibration, known: tuple[Effect, ...], effort: Effort) -> Diagnosis:
     """The diagnosis with the noise of a calibration, or with estimated noise where it is stated too large."""
     overstated = noise_advice.overstated_noise(calibration)
-    found = _diagnose(_with_estimated_noise(calibration) if overstated else calibration, known)
+    found = _diagnose(_with_estimated_noise(calibration) if overstated else calibration, known, effort)
     if not overstated and found.extended is not None:
         overstated = noise_advice.overstated_noise(found.extended)
         if overstated:
-            found = _diagnose(_with_estimated_noise(calibration), known)
+            found = _diagnose(_with_estimated_noise(calibration), known, effort)
     final = found.extended or calibration
     noise = noise_advice.noise_found(final)
     growing = '' if noise or final.model.off_normal_std else noise_advice.growing_noise(growing_p_value(final))
@@ -142,10 +162,10 @@ def _with_estimated_noise(calibration: Calibration) -> Calibration:
         return c
 
 
-def _diagnose(c: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
+def _diagnose(c: Calibration, known: tuple[Effect, ...], effort: Effort) -> Diagnosis:
     """Test the base model, select the likeliest hypothesis, and report nothing, a lack of fit or an extended model."""
     tests = _test_base_model(c, known)
-    found, lead = select_hypothesis(c, known, tests.alarm, tests.off_normal_p_value < SIGNIFICANCE / 2)
+    found, lead = select_hypothesis(c, known, tests.alarm, tests.off_normal_p_value < SIGNIFICANCE / 2, effort)
     if found is not None and tests.p_value >= SIGNIFICANCE:
         tests = tests._replace(p_value=min(tests.p_value, float(np.exp(-lead / 2))))
     if found is None:
@@ -154,7 +174,7 @@ def _diagnose(c: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
         return _nothing_missing(c, tests, advice.weak_evidence(tests.p_value, tests.dependences))
     if found.extended is None:
         return _unexplained(c, tests, found)
-    return _extended(c, tests, found, found.extended, known)
+    return _extended(c, tests, found, found.extended, known, effort)
 
 
 class _BaseTests(NamedTuple):
@@ -220,7 +240,12 @@ def _unexplained(c: Calibration, tests: _BaseTests, found: Search) -> Diagnosis:
 
 
 def _extended(
-    c: Calibration, tests: _BaseTests, found: Search, fitted: Calibration, known: tuple[Effect, ...]
+    c: Calibration,
+    tests: _BaseTests,
+    found: Search,
+    fitted: Calibration,
+    known: tuple[Effect, ...],
+    effort: Effort,
 ) -> Diagnosis:
     """The diagnosis with an extended model: verdict, effects, standard deviations that cover rivals and alternatives.
 
@@ -230,14 +255,16 @@ def _extended(
         found: the selected hypothesis.
         fitted: its fit.
         known: the catalogue.
+        effort: of the diagnosis.
     """
     fitted = at_best_moments(fitted)
     after = _adequacy(fitted)
-    rivals = _fit_rivals(c, found, fitted)
+    rivals = _fit_rivals(c, found, fitted, effort)
     moments = find_moments(fitted)
-    frequencies = [*fit_alternative_frequencies(fitted, found.in_every_model), *alternative_places(fitted)]
+    frequencies = fit_alternative_frequencies(fitted, found.in_every_model, effort)
+    frequencies += alternative_places(fitted)
     extended = widened_by(fitted, rivals)
-    extended = widened_to_each(extended, [*fit_alternative_laws(fitted), *frequencies])
+    extended = widened_to_each(extended, [*fit_alternative_laws(fitted, effort), *frequencies])
     extended = widened_by_constants(widened_by_moments(extended, moments), [extended, *rivals])
     rivals = [widened_by_moments(rival, find_moments(rival)) for rival in rivals]
     effects = _describe(extended, found.in_every_model, rivals)
@@ -265,13 +292,13 @@ def _extended(
     )
 
 
-def _fit_rivals(c: Calibration, found: Search, fitted: Calibration) -> list[Calibration]:
+def _fit_rivals(c: Calibration, found: Search, fitted: Calibration, effort: Effort) -> list[Calibration]:
     """The touches fitted with each credible set by itself, where there are several; off-normal angles stay."""
     if not found.rivals:
         return []
     held = fitted.held_effects
     kept = tuple(effect for effect in fitted.model.effects if effect.off_normal_std or effect.label in held)
-    return found.fit_rivals(replace(c, model=c.model.with_effects(kept)))
+    return found.fit_rivals(replace(c, model=c.model.with_effects(kept)), effort)
 
 
 class _Adequacy(NamedTuple):

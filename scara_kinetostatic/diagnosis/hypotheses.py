@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
-from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.contact_angle import fit_with_off_normal, growing_p_value, off_normal_p_value
+from scara_kinetostatic.diagnosis.effort import SEARCH, Effort
 from scara_kinetostatic.diagnosis.noise_advice import implausible_noise
 from scara_kinetostatic.diagnosis.refit import fitted_effects, penalised_deviance
 from scara_kinetostatic.diagnosis.search import Search, search
@@ -39,7 +39,9 @@ class Selection(NamedTuple):
     lead: float
 
 
-def select_hypothesis(calibration: Calibration, known: Sequence[Effect], alarm: bool, off_normal: bool) -> Selection:
+def select_hypothesis(
+    calibration: Calibration, known: Sequence[Effect], alarm: bool, off_normal: bool, effort: Effort
+) -> Selection:
     """Find what the base model lacks, if anything.
 
     Args:
@@ -47,9 +49,10 @@ def select_hypothesis(calibration: Calibration, known: Sequence[Effect], alarm: 
         known: the catalogue.
         alarm: whether a test of the base model is significant.
         off_normal: whether that of the off-normal angles is.
+        effort: of the diagnosis; hypotheses beyond it are left out.
     """
     c = calibration
-    hypotheses = _fit_hypotheses(c, known, alarm, off_normal)
+    hypotheses = _fit_hypotheses(c, known, alarm, off_normal, effort)
     fitted = [(found, found.extended) for found in hypotheses if found.extended is not None]
     if not fitted:
         return Selection(hypotheses[0] if alarm else None, 0.0)
@@ -62,21 +65,25 @@ def select_hypothesis(calibration: Calibration, known: Sequence[Effect], alarm: 
     return Selection(fitted[int(np.argmin(deviances))][0], lead)
 
 
-def _fit_hypotheses(c: Calibration, known: Sequence[Effect], alarm: bool, off_normal: bool) -> list[Search]:
+def _fit_hypotheses(
+    c: Calibration, known: Sequence[Effect], alarm: bool, off_normal: bool, effort: Effort
+) -> list[Search]:
     """The hypotheses that apply: an effect; one that explains the rejected touches, too; one so large that it was taken
     for noise; random off-normal angles.
     """
     hypotheses: list[Search] = []
     if alarm:
-        hypotheses.append(search(c, known))
+        hypotheses.append(search(c, known, effort))
     all_used = any(found.extended and found.extended.used.all() for found in hypotheses)
-    if not c.used.all() and not all_used:
-        hypotheses.append(search(c, known, replace(c, used=np.ones(len(c.touches), dtype=bool))))
-    if alarm and c.cell.noise is None and not any(found.extended for found in hypotheses):
-        hypotheses += _with_usual_noise(c, known)
+    if not c.used.all() and not all_used and effort.allows(SEARCH):
+        hypotheses.append(search(c, known, effort, replace(c, used=np.ones(len(c.touches), dtype=bool))))
+    is_open = alarm and c.cell.noise is None and not any(found.extended for found in hypotheses)
+    if is_open and effort.allows(SEARCH):
+        hypotheses += _with_usual_noise(c, known, effort)
     fits = [found.extended for found in hypotheses if found.extended]
-    if (off_normal or _shows_off_normal(fits)) and not any(_is_radial(fit) for fit in fits):
-        hypotheses += _with_off_normal_forces(c, known)
+    is_open = (off_normal or _shows_off_normal(fits)) and not any(_is_radial(fit) for fit in fits)
+    if is_open and effort.allows(SEARCH):
+        hypotheses += _with_off_normal_forces(c, known, effort)
     return hypotheses
 
 
@@ -85,25 +92,25 @@ def _shows_off_normal(fits: Sequence[Calibration]) -> bool:
     return any(not fit.model.off_normal_std and off_normal_p_value(fit) < FRICTION_SIGNIFICANCE for fit in fits)
 
 
-def _with_usual_noise(calibration: Calibration, known: Sequence[Effect]) -> list[Search]:
+def _with_usual_noise(calibration: Calibration, known: Sequence[Effect], effort: Effort) -> list[Search]:
     """Effects so large that they were taken for noise, searched for with the usual noise; empty where it has no fit."""
     c = calibration
     try:
-        begin = calibrate(c.touches, replace(c.cell, noise=USUAL_NOISE), fixed=c.fixed)
+        begin = effort.fit(c.touches, replace(c.cell, noise=USUAL_NOISE), fixed=c.fixed)
     except UnsupportedDataError:
         return []
-    return [search(c, known, begin)]
+    return [search(c, known, effort, begin)]
 
 
-def _with_off_normal_forces(calibration: Calibration, known: Sequence[Effect]) -> list[Search]:
+def _with_off_normal_forces(calibration: Calibration, known: Sequence[Effect], effort: Effort) -> list[Search]:
     """Random off-normal angles, and other effects beside them; empty where these are not significant."""
     try:
-        with_angles = fit_with_off_normal(calibration)
+        with_angles = fit_with_off_normal(calibration, effort)
         friction = next(effect for effect, _, _ in fitted_effects(with_angles) if effect.off_normal_std)
-        found = search(with_angles, [effect for effect in known if effect.name != friction.name])
+        found = search(with_angles, [effect for effect in known if effect.name != friction.name], effort)
         extended = found.extended
         if extended is not None and len(extended.model.effects) > 1:
-            extended = fit_with_off_normal(extended)
+            extended = fit_with_off_normal(extended, effort)
     except UnsupportedDataError:
         return []
     if extended is None or extended.termination is not Termination.CONVERGED or not _is_surely_off_normal(extended):

@@ -19,9 +19,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.effort import Effort
 from scara_kinetostatic.diagnosis.lack_of_fit import find_dependences
 from scara_kinetostatic.diagnosis.refit import penalised_deviance, with_rejections_of
 from scara_kinetostatic.diagnosis.result import Diagnosis
@@ -50,12 +50,13 @@ _FEWEST_FREEDOMS = 30
 """Degrees of freedom below which the scatter does not show what it depends on."""
 
 
-def noise_candidate(calibration: Calibration, found: Diagnosis) -> Calibration | None:
+def noise_candidate(calibration: Calibration, found: Diagnosis, effort: Effort) -> Calibration | None:
     """The base model refitted with the noise that the touches ask for, at the extended model or else at the base model.
 
     Args:
         calibration: the base model.
         found: its diagnosis; where it leaves nothing to ask for, there is no candidate.
+        effort: of the diagnosis.
     """
     c, extended = calibration, found.extended
     if not _open_kinds(c) or c.degrees_of_freedom < _FEWEST_FREEDOMS:
@@ -64,9 +65,9 @@ def noise_candidate(calibration: Calibration, found: Diagnosis) -> Calibration |
     suspicious = found.verdict == 'unexplained' or is_friction
     fits = [c] if extended is None or is_friction else [extended, c] if suspicious else [extended]
     for fit in fits:
-        noise = _noise_of(fit, suspicious)
+        noise = _noise_of(fit, suspicious, effort)
         if noise is not None:
-            return _refitted(c, noise)
+            return _refitted(c, noise, effort)
     return None
 
 
@@ -109,21 +110,22 @@ def _open_kinds(c: Calibration) -> list[str]:
     return kinds
 
 
-def _noise_of(c: Calibration, suspicious: bool) -> Noise | None:
+def _noise_of(c: Calibration, suspicious: bool, effort: Effort) -> Noise | None:
     """The noise of a fit with the components that its residuals ask for, one after the other; None where none is."""
     if not _is_significant(c, _HINT if suspicious else STRICT_SIGNIFICANCE):
         return None
     needed = _PENALTY if suspicious else CREDIBLE
     best, least, kinds = c, penalised_deviance(c, 0.0, 1.0), _open_kinds(c)
-    while kinds:
-        fits = {kind: fit for kind in kinds if (fit := _refitted(best, _with_component(best.noise, kind))) is not None}
+    while kinds and effort.allows():
+        tried = {kind: _refitted(best, _with_component(best.noise, kind), effort) for kind in kinds}
+        fits = {kind: fit for kind, fit in tried.items() if fit is not None}
         gains = {kind: least - penalised_deviance(fit, 0.0, 1.0) for kind, fit in fits.items()}
         chosen = max(gains, key=lambda kind: gains[kind], default='')
         if not chosen or gains[chosen] < needed:
             break
         best, least = fits[chosen], least - gains[chosen]
         kinds = [kind for kind, gain in gains.items() if kind != chosen and gain > needed / 2]
-    if best is c or best.noise.growth > _LARGEST_GROWTH or _is_understated(c, least):
+    if best is c or best.noise.growth > _LARGEST_GROWTH or _is_understated(c, least, effort):
         return None
     if suspicious and _depends_on_something(best):
         return None
@@ -143,19 +145,19 @@ def _depends_on_something(c: Calibration) -> bool:
     return bool(dependences) and dependences[0].p_value * len(dependences) < STRICT_SIGNIFICANCE
 
 
-def _is_understated(c: Calibration, deviance: float) -> bool:
+def _is_understated(c: Calibration, deviance: float, effort: Effort) -> bool:
     """Whether stated levels that are all too small explain the touches clearly better than further components do."""
     if c.cell.noise is None:
         return False
-    free = _refitted(replace(c, cell=replace(c.cell, noise=None)), c.noise._replace(force_relative=None))
+    free = _refitted(replace(c, cell=replace(c.cell, noise=None)), c.noise._replace(force_relative=None), effort)
     return free is not None and penalised_deviance(free, 0.0, 1.0) < deviance - CREDIBLE
 
 
-def _refitted(c: Calibration, noise: Noise) -> Calibration | None:
+def _refitted(c: Calibration, noise: Noise, effort: Effort) -> Calibration | None:
     """The model of a calibration fitted with the components of a noise; None where it has no fit."""
     try:
         warm_start = WarmStart(c.model, noise, c.used, c.errors)
-        found = calibrate(c.touches, c.cell, c.model.effects, start=c.start, fixed=c.fixed, warm_start=warm_start)
+        found = effort.fit(c.touches, c.cell, c.model.effects, start=c.start, fixed=c.fixed, warm_start=warm_start)
     except UnsupportedDataError:
         return None
     return with_rejections_of(found, c)

@@ -17,11 +17,11 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.outliers import FALSE_REJECTIONS
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.candidates import Candidate
+from scara_kinetostatic.diagnosis.effort import Effort
 from scara_kinetostatic.diagnosis.linear_problem import Problem
 from scara_kinetostatic.diagnosis.thresholds import INDEPENDENT_PART
 from scara_kinetostatic.effects.base import Effect
@@ -66,7 +66,7 @@ def start_from(problem: Problem, members: Sequence[Candidate]) -> tuple[Extended
 
 
 def fit_with(
-    calibration: Calibration, latest: Calibration, problem: Problem, members: Sequence[Candidate]
+    calibration: Calibration, latest: Calibration, problem: Problem, members: Sequence[Candidate], effort: Effort
 ) -> Calibration:
     """The touches of a calibration fitted with effects.
 
@@ -75,6 +75,7 @@ def fit_with(
         latest: the fit at which the problem was posed.
         problem: the linear problem in which the effects were found.
         members: the effects.
+        effort: of the diagnosis.
     """
     start, share = start_from(problem, members)
     kept = calibration.model
@@ -83,7 +84,7 @@ def fit_with(
     )
     share = share if latest.noise_source == 'estimated' else 1.0
     warm_start = WarmStart(start, latest.noise.scaled(share), latest.used, latest.errors)
-    found = calibrate(
+    found = effort.fit(
         calibration.touches, calibration.cell, start.effects, fixed=calibration.fixed, warm_start=warm_start
     )
     return with_rejections_of(found, calibration)

@@ -14,6 +14,7 @@ import numpy as np
 
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.candidates import Candidate, CandidateSet, gather
+from scara_kinetostatic.diagnosis.effort import SEARCH, Effort
 from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
 from scara_kinetostatic.diagnosis.model_selection import ScoredSubsets, Subset, score_subsets
 from scara_kinetostatic.diagnosis.refit import fit_with, fitted_effects, penalised_deviance
@@ -63,31 +64,35 @@ class Search(NamedTuple):
         empty = next(subset for subset in self.scored_subsets.subsets if not subset.members)
         return empty.score - min(subset.score for subset in self.scored_subsets.subsets if subset.members)
 
-    def fit_rivals(self, calibration: Calibration) -> list[Calibration]:
+    def fit_rivals(self, calibration: Calibration, effort: Effort) -> list[Calibration]:
         """The touches of a calibration fitted with each credible set of effects by itself.
 
         Args:
             calibration: that with which the search began.
+            effort: of the diagnosis; these fits are made even beyond it.
         """
-        selection = _Selection(calibration, self.start or calibration, self.problem, self.scored_subsets)
+        selection = _Selection(effort, calibration, self.start or calibration, self.problem, self.scored_subsets)
         subsets = self.scored_subsets.credible[:_MOST_RIVAL_FITS]
         fits = [selection.fit(selection.members(subset)) for subset in subsets]
         return [fit for fit in fits if fit is not None]
 
 
-def search(calibration: Calibration, effects: Sequence[Effect], begin: Calibration | None = None) -> Search:
+def search(
+    calibration: Calibration, effects: Sequence[Effect], effort: Effort, begin: Calibration | None = None
+) -> Search:
     """Find the effects that a calibration lacks.
 
     Args:
         calibration: the base model; effects that it has stay.
         effects: the catalogue.
+        effort: of the diagnosis; beyond it there are no further rounds, nor attempts in a round.
         begin: another fit to the same touches to begin at, with noise or used touches of its own. Each
             fit with effects decides anew which touches are rejected, and estimates the noise anew if it is not given.
     """
     state = _State(begin or calibration)
     for _ in range(_ROUNDS):
-        state = _next_state(calibration, effects, state)
-        if state.is_final:
+        state = _next_state(calibration, effects, state, effort)
+        if state.is_final or not effort.allows(SEARCH):
             break
     result = state.result or state.fallback
     assert result is not None
@@ -104,7 +109,7 @@ class _State(NamedTuple):
         failed: sets of effects, by labels, whose fit does not converge or is not plausible.
         failures: number of such fits in all rounds.
         result: of the last round that fitted all selected effects.
-        fallback: the result if there is no such round.
+        fallback: the result if there is no such round, or if this is the last one.
         is_final: whether the search ends here.
     """
 
@@ -122,12 +127,14 @@ class _Selection(NamedTuple):
     """The model selection of one round, from which effects are fitted.
 
     Attributes:
+        effort: of the diagnosis.
         calibration: that with which the search began.
         latest: the fit at which the problem is posed.
         problem: the linear problem.
         scored_subsets: the model selection in it.
     """
 
+    effort: Effort
     calibration: Calibration
     latest: Calibration
     problem: Problem
@@ -149,7 +156,7 @@ class _Selection(NamedTuple):
     def fit(self, members: Sequence[Candidate]) -> Calibration | None:
         """The fit with effects; None if it is no result or not plausible."""
         try:
-            fitted = fit_with(self.calibration, self.latest, self.problem, members)
+            fitted = fit_with(self.calibration, self.latest, self.problem, members, self.effort)
         except UnsupportedDataError:
             return None
         return fitted if fitted.is_result and _is_plausible(fitted) else None
@@ -180,12 +187,12 @@ def _is_plausible(fitted: Calibration) -> bool:
     return True
 
 
-def _next_state(calibration: Calibration, effects: Sequence[Effect], state: _State) -> _State:
+def _next_state(calibration: Calibration, effects: Sequence[Effect], state: _State, effort: Effort) -> _State:
     """One round: select effects at the latest fit, and fit them."""
     problem = pose_problem(state.latest)
     remaining = [effect for effect in effects if effect.label not in state.excluded]
     scored_subsets = score_subsets(problem, all_candidates(state.latest, problem, remaining))
-    selection = _Selection(calibration, state.latest, problem, scored_subsets)
+    selection = _Selection(effort, calibration, state.latest, problem, scored_subsets)
     state = state._replace(fallback=selection.without_effects())
     if not scored_subsets.credible:
         return state._replace(is_final=True)
@@ -211,12 +218,15 @@ def _fit_first(
     Returns:
         The fit, None if none converges; `failed` with those that did not.
     """
-    union = selection.union(subsets)
+    union, tried = selection.union(subsets), False
     attempts = [selection.members(subset) for subset in subsets[:_ATTEMPTS]]
     for members in [union, *attempts] if _are_distinguishable(selection.problem, union) else attempts:
         labels = _labels(members)
         if labels in failed:
             continue
+        if tried and not selection.effort.allows(SEARCH):
+            break
+        tried = True
         fitted = selection.fit(members)
         if fitted is not None:
             return fitted, failed
@@ -241,7 +251,7 @@ def _after_failure(selection: _Selection, state: _State) -> _State:
     selected = selection.union(scored_subsets.credible)
     labels = _labels(selected)
     parts = [subset for subset in scored_subsets.subsets if subset.members and set(best.members) > set(subset.members)]
-    if labels != state.labels and parts:
+    if labels != state.labels and parts and selection.effort.allows(SEARCH):
         part, failed = _fit_first(selection, parts[:_ATTEMPTS], state.failed)
         if part is not None:
             return state._replace(latest=part, labels=labels, failed=frozenset())
@@ -256,11 +266,11 @@ def _after_fit(selection: _Selection, fitted: Calibration, state: _State) -> _St
     """Continue from the fit, or from a smaller one that is likelier; end where the set stays the same."""
     credible = selection.scored_subsets.credible
     labels = _labels(selection.union(credible))
+    result = selection.result(fitted, credible[0])
     if len(credible) == 1 and labels != state.labels:
         smaller = _fit_smaller(selection, fitted)
         if smaller is not None:
-            return state._replace(latest=smaller, labels=labels)
-    result = selection.result(fitted, credible[0])
+            return state._replace(latest=smaller, labels=labels, fallback=result)
     return state._replace(result=result, latest=fitted, labels=labels, is_final=labels == state.labels)
 
 
@@ -276,6 +286,8 @@ def _fit_smaller(selection: _Selection, fitted: Calibration) -> Calibration | No
     scale = max(1.0, fitted.reduced_chi_square)
     least, smaller = penalised_deviance(fitted, penalty(best.members), scale), None
     for out in best.members:
+        if not selection.effort.allows(SEARCH):
+            break
         kept = tuple(k for k in best.members if k != out)
         fit = selection.fit(selection.members(best._replace(members=kept)))
         if fit is None:

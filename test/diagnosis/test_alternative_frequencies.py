@@ -11,6 +11,7 @@ from diagnosis.simulated import CELL, calibrate, deviations, effect, examined, s
 
 from scara_kinetostatic.diagnosis.alternatives import fit_alternative_frequencies
 from scara_kinetostatic.diagnosis.diagnose import diagnose
+from scara_kinetostatic.diagnosis.effort import Effort
 from scara_kinetostatic.effects.base import JointEffect, Parameter
 from scara_kinetostatic.effects.off_normal_force import OffNormalForce
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -33,7 +34,7 @@ def test_a_slow_wave_that_looks_like_one_of_twice_the_frequency(phase):
 def test_one_frequency_alone_keeps_its_standard_deviation():
     _, found = examined(WAVE, (8e-5, 0.4, 31.0))
     assert found.extended is not None
-    assert fit_alternative_frequencies(found.extended, [item.effect.label for item in found.found]) == []
+    assert fit_alternative_frequencies(found.extended, [item.effect.label for item in found.found], Effort()) == []
     _, _, cycles = found.found[0].values
     assert abs(cycles.value - 31.0) < 4 * cycles.std
     assert cycles.std < 0.1
@@ -43,7 +44,7 @@ def test_one_frequency_alone_keeps_its_standard_deviation():
 def test_without_a_wave_there_is_nothing_to_fit():
     _, found = examined('encoder_gain[joint2]', (8e-5,))
     assert found.extended is not None
-    assert fit_alternative_frequencies(found.extended, [item.effect.label for item in found.found]) == []
+    assert fit_alternative_frequencies(found.extended, [item.effect.label for item in found.found], Effort()) == []
 
 
 @dataclass(frozen=True)
@@ -83,5 +84,5 @@ def test_other_frequencies_are_fitted_beside_friction_of_either_sense():
     touches = simulate((wave, (8e-5, 0.4, 31.0)))
     start = ExtendedModel(CELL.nominal, (friction, wave), ((), (8e-5, 0.4, 31.0)))
     extended = calibrate(touches, CELL, start=start)
-    for other in fit_alternative_frequencies(extended, [WAVE]):
+    for other in fit_alternative_frequencies(extended, [WAVE], Effort()):
         assert other.model.effects == extended.model.effects

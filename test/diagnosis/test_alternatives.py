@@ -10,6 +10,7 @@ from diagnosis.simulated import CELL, PLAN, calibrate, deviations, effect
 
 from scara_kinetostatic.diagnosis.alternatives import fit_alternative_laws, widened_by, widened_by_constants
 from scara_kinetostatic.diagnosis.diagnose import diagnose
+from scara_kinetostatic.diagnosis.effort import Effort
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
 from scara_kinetostatic.effects.contact_compliance import ContactCompliance
 from scara_kinetostatic.effects.joint_hardening import JointHardening
@@ -48,7 +49,7 @@ def test_a_joint_that_softens_with_the_square_of_the_torque():
 def test_every_law_that_fits_lies_within_a_standard_deviation():
     laws = (effect('contact_compliance'),)
     extended = calibrate(simulate_law(laws[0], 6e-5), CELL, laws)
-    forms = fit_alternative_laws(extended)
+    forms = fit_alternative_laws(extended, Effort())
     assert len(forms) == len(laws[0].alternative_laws())
     wide = extended
     for form in forms:
@@ -63,7 +64,7 @@ def test_every_law_that_fits_lies_within_a_standard_deviation():
 def test_a_law_that_fits_worse_is_no_alternative():
     laws = (effect('contact_compliance[disc_2]'),)
     extended = calibrate(simulate_law(laws[0], 4e-5), CELL, laws)
-    assert fit_alternative_laws(extended) == []
+    assert fit_alternative_laws(extended, Effort()) == []
     assert widened_by(extended, []) is extended
 
 

@@ -12,6 +12,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis import search
 from scara_kinetostatic.diagnosis.candidates import Scan, gains, gather
 from scara_kinetostatic.diagnosis.discriminating_touches import discriminating_touches
+from scara_kinetostatic.diagnosis.effort import Effort
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
 from scara_kinetostatic.diagnosis.model_selection import score_subsets
 from scara_kinetostatic.diagnosis.ranking import held_out_deviance, significance, undetected_bias
@@ -96,7 +97,7 @@ def test_discriminating_touches_are_those_where_rivals_differ():
     fit, _ = examined('encoder_gain[joint1]', (6e-5,))
     problem = pose_problem(fit)
     candidate_set = gather(problem, [effect('encoder_gain[joint1]'), effect('object_position[disc_1]')])
-    rivals = [fit_with(fit, fit, problem, [candidate]) for candidate in candidate_set.candidates]
+    rivals = [fit_with(fit, fit, problem, [candidate], Effort()) for candidate in candidate_set.candidates]
     touches = discriminating_touches(fit, rivals)
     assert 1 <= len(touches) <= 4
     assert all(touch.in_std > 2 and touch.difference > 0 for touch in touches)
@@ -119,7 +120,7 @@ def test_a_fit_that_does_not_predict_the_forces_is_no_result(monkeypatch):
     calibration = calibrate(simulate(), CELL)
     problem = pose_problem(calibration)
     subsets = score_subsets(problem, gather(problem, [effect('base_compliance')]))
-    selection = search._Selection(calibration, calibration, problem, subsets)
+    selection = search._Selection(Effort(), calibration, calibration, problem, subsets)
     assert selection.fit(subsets.candidate_set.candidates) is not None
 
     def astray(*args):

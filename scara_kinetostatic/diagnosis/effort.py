@@ -1,0 +1,75 @@
+"""The fits of one diagnosis, and the solver steps that they take: counted, and bounded.
+
+Most touches need a few hundred steps. Where several large effects act at once, many sets of effects are fitted, and
+many of these fits do not converge. Beyond a number of steps what could still be fitted is left out, and the diagnosis
+then says so: its names are no more than suspicions. The bound is of steps, not of time: the same touches have the same
+diagnosis on every machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.estimate import WarmStart
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.effect_law import EffectLaw
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.touch import TouchSet
+
+MOST_STEPS = 900
+"""Of one diagnosis, before the alternatives of what it found are left out; a third of them of one with other noise."""
+SEARCH = 0.7
+"""Part of them that the search for effects may take; the rest is for rivals and alternatives."""
+_STEPS_OF_REFUSAL = 20
+"""Counted for a fit that is refused."""
+
+
+class Effort:
+    """The fits of one diagnosis.
+
+    Attributes:
+        most: solver steps before optional fits are left out.
+        steps: solver steps so far.
+        has_left_out: whether something was left out.
+    """
+
+    def __init__(self, most: int = MOST_STEPS) -> None:
+        self.most = most
+        self.steps = 0
+        self.has_left_out = False
+
+    def allows(self, part: float = 1.0) -> bool:
+        """Whether something more may be fitted; where not, it counts as left out.
+
+        Args:
+            part: of all steps that may have been taken before.
+        """
+        allowed = self.steps < part * self.most
+        self.has_left_out |= not allowed
+        return allowed
+
+    def fit(
+        self,
+        touches: TouchSet,
+        cell: Cell,
+        effects: Sequence[EffectLaw] = (),
+        *,
+        start: ExtendedModel | None = None,
+        fixed: Mapping[str, float] | None = None,
+        warm_start: WarmStart | None = None,
+    ) -> Calibration:
+        """`calibrate` with its steps counted.
+
+        Raises:
+            UnsupportedDataError: as `calibrate`.
+        """
+        try:
+            found = calibrate(touches, cell, effects, start=start, fixed=fixed, warm_start=warm_start)
+        except UnsupportedDataError:
+            self.steps += _STEPS_OF_REFUSAL
+            raise
+        self.steps += found.iterations
+        return found

@@ -1,0 +1,36 @@
+"""The bound of a diagnosis: what is left out is said, and nothing is stated as found."""
+
+from __future__ import annotations
+
+import pytest
+from diagnosis.simulated import CELL, calibrate, diagnose, effect, simulate
+
+from scara_kinetostatic.diagnosis import diagnose as module
+from scara_kinetostatic.diagnosis.effort import Effort
+
+TWO = (effect('object_position[disc_2]'), (2e-4, 1e-4)), (effect('encoder_gain[joint1]'), (3e-3,))
+
+
+def test_steps_are_counted_and_allow_no_more_than_their_part():
+    effort, touches = Effort(most=10), simulate(seed=0)
+    assert effort.allows(0.5)
+    fit = effort.fit(touches, CELL)
+    assert effort.steps == fit.iterations
+    assert effort.allows(2.0 * fit.iterations / 10)
+    assert not effort.has_left_out
+    assert not effort.allows(fit.iterations / 10)
+    assert effort.has_left_out
+
+
+@pytest.mark.parametrize('most', [1, 20])
+def test_a_search_that_is_cut_short_states_nothing_as_found(monkeypatch, most):
+    calibration = calibrate(simulate(*TWO, seed=0), CELL)
+    whole = diagnose(calibration)
+    assert whole.verdict == 'explained'
+    assert 'ended early' not in whole.advice
+    monkeypatch.setattr(module, 'Effort', lambda *_: Effort(most))
+    found = diagnose(calibration)
+    assert found.verdict == 'unexplained'
+    assert 'ended early' in found.advice
+    assert not [item for item in found.found if item.is_found]
+    assert 'found' not in {item.role for item in found.ranking}
