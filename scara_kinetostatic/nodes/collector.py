@@ -20,12 +20,11 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String, UInt32
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from scara_kinetostatic.bags.encoding import OfferedQos
@@ -36,12 +35,12 @@ from scara_kinetostatic.nodes.conversion import Sample, UnusableMessageError, jo
 from scara_kinetostatic.nodes.declare import cell_or_example
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN, Condition, DiagnosticsPublisher
 from scara_kinetostatic.nodes.frame_check import FrameCheck
-from scara_kinetostatic.nodes.judged_touch import JudgedTouch
 from scara_kinetostatic.nodes.publishers import full_name, recorded_qos
 from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.session import Session, Stream
 from scara_kinetostatic.nodes.stream_monitor import StreamMonitor
-from scara_kinetostatic.nodes.stream_subscription import LATCHED, LATCHED_TOUCHES, StreamSubscription
+from scara_kinetostatic.nodes.stream_subscription import LATCHED, StreamSubscription
+from scara_kinetostatic.nodes.touch_topics import TouchTopics
 
 POLL = 0.1
 """Period of the search for finished touches, s."""
@@ -70,8 +69,7 @@ class Collector(Node):
         self._lost_before = 0
         self._failure = ''
         self._complaints = PersistentComplaints(self.get_logger().warning)
-        self._touches = self.create_publisher(UInt32, '~/touches', LATCHED)
-        self._touch = self.create_publisher(DiagnosticArray, '~/touch', LATCHED_TOUCHES)
+        self._touches = TouchTopics(self, self._cell.sensor.frame)
         self._recording = self.create_publisher(String, '~/recording', LATCHED)
         self._stopped = self.create_publisher(String, '~/stopped', LATCHED)
         self._frame = FrameCheck(self, self._cell.sensor.frame, self._take_transforms)
@@ -142,7 +140,7 @@ class Collector(Node):
         if touch is None:
             response.message = 'there is no accepted touch to discard'
             return response
-        self._tell([touch])
+        self._touches.publish(self._session, [touch])
         left = f'{self._session.touches} touches left'
         response.message = f'touch {touch.number} ({touch.object}) discarded; {left}'
         response.success = True
@@ -165,7 +163,7 @@ class Collector(Node):
         self._lost_before = self._lost()
         self._autostart = False
         self._failure = ''
-        self._touches.publish(UInt32(data=0))
+        self._touches.publish(self._session)
         self._recording.publish(String(data=str(self._session.folder)))
         return f'recording to {self._session.folder}'
 
@@ -174,7 +172,7 @@ class Collector(Node):
         session, self._session = self._session, None
         assert session is not None
         try:
-            self._tell(session.close(), session)
+            self._touches.publish(session, session.close())
         except ScaraKinetostaticError as error:
             self._fail(error)
             return f'{session.folder}: {error}'
@@ -243,7 +241,7 @@ class Collector(Node):
         if session is None:
             return
         try:
-            self._tell(session.take_transforms(message, self._now(), anew))
+            self._touches.publish(session, session.take_transforms(message, self._now(), anew))
         except ScaraKinetostaticError as error:
             self._fail(error)
             return
@@ -271,20 +269,7 @@ class Collector(Node):
             self._fail(error)
             return
         if news:
-            self._tell(news)
-
-    def _tell(self, judged: Sequence[JudgedTouch], session: Session | None = None) -> None:
-        """Publishes and logs touches of a recording, by default of the present one."""
-        session = session or self._session
-        assert session is not None
-        frame = self._cell.sensor.frame.value
-        for touch in judged:
-            self._touch.publish(touch.message(self.get_fully_qualified_name(), str(session.folder), frame))
-            if touch.reason:
-                self.get_logger().warning(touch.line)
-            else:
-                self.get_logger().info(touch.line)
-        self._touches.publish(UInt32(data=session.touches))
+            self._touches.publish(self._session, news)
 
     def _report(self) -> Condition:
         """The status; losses and persistent problems are logged, too."""
