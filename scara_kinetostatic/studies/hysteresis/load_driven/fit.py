@@ -161,67 +161,95 @@ def _alternate(grids: Sequence[Floats], begin: int, direction: float) -> tuple[f
     return square, amplitudes, picked
 
 
-def _refine(start: LoadFit, records: Sequence[Moments], size: float, evaluations: int) -> LoadFit:
-    """Gauss-Newton refinement; parameters scaled to the order of 1."""
-    law, direction, amplitudes, shape, states, _ = start
-    wide, many = len(law.amplitudes), len(law.shape)
-    extent = max(float(np.ptp(each.path.response[each.rows])) for each in records)
-    sizes = np.abs(law.basis(records[0].path, shape, 1.0)).max(axis=0)
-    unit = np.concatenate([extent / np.maximum(sizes, 1e-300), [size if each.is_load else 1.0 for each in law.shape]])
-    ends = np.cumsum([0, *(int(each.rows.sum()) for each in records)])
+class _Refinement:
+    """The nonlinear problem of a refinement; parameters and residuals are scaled to the order of 1.
 
-    def split(scaled: Floats) -> tuple[Floats, Shape, Floats]:
-        common = scaled[: wide + many] * unit
-        own = scaled[wide + many :] if law.has_state else states
-        return common[:wide], tuple(common[wide:].tolist()), own
+    Attributes:
+        start: the fit to start from.
+        records: with their moments.
+        unit: of the common parameters, amplitudes first, (k + t,).
+        extent: of the response.
+    """
 
-    def centred(each: Moments, amplitudes: Floats, shape: Shape, state: float) -> tuple[Floats, Floats]:
-        basis = law.basis(each.path, shape, state)[each.rows]
-        basis = direction * (basis - basis.mean(axis=0))
-        return basis, basis @ amplitudes
+    def __init__(self, start: LoadFit, records: Sequence[Moments], size: float) -> None:
+        self.start, self.records, law = start, records, start.law
+        self.extent = max(float(np.ptp(each.path.response[each.rows])) for each in records)
+        sizes = np.abs(law.basis(records[0].path, start.shape, 1.0)).max(axis=0)
+        scales = [size if each.is_load else 1.0 for each in law.shape]
+        self.unit = np.concatenate([self.extent / np.maximum(sizes, 1e-300), scales])
+        self._wide = len(law.amplitudes)
+        self._ends = np.cumsum([0, *(int(each.rows.sum()) for each in records)])
 
-    def residual(scaled: Floats) -> Floats:
-        amplitudes, shape, own = split(scaled)
+    @property
+    def first(self) -> Floats:
+        """The parameters to start from, scaled."""
+        common = np.concatenate([self.start.amplitudes, self.start.shape]) / self.unit
+        return np.concatenate([common, self.start.states if self.start.law.has_state else []])
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Least and largest values of the parameters."""
+        most, states = [each.most for each in self.start.law.shape], len(self.first) - len(self.unit)
+        lower = np.array([0.0] * self._wide + [_LEAST] * len(most) + [-1.0] * states)
+        return lower, np.array([np.inf] * self._wide + most + [1.0] * states)
+
+    def split(self, scaled: Floats) -> tuple[Floats, Shape, Floats]:
+        """Amplitudes, shape and initial states."""
+        common = scaled[: len(self.unit)] * self.unit
+        states = scaled[len(self.unit) :] if self.start.law.has_state else self.start.states
+        return common[: self._wide], tuple(common[self._wide :].tolist()), states
+
+    def residual(self, scaled: Floats) -> Floats:
+        """Prediction less response of all samples, without the records' zeros."""
+        amplitudes, shape, own = self.split(scaled)
         parts = []
-        for each, state in zip(records, own.tolist(), strict=True):
+        for each, state in zip(self.records, own.tolist(), strict=True):
             response = each.path.response[each.rows]
-            parts.append(centred(each, amplitudes, shape, state)[1] - (response - response.mean()))
-        return np.concatenate(parts) / extent
+            parts.append(self._centred(each, shape, state) @ amplitudes - (response - response.mean()))
+        return np.concatenate(parts) / self.extent
 
-    def jacobian(scaled: Floats) -> Floats:
-        amplitudes, shape, own = split(scaled)
-        out = np.zeros((ends[-1], len(scaled)))
-        for number, (each, state) in enumerate(zip(records, own.tolist(), strict=True)):
-            rows = slice(ends[number], ends[number + 1])
-            basis, here = centred(each, amplitudes, shape, state)
-            out[rows, :wide] = basis * unit[:wide]
-            for place in range(many):
-                step = _STEP * unit[wide + place]
-                moved = (*shape[:place], shape[place] + step, *shape[place + 1 :])
-                out[rows, wide + place] = (centred(each, amplitudes, moved, state)[1] - here) / _STEP
-            if law.has_state:
+    def jacobian(self, scaled: Floats) -> Floats:
+        """Derivatives of the residual; those by shape and state by differences."""
+        amplitudes, shape, own = self.split(scaled)
+        out = np.zeros((self._ends[-1], len(scaled)))
+        for number, (each, state) in enumerate(zip(self.records, own.tolist(), strict=True)):
+            rows = slice(self._ends[number], self._ends[number + 1])
+            basis = self._centred(each, shape, state)
+            here = basis @ amplitudes
+            out[rows, : self._wide] = basis * self.unit[: self._wide]
+            for place, value in enumerate(shape):
+                moved = (*shape[:place], value + _STEP * self.unit[self._wide + place], *shape[place + 1 :])
+                out[rows, self._wide + place] = (self._centred(each, moved, state) @ amplitudes - here) / _STEP
+            if self.start.law.has_state:
                 step = _STEP if state < 0 else -_STEP
-                out[rows, wide + many + number] = (centred(each, amplitudes, shape, state + step)[1] - here) / step
-        return out / extent
+                moved_state = self._centred(each, shape, state + step) @ amplitudes
+                out[rows, len(self.unit) + number] = (moved_state - here) / step
+        return out / self.extent
 
-    most = [each.most for each in law.shape]
-    own = states.tolist() if law.has_state else []
-    lower = np.array([0.0] * wide + [_LEAST] * many + [-1.0] * len(own))
-    upper = np.array([np.inf] * wide + most + [1.0] * len(own))
-    first = np.concatenate([amplitudes / unit[:wide], np.array(shape) / unit[wide:], own])
-    inside = np.clip(first, lower + 1e-9, np.where(np.isfinite(upper), upper - 1e-9, np.inf))
+    def _centred(self, each: Moments, shape: Shape, state: float) -> Floats:
+        """The basis s B of a record less its mean."""
+        basis = self.start.law.basis(each.path, shape, state)[each.rows]
+        return self.start.direction * (basis - basis.mean(axis=0))
+
+
+def _refine(start: LoadFit, records: Sequence[Moments], size: float, evaluations: int) -> LoadFit:
+    """Gauss-Newton refinement of all parameters, within their bounds."""
+    problem = _Refinement(start, records, size)
+    lower, upper = problem.bounds
+    inside = np.clip(problem.first, lower + 1e-9, np.where(np.isfinite(upper), upper - 1e-9, np.inf))
     found = least_squares(
-        residual,
+        problem.residual,
         inside,
-        jacobian,
+        problem.jacobian,
         bounds=(lower, upper),
         x_scale=np.maximum(np.abs(inside), 0.05),
         max_nfev=evaluations,
         ftol=_TOLERANCE,
         xtol=_TOLERANCE,
     )
-    amplitudes, shape, states_found = split(found.x)
-    return LoadFit(law, direction, amplitudes, shape, np.array(states_found), 2 * float(found.cost) * extent**2)
+    amplitudes, shape, states = problem.split(found.x)
+    square = 2 * float(found.cost) * problem.extent**2
+    return LoadFit(start.law, start.direction, amplitudes, shape, np.array(states), square)
 
 
 def predict(fitted: LoadFit, path: LoadPath, known: Mask) -> Prediction:
