@@ -80,12 +80,12 @@ def calibrate_recordings(
         for path in (path for path in paths if not is_touch_table(path)):
             _check_streams(read_streams(path, cell), cell)
     sources = zip(paths, detection.starts, detection.turned, strict=True)
-    recordings = tuple(_recording(*source) for source in sources)
+    recordings = tuple(recording_of(*source) for source in sources)
     outcome = calibrate_touches(detection, cell, fixed=fixed, sources=paths, progress=progress)
     return replace(outcome, recordings=recordings)
 
 
-def _recording(path: str | Path, start: int, turned: str) -> Recording:
+def recording_of(path: str | Path, start: int, turned: str) -> Recording:
     """A recording with its checksum.
 
     Raises:

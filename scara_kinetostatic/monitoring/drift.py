@@ -5,14 +5,16 @@ N(m_τ, C_τ). A change d after touch τ is tested by what the touches τ+1 … 
 `linear.Evidence`. This is a CUSUM whose increments are the innovations of a Kalman filter and whose start τ and size d
 are those that maximise it (generalised likelihood ratio):
 
-    G_t = max over τ in the window, max over hypotheses h, of T_h(τ, t) - penalty (dim h - 1).
+    G_t = max over τ, max over the values x_j, of T_j(τ, t).
 
-G_t beyond `THRESHOLD` raises the alarm, and the hypothesis with the largest penalised statistic is named, with those
-that explain the touches about as well.
+G_t beyond `THRESHOLD` raises the alarm. The hypothesis with the largest penalised statistic is named, with those that
+explain the touches about as well; both are worked out anew at every touch that follows, as a name needs more touches
+than an alarm.
 
-Two more things are seen. What creeps slower than the window was absorbed into m_t: `departure`, the chi-square of m_t
-against C₀ - C_t, compares all touches of production with the calibration. And one bad touch is no drift: in the CUSUM
-the residual of a touch counts with at most `LARGEST_RESIDUAL`, and fewer than `FEWEST` touches raise no alarm.
+τ is among the last `WINDOW` touches, or 0: what creeps slower than the window is absorbed by m_τ, but not by the
+calibration itself. The sums of the start 0 fade over `MEMORY` touches, so that a difference far below the noise is not
+raised for the sole reason that there are many touches. And one bad touch is no drift: the residual of a touch counts
+with at most `LARGEST_RESIDUAL`, and fewer than `FEWEST` touches raise no alarm.
 
 Sources: Page, Biometrika 41 (1954) 100 (CUSUM); Willsky and Jones (1976); Lorden, Ann. Math. Statist. 42 (1971) 1897;
 Basseville and Nikiforov, Detection of Abrupt Changes (1993), section 7.2.4; Huber (1964), on bounded residuals.
@@ -24,7 +26,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
@@ -41,8 +42,8 @@ LARGEST_RESIDUAL = 4.0
 """Length of the whitened residual of a touch, less what was expected, beyond which it is shortened to this."""
 FEWEST = 2
 """So many touches after a change are needed for an alarm: one alone may be a bad touch."""
-DEPARTURE = 1e-5
-"""p-value of the departure from the calibration below which the alarm is raised: it is examined at every touch."""
+MEMORY = 500
+"""Touches over which the comparison with the calibration itself fades."""
 
 
 class Alarm(NamedTuple):
@@ -51,10 +52,9 @@ class Alarm(NamedTuple):
     Attributes:
         touch: number of the touch that raised it, counted by the monitor from 0.
         since: number of the first touch after the change, as estimated; 0 where the calibration itself is contradicted.
-        statistic: G, or the chi-square of the departure.
+        statistic: G.
         best: the most likely change.
         rivals: names of what explains the touches about as well.
-        kind: ``change``, or ``departure`` where it came slower than the window.
     """
 
     touch: int
@@ -62,7 +62,6 @@ class Alarm(NamedTuple):
     statistic: float
     best: Explanation
     rivals: tuple[str, ...]
-    kind: str
 
 
 class _Start(NamedTuple):
@@ -73,7 +72,8 @@ class _Start(NamedTuple):
         mean: m, (p,).
         covariance: C, (p, p).
         matrix: sum of JᵀJ of the touches since, (p, p).
-        score: sum of Jᵀr of the touches since, (p,).
+        score: sum of Jᵀr of the touches since, r bounded, (p,).
+        full_score: the same with r as it is, (p,).
     """
 
     touch: int
@@ -81,6 +81,20 @@ class _Start(NamedTuple):
     covariance: Floats
     matrix: Floats
     score: Floats
+    full_score: Floats
+
+    def plus(self, matrix: Floats, score: Floats, full_score: Floats, faded: float = 1.0) -> _Start:
+        """The same after one more touch; what came before is multiplied by `faded`."""
+        return self._replace(
+            matrix=faded * self.matrix + matrix,
+            score=faded * self.score + score,
+            full_score=faded * self.full_score + full_score,
+        )
+
+    def evidence(self, *, bounded: bool) -> Evidence:
+        """For a change after this start."""
+        score = self.score if bounded else self.full_score
+        return Evidence.of(Information(self.matrix, score), self.covariance, self.mean)
 
 
 class DriftMonitor:
@@ -107,14 +121,20 @@ class DriftMonitor:
         self.record = record
         self.state = State.of(record, cell)
         self.threshold = threshold
+        self._values = len(record.arm.model.names)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew, as after a repair or where an alarm was a mistake."""
+        size = len(self.state.names)
         self.count = 0
         self.statistic = 0.0
-        self.alarm: Alarm | None = None
         self.last_distance = 0.0
-        self._values = len(record.arm.model.names)
+        self.alarm: Alarm | None = None
         self._objects: set[int] = set()
-        self._mean = np.zeros(len(self.state.names))
+        self._mean = np.zeros(size)
         self._covariance = self.state.covariance
+        self._from_calibration = _Start(0, self._mean, self._covariance, np.zeros((size, size)), *np.zeros((2, size)))
         self._starts: list[_Start] = []
 
     @property
@@ -144,13 +164,7 @@ class DriftMonitor:
         length = float(np.linalg.norm(np.linalg.solve(root, innovation)))
         self.last_distance = length
         bounded = expected + innovation * min(1.0, LARGEST_RESIDUAL / max(length, 1e-12))
-        self._starts.append(
-            _Start(self.count, self._mean, self._covariance, np.zeros_like(self._covariance), np.zeros_like(self._mean))
-        )
-        added, score = jacobian.T @ jacobian, jacobian.T @ bounded
-        self._starts = [
-            start._replace(matrix=start.matrix + added, score=start.score + score) for start in self._starts[-WINDOW:]
-        ]
+        self._remember(jacobian.T @ jacobian, jacobian.T @ bounded, jacobian.T @ residual)
         gain = np.linalg.solve(spread, jacobian @ self._covariance).T
         self._mean = self._mean + gain @ (bounded - expected)
         covariance = self._covariance - gain @ spread @ gain.T
@@ -158,24 +172,30 @@ class DriftMonitor:
         self.count += 1
         return self._evaluate()
 
+    def _remember(self, matrix: Floats, score: Floats, full_score: Floats) -> None:
+        """Add what a touch says to the sums since each start; it is the first of a new one."""
+        fresh = _Start(self.count, self._mean, self._covariance, 0.0 * matrix, 0.0 * score, 0.0 * score)
+        self._starts = [start.plus(matrix, score, full_score) for start in (*self._starts[1 - WINDOW :], fresh)]
+        self._from_calibration = self._from_calibration.plus(matrix, score, full_score, 1 - 1 / MEMORY)
+
     def _evaluate(self) -> Alarm | None:
         among, best = self.hypotheses, None
         self.statistic = 0.0
-        for start in self._starts:
+        for start in (self._from_calibration, *self._starts):
             if self.count - start.touch < FEWEST:
                 continue
-            evidence = Evidence.of(Information(start.matrix, start.score), start.covariance, start.mean)
-            statistic = _largest(evidence, among)
+            statistic = _largest(start.evidence(bounded=True), among)
             if statistic > self.statistic:
-                self.statistic, best = statistic, (start, evidence)
+                self.statistic, best = statistic, start
         if best is not None and self.statistic > self.threshold:
-            self.alarm = self._alarm(best[0].touch, best[1], self.statistic, 'change')
+            self.alarm = self._alarm(best)
         return self.alarm
 
-    def _alarm(self, since: int, evidence: Evidence, statistic: float, kind: str) -> Alarm:
+    def _alarm(self, start: _Start) -> Alarm:
+        evidence = start.evidence(bounded=False)
         ranking = explanations(evidence, self.state, self.hypotheses)
         first = self.count - 1 if self.alarm is None else self.alarm.touch
-        return Alarm(first, since, statistic, ranking[0], tuple(rivals(ranking, evidence)), kind)
+        return Alarm(first, start.touch, self.statistic, ranking[0], tuple(rivals(ranking, evidence)))
 
 
 def _largest(evidence: Evidence, among: Sequence[Hypothesis]) -> float:
@@ -186,8 +206,3 @@ def _largest(evidence: Evidence, among: Sequence[Hypothesis]) -> float:
     with np.errstate(divide='ignore', invalid='ignore'):
         ratios = np.where(d > 1e-9 * diagonal.max(initial=0.0), evidence.score[single] ** 2 / d, 0.0)
     return float(ratios.max(initial=0.0))
-
-
-def departure_p_value(statistic: float, freedoms: int) -> float:
-    """p-value of a chi-square."""
-    return float(chdtrc(freedoms, statistic)) if freedoms else 1.0

@@ -167,8 +167,10 @@ def rivals(ranking: Sequence[Explanation], evidence: Evidence) -> list[str]:
     if not ranking:
         return []
     best = ranking[0]
-    near = [item for item in ranking[1:] if best.score - item.score <= RIVAL]
-    aliases = [item for item in ranking[1:] if item not in near and _are_aliases(best, item, evidence)]
+    own = set(best.hypothesis.places)
+    others = [item for item in ranking[1:] if not own < set(item.hypothesis.places)]  # the part of the best is no rival
+    near = [item for item in others if best.score - item.score <= RIVAL]
+    aliases = [item for item in others if item not in near and _are_aliases(best, item, evidence)]
     return [item.name for item in (*near, *aliases)]
 
 

@@ -94,8 +94,8 @@ def _with_unit_uncertainties(cell: Cell) -> Cell:
 def _prior(record: CalibrationRecord, cell: Cell, names: Sequence[str]) -> tuple[Floats, Floats]:
     """Means (zero for the model, whose values are linearised at) and covariance of the state, SI."""
     mean, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
-    same = _same_sources(record.arm.cell, cell)
-    known = [k for k, name in enumerate(record.names) if _source(name) in same or k < len(record.arm.model.names)]
+    same = same_sources(record.arm.cell, cell)
+    known = [k for k, name in enumerate(record.names) if source_of(name) in same or k < len(record.arm.model.names)]
     places = [names.index(record.names[k]) for k in known]
     covariance[np.ix_(places, places)] = record.covariance[np.ix_(known, known)]
     mean[places] = record.values[known]
@@ -106,11 +106,12 @@ def _prior(record: CalibrationRecord, cell: Cell, names: Sequence[str]) -> tuple
     return mean, covariance
 
 
-def _source(name: str) -> str:
+def source_of(name: str) -> str:
+    """Label of the source that an error belongs to."""
     return name.removesuffix('.x').removesuffix('.y')
 
 
-def _same_sources(known: Cell, cell: Cell) -> set[str]:
+def same_sources(known: Cell, cell: Cell) -> set[str]:
     """Labels of the sources of uncertainty that are the same thing in two cells."""
     same = {'radius', 'force_gain', 'force_rotation'}
     discs = {disc.name: disc for disc in known.discs}

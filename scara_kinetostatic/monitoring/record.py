@@ -74,10 +74,19 @@ class CalibrationRecord:
     @classmethod
     def of(cls, calibration: Calibration) -> CalibrationRecord:
         """That of a calibration that nobody has assessed."""
-        source = 'estimated' if calibration.noise_source == 'estimated' else 'given'
-        freedoms = {'degrees_of_freedom': calibration.degrees_of_freedom, 'enlargement': calibration.enlargement}
-        document = {'fit': freedoms, 'noise': {'source': source}}
-        return cls('calibration', document, CalibratedArm.of(calibration), *joint_covariance(calibration))
+        c, discs = calibration, calibration.cell.discs
+        columns = (c.touches.joints, c.force, c.touches.disc, c.touches.posture, c.used)
+        fitted = [
+            {'joints': joints, 'force': force, 'object': discs[disc].name, 'posture': posture, 'used': used}
+            for joints, force, disc, posture, used in zip(*(part.tolist() for part in columns), strict=True)
+        ]
+        document = {
+            'fit': {'degrees_of_freedom': c.degrees_of_freedom, 'enlargement': c.enlargement},
+            'noise': {'source': c.noise_source},
+            'parameters': {name: {'status': status} for name, status in c.status.items()},
+            'touches': {'fitted': fitted},
+        }
+        return cls('calibration', document, CalibratedArm.of(c), *joint_covariance(c))
 
     @classmethod
     def of_outcome(cls, outcome: Outcome) -> CalibrationRecord:

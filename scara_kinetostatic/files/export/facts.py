@@ -84,9 +84,9 @@ def _is_of_robot(effect: EffectLaw) -> bool:
 
 
 def _stds(arm: CalibratedArm) -> tuple[str, ...]:
-    touched = np.abs(arm.undetermined[: len(NAMES)]).sum(axis=1) > 0
     stds = np.sqrt(np.diag(arm.covariance))[: len(NAMES)]
-    pairs = zip(touched.tolist(), stds.tolist(), strict=True)
+    hidden = np.linalg.norm(arm.undetermined[: len(NAMES)], axis=1) > stds
+    pairs = zip(hidden.tolist(), stds.tolist(), strict=True)
     return tuple('not determined' if free else f'u = {std:.2g}' if std else 'fixed' for free, std in pairs)
 
 

@@ -1,0 +1,57 @@
+"""`scara-kinetostatic compare`: what changed between calibrations, in its uncertainty."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from scara_kinetostatic.cli.arguments import Subparsers, add_verb
+from scara_kinetostatic.cli.output import print_result
+
+DESCRIPTION = """\
+Says what changed from each calibration of a robot to the next: every parameter
+with the uncertainty of its change, a p-value of no change at all, and which
+part moved most likely (base, tool, the zero of a joint, a link, a compliance,
+a backlash, an object, the force sensor), with its rivals.
+
+Errors that the calibrations share, such as those of the places of the objects,
+cancel as far as both calibrations suffer from them alike. Writes
+comparison.json and comparison.html into DIR.
+"""
+EXAMPLE = """\
+  scara-kinetostatic compare monday/calibration.json tuesday/calibration.json
+"""
+
+
+def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
+    """Adds the verb."""
+    parser = add_verb(subparsers, 'compare', 'what changed between calibrations', DESCRIPTION, EXAMPLE, run)
+    parser.add_argument(
+        'calibrations', nargs='+', type=Path, metavar='CALIBRATION.json', help='two or more, in the order of time'
+    )
+    parser.add_argument(
+        '--out', type=Path, default=Path('comparison'), metavar='DIR', help='results (default: comparison)'
+    )
+    parser.add_argument('--json', action='store_true', help='print JSON instead of text')
+    return parser
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compares.
+
+    Raises:
+        InputError: a calibration cannot be read or is of another robot, there are fewer than two, or DIR cannot be
+            written.
+    """
+    from scara_kinetostatic.files.checksum import check_different
+    from scara_kinetostatic.monitoring import comparison_report as report
+    from scara_kinetostatic.monitoring.comparison import compare_records
+    from scara_kinetostatic.monitoring.record import CalibrationRecord
+    from scara_kinetostatic.render.json_file import json_text
+
+    check_different(args.calibrations)
+    changes = compare_records([CalibrationRecord.load(path) for path in args.calibrations])
+    document = report.comparison_document(changes)
+    files = {report.NAME: json_text(document), report.PAGE_NAME: report.comparison_page(changes)}
+    print_result(report.comparison_text(changes), document, args.json, args.out, files)
+    return 0

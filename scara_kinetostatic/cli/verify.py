@@ -1,0 +1,76 @@
+"""`scara-kinetostatic verify`: touches that a calibration has not seen, against its prediction."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from scara_kinetostatic.cli.arguments import Subparsers, add_verb
+from scara_kinetostatic.cli.output import print_result
+from scara_kinetostatic.errors import UnsupportedDataError
+
+DESCRIPTION = """\
+Holds touches that a calibration has not seen against its prediction. The grade
+says whether the calibration still holds: the error of the tip, what noise and
+the uncertainty of the calibration let expect, and a chi-square of all touches
+with its quantile and p-value. Where they contradict, the likeliest changes are
+listed. Writes verification.json and verification.html into DIR.
+
+A recording that was part of the calibration verifies nothing; that is said.
+"""
+EXAMPLE = """\
+  scara-kinetostatic verify tuesday --calibration result/calibration.json --strict
+"""
+
+
+def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
+    """Adds the verb."""
+    parser = add_verb(
+        subparsers,
+        'verify',
+        'hold new touches against a calibration',
+        DESCRIPTION,
+        EXAMPLE,
+        run,
+        unsupported='with --strict also: the calibration is unfit for use',
+    )
+    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='recordings, or touch tables (.csv)')
+    parser.add_argument(
+        '--calibration', type=Path, required=True, metavar='CALIBRATION.json', help='of the result of calibrate'
+    )
+    parser.add_argument('--cell', type=Path, metavar='FILE', help='cell description (default: that of the calibration)')
+    parser.add_argument(
+        '--out', type=Path, default=Path('verification'), metavar='DIR', help='results (default: verification)'
+    )
+    parser.add_argument('--json', action='store_true', help='print JSON instead of text')
+    parser.add_argument(
+        '--strict', action='store_true', help='exit status 3 where the calibration is unfit; results are written anyway'
+    )
+    return parser
+
+
+def run(args: argparse.Namespace) -> int:
+    """Verifies.
+
+    Raises:
+        InputError: a recording, the calibration or the cell is wrong, or DIR cannot be written.
+        UnsupportedDataError: there is no touch; with ``--strict``, or the calibration is unfit.
+    """
+    from scara_kinetostatic.assessment.grade import Grade
+    from scara_kinetostatic.files.cell_file import load_cell
+    from scara_kinetostatic.files.checksum import check_different
+    from scara_kinetostatic.monitoring import verification_report as report
+    from scara_kinetostatic.monitoring.record import CalibrationRecord
+    from scara_kinetostatic.monitoring.verification import verify_recordings
+    from scara_kinetostatic.render.json_file import json_text
+
+    check_different(args.bags)
+    record = CalibrationRecord.load(args.calibration)
+    cell = load_cell(args.cell) if args.cell else None
+    found = verify_recordings(args.bags, record, cell)
+    document = report.verification_document(found)
+    files = {report.NAME: json_text(document), report.PAGE_NAME: report.verification_page(found)}
+    print_result(report.verification_text(found), document, args.json, args.out, files)
+    if args.strict and found.assessment.grade is Grade.UNFIT:
+        raise UnsupportedDataError(found.assessment.headline, f'the results are written to {args.out} all the same')
+    return 0

@@ -1,0 +1,274 @@
+"""Acceptance of a calibration: touches that it has not seen, held against its prediction.
+
+All touches together are tested by a chi-square that contains the uncertainty of the calibration: with r and J of
+`linear`, r ~ N(0, I + J C₀ Jᵀ). C₀ is the joint covariance with the errors of the cell, so that touches on the objects
+of the calibration are predicted better than touches on new ones. The error of the tip, the root mean square distance of
+the predicted tip from the circle that it touches, is compared with what noise and uncertainty let expect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import chdtrc, chdtri, fdtrc, fdtri
+
+from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark
+from scara_kinetostatic.assessment.outcome import Recording
+from scara_kinetostatic.calibration.prediction import base_force, observe
+from scara_kinetostatic.calibration.propagation import tip_under_force
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.files.touch_table import is_touch_table
+from scara_kinetostatic.model.arrays import Floats, rms
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.quantity import quantity
+from scara_kinetostatic.model.touch import Rejection
+from scara_kinetostatic.monitoring.hypotheses import Explanation, explanations, hypotheses_of, rivals
+from scara_kinetostatic.monitoring.linear import Evidence, Information, Measured, State, measure
+from scara_kinetostatic.monitoring.record import CalibrationRecord
+from scara_kinetostatic.pipeline import gather_touches, recording_of
+from scara_kinetostatic.touches.detection import Detection
+from scara_kinetostatic.touches.table import cell_of_files
+
+LEVEL = 1e-3
+"""p-value below which the touches contradict the calibration. Source: of a thousand sound ones, one is refused."""
+OUTLYING = 1e-3
+"""The same for the largest of all touches (Bonferroni)."""
+FEWEST = 6
+"""Fewer touches say little: caution. Source: twelve numbers for twelve parameters."""
+MOST_OUTLYING = 0.1
+"""Part of the touches that may outlie in a sound calibration. Source: `assessment.thresholds.MOST_REJECTED`."""
+LARGE = 2.0
+"""Tip error, in what was expected, from which on a contradicted calibration is unfit, where no tolerance is stated.
+Source: the systematic part is then 1.7 times all that is random.
+"""
+QUANTILE = 0.99
+"""Probability of the quantile that is stated beside the chi-square."""
+
+
+class Outlying(NamedTuple):
+    """A touch that the prediction does not explain.
+
+    Attributes:
+        touch: its number in the recordings.
+        object: name of the object.
+        distance: from the prediction, in standard deviations.
+        tip_error: distance of the predicted tip from the circle of contact, m.
+    """
+
+    touch: int
+    object: str
+    distance: float
+    tip_error: float
+
+
+class Verification(NamedTuple):
+    """The outcome of a verification.
+
+    Attributes:
+        record: the calibration.
+        recordings: what was verified with.
+        assessment: grade, reasons, actions.
+        touches: how many.
+        rejected: touches that the detection rejected.
+        chi_square: of all touches.
+        degrees_of_freedom: two per touch.
+        quantile: of the distribution of `chi_square` at `QUANTILE`.
+        p_value: of the calibration being right.
+        tip_error: rms distance of the predicted tip from the circle of contact, m.
+        expected: the same expected from noise and the uncertainty of the calibration, m.
+        nominal_tip_error: the same of the nominal parameters, m.
+        outlying: single touches that contradict the prediction.
+        ranking: what may have changed, the best first; empty where nothing contradicts.
+        rivals: names of those that explain the touches about as well as the first.
+        seen: recordings that were part of the calibration.
+        tip_errors: of each touch, (n,), m.
+        expected_errors: standard deviation expected of each, (n,), m.
+        warnings: irregularities of the recordings.
+    """
+
+    record: CalibrationRecord
+    recordings: tuple[Recording, ...]
+    assessment: Assessment
+    touches: int
+    rejected: tuple[Rejection, ...]
+    chi_square: float
+    degrees_of_freedom: int
+    quantile: float
+    p_value: float
+    tip_error: float
+    expected: float
+    nominal_tip_error: float
+    outlying: tuple[Outlying, ...]
+    ranking: tuple[Explanation, ...]
+    rivals: tuple[str, ...]
+    seen: tuple[str, ...]
+    tip_errors: Floats
+    expected_errors: Floats
+    warnings: tuple[str, ...]
+
+
+def verify_recordings(paths: Sequence[str | Path], record: CalibrationRecord, cell: Cell | None = None) -> Verification:
+    """Read recordings and touch tables, find their touches, hold them against a calibration.
+
+    Args:
+        paths: the recordings, and tables of touches (`.csv`).
+        record: the calibration.
+        cell: in which they were made; by default that of the calibration.
+
+    Raises:
+        RecordingError: a recording or table cannot be read.
+        InputError: tables together with recordings of a sensor in the tool frame.
+        UnsupportedDataError: there is no touch.
+    """
+    tables = [path for path in paths if is_touch_table(path)]
+    others = [path for path in paths if path not in tables]
+    cell = cell_of_files(record.arm.cell if cell is None else cell, tables, others)
+    detection = gather_touches(paths, cell)
+    turned = detection.turned or ('',) * len(paths)
+    rows = zip(paths, detection.starts, turned, strict=True)
+    recordings = [recording_of(*row) for row in rows]
+    return verify(detection, record, cell, recordings)
+
+
+def verify(
+    detection: Detection, record: CalibrationRecord, cell: Cell | None = None, recordings: Sequence[Recording] = ()
+) -> Verification:
+    """Hold touches against a calibration.
+
+    Args:
+        detection: the touches, of `cell`.
+        record: the calibration.
+        cell: in which they were made; by default that of the calibration.
+        recordings: where they come from.
+
+    Raises:
+        UnsupportedDataError: there is no touch.
+        InputError: a touch cannot be evaluated at the calibrated model.
+    """
+    touches, cell = detection.touches, record.arm.cell if cell is None else cell
+    if not len(touches):
+        reason = f': {detection.rejected[0].reason}' if detection.rejected else ''
+        raise UnsupportedDataError(f'no touch can be verified{reason}', 'see what `inspect` says about the recording')
+    state = State.of(record, cell)
+    measured = measure(touches, record, state)
+    spread = _spread(measured, state.covariance)
+    chi_square, freedoms = _chi_square(measured, state.covariance), 2 * len(touches)
+    distances = _distances(measured, spread)
+    expected = np.sqrt(np.einsum('ni,nij,nj->n', measured.normal, spread, measured.normal))
+    noise = record.noise_freedoms
+    outlying = tuple(
+        Outlying(
+            int(touches.index[k]), cell.discs[touches.disc[k]].name, float(distances[k]), float(measured.tip_error[k])
+        )
+        for k in np.flatnonzero(_p(distances**2, 2, noise) < OUTLYING / len(touches))
+    )
+    p_value = float(_p(chi_square, freedoms, noise))
+    evidence = Evidence.of(Information.of(measured), state.covariance)
+    hypotheses = hypotheses_of(state, len(record.arm.model.names), np.unique(touches.disc).tolist())
+    ranking = explanations(evidence, state, hypotheses) if p_value < LEVEL else []
+    seen = tuple(item.path for item in recordings if item.sha256 in record.checksums)
+    found = Verification(
+        record=record,
+        recordings=tuple(recordings),
+        assessment=Assessment(Grade.FIT, (), ()),
+        touches=len(touches),
+        rejected=detection.rejected,
+        chi_square=chi_square,
+        degrees_of_freedom=freedoms,
+        quantile=_quantile(freedoms, noise),
+        p_value=p_value,
+        tip_error=rms(measured.tip_error),
+        expected=rms(expected),
+        nominal_tip_error=_nominal_tip_error(detection, cell),
+        outlying=outlying,
+        ranking=tuple(ranking),
+        rivals=tuple(rivals(ranking, evidence)),
+        seen=seen,
+        tip_errors=measured.tip_error,
+        expected_errors=expected,
+        warnings=detection.warnings,
+    )
+    return found._replace(assessment=_assess(found, _magnitudes(detection, cell)))
+
+
+def _spread(measured: Measured, covariance: Floats) -> Floats:
+    """I + J C Jᵀ touch by touch, (n, 2, 2)."""
+    return np.eye(2) + measured.jacobian @ covariance @ measured.jacobian.swapaxes(1, 2)
+
+
+def _chi_square(measured: Measured, covariance: Floats) -> float:
+    """rᵀ (I + J C Jᵀ)⁻¹ r of all touches together, by rᵀr - uᵀ (I + C P)⁻¹ C u."""
+    found = Information.of(measured)
+    gained = np.linalg.solve(np.eye(len(covariance)) + covariance @ found.matrix, covariance @ found.score)
+    return float((measured.residual**2).sum() - found.score @ gained)
+
+
+def _distances(measured: Measured, spread: Floats) -> Floats:
+    """Distance of each touch from its prediction, in standard deviations, (n,)."""
+    solved = np.linalg.solve(spread, measured.residual[:, :, None])[:, :, 0]
+    return np.sqrt((measured.residual * solved).sum(axis=1))
+
+
+def _p(chi_square: Floats | float, freedoms: int, noise: float) -> Floats:
+    """p-values of chi-squares, where the noise is known with some degrees of freedom."""
+    if np.isinf(noise):
+        return np.asarray(chdtrc(freedoms, chi_square))
+    return np.asarray(fdtrc(freedoms, noise, np.asarray(chi_square) / freedoms))
+
+
+def _quantile(freedoms: int, noise: float) -> float:
+    if np.isinf(noise):
+        return float(chdtri(freedoms, 1 - QUANTILE))
+    return float(freedoms * fdtri(freedoms, noise, QUANTILE))
+
+
+def _magnitudes(detection: Detection, cell: Cell) -> Floats:
+    force = base_force(observe(detection.touches, cell), ExtendedModel(cell.nominal))
+    return np.hypot(force[:, 0], force[:, 1])
+
+
+def _nominal_tip_error(detection: Detection, cell: Cell) -> float:
+    """Rms distance of the nominal tip under load from the circle of contact, m."""
+    o, nominal = observe(detection.touches, cell), ExtendedModel(cell.nominal)
+    tip, _ = tip_under_force(nominal, o.joints, base_force(o, nominal), o.gripper)
+    return rms(np.linalg.norm(tip - o.centers, axis=1) - o.radii)
+
+
+def _assess(v: Verification, magnitudes: Floats) -> Assessment:
+    remarks, notes = [], []
+    size = f'the error of the tip is {quantity(v.tip_error, "m")} (rms), {quantity(v.expected, "m")} are expected'
+    tolerance = v.record.arm.cell.tolerance
+    if v.p_value < LEVEL:
+        excess = np.sqrt(max(v.tip_error**2 - v.expected**2, 0.0))
+        beyond = 2 * excess > tolerance if tolerance else v.tip_error > LARGE * v.expected
+        what = f'; most likely {v.ranking[0].hypothesis.title}' if v.ranking else ''
+        if len(v.outlying) and len(v.outlying) <= MOST_OUTLYING * v.touches:
+            what += f'; {len(v.outlying)} of {v.touches} touches outlie'
+        reason = f'the touches contradict the calibration: {size}{what}'
+        action = 'calibrate again' if not v.outlying else 'look at the touches that outlie, and calibrate again'
+        remarks.append(Remark(Grade.UNFIT if beyond else Grade.CAUTION, reason, action))
+    elif v.outlying:
+        action = 'look at these touches'
+        remarks.append(Remark(Grade.CAUTION, f'{len(v.outlying)} of {v.touches} touches outlie', action))
+    if v.seen:
+        reason = f'{", ".join(v.seen)} was part of the calibration: touches that it has seen verify nothing'
+        remarks.append(Remark(Grade.CAUTION, reason, 'verify with touches made after the calibration'))
+    if v.touches < FEWEST:
+        remarks.append(Remark(Grade.CAUTION, f'{v.touches} touches say little', f'make {FEWEST} or more, all round'))
+    used = v.record.arm.used
+    largest = float(magnitudes.max())
+    if largest > 1.5 * used.highest_force:
+        reason = f'forces of up to {largest:.3g} N, and the calibration had {used.highest_force:.3g} N at most'
+        remarks.append(Remark(Grade.CAUTION, reason, 'calibrate with the forces of the use'))
+    if v.record.arm.grade in (Grade.CAUTION.value, Grade.UNFIT.value):
+        reason = f'the calibration itself was graded {v.record.arm.grade}'
+        remarks.append(Remark(Grade(v.record.arm.grade), reason, 'see its report'))
+    if not remarks:
+        notes.append(f'{v.touches} touches agree with the calibration (p = {v.p_value:.2g}): {size}')
+    elif v.p_value >= LEVEL:
+        notes.append(f'the touches agree with the calibration (p = {v.p_value:.2g}): {size}')
+    return Assessment.of(remarks, notes)

@@ -1,0 +1,83 @@
+"""The verbs `verify` and `compare`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from cli.command import Run
+
+from scara_kinetostatic.cli.main import main
+
+
+@pytest.fixture(scope='module')
+def results(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folders `a` and `b`: calibrations of two recordings of one robot."""
+    folder = tmp_path_factory.mktemp('results')
+    cell = ['--cell', str(recordings / 'cell.yaml')]
+    assert main(['calibrate', str(recordings / 'good'), *cell, '--out', str(folder / 'a')]) == 0
+    assert main(['calibrate', str(recordings / 'plain'), *cell, '--out', str(folder / 'b')]) == 0
+    return folder
+
+
+def test_verify(run: Run, recordings: Path, results: Path) -> None:
+    done = run('verify', recordings / 'plain', '--calibration', results / 'a' / 'calibration.json', '--strict')
+    assert done.status == 0 and done.err == ''
+    assert done.out.startswith('Fit for use: 36 touches agree with the calibration')
+    document = json.loads(Path('verification/verification.json').read_text())
+    assert document['grade'] == 'fit' and document['independent']
+    assert 0 < document['tip_error'] < 2 * document['expected'] < 1e-4 and document['p_value'] > 1e-3
+    assert '<svg' in Path('verification/verification.html').read_text()
+    seen = run('verify', recordings / 'good', '--calibration', results / 'a' / 'calibration.json', '--json')
+    assert json.loads(seen.out)['grade'] == 'caution'
+    assert json.loads(seen.out)['recordings'][0]['part_of_calibration'] is True
+
+
+def test_verify_a_changed_robot(run: Run, recordings: Path, results: Path) -> None:
+    path = results / 'a' / 'calibration.json'
+    document = json.loads(path.read_text())
+    place = document['model']['names'].index('l1')
+    for key in ('model', 'covariance_with_cell'):
+        document[key]['values'][place] += 4e-4
+    Path('changed.json').write_text(json.dumps(document))
+    done = run('verify', recordings / 'plain', '--calibration', 'changed.json')
+    assert done.status == 0 and 'Not fit for use' in done.out and 'link 1 changed its length' in done.out
+    strict = run('verify', recordings / 'plain', '--calibration', 'changed.json', '--strict', '--out', 'other')
+    assert strict.status == 3 and strict.err.count('\n') == 1
+    assert json.loads(Path('other/verification.json').read_text())['part']['name'] == 'l1'
+
+
+def test_compare(run: Run, results: Path) -> None:
+    paths = [results / name / 'calibration.json' for name in 'ab']
+    done = run('compare', *paths)
+    assert done.status == 0 and 'No change beyond the uncertainty' in done.out
+    document = json.loads(Path('comparison/comparison.json').read_text())
+    (change,) = document['changes']
+    assert change['p_value'] > 1e-3 and change['changed'] is False and change['degrees_of_freedom'] == 12
+    assert '<h1>What changed between calibrations</h1>' in Path('comparison/comparison.html').read_text()
+
+
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        ({'schema': 'scara_kinetostatic/calibration/9'}, 'schema'),
+        ({'covariance_with_cell': {'names': ['x0'], 'values': [0.0], 'matrix': [[0.0]]}}, 'covariance_with_cell'),
+        ({'covariance_with_cell': None}, 'damaged'),
+    ],
+)
+def test_bad_files_are_one_line(run: Run, recordings: Path, results: Path, change: dict, words: str) -> None:
+    good = results / 'a' / 'calibration.json'
+    Path('bad.json').write_text(json.dumps(json.loads(good.read_text()) | change))
+    for arguments in (('compare', good, 'bad.json'), ('verify', recordings / 'plain', '--calibration', 'bad.json')):
+        done = run(*arguments)
+        assert done.status == 2 and done.out == '' and done.err.count('\n') == 1
+        assert words in done.err and 'bad.json' in done.err
+    assert not Path('comparison').exists() and not Path('verification').exists()
+
+
+def test_misuse(run: Run, results: Path) -> None:
+    good = results / 'a' / 'calibration.json'
+    assert 'two or more' in run('compare', good).err
+    assert 'given twice' in run('compare', good, good).err
+    assert run('verify', 'none.mcap', '--calibration', good).status == 2

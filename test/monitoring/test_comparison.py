@@ -1,0 +1,97 @@
+"""What `compare` says of two calibrations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from monitoring.simulated import CELL, DECLARED, TRUTH, record_of
+
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.model.cell import Cell, Identification
+from scara_kinetostatic.monitoring.comparison import compare, compare_records
+from scara_kinetostatic.monitoring.record import CalibrationRecord
+from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.streams import simulate_touches
+
+
+@pytest.fixture(scope='module')
+def before() -> CalibrationRecord:
+    return record_of(DECLARED, 0)
+
+
+def test_declared_errors_cancel(before: CalibrationRecord) -> None:
+    found = compare(before, record_of(DECLARED, 1, count=10))
+    x0 = found.parameters[0]
+    assert 20 * x0.std_independent > 40 * x0.std > 0
+    assert not found.has_changed
+    other = replace(DECLARED, discs=tuple(disc._replace(x=disc.x + 1e-3) for disc in DECLARED.discs))
+    elsewhere = compare(before, record_of(other, 1, world=1))
+    assert elsewhere.parameters[0].std > 0.5 * elsewhere.parameters[0].std_independent
+
+
+@pytest.mark.parametrize(
+    'cell', [CELL, DECLARED, replace(DECLARED, noise=None)], ids=['exact', 'declared', 'estimated']
+)
+def test_p_values_and_z_without_a_change(cell: Cell) -> None:
+    changes = [compare(record_of(cell, k, world=k), record_of(cell, 100 + k, world=k)) for k in range(8)]
+    p = np.sort([change.p_value for change in changes])
+    assert np.abs(p - (np.arange(8) + 0.5) / 8).max() < 0.5  # Kolmogorov: 1 of 1000
+    z = np.array([[value.z for value in change.parameters] for change in changes])
+    assert 0.65 < np.sqrt(np.mean(z**2)) < 1.35
+
+
+@pytest.mark.parametrize(
+    ('name', 'truth', 'effects'),
+    [
+        ('theta2', TRUTH.replace(theta2=TRUTH.theta2 + 1e-4), ()),
+        ('l1', TRUTH.replace(l1=TRUTH.l1 + 6e-5), ()),
+        ('p1', TRUTH.replace(p1=2 * TRUTH.p1), ()),
+        ('g2', TRUTH.replace(g2=1.6 * TRUTH.g2), ()),
+        ('base', TRUTH.replace(x0=TRUTH.x0 + 1e-4, y0=TRUTH.y0 - 1e-4, theta1=TRUTH.theta1 + 1e-4), ()),
+        ('object_position[disc_2]', TRUTH, ('object_position[disc_2]:x=5e-5,y=2e-5',)),
+    ],
+)
+def test_the_part_that_moved_is_named(
+    before: CalibrationRecord, name: str, truth: object, effects: tuple[str, ...]
+) -> None:
+    found = compare(before, record_of(DECLARED, 1, truth, effects))  # type: ignore[arg-type]
+    assert found.p_value < 1e-6
+    assert found.ranking[0].name == name
+    if name in ('theta2', 'l1'):
+        size = {'theta2': 1e-4, 'l1': 6e-5}[name]
+        assert abs(found.ranking[0].change[0] - size) < 4 * found.ranking[0].std[0]
+
+
+def test_what_is_not_determined_is_not_compared() -> None:
+    one_level = [_one_level(seed) for seed in range(2)]
+    found = compare(*one_level)
+    stds = {p.name: p.std for p in found.parameters}
+    assert np.isnan(stds['p_ee']) and np.isnan(stds['g_ee']) and stds['l1'] > 0
+    assert found.degrees_of_freedom in (10, 11)  # each leaves out one combination, nearly the same
+    mixed = compare(one_level[0], record_of(CELL, 5, world=None))
+    assert mixed.degrees_of_freedom == 11 and mixed.p_value > 1e-3
+
+
+def _one_level(seed: int) -> CalibrationRecord:
+    plan = default_plan(CELL, 12, levels=(25.0,))
+    return CalibrationRecord.of(calibrate(simulate_touches(CELL, TRUTH, plan, seed=seed), CELL))
+
+
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        ({'nominal': CELL.nominal.replace(l1=0.4)}, 'another robot'),
+        ({'discs': tuple(disc._replace(name=f'{disc.name}_') for disc in CELL.discs)}, 'another cell'),
+        ({'identification': Identification(serial_number='2')}, "serial number '2'"),
+    ],
+)
+def test_other_robots_are_refused(change: dict[str, object], words: str) -> None:
+    one = record_of(replace(CELL, identification=Identification(serial_number='1')), 0, world=None)
+    other = replace(one, arm=replace(one.arm, cell=replace(CELL, **change)))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=words):
+        compare_records([one, other])
+    with pytest.raises(InputError, match='two or more'):
+        compare_records([one])

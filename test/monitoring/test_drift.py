@@ -1,0 +1,76 @@
+"""The drift monitor: innovations, alarms, names, bad touches, slow changes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from monitoring.simulated import DECLARED, TRUTH, record_of, touches_of
+
+from scara_kinetostatic.monitoring.drift import DriftMonitor
+from scara_kinetostatic.monitoring.record import CalibrationRecord
+
+
+@pytest.fixture(scope='module')
+def record() -> CalibrationRecord:
+    return record_of(DECLARED, 0)
+
+
+def test_innovations_are_standard_and_raise_nothing(record: CalibrationRecord) -> None:
+    squares = []
+    for seed in (1, 2):
+        monitor, touches = DriftMonitor(record), touches_of(DECLARED, seed)
+        for k in range(len(touches)):
+            assert monitor.add(touches.select([k])) is None
+            squares.append(monitor.last_distance**2)
+    assert abs(np.mean(squares) - 2) < 4 * 2 / len(squares) ** 0.5
+    assert monitor.count == 72
+
+
+@pytest.mark.parametrize('name', ['l1', 'g1', 'theta1', 'object_position[disc_2]'])
+@pytest.mark.parametrize('before', [0, 30])
+def test_a_change_is_raised_and_named(record: CalibrationRecord, name: str, before: int) -> None:
+    monitor = DriftMonitor(record)
+    if before:
+        assert monitor.add(touches_of(DECLARED, 3).select(np.arange(before))) is None
+    if hasattr(TRUTH, name):
+        after = touches_of(DECLARED, 4, TRUTH.replace(**{name: getattr(TRUTH, name) + 5 * record.std_of(name)}))
+    else:
+        after = touches_of(DECLARED, 4, effects=('object_position[disc_2]:x=1e-4,y=0',))
+    alarm = monitor.add(after.select(np.arange(20)))
+    assert alarm is not None
+    assert name in (alarm.best.name, *alarm.rivals)
+    assert abs(alarm.since - before) <= 6
+    if name == 'object_position[disc_2]':
+        assert abs(alarm.best.change[0] - 1e-4) < 5 * alarm.best.std[0]
+    assert before < alarm.touch < before + 20
+
+
+def test_one_bad_touch_is_no_drift(record: CalibrationRecord) -> None:
+    monitor, touches = DriftMonitor(record), touches_of(DECLARED, 1)
+    for k in range(30):
+        touch = touches.select([k])
+        if k == 10:
+            touch = replace(touch, joints=touch.joints + 1e-3)
+        assert monitor.add(touch) is None
+        if k == 10:
+            assert monitor.last_distance > 10
+
+
+def test_a_creep_slower_than_the_window_is_seen(record: CalibrationRecord) -> None:
+    monitor, alarm = DriftMonitor(record), None
+    for k in range(4):
+        truth = TRUTH.replace(l1=TRUTH.l1 + 3e-6 * k)
+        alarm = monitor.add(touches_of(DECLARED, 10 + k, truth)) or alarm
+    assert alarm is not None
+    assert 'l1' in (alarm.best.name, *alarm.rivals)
+
+
+def test_reset_starts_anew(record: CalibrationRecord) -> None:
+    monitor = DriftMonitor(record)
+    monitor.add(touches_of(DECLARED, 4, TRUTH.replace(l1=TRUTH.l1 + 1e-4)))
+    assert monitor.alarm is not None
+    monitor.reset()
+    assert monitor.alarm is None and monitor.count == 0
+    assert monitor.add(touches_of(DECLARED, 1)) is None

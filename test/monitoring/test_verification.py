@@ -1,0 +1,84 @@
+"""What `verify` says of touches that a calibration has not seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from monitoring.simulated import CELL, DECLARED, TRUTH, record_of, touches_of
+
+from scara_kinetostatic.assessment.grade import Grade
+from scara_kinetostatic.assessment.outcome import Recording
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.cell import Disc
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.monitoring.record import CalibrationRecord
+from scara_kinetostatic.monitoring.verification import verify
+from scara_kinetostatic.touches.detection import Detection
+
+
+@pytest.fixture(scope='module')
+def record() -> CalibrationRecord:
+    return record_of(DECLARED, 0)
+
+
+def detected(touches: TouchSet) -> Detection:
+    return Detection(touches, found=len(touches))
+
+
+def test_p_values_of_sound_calibrations() -> None:
+    found = []
+    for k in range(8):
+        cell = CELL if k % 2 else DECLARED
+        found.append(verify(detected(touches_of(cell, 50 + k, world=k)), record_of(cell, k, world=k)))
+    p = np.sort([item.p_value for item in found])
+    assert np.abs(p - (np.arange(8) + 0.5) / 8).max() < 0.5
+    ratio = np.array([item.tip_error / item.expected for item in found])
+    assert 0.9 < np.sqrt(np.mean(ratio**2)) < 1.1
+    assert all(item.assessment.grade is Grade.FIT and not item.ranking for item in found)
+    assert all(item.nominal_tip_error > 100 * item.tip_error for item in found)
+
+
+def test_the_errors_of_known_objects_are_known_too(record: CalibrationRecord) -> None:
+    known = verify(detected(touches_of(DECLARED, 1)), record)
+    new = Disc('disc_4', 0.25, 0.1, 0.05, 1.5e-5, 5e-6)
+    cell = replace(DECLARED, discs=(*DECLARED.discs, new))
+    touches = touches_of(cell, 1)
+    touches = touches.select(touches.disc == 3)
+    elsewhere = verify(detected(touches), record, cell)
+    assert known.expected < 8e-6 < 1.2e-5 < elsewhere.expected
+    assert elsewhere.p_value > 1e-3
+
+
+def test_a_change_is_refused_and_named(record: CalibrationRecord) -> None:
+    touches = touches_of(DECLARED, 1, TRUTH.replace(theta2=TRUTH.theta2 + 1e-4))
+    found = verify(detected(touches), record)
+    assert found.assessment.grade is Grade.UNFIT
+    assert found.ranking[0].name == 'theta2'
+    assert found.chi_square > found.quantile > found.degrees_of_freedom
+    tolerant = replace(record, arm=replace(record.arm, cell=replace(DECLARED, tolerance=2e-4)))
+    assert verify(detected(touches), tolerant).assessment.grade is Grade.CAUTION
+
+
+def test_a_bad_touch_is_named(record: CalibrationRecord) -> None:
+    touches = touches_of(DECLARED, 1)
+    joints = touches.joints.copy()
+    joints[7] += 3e-4
+    found = verify(detected(replace(touches, joints=joints)), record)
+    assert [item.touch for item in found.outlying] == [touches.index[7]]
+    assert found.assessment.grade is not Grade.FIT
+
+
+def test_touches_that_were_seen_or_are_few(record: CalibrationRecord) -> None:
+    document = {**record.document, 'recordings': [{'path': 'a', 'sha256': 'ab', 'start': None}]}
+    seen = replace(record, document=document)
+    recordings = [Recording(str(Path('b')), 'ab', None), Recording('c', 'cd', None)]
+    found = verify(detected(touches_of(DECLARED, 1)), seen, recordings=recordings)
+    assert found.seen == ('b',)
+    assert found.assessment.grade is Grade.CAUTION and 'part of the calibration' in found.assessment.reasons[0]
+    few = verify(detected(touches_of(DECLARED, 1).select([0, 1, 2])), record)
+    assert few.assessment.grade is Grade.CAUTION
+    with pytest.raises(UnsupportedDataError):
+        verify(detected(touches_of(DECLARED, 1).select([])), record)
