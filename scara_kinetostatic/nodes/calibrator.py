@@ -131,7 +131,7 @@ class Calibrator(Node):
             response.message = 'a calibration is running; call again when it is done, or ~/cancel'
             return response
         try:
-            folder = self._settings.folder
+            folder = self._settings.stored
             stored = load_result(folder / parameter_file.NAME)
             if stored.facts.get('assessment') == UNFIT and not self._settings.publishes_unfit:
                 raise ParameterError(folder, 'the result is unfit for use', 'publish_unfit:=true takes it all the same')

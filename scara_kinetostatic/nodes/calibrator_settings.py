@@ -16,6 +16,7 @@ from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.announced import CHOICES, SESSION, Announced
 from scara_kinetostatic.nodes.calibration_job import UNFIT, Job
+from scara_kinetostatic.report import parameter_file
 from scara_kinetostatic.touches.left_out import parse_left_out
 
 _NAME = re.compile(r'[A-Za-z0-9_-][A-Za-z0-9._-]*')
@@ -83,6 +84,21 @@ class CalibratorSettings:
             return declare.place('output', named) / self.name
         last = declare.place('recording', self._recordings()[0][-1]).absolute()
         return last.with_name(f'{last.name}_calibration') / self.name
+
+    @property
+    def stored(self) -> Path:
+        """The folder of an earlier result, that of the parameter `name`.
+
+        Raises:
+            ParameterError: there is none.
+        """
+        folder = self.folder
+        if (folder / parameter_file.NAME).is_file():
+            return folder
+        home = folder.parent if self.name else folder
+        names = sorted(path.parent.name for path in home.glob(f'*/{parameter_file.NAME}') if path.parent.name != UNFIT)
+        problem = f'there is no result {self.name!r} in {home}' if self.name else f'there is no result in {home}'
+        raise ParameterError('parameter name', problem, f'there are {", ".join(names)}' if names else 'calibrate first')
 
     def job(self) -> Job:
         """What the parameters tell to do.

@@ -215,10 +215,11 @@ def test_results_are_kept_by_name_and_loaded_again(
     client.wait('the result', lambda: bool(heard), WAIT)
     assert (heard[0]['name'], heard[0]['published']) == ('monday', True)
     assert heard[0]['files'] == {'folder': str(tmp_path / 'monday')}
-    for name, message in (('tuesday', 'there is no such file'), ('bad', 'unfit for use; publish_unfit:=true')):
+    for name, message in (('tuesday', "there is no result 'tuesday'"), ('bad', 'unfit for use; publish_unfit:=true')):
         answer = load(name)
         assert not answer.success
         assert message in answer.message
+    assert load('tuesday').message.endswith('there are bad, monday')
     node.set_parameters([Parameter('publish_unfit', value=True)])
     assert load('bad').success
     assert node._condition.level == ERROR
