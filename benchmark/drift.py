@@ -1,0 +1,199 @@
+"""Monitoring: false alarms and power of the drift monitor, names of changes, p-values of `compare` and `verify`.
+
+    python -m benchmark.drift [--calibrations N] [--alarm-touches N] [--pairs N] [--only SECTION…] [--jobs N]
+                              [--json FILE]
+
+Simulated by this package: the paper's cell with 72 touches for each calibration; *declared*: discs known to 15 µm in
+place and 5 µm in radius, the tip's radius to 5 µm, gain of the force sensor to 0.5 %, its rotation to 1 mrad; *exact*:
+all that is exactly known, noise alone. Every calibration has its own errors of the cell, and its touches of production are
+made in that cell. A change is one of 5 standard uncertainties of the parameter, up or down at random.
+
+*Bound* is what no monitor can exceed: the power of the one-sided test that knows which parameter changed, in which
+sense and when, at the rate of false alarms of 1 in 1000, given the calibration.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+from scipy.stats import kstest
+
+from benchmark.common import CELL, in_processes, parser, print_and_save
+from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.interface import simulate
+from scara_kinetostatic.model.cell import Cell, Uncertainty
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, Parameters
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.monitoring.comparison import compare
+from scara_kinetostatic.monitoring.drift import DriftMonitor
+from scara_kinetostatic.monitoring.linear import Evidence, Information, State, measure
+from scara_kinetostatic.monitoring.record import CalibrationRecord
+from scara_kinetostatic.monitoring.verification import verify
+from scara_kinetostatic.touches.detection import Detection
+
+DECLARED = replace(
+    CELL,
+    discs=tuple(disc._replace(center_std=1.5e-5, radius_std=5e-6) for disc in CELL.discs),
+    uncertainty=Uncertainty(radius=5e-6, force_gain=0.005, force_rotation=1e-3),
+)
+CELLS = {'declared': DECLARED, 'exact': CELL}
+ESTIMATED = {f'{name}, noise estimated': replace(cell, noise=None) for name, cell in CELLS.items()}
+CHANGE = 5.0
+"""Standard uncertainties."""
+WITHIN = 20
+"""Touches."""
+BEFORE = 30
+"""Touches of production before the change in half of the runs; none in the others."""
+RATE = 1e-3
+"""Accepted rate of false alarms per touch."""
+
+
+def touches_of(cell: Cell, seed: int, world: int, count: int, truth: Parameters = PAPER_ACTUAL) -> TouchSet:
+    """Touches of production in a random order."""
+    random, parts = np.random.default_rng(seed), []
+    while sum(map(len, parts)) < count:
+        made = simulate(cell, truth, seed=seed + 10_000_000 * len(parts), drawn=world)
+        parts.append(made.select(random.permutation(len(made))))
+    return TouchSet.concatenate(parts).select(np.arange(count))
+
+
+def record_of(cell: Cell, seed: int, world: int) -> CalibrationRecord:
+    """A calibration."""
+    return CalibrationRecord.of(calibrate(simulate(cell, PAPER_ACTUAL, seed=seed, drawn=world), cell))
+
+
+@dataclass(frozen=True)
+class Job:
+    """One calibration and what is done with it."""
+
+    section: str
+    cell: str
+    seed: int
+    touches: int
+
+
+class Drift(NamedTuple):
+    """What became of one change."""
+
+    name: str
+    raised: bool
+    delay: int
+    named: bool
+    rival: bool
+    bound: float
+
+
+def run(job: Job) -> Any:
+    """One job."""
+    cell = (CELLS | ESTIMATED)[job.cell]
+    record = record_of(cell, job.seed, job.seed)
+    if job.section == 'alarms':
+        return _alarms(record, touches_of(cell, 1_000_000 + job.seed, job.seed, job.touches))
+    if job.section == 'compare':
+        return compare(record, record_of(cell, 2_000_000 + job.seed, job.seed)).p_value
+    if job.section == 'verify':
+        touches = touches_of(cell, 3_000_000 + job.seed, job.seed, 40)
+        return verify(Detection(touches, found=len(touches)), record).p_value
+    return [_drift(record, cell, name, job.seed) for name in NAMES]
+
+
+def _alarms(record: CalibrationRecord, touches: TouchSet) -> int:
+    """False alarms; the monitor begins anew after each."""
+    monitor, alarms = DriftMonitor(record), 0
+    for k in range(len(touches)):
+        if monitor.add(touches.select([k])) is not None:
+            alarms += 1
+            monitor.reset()
+    return alarms
+
+
+def _drift(record: CalibrationRecord, cell: Cell, name: str, seed: int) -> Drift:
+    place, before = NAMES.index(name), BEFORE * (seed % 2)
+    sign = 1 if (seed // 2) % 2 else -1
+    truth = PAPER_ACTUAL.replace(**{name: getattr(PAPER_ACTUAL, name) + sign * CHANGE * record.std_of(name)})
+    monitor = DriftMonitor(record)
+    if before:
+        monitor.add(touches_of(cell, 4_000_000 + seed, seed, before))
+        if monitor.alarm is not None:  # a false one
+            monitor.reset()
+    after = touches_of(cell, 5_000_000 + 100 * seed + place, seed, WITHIN, truth)
+    delay = 0
+    for k in range(WITHIN):
+        raised = monitor.add(after.select([k])) is not None
+        delay = delay or (k + 1 if raised else 0)
+    alarm = monitor.alarm
+    return Drift(
+        name=name,
+        raised=alarm is not None,
+        delay=delay,
+        named=alarm is not None and alarm.best.name == name,
+        rival=alarm is not None and name in (alarm.best.name, *alarm.rivals),
+        bound=_bound(record, after, place),
+    )
+
+
+def _bound(record: CalibrationRecord, touches: TouchSet, place: int) -> float:
+    """Power of the best test, from no touches before the change."""
+    state = State.of(record)
+    evidence = Evidence.of(Information.of(measure(touches, record, state)), state.covariance)
+    size = CHANGE * np.sqrt(record.covariance[place, place]) / state.scale[place]
+    return float(ndtr(size * np.sqrt(evidence.matrix[place, place]) + ndtri(RATE)))
+
+
+def main() -> int:
+    """Run all sections."""
+    made = parser(__doc__)
+    made.add_argument('--calibrations', type=int, default=100, metavar='N', help='of alarms and changes')
+    made.add_argument('--alarm-touches', type=int, default=500, metavar='N', help='per calibration without a change')
+    made.add_argument('--pairs', type=int, default=200, metavar='N', help='of compare and verify')
+    made.add_argument('--only', nargs='+', choices=('alarms', 'changes', 'compare', 'verify'), metavar='SECTION')
+    made.add_argument('--jobs', type=int, default=1, metavar='N')
+    args = made.parse_args()
+    sections = args.only or ['compare', 'verify', 'changes', 'alarms']
+    figures: dict[str, Any] = {}
+    for section in sections:
+        cells = CELLS | (ESTIMATED if section in ('compare', 'verify') else {})
+        for cell in cells:
+            count = args.pairs if section in ('compare', 'verify') else args.calibrations
+            jobs = [Job(section, cell, seed, args.alarm_touches) for seed in range(count)]
+            found = list(in_processes(run, jobs, args.jobs))
+            figures[f'{section}, {cell}'] = _summary(section, found, args.alarm_touches)
+    print_and_save(args.json, figures)
+    return 0
+
+
+def _summary(section: str, found: Sequence[Any], touches: int) -> dict[str, Any]:
+    if section == 'alarms':
+        return {
+            'touches': touches * len(found),
+            'alarms': sum(found),
+            'per 1000': 1e3 * sum(found) / touches / len(found),
+        }
+    if section in ('compare', 'verify'):
+        test = kstest(found, 'uniform')
+        below = {f'below {level:g}': float(np.mean(np.array(found) < level)) for level in (0.01, 0.05)}
+        return {'pairs': len(found), 'KS p-value': float(test.pvalue), **below}
+    by_name = {name: [item for part in found for item in part if item.name == name] for name in NAMES}
+    return {
+        name: {
+            'raised': float(np.mean([item.raised for item in items])),
+            'bound': float(np.mean([item.bound for item in items])),
+            'median delay': float(np.median([item.delay or np.inf for item in items])),
+            'named': _share([item.named for item in items if item.raised]),
+            'named or rival': _share([item.rival for item in items if item.raised]),
+        }
+        for name, items in by_name.items()
+    }
+
+
+def _share(flags: Sequence[bool]) -> float:
+    return float(np.mean(flags)) if len(flags) else float('nan')
+
+
+if __name__ == '__main__':
+    sys.exit(main())
