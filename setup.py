@@ -71,6 +71,7 @@ setup(
             f'collector = {NAME}.nodes.executables:collector',
             f'calibrator = {NAME}.nodes.executables:calibrator',
             f'visualizer = {NAME}.nodes.executables:visualizer',
+            f'monitor = {NAME}.nodes.executables:monitor',
         ],
     },
 )

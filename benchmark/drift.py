@@ -5,8 +5,8 @@
 
 Simulated by this package: the paper's cell with 72 touches for each calibration; *declared*: discs known to 15 µm in
 place and 5 µm in radius, the tip's radius to 5 µm, gain of the force sensor to 0.5 %, its rotation to 1 mrad; *exact*:
-all that is exactly known, noise alone. Every calibration has its own errors of the cell, and its touches of production are
-made in that cell. A change is one of 5 standard uncertainties of the parameter, up or down at random.
+all that is exactly known, noise alone. Every calibration has its own errors of the cell, and its touches of production
+are made in that cell. A change is one of 5 standard uncertainties of the parameter, up or down at random.
 
 *Bound* is what no monitor can exceed: the power of the one-sided test that knows which parameter changed, in which
 sense and when, at the rate of false alarms of 1 in 1000, given the calibration.

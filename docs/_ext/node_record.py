@@ -24,6 +24,7 @@ NODES = {
     'collector': 'Collector',
     'calibrator': 'Calibrator',
     'visualizer': 'Visualizer',
+    'monitor': 'Monitor',
 }
 
 

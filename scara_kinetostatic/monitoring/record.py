@@ -132,6 +132,11 @@ class CalibrationRecord:
         return frozenset(str(item['sha256']) for item in self.document.get('recordings', ()) if item.get('sha256'))
 
     @property
+    def paths(self) -> frozenset[str]:
+        """Its recordings as they were given."""
+        return frozenset(str(item.get('path', '')) for item in self.document.get('recordings', ()))
+
+    @property
     def noise_freedoms(self) -> float:
         """Degrees of freedom of the noise: infinite where it was given and covers the residuals."""
         fit = self.document.get('fit', {})

@@ -35,6 +35,11 @@ def visualizer() -> int:
     return _run('visualizer')
 
 
+def monitor() -> int:
+    """Runs the drift monitor."""
+    return _run('monitor')
+
+
 def _run(name: str) -> int:
     catch_signals()
     return int(import_module(f'scara_kinetostatic.nodes.{name}').main())

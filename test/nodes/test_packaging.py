@@ -61,6 +61,7 @@ def test_every_executable_exists() -> None:
         'collector',
         'calibrator',
         'visualizer',
+        'monitor',
     ]
     for _, module, function in scripts:
         assert callable(getattr(import_module(f'{NAME}.{module}'), function))

@@ -14,6 +14,7 @@ from scara_kinetostatic.nodes.calibrator import Calibrator
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.frame_check import TFMessage
+from scara_kinetostatic.nodes.monitor import Monitor
 from scara_kinetostatic.nodes.visualizer import Visualizer
 
 ROOT = Path(__file__).parents[2]
@@ -23,6 +24,7 @@ KINDS = {
     'collector': Collector,
     'calibrator': Calibrator,
     'visualizer': Visualizer,
+    'monitor': Monitor,
 }
 RULES = {
     ('topics', 'publish'): Node.get_publisher_names_and_types_by_node,

@@ -1,0 +1,256 @@
+"""Node `monitor`: holds every touch of production against the calibration and says when it has gone stale.
+
+The touches are those that the collector judges, on `collector/touch`. The calibration is the file that the parameter
+`calibration` names or, if it is empty, the last result of the calibrator that is in its parameters. Touches that were
+part of the calibration do not count; one that is discarded is taken back. The state is on `/diagnostics` and, as JSON,
+on `~/drift`; `~/reset` begins anew.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
+from scara_kinetostatic.model.kinematics import posture
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.monitoring.drift import Alarm, DriftMonitor
+from scara_kinetostatic.monitoring.hypotheses import change_title
+from scara_kinetostatic.monitoring.linear import Measured, measure
+from scara_kinetostatic.monitoring.record import CalibrationRecord
+from scara_kinetostatic.nodes import declare
+from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN, Condition, DiagnosticsPublisher
+from scara_kinetostatic.nodes.runtime import run
+from scara_kinetostatic.nodes.stream_subscription import LATCHED, LATCHED_TOUCHES
+from scara_kinetostatic.render.quantities import shown
+from scara_kinetostatic.report.document import NAME
+
+SCHEMA = 'scara_kinetostatic/drift/1'
+MOST_TOUCHES = 500
+"""So many touches are kept to take one back; an earlier one that is discarded stays in the sums."""
+
+
+class _Key(NamedTuple):
+    """A touch by its recording and number."""
+
+    recording: str
+    number: str
+
+
+class _Kept(NamedTuple):
+    """A touch that counts."""
+
+    measured: Measured
+    disc: int
+
+
+class Monitor(Node):
+    """Watches for drift. One thread spins it.
+
+    Raises:
+        InputError: the calibration that the parameter names cannot be read.
+        ParameterError: a parameter is not valid.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('monitor')
+        meaning = 'calibration.json to hold touches against; empty: the last result of the calibrator'
+        named = declare.text(self, 'calibration', '', meaning)
+        self._monitor: DriftMonitor | None = None
+        self._problem = '' if named else 'no calibration yet: calibrate, or set the parameter calibration'
+        self._kept: dict[_Key, _Kept] = {}
+        self._ignored = 0
+        self._alarm: Alarm | None = None
+        self._drift = self.create_publisher(String, '~/drift', LATCHED)
+        if named:
+            self._take(CalibrationRecord.load(declare.place('calibration', named)))
+        else:
+            self.create_subscription(String, 'calibrator/result', self._note_result, LATCHED)
+        self.create_subscription(DiagnosticArray, 'collector/touch', self._note_touch, LATCHED_TOUCHES)
+        self.create_service(Trigger, '~/reset', self._reset)
+        DiagnosticsPublisher(self, 'drift', self._report)
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    def _take(self, record: CalibrationRecord) -> None:
+        """Begins anew with a calibration."""
+        self._monitor, self._problem = DriftMonitor(record), ''
+        self._kept, self._ignored, self._alarm = {}, 0, None
+        self.get_logger().info(f'holding touches against {record.source}, calibrated {record.created}')
+        self._tell()
+
+    def _note_result(self, message: String) -> None:
+        """Takes a new result of the calibrator; one that was not published leaves the former one."""
+        try:
+            said = json.loads(message.data)
+            if not said.get('published', True):
+                return
+            folder = str(said['files']['folder'])
+            if not folder:
+                raise InputError('calibrator/result', 'the files of the result could not be written')
+            record = CalibrationRecord.load(Path(folder) / NAME)
+            if record.created != said['created']:
+                raise InputError(record.source, f'is of another result, {record.created}')
+            self._take(record)
+        except (ValueError, LookupError, TypeError, AttributeError, ScaraKinetostaticError) as error:
+            self._problem = f'the result of the calibrator cannot be used: {error}'
+            self.get_logger().warning(self._problem)
+
+    def _note_touch(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            values = {item.key: item.value for item in status.values}
+            key = _Key(values.get('recording', ''), values.get('touch', ''))
+            if values.get('accepted') == 'true':
+                self._add(key, values)
+            elif key in self._kept:
+                del self._kept[key]
+                self._start_over()
+        self._tell()
+
+    def _add(self, key: _Key, values: Mapping[str, str]) -> None:
+        """Counts a touch, unless it was part of the calibration or has been counted."""
+        monitor = self._monitor
+        if monitor is None or key in self._kept:
+            return
+        if key.recording in monitor.record.paths:
+            self._ignored += 1
+            return
+        try:
+            touch = _touch(values, monitor.record)
+            kept = _Kept(measure(touch, monitor.record, monitor.state), int(touch.disc[0]))
+        except (KeyError, ValueError, ScaraKinetostaticError) as error:
+            self._problem = f'touch {key.number} cannot be evaluated: {error}'
+            self.get_logger().warning(self._problem)
+            return
+        self._problem = ''
+        self._kept[key] = kept
+        self._count(kept)
+        while len(self._kept) > MOST_TOUCHES:
+            del self._kept[next(iter(self._kept))]
+
+    def _count(self, kept: _Kept) -> None:
+        assert self._monitor is not None
+        alarm = self._monitor.add_measured(*kept)
+        if alarm is not None and self._alarm is None:
+            self.get_logger().error(alarm_line(alarm))
+        self._alarm = alarm
+
+    def _start_over(self) -> None:
+        """Counts all kept touches again, after one was taken back."""
+        if self._monitor is not None:
+            self._monitor.reset()
+            self._alarm = None
+            for kept in self._kept.values():
+                self._count(kept)
+
+    def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._monitor is None:
+            response.message = self._problem
+            return response
+        self._monitor.reset()
+        self._kept, self._alarm, self._problem = {}, None, ''
+        response.success, response.message = True, 'touches count anew from here'
+        self._tell()
+        return response
+
+    def _report(self) -> Condition:
+        monitor = self._monitor
+        if monitor is None:
+            return Condition(WARN, self._problem, {})
+        values = {
+            'calibration': monitor.record.source,
+            'created': monitor.record.created,
+            'touches': str(monitor.count),
+            'touches of the calibration': str(self._ignored),
+            'statistic': f'{monitor.statistic:.1f}',
+            'threshold': f'{monitor.threshold:.1f}',
+            'last touch [standard deviations]': f'{monitor.last_distance:.1f}',
+        }
+        if self._alarm is not None:
+            a = self._alarm
+            values |= {'changed': a.best.name, 'rivals': ', '.join(a.rivals) or 'none', 'since touch': str(a.since)}
+            return Condition(ERROR, alarm_line(a), values)
+        if self._problem:
+            return Condition(WARN, self._problem, values)
+        return Condition(OK, f'{monitor.count} touches agree with the calibration', values)
+
+    def _tell(self) -> None:
+        """Publishes the state on `~/drift`."""
+        monitor = self._monitor
+        if monitor is None:
+            return
+        document: dict[str, Any] = {
+            'schema': SCHEMA,
+            'calibration': monitor.record.source,
+            'created': monitor.record.created,
+            'touches': monitor.count,
+            'statistic': monitor.statistic,
+            'threshold': monitor.threshold,
+            'alarm': None if self._alarm is None else alarm_document(self._alarm),
+        }
+        self._drift.publish(String(data=json.dumps(document)))
+
+
+def alarm_line(alarm: Alarm) -> str:
+    """An alarm in one line."""
+    best = alarm.best
+    pairs = zip(best.change, best.std, best.hypothesis.units, strict=True)
+    change = ', '.join(shown(value, std, unit).text for value, std, unit in pairs)
+    others = f'; or {"; ".join(change_title(name) for name in alarm.rivals[:3])}' if alarm.rivals else ''
+    return f'the calibration no longer holds, since touch {alarm.since}: {best.hypothesis.title} ({change}){others}'
+
+
+def alarm_document(alarm: Alarm) -> dict[str, Any]:
+    """An alarm as plain JSON values, SI units; None for what is not determined."""
+    best = alarm.best
+    stds = [std if np.isfinite(std) else None for std in best.std]
+    return {
+        'touch': alarm.touch,
+        'since': alarm.since,
+        'statistic': alarm.statistic,
+        'changed': best.name,
+        'change': list(best.change),
+        'std': stds,
+        'units': list(best.hypothesis.units),
+        'rivals': list(alarm.rivals),
+        'message': alarm_line(alarm),
+    }
+
+
+def _touch(values: Mapping[str, str], record: CalibrationRecord) -> TouchSet:
+    """A touch of the message in the cell of the calibration.
+
+    Raises:
+        KeyError, ValueError: a value is missing or no number.
+        InputError: the object or the frame is not that of the calibration.
+    """
+    cell = record.arm.cell
+    names = [disc.name for disc in cell.discs]
+    if values['object'] not in names:
+        problem = f'the calibration knows no object {values["object"]!r}'
+        raise InputError('collector/touch', problem, 'calibrate with this cell description')
+    if values['frame'] != cell.sensor.frame.value:
+        raise InputError('collector/touch', f'the frame of the force is {values["frame"]}, not that of the calibration')
+    joints = np.array([[float(values['q1_rad']), float(values['q2_rad'])]])
+    force = np.array([[float(values['fx_N']), float(values['fy_N'])]])
+    disc = np.array([names.index(values['object'])])
+    return TouchSet(joints, force, disc, posture(record.arm.model.parameters, joints))
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Runs the node; see `runtime.run` for the exit status."""
+    return run(Monitor, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

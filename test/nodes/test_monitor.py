@@ -1,0 +1,95 @@
+"""The drift monitor as a node: touches of the collector's topic, alarms, discarded touches, bad input."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from monitoring.simulated import CELL, TRUTH, touches_of
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN
+from scara_kinetostatic.nodes.judged_touch import JudgedTouch
+from scara_kinetostatic.nodes.monitor import Monitor, String
+from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.render.json_file import json_text
+from scara_kinetostatic.report.document import as_document
+
+
+@pytest.fixture(scope='module')
+def calibration(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp('result') / 'calibration.json'
+    document = as_document(calibrate_touches(touches_of(CELL, 0, world=None), CELL))
+    document['recordings'] = [{'path': '/seen', 'sha256': 'ab', 'start': None}]
+    path.write_text(json_text(document))
+    return path
+
+
+def messages(touches: TouchSet, recording: str, **changes: Any) -> list[Any]:
+    judged = [
+        JudgedTouch(
+            k, 0, (0, 0), '', CELL.discs[touches.disc[k]].name, tuple(touches.force[k]), tuple(touches.joints[k])
+        )._replace(**changes)
+        for k in range(len(touches))
+    ]
+    return [touch.message('/collector', recording, CELL.sensor.frame.value) for touch in judged]
+
+
+def feed(node: Node, touches: TouchSet, recording: str, **changes: Any) -> None:
+    for message in messages(touches, recording, **changes):
+        node._note_touch(message)
+
+
+def test_a_change_is_raised_and_reset(spin: Callable[..., Node], calibration: Path) -> None:
+    node = spin(Monitor, '--ros-args', '-p', f'calibration:={calibration}')
+    feed(node, touches_of(CELL, 1, world=None).select(np.arange(30)), '/monday')
+    condition = node._report()
+    assert condition.level == OK and condition.message == '30 touches agree with the calibration'
+    feed(node, touches_of(CELL, 1, world=None).select(np.arange(30)), '/monday')  # latched messages come again
+    feed(node, touches_of(CELL, 3, world=None).select(np.arange(5)), '/seen')
+    assert node._report().values['touches'] == '30'
+    assert node._report().values['touches of the calibration'] == '5'
+    changed = touches_of(CELL, 2, TRUTH.replace(l1=TRUTH.l1 + 1e-4), world=None).select(np.arange(20))
+    feed(node, changed, '/tuesday')
+    condition = node._report()
+    assert condition.level == ERROR and 'link 1 changed its length' in condition.message
+    assert condition.values['changed'] == 'l1'
+    feed(node, changed, '/tuesday', reason='discarded')
+    assert node._report().level == OK and node._report().values['touches'] == '30'
+    assert node._reset(Trigger.Request(), Trigger.Response()).success
+    assert node._report().values['touches'] == '0'
+
+
+def test_bad_touches_are_said_and_survived(spin: Callable[..., Node], calibration: Path) -> None:
+    node = spin(Monitor, '--ros-args', '-p', f'calibration:={calibration}')
+    touch = touches_of(CELL, 1, world=None).select([0])
+    for change in ({'object': 'nothing'}, {'force': ()}, {'joints': (float('nan'), 0.0)}):
+        feed(node, touch, '/a', **change)
+        assert node._report().level == WARN, change
+    feed(node, touch, '/a')
+    assert node._report().level == OK
+
+
+def test_the_calibration_of_the_calibrator(spin: Callable[..., Node], calibration: Path) -> None:
+    node = spin(Monitor)
+    assert node._report().level == WARN and 'no calibration yet' in node._report().message
+    assert not node._reset(Trigger.Request(), Trigger.Response()).success
+    created = json.loads(calibration.read_text())['created']
+    said = {'published': True, 'created': created, 'files': {'folder': str(calibration.parent)}}
+    for wrong in ('{', '[]', '{}', json.dumps(said | {'created': 'x'}), json.dumps(said | {'files': {'folder': ''}})):
+        node._note_result(String(data=wrong))
+        assert node._report().level == WARN and 'cannot be used' in node._report().message
+    node._note_result(String(data=json.dumps(said)))
+    assert node._report().level == OK
+
+
+def test_a_wrong_file_ends_the_start(spin: Callable[..., Node], tmp_path: Path) -> None:
+    with pytest.raises(InputError):
+        spin(Monitor, '--ros-args', '-p', f'calibration:={tmp_path / "none.json"}')
