@@ -72,6 +72,7 @@ setup(
             f'calibrator = {NAME}.nodes.executables:calibrator',
             f'visualizer = {NAME}.nodes.executables:visualizer',
             f'monitor = {NAME}.nodes.executables:monitor',
+            f'compensator = {NAME}.nodes.executables:compensator',
         ],
     },
 )

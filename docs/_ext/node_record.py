@@ -17,7 +17,8 @@ from typing import Any
 
 REPLACED = (
     'rclpy', 'rcl_interfaces', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'rosgraph_msgs', 'sensor_msgs',
-    'std_msgs', 'std_srvs', 'visualization_msgs', 'tf2_msgs', 'ament_index_python', 'launch', 'launch_ros',
+    'std_msgs', 'std_srvs', 'trajectory_msgs', 'visualization_msgs', 'tf2_msgs', 'ament_index_python', 'launch',
+    'launch_ros',
 )  # fmt: skip
 NODES = {
     'contact_simulator': 'ContactSimulator',
@@ -25,6 +26,7 @@ NODES = {
     'calibrator': 'Calibrator',
     'visualizer': 'Visualizer',
     'monitor': 'Monitor',
+    'compensator': 'Compensator',
 }
 
 

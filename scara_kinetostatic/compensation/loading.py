@@ -30,7 +30,7 @@ from scara_kinetostatic.model.noise import Noise
 
 SIGN_KNOWN = 3.0
 """Standard deviations from zero at which the sign of a torque, or the direction of a force, is known."""
-_STEEPEST = 4.0
+STEEPEST = 4.0
 """The band is so many times as wide as what the backlash itself can turn the lever arm."""
 _DISC_RADIUS = 0.1
 """Radius of the disc that effects are given as the touched one, m; the tip touches it along the force."""
@@ -134,7 +134,7 @@ class Law:
             moment = -tangent * force.size
         c2 = x2 * force.y - y2 * force.x + moment
         c1 = x1 * force.y - y1 * force.x + c2
-        own = _STEEPEST * (p.l1 + p.l2) * force.size
+        own = STEEPEST * (p.l1 + p.l2) * force.size
         known = SIGN_KNOWN * force.std
         b1, b2 = known * np.hypot(x1 + x2, y1 + y2) + abs(p.g1) * own, known * p.l2 + abs(p.g2) * own
         u1, u2 = c1 / b1, c2 / b2

@@ -145,7 +145,8 @@ class Predictor:
         n = len(joints)
         sides = posture_of(self.law.model.parameters, joints)
         metadata = _plain(sides) if metadata is None else metadata
-        position, covariance, codes = np.empty((n, 2)), np.empty((n, 2, 2)), np.empty(n, dtype=np.intp)
+        position, covariance = np.empty((n, 2)), np.empty((n, 2, 2))
+        codes, loaded = np.empty(n, dtype=np.intp), np.empty(n, dtype=bool)
         for rows in _chunks(n):
             f = Force.of(0.0 * force[rows] if self.rigid else force[rows], self.arm.noise)
             found = tip_under_load(self.law, joints[rows], f, metadata.select(rows))
@@ -154,8 +155,9 @@ class Predictor:
             if measured:
                 spread = spread.plus(measurement_covariance(self.law, found, f, jacobian))
             position[rows], covariance[rows] = found.tip, spread.matrices
+            loaded[rows] = self._is_loaded(found, f)
             codes[rows] = self._status(found, f, spread, metadata.select(rows), sides[rows])
-        return TipPosition(position, covariance, codes != _UNLOADED, _NAMES[codes])
+        return TipPosition(position, covariance, loaded, _NAMES[codes])
 
     def compensate(
         self, tip: Floats, force: Floats, posture: Indices, metadata: TouchMetadata | None = None
@@ -171,7 +173,7 @@ class Predictor:
         n = len(tip)
         metadata = _plain(posture) if metadata is None else metadata
         joints, torques, covariance = np.empty((n, 2)), np.empty((n, 2)), np.empty((n, 2, 2))
-        codes, normal = np.empty(n, dtype=np.intp), np.empty(n)
+        codes, loaded, normal = np.empty(n, dtype=np.intp), np.empty(n, dtype=bool), np.empty(n)
         for rows in _chunks(n):
             f = Force.of(force[rows], self.arm.noise)
             found = joints_under_load(self.law, tip[rows], f, posture[rows], metadata.select(rows))
@@ -182,8 +184,9 @@ class Predictor:
                 covariance[rows] = spread.mapped(jacobian.inverse()).matrices
                 variance = np.where(f.size > 0, spread.variance_along(f.nx, f.ny), spread.largest)
             normal[rows] = np.sqrt(variance)
+            loaded[rows] = self._is_loaded(found, f)
             codes[rows] = self._status(found, f, spread, metadata.select(rows), posture[rows])
-        return JointAngles(joints, torques, covariance, codes != _UNLOADED, _NAMES[codes], normal)
+        return JointAngles(joints, torques, covariance, loaded, _NAMES[codes], normal)
 
     def _tip_spread(self, found: Equilibrium, force: Force, jacobian: Jacobian) -> Symmetric:
         """Covariance of the tip at Q and F; NaN where nothing is stated."""
@@ -193,13 +196,16 @@ class Predictor:
         by_model = self._spread.tip(tip_derivative(self.law, found, force, jacobian))
         return by_model.plus(band_covariance(self.law, found, force, jacobian))
 
+    def _is_loaded(self, found: Equilibrium, force: Force) -> Mask:
+        """Whether no dead band is being crossed."""
+        return np.asarray(self.rigid | ~(found.loading.in_band | (force.place < 1)))
+
     def _status(
         self, found: Equilibrium, force: Force, spread: Symmetric, metadata: TouchMetadata, posture: Indices
     ) -> Indices:
         """Numbers in `STATUSES`."""
         used, code = self.arm.used, np.full(len(force.x), _OK, dtype=np.intp)
-        if not self.rigid:
-            code[found.loading.in_band | (force.place < 1)] = _UNLOADED
+        code[~self._is_loaded(found, force)] = _UNLOADED
         beyond = force.size > used.highest_force + SIGN_KNOWN * force.std
         beyond |= ~np.isin(posture, used.postures)
         if self.depends_on_time:

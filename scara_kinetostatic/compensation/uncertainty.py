@@ -22,7 +22,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import Shift
 from scara_kinetostatic.model.parameters import G1, G2, G_EE, L1, L2, NAMES, P1, P2, P_EE, THETA1, THETA2, X0, Y0
 
-_DEPENDS = 1.0
+DEPENDS = 1.0
 """A change of the tip by the plausible range of an undetermined direction that counts, in standard uncertainties."""
 
 
@@ -115,7 +115,7 @@ class Spread(NamedTuple):
         xx, yy, xy = (np.einsum('rn,rn->n', one, two) for one, two in ((x, x), (y, y), (x, y)))
         if self.undetermined.shape[1]:
             free = (self.undetermined.T @ derivative.reshape(k, 2 * n)).reshape(-1, n)
-            unknown = np.einsum('rn,rn->n', free, free) > _DEPENDS**2 * (xx + yy)
+            unknown = np.einsum('rn,rn->n', free, free) > DEPENDS**2 * (xx + yy)
             xx, yy, xy = (np.where(unknown, np.nan, part) for part in (xx, yy, xy))
         return Symmetric(xx, yy, xy)
 

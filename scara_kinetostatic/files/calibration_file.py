@@ -26,7 +26,7 @@ from scara_kinetostatic.model.noise import Level, Noise
 
 SCHEMA = 'scara_kinetostatic/calibration/1'
 """Keys may be added under the same number; what is there keeps its name and meaning."""
-LIVE_SCHEMA = 'scara_kinetostatic/result/1'
+RESULT_SCHEMA = 'scara_kinetostatic/result/1'
 """Of the document on `~/result` of the calibrator."""
 _MAX_BYTES = 1 << 28
 _REMEDY = 'give the calibration.json that calibrate writes'
@@ -186,7 +186,7 @@ def check_schema(document: Any, where: str | Path) -> None:
     if not isinstance(document, dict):
         raise CalibrationFileError(where, f'expected a calibration, got {type(document).__name__}', _REMEDY)
     schema = document.get('schema')
-    if schema in (SCHEMA, LIVE_SCHEMA):
+    if schema in (SCHEMA, RESULT_SCHEMA):
         return
     if schema is None:
         raise CalibrationFileError(where, 'is no calibration: there is no key "schema"', _REMEDY)

@@ -3,7 +3,8 @@
 - `contact_simulator` publishes the joint states and wrenches of a simulated cell that runs through a plan of touches;
 - `collector` records the two topics and counts the touches;
 - `calibrator` calibrates from a recording on a service call;
-- `visualizer` shows arm, objects, touches and results as markers.
+- `visualizer` shows arm, objects, touches and results as markers;
+- `compensator` publishes where the tip is under load, and answers a wanted pose and force with joint angles.
 
 The only modules of the package that import `rclpy`. Shared by them: `executables` and `runtime` (start, spin, stop),
 `declare` (parameters with descriptors), `stream_subscription` (quality of service), `conversion` (messages to numbers

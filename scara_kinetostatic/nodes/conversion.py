@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from math import isfinite
-from typing import NamedTuple
+from math import cos, isfinite, sin
+from typing import Any, NamedTuple
 
-from builtin_interfaces.msg import Time
+from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import WrenchStamped
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 NANOSECONDS = 1_000_000_000
 _PLAIN = b'\0\1'
@@ -23,6 +24,8 @@ _HEAD = struct.Struct('<iII')
 """Stamp and length of the frame's name."""
 _COUNT = struct.Struct('<I')
 _WRENCH = struct.Struct('<6d')
+_POSE = struct.Struct('<43d')
+"""Place, quaternion, and the covariance of x, y, z and the rotations about them, by rows."""
 
 
 class Sample(NamedTuple):
@@ -57,6 +60,55 @@ def wrench(sample: Sample, frame_id: str) -> WrenchStamped:
     message.wrench.force.x = sample.first
     message.wrench.force.y = sample.second
     return message
+
+
+class PlanarPose(NamedTuple):
+    """A pose in the plane: m, rad; and the covariance of x, y and yaw, (3, 3)."""
+
+    x: float
+    y: float
+    yaw: float
+    covariance: Sequence[Sequence[float]]
+
+    @property
+    def half_turn(self) -> tuple[float, float]:
+        """Z and w of the quaternion; x and y are 0."""
+        return sin(self.yaw / 2), cos(self.yaw / 2)
+
+
+def pose_bytes(stamp_ns: int, frame_id: str, pose: PlanarPose) -> bytes:
+    """A `PoseWithCovarianceStamped` as it goes over the wire; z, roll and pitch are 0 and exact."""
+    name = frame_id.encode()
+    seconds, nanoseconds = divmod(stamp_ns, NANOSECONDS)
+    head = _PLAIN + b'\0\0' + _HEAD.pack(seconds, nanoseconds, len(name) + 1) + name + b'\0'
+    (xx, xy, xw), (_, yy, yw), (_, _, ww) = pose.covariance
+    z6 = (0.0,) * 6
+    rows = (xx, xy, 0.0, 0.0, 0.0, xw, xy, yy, 0.0, 0.0, 0.0, yw, *z6, *z6, *z6, xw, yw, 0.0, 0.0, 0.0, ww)
+    return head.ljust(_aligned(len(head), 8), b'\0') + _POSE.pack(pose.x, pose.y, 0.0, 0.0, 0.0, *pose.half_turn, *rows)
+
+
+def planar(vector: Any) -> tuple[float, float]:
+    """X and y of a `Point` or a `Vector3`.
+
+    Raises:
+        UnusableMessageError: they are not finite.
+    """
+    found = _finite(Sample(0, float(vector.x), float(vector.y)))
+    return found.first, found.second
+
+
+def joint_trajectory(names: Sequence[str], angles: Sequence[float], duration: float) -> JointTrajectory:
+    """A trajectory of one point, which begins at once.
+
+    Args:
+        names: of the joints.
+        angles: rad.
+        duration: until it is reached, s.
+    """
+    nanoseconds = round(duration * NANOSECONDS)
+    when = Duration(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
+    point = JointTrajectoryPoint(positions=list(angles), time_from_start=when)
+    return JointTrajectory(joint_names=list(names), points=[point])
 
 
 def joint_sample(serialized: bytes, names: Sequence[str]) -> Sample:

@@ -40,6 +40,11 @@ def monitor() -> int:
     return _run('monitor')
 
 
+def compensator() -> int:
+    """Runs the compensator."""
+    return _run('compensator')
+
+
 def _run(name: str) -> int:
     catch_signals()
     return int(import_module(f'scara_kinetostatic.nodes.{name}').main())

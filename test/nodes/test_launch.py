@@ -99,6 +99,7 @@ def test_everything_starts_by_default(launched: Launched) -> None:
     ({'calibrate': 'false', 'show': 'false', 'simulate': 'false', 'cell': CELL}, ['collector']),
     ({'simulate': 'false', 'record': 'false', 'recording': 'bag'}, ['calibrator']),
     ({'simulate': 'false', 'record': 'false', 'cell': CELL}, ['calibrator', 'visualizer']),
+    ({'show': 'false', 'compensate': 'true', 'calibration': 'calibration.json'}, [*ALL[:3], 'compensator']),
 ])  # fmt: skip
 def test_parts_are_left_out(launched: Launched, arguments: dict[str, str], expected: list[str]) -> None:
     assert list(launched.nodes(**arguments)) == expected
@@ -121,11 +122,12 @@ def test_arguments_that_contradict_each_other_are_refused(
 
 def test_a_namespace_is_that_of_every_node_and_of_the_frames(launched: Launched) -> None:
     launched.installed |= {'robot_state_publisher', 'rviz2'}
-    nodes = launched.nodes(namespace='/left', rviz='true')
-    assert list(nodes) == [*ALL, 'robot_state_publisher', 'rviz2']
+    nodes = launched.nodes(namespace='/left', rviz='true', compensate='true')
+    assert list(nodes) == [*ALL[:3], 'compensator', ALL[3], 'robot_state_publisher', 'rviz2']
     assert {node['namespace'] for node in nodes.values()} == {'/left'}
     assert parameters(nodes['contact_simulator'])['frame_prefix'] == 'left/'
     assert parameters(nodes['visualizer'])['frame_prefix'] == 'left/'
+    assert parameters(nodes['compensator'])['frame_prefix'] == 'left/'
     assert parameters(nodes['robot_state_publisher'])['frame_prefix'] == 'left/'
     assert nodes['rviz2']['arguments'][-2:] == ['-f', 'left/base_link']
 

@@ -62,6 +62,7 @@ def test_every_executable_exists() -> None:
         'calibrator',
         'visualizer',
         'monitor',
+        'compensator',
     ]
     for _, module, function in scripts:
         assert callable(getattr(import_module(f'{NAME}.{module}'), function))

@@ -12,6 +12,7 @@ from rclpy.node import Node
 
 from scara_kinetostatic.nodes.calibrator import Calibrator
 from scara_kinetostatic.nodes.collector import Collector
+from scara_kinetostatic.nodes.compensator import Compensator
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.frame_check import TFMessage
 from scara_kinetostatic.nodes.monitor import Monitor
@@ -25,6 +26,7 @@ KINDS = {
     'calibrator': Calibrator,
     'visualizer': Visualizer,
     'monitor': Monitor,
+    'compensator': Compensator,
 }
 RULES = {
     ('topics', 'publish'): Node.get_publisher_names_and_types_by_node,
@@ -82,6 +84,9 @@ def test_a_node_may_do_what_it_does_and_nothing_else(spin: Callable[..., Node], 
     has = {rule: {topic for topic, _ in ask(node, name, namespace or '/')} for rule, ask in RULES.items()}
     if name == 'collector' and TFMessage is None:
         has['topics', 'subscribe'].add('/tf_static')
+    if name == 'compensator' and TFMessage is None:
+        has['topics', 'subscribe'].add('/tf_static')
+        has['topics', 'publish'].add('/tf')
     assert allowed('nodes.policy.xml', name, namespace) == has
     assert f'<enclave path="{enclave}">' in policy_text('nodes.policy.xml', namespace)
 
@@ -101,7 +106,8 @@ def test_the_operator_may_call_and_hear_what_there_is(namespace: str) -> None:
     operator = allowed('operator.policy.xml', '_ros2cli', namespace)
     assert operator['services', 'request'] == set().union(*(node['services', 'reply'] for node in nodes))
     assert operator['topics', 'subscribe'] <= set().union(*(node['topics', 'publish'] for node in nodes))
-    assert operator['topics', 'publish'] == {'/parameter_events', '/rosout'}
+    wanted = {f'{namespace}/compensator/{name}' for name in ('target_pose', 'target_wrench')}
+    assert operator['topics', 'publish'] == {'/parameter_events', '/rosout', *wanted}
     assert all(name.startswith('/_ros2cli*/') for name in operator['services', 'reply'])
 
 

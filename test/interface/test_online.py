@@ -1,0 +1,83 @@
+"""The tip followed sample by sample is that of arrays; in a dead band noise does not move it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import scara_kinetostatic as sk
+from scara_kinetostatic.compensation import online
+from scara_kinetostatic.compensation.arm import CalibratedArm
+from scara_kinetostatic.compensation.online import OnlineArm
+from scara_kinetostatic.effects.registry import find
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.cell import PAPER_CELL
+from scara_kinetostatic.model.extended_model import ExtendedModel
+
+EFFECTS = ('', 'transmission_error[joint1]', 'anisotropic_backlash', 'base_compliance', 'joint_hardening[joint2]')
+
+
+@pytest.fixture(scope='module')
+def arm() -> CalibratedArm:
+    return CalibratedArm.of(sk.calibrate(sk.simulate(PAPER_CELL, sk.PAPER_ACTUAL), PAPER_CELL))
+
+
+def with_effect(arm: CalibratedArm, label: str) -> CalibratedArm:
+    if not label:
+        return arm
+    effect = find(PAPER_CELL, label)
+    model = ExtendedModel(arm.model.parameters, (effect,), (effect.typical,))
+    size = len(model.names)
+    covariance = np.diag([*np.diag(arm.covariance), *(1e-4 * np.array(effect.typical) ** 2)])
+    return replace(arm, model=model, covariance=covariance, undetermined=np.zeros((size, 0)))
+
+
+@pytest.mark.parametrize('label', EFFECTS)
+def test_one_by_one_as_in_arrays(arm: CalibratedArm, label: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(online, 'WIDTH', 0.0)  # without hysteresis
+    random, count = np.random.default_rng(0), 200
+    joints = np.stack(
+        [random.uniform(-3, 3, count), random.choice([-1, 1], count) * random.uniform(0.2, 2.8, count)], -1
+    )
+    force = random.normal(0, 15, (count, 2))
+    force[:3] = 0
+    follower = OnlineArm(with_effect(arm, label))
+    found = [follower.locate(*q, *f) for q, f in zip(joints.tolist(), force.tolist(), strict=True)]
+    expected = follower.predictor.locate(joints, force, measured=True)
+    np.testing.assert_allclose([(one.x, one.y) for one in found], expected.position, rtol=0, atol=1e-10)
+    assert [one.status for one in found] == expected.status.tolist()
+    covariance = np.array([one.covariance[:2, :2] for one in found])
+    std = np.sqrt(np.einsum('nii->ni', expected.covariance))
+    error = np.abs(covariance - expected.covariance) / (std[:, :, None] * std[:, None, :])
+    assert error[expected.loaded].max() < 1e-3
+
+
+def test_noise_within_a_dead_band_does_not_move_the_tip(arm: CalibratedArm) -> None:
+    random, follower = np.random.default_rng(1), OnlineArm(arm)
+    forces = random.normal(0, 0.3, (500, 2))
+    tips = np.array([follower.locate(0.4, 1.1, *force)[:2] for force in forces.tolist()])
+    jumping = follower.predictor.locate(np.tile([0.4, 1.1], (500, 1)), forces).position
+    moves, jumps = (np.abs(np.diff(part[100:], axis=0)).mean() for part in (tips, jumping))
+    assert moves < 0.15 * jumps
+    pressed = [follower.locate(0.4, 1.1, x, 0.0)[:2] for x in np.linspace(0, 30, 3001).tolist()]
+    assert np.abs(np.diff(pressed, axis=0)).max() < 1e-5
+    assert pressed[-1] == pytest.approx(
+        follower.predictor.locate(np.array([[0.4, 1.1]]), np.array([[30.0, 0]])).position[0], abs=1e-9
+    )
+
+
+def test_the_covariance_follows(arm: CalibratedArm) -> None:
+    follower, angles = OnlineArm(arm), np.linspace(0.3, 2.5, 1000)
+    for angle in angles.tolist():
+        found = follower.locate(0.4, angle, 20.0, 25.0)
+        if found.status == 'ok':
+            expected = follower.predictor.locate(np.array([[0.4, angle]]), np.array([[20.0, 25.0]]), measured=True)
+            np.testing.assert_allclose(found.covariance[0, 0], expected.covariance[0, 0, 0], rtol=0.05)
+
+
+def test_a_gripper_that_is_not_isotropic_is_refused(arm: CalibratedArm) -> None:
+    cell = replace(PAPER_CELL, gripper_excess=((1e-6, 0.0), (0.0, 0.0)))
+    with pytest.raises(ParameterError, match='isotropic'):
+        OnlineArm(replace(arm, cell=cell))

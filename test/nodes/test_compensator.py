@@ -1,0 +1,232 @@
+"""The compensator says where the tip is, answers wanted poses, and says what it cannot."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from math import atan2, nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, WrenchStamped
+from nodes.waiting import WAIT
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+import scara_kinetostatic as sk
+from scara_kinetostatic.compensation.arm import CalibratedArm
+from scara_kinetostatic.compensation.online import OnlineArm
+from scara_kinetostatic.files.calibration_file import arm_document
+from scara_kinetostatic.model.cell import PAPER_CELL, Sensor
+from scara_kinetostatic.nodes.compensator import Compensator
+from scara_kinetostatic.nodes.conversion import PlanarPose, Sample, joint_state, pose_bytes, wrench
+from scara_kinetostatic.nodes.processes import THIS_MACHINE
+from scara_kinetostatic.nodes.stream_subscription import LATCHED
+
+CELL = replace(PAPER_CELL, sensor=Sensor())
+JOINTS, FORCE = (0.4, 1.1), (20.0, -5.0)
+
+
+@pytest.fixture(scope='module')
+def arm() -> CalibratedArm:
+    calibration = sk.calibrate(sk.simulate(CELL, sk.PAPER_ACTUAL), CELL)
+    return replace(CalibratedArm.of(calibration), grade='fit', created='2026-01-01T00:00:00Z')
+
+
+class Bench:
+    """The node, and one that plays the robot and hears the answers, spun in this thread."""
+
+    def __init__(self, node: Compensator) -> None:
+        self.node, self.stamp = node, 0
+        self.robot = Node('robot')
+        self.poses: list[PoseWithCovarianceStamped] = []
+        self.trajectories: list[JointTrajectory] = []
+        self.statuses: list[Any] = []
+        make = self.robot.create_publisher
+        self.joints, self.force = make(JointState, '/joint_states', 10), make(WrenchStamped, '/wrench', 10)
+        self.pose, self.wanted = (
+            make(kind, f'/compensator/target_{name}', 10)
+            for kind, name in ((PoseStamped, 'pose'), (WrenchStamped, 'wrench'))
+        )
+        self.result = make(String, '/calibrator/result', LATCHED)
+        hear = self.robot.create_subscription
+        hear(PoseWithCovarianceStamped, '/compensator/pose', self.poses.append, 10)
+        hear(JointTrajectory, '/compensator/joint_trajectory', self.trajectories.append, 10)
+        hear(DiagnosticArray, '/diagnostics', lambda message: self.statuses.append(message.status[0]), 10)
+        self.tare = self.robot.create_client(Trigger, '/compensator/tare')
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(node)
+        self._executor.add_node(self.robot)
+
+    def wait(self, condition: Callable[[], Any], publish: Callable[[], None] = lambda: None) -> None:
+        """Until a condition holds, publishing again and again."""
+        for _ in range(int(WAIT / 0.02)):
+            publish()
+            self._executor.spin_once(timeout_sec=0.02)
+            self.node.poll()
+            if condition():
+                return
+        raise AssertionError([(s.level, s.message) for s in self.statuses[-1:]])
+
+    def move(self, joints: tuple[float, float] = JOINTS, force: tuple[float, float] | None = FORCE) -> None:
+        self.stamp += 1_000_000
+        if force is not None:
+            self.force.publish(wrench(Sample(self.stamp, *force), 'base'))
+        self.joints.publish(joint_state(Sample(self.stamp, *joints), CELL.joint_names))
+
+    def want(self, x: float, y: float, frame: str = 'base_link') -> None:
+        message = PoseStamped()
+        message.header.frame_id = frame
+        message.pose.position.x, message.pose.position.y = x, y
+        self.pose.publish(message)
+
+    def says(self, text: str, level: bytes) -> Callable[[], bool]:
+        return lambda: any(text in s.message and s.level == level for s in self.statuses[-1:])
+
+
+@pytest.fixture
+def bench(domain: int, arm: CalibratedArm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Makes the bench; the node is spun by it alone."""
+    made: list[Bench] = []
+
+    for name, value in THIS_MACHINE.items():
+        monkeypatch.setenv(name, value)
+
+    def make(*arguments: str, calibrated: bool = True) -> Bench:
+        path = tmp_path / 'calibration.json'
+        path.write_text(json.dumps(arm_document(arm)))
+        given = ['-p', f'calibration:={path}'] if calibrated else []
+        more = [part for argument in arguments for part in ('-p', argument)]
+        args = ['--ros-args', *given, *more]
+        rclpy.init(args=args, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+        made.append(Bench(Compensator()))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.robot.destroy_node()
+        each.node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def test_the_tip_under_load_with_its_covariance(bench: Callable[..., Bench], arm: CalibratedArm) -> None:
+    b = bench()
+    b.wait(lambda: b.poses, b.move)
+    message, expected = b.poses[-1], OnlineArm(arm).locate(*JOINTS, *FORCE)
+    place, turn = message.pose.pose.position, message.pose.pose.orientation
+    assert (place.x, place.y, place.z) == pytest.approx((expected.x, expected.y, 0.0), abs=1e-9)
+    assert 2 * atan2(turn.z, turn.w) == pytest.approx(expected.yaw, abs=1e-9)
+    assert message.header.frame_id == 'base_link'
+    assert message.header.stamp.nanosec % 1_000_000 == 0
+    matrix = np.reshape(message.pose.covariance, (6, 6))
+    np.testing.assert_allclose(matrix[np.ix_([0, 1, 5], [0, 1, 5])], expected.covariance, rtol=1e-9)
+    assert not matrix[2:5].any()
+    b.wait(b.says('following the tip', b'\0'), b.move)
+
+
+def test_a_wanted_pose_and_force_are_answered(bench: Callable[..., Bench], arm: CalibratedArm) -> None:
+    b = bench('speed:=0.5')
+    force = wrench(Sample(0, 0.0, 30.0), '')
+
+    def ask() -> None:
+        b.move()
+        b.wanted.publish(force)
+        b.want(0.3, 0.2)
+
+    angles = sk.compensate(arm, [0.3, 0.2], [0.0, 30.0], 'left').joints[0]
+
+    def answered() -> bool:
+        return any(np.allclose(t.points[0].positions, angles, rtol=0, atol=1e-9) for t in b.trajectories)
+
+    b.wait(answered, ask)
+    answer = b.trajectories[-1]
+    assert list(answer.joint_names) == list(CELL.joint_names)
+    assert (answer.header.stamp.sec, answer.header.stamp.nanosec) == (0, 0)
+    duration = answer.points[0].time_from_start
+    expected = np.abs(angles - JOINTS).max() / 0.5
+    assert duration.sec + 1e-9 * duration.nanosec == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ('wish', 'said'),
+    [
+        ((0.9, 0.0), 'out of reach'),
+        ((nan, 0.2), 'expected finite numbers'),
+        ((0.3, 0.2, 'camera'), "expected the frame base_link, got 'camera'"),
+    ],
+)
+def test_what_cannot_be_answered_is_said(bench: Callable[..., Bench], wish: tuple[Any, ...], said: str) -> None:
+    b = bench()
+
+    def ask() -> None:
+        b.move()
+        b.want(*wish)
+
+    b.wait(b.says(said, b'\1'), ask)
+    assert not b.trajectories
+
+
+def test_stale_and_extrapolated(bench: Callable[..., Bench]) -> None:
+    b = bench('timeout:=0.05')
+    b.wait(b.says('no recent joint angles', b'\1'))
+    b.wait(b.says('no recent forces', b'\1'), lambda: b.move(force=None))
+    assert not b.poses
+    b.wait(b.says('poses extrapolated', b'\1'), lambda: b.move(force=(150.0, 0.0)))
+
+
+def test_results_of_the_calibrator_are_exchanged(bench: Callable[..., Bench], arm: CalibratedArm) -> None:
+    b = bench(calibrated=False)
+    b.wait(b.says('no calibration yet', b'\2'), b.move)
+    assert not b.poses
+    document = arm_document(arm) | {'schema': 'scara_kinetostatic/result/1', 'published': True}
+    b.result.publish(String(data=json.dumps(document)))
+    b.wait(lambda: b.poses, b.move)
+    moved = replace(arm, model=arm.model.replace(x0=0.05))
+    unfit = arm_document(replace(moved, grade='unfit'))
+    b.result.publish(String(data=json.dumps(unfit)))
+    b.wait(b.says('unfit for use', b'\2'), b.move)
+    b.result.publish(String(data='{"schema": 3}'))
+    b.wait(b.says('expected the schema', b'\2'), b.move)
+    other = replace(moved, cell=replace(CELL, joint_names=('a', 'b')))
+    b.result.publish(String(data=json.dumps(arm_document(other))))
+    b.wait(b.says('another robot', b'\2'), b.move)
+    before = b.poses[-1].pose.pose.position.x
+    assert before == pytest.approx(OnlineArm(arm).locate(*JOINTS, *FORCE).x, abs=1e-9)
+    b.result.publish(String(data=json.dumps(arm_document(moved))))
+    b.wait(lambda: b.poses[-1].pose.pose.position.x != before, b.move)
+    assert b.poses[-1].pose.pose.position.x - before == pytest.approx(0.05 - arm.model.parameters.x0, abs=1e-6)
+
+
+def test_the_zero_of_the_force(bench: Callable[..., Bench], arm: CalibratedArm) -> None:
+    b = bench()
+    b.wait(lambda: b.poses, lambda: b.move(force=(3.0, -4.0)))
+    future = b.tare.call_async(Trigger.Request())
+    b.wait(future.done, lambda: b.move(force=(3.0, -4.0)))
+    assert future.result().message == 'zero of the force: (3, -4) N'
+    free, seen = OnlineArm(arm).locate(*JOINTS, 0.0, 0.0), len(b.poses)
+    b.wait(lambda: len(b.poses) > seen + 5, lambda: b.move(force=(3.0, -4.0)))
+    place = b.poses[-1].pose.pose.position
+    assert (place.x, place.y) == pytest.approx((free.x, free.y), abs=3e-4)  # the hysteresis of the dead bands
+
+
+def test_the_bytes_of_a_pose_are_those_of_the_message() -> None:
+    for frame in ('base_link', 'left/base_link', '', 'abc'):
+        covariance = [[1.0, 2.0, 3.0], [2.0, 4.0, 5.0], [3.0, 5.0, 6.0]]
+        message = deserialize_message(
+            pose_bytes(1_500_000_007, frame, PlanarPose(0.1, 0.2, 0.3, covariance)), PoseWithCovarianceStamped
+        )
+        assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1, 500_000_007)
+        assert message.header.frame_id == frame
+        assert (message.pose.pose.position.x, message.pose.pose.position.y) == (0.1, 0.2)
+        assert np.reshape(message.pose.covariance, (6, 6))[np.ix_([0, 1, 5], [0, 1, 5])].tolist() == covariance
