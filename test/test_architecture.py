@@ -29,6 +29,7 @@ ORDER = (
     'files',
     'touches',
     'bags',
+    'contour',
     'simulation',
     'pipeline',
     'render',

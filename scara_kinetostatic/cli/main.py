@@ -27,6 +27,7 @@ VERBS = (
     'inspect',
     'compensate',
     'locate',
+    'contour',
     'simulate',
     'mujoco',
     'demo',

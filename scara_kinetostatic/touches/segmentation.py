@@ -49,12 +49,17 @@ class Contacts(NamedTuple):
         return Contacts(self.begin[which], self.end[which], self.peak[which], self.travel[which], self.spikes)
 
 
-def find_contacts(signals: Signals) -> Contacts:
-    """All contacts in the order of time."""
+def find_contacts(signals: Signals, zero: Floats | None = None) -> Contacts:
+    """All contacts in the order of time.
+
+    Args:
+        signals: the recording.
+        zero: of the force sensor where it is known, (2,), N; None to take it from where the arm moves most.
+    """
     wrench = signals.wrench
     width = 2 * round(0.5 * SMOOTHING / wrench.period) + 1
     smooth = moving_mean(signals.filtered.value, width)
-    smooth -= coarse_tare(signals)
+    smooth -= coarse_tare(signals) if zero is None else zero
     deviation = np.hypot(smooth[:, 0], smooth[:, 1])
     on = max(CONTACT_FORCE, _CONTACT_SIGMAS * white_noise(wrench.value) / np.sqrt(width))
     first, last = runs(_with_hysteresis(deviation, on, END_RATIO * on))

@@ -1,0 +1,94 @@
+"""`scara-kinetostatic contour`: the outline of an unknown object from a recording of slides along it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real
+from scara_kinetostatic.cli.output import print_result
+from scara_kinetostatic.errors import InputError
+
+DESCRIPTION = """\
+Measures the outline of an object whose shape nobody told, from a recording in
+which the tip slides along it under force. Deflection and backlash of the arm
+are taken out by the calibrated model, the radius of the tip along the measured
+normal; friction, lost contact and stick are considered; several passes are
+joined and closed outlines closed. Writes into DIR
+
+  contour.csv    time_s,x_m,y_m,nx,ny,std_normal_m,force_N: every point of the
+                 surface, its outward normal, standard uncertainty along it
+  contour.svg    the outlines in mm
+  contour.dxf    the same as polylines (release 12, mm)
+  contour.html   a page with figures
+
+The recording begins and ends with free motion: it gives the force zero.
+"""
+EXAMPLE = """\
+  scara-kinetostatic contour slide --calibration result/calibration.json --out contour
+  scara-kinetostatic contour slide --calibration result/calibration.json --cell cell.yaml --fit circle --out contour
+"""
+
+
+def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
+    """Adds the verb."""
+    parser = add_verb(
+        subparsers, 'contour', 'outline of an unknown object from a slide along it', DESCRIPTION, EXAMPLE, run
+    )
+    parser.add_argument('bag', type=Path, metavar='BAG', help='recording of joint states and wrenches')
+    parser.add_argument(
+        '--calibration', type=Path, required=True, metavar='FILE', help='calibration.json of this robot'
+    )
+    parser.add_argument(
+        '--cell',
+        type=Path,
+        metavar='FILE',
+        help='topics, frame and sign of the sensor, radius of the tip (default: as in the calibration)',
+    )
+    parser.add_argument('--out', type=Path, required=True, metavar='DIR', help='folder for the results')
+    parser.add_argument(
+        '--tip-radius', type=real(0), metavar='M', help='radius of the tip, m (default: as the cell states it)'
+    )
+    parser.add_argument(
+        '--fit',
+        choices=('circle', 'arc', 'line'),
+        action='append',
+        default=[],
+        help='fit this shape to every outline; may be given several times',
+    )
+    parser.add_argument('--json', action='store_true', help='print JSON instead of text')
+    return parser
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measures the contour.
+
+    Raises:
+        InputError: the recording, the calibration or the cell is wrong, or DIR cannot be written.
+        UnsupportedDataError: the tip touches nothing, does not slide, or jumps.
+    """
+    from scara_kinetostatic.bags.reader import read_streams
+    from scara_kinetostatic.contour.files import CSV, DXF, SVG, csv_text, dxf_text, svg_text
+    from scara_kinetostatic.contour.fits import fit_shape
+    from scara_kinetostatic.contour.trace import trace_contour
+    from scara_kinetostatic.files.calibration_file import load_arm
+    from scara_kinetostatic.files.cell_file import load_cell
+    from scara_kinetostatic.report import contour_page, contour_text
+
+    arm = load_arm(args.calibration)
+    cell = load_cell(args.cell) if args.cell else arm.cell
+    if args.bag.resolve() == args.out.resolve():
+        raise InputError(args.out, 'is the recording', 'choose another folder for --out')
+    radius = cell.tip_radius if args.tip_radius is None else args.tip_radius
+    contour = trace_contour(read_streams(args.bag, cell), arm, cell.sensor, radius)
+    fits = [
+        fit_shape(contour, arm, shape, k) for shape in dict.fromkeys(args.fit) for k in range(len(contour.outlines))
+    ]
+    files = {
+        CSV: csv_text(contour),
+        SVG: svg_text(contour.outlines),
+        DXF: dxf_text(contour.outlines),
+        contour_page.NAME: contour_page.html_text(contour, arm, fits, str(args.calibration)),
+    }
+    print_result(contour_text.text(contour, fits), contour_text.document(contour, fits), args.json, args.out, files)
+    return 0

@@ -1,0 +1,162 @@
+"""The part of a recording in which the tip is in contact: joint angles and force at the same instants.
+
+The zero of the force sensor cannot be taken from where the arm moves most, as with touches: here it moves in contact.
+It is taken from the steady force that is smallest, if that lasts at least `SHORTEST_FREE`; each contact has the zero of
+the free motion right before it, where there is one. The force is taken to the stamps of the joint states by a mean
+over `SMOOTHING`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.touches.segmentation import Contacts, find_contacts
+from scara_kinetostatic.touches.signals import SMOOTHING, Signals, moving_mean, white_noise
+from scara_kinetostatic.touches.tare import SHORTEST_FREE, tare_before
+
+LEAST_FORCE = 0.3
+"""Contact counts as lost where the force is below this part of the median force in contact."""
+_STEADY = 3.0
+"""A mean force is steady where the scatter about it is at most this many times the white noise."""
+_SAME_ZERO = 0.5
+"""Steady forces that differ by less than this, N, are the same zero."""
+_OTHER_ZERO = 1.0
+"""A recording that begins with a steady force farther from the zero, N, begins in contact."""
+_MARGIN = 1.5 * SMOOTHING
+"""Left out at the begin and the end of a contact, s: there the smoothed force contains some of the free motion."""
+
+
+class ContactSamples(NamedTuple):
+    """Instants in contact, at the stamps of the joint states.
+
+    Attributes:
+        time: since the start of the recording, (n,), s.
+        joints: Q, (n, 2), rad.
+        force: as the sensor reports it, less its zero, (n, 2), N.
+        contact: number of the contact, (n,).
+        lost: time that contact was lost between the first and the last contact, s.
+        white_noise: standard deviation of the white noise of a component of a force sample, N.
+        zero_std: standard uncertainty of a component of the zero, N.
+        warnings: what is unusual, one sentence each.
+    """
+
+    time: Floats
+    joints: Floats
+    force: Floats
+    contact: Indices
+    lost: float
+    white_noise: float
+    zero_std: float
+    warnings: tuple[str, ...]
+
+    def select(self, which: Mask) -> ContactSamples:
+        """The instants where a mask, (n,), is true."""
+        return self._replace(
+            time=self.time[which], joints=self.joints[which], force=self.force[which], contact=self.contact[which]
+        )
+
+
+class Zero(NamedTuple):
+    """What the sensor reports without force.
+
+    Attributes:
+        force: (2,), N.
+        std: of the mean of one component, N.
+    """
+
+    force: Floats
+    std: float
+
+
+def contact_samples(signals: Signals, source: str) -> ContactSamples:
+    """The instants in contact.
+
+    Args:
+        signals: the recording.
+        source: its name, for messages.
+
+    Raises:
+        UnsupportedDataError: the tip never touches anything, or is never free.
+    """
+    zero, warnings = _force_zero(signals, source)
+    contacts = find_contacts(signals, zero.force)
+    if not len(contacts.begin):
+        reach = float(np.hypot(*(signals.filtered.value - zero.force).T).max())
+        raise UnsupportedDataError(
+            f'{source}: the tip touches nothing: the force changes by {reach:.2g} N at most',
+            'record while the tip slides along the object, and begin and end with free motion',
+        )
+    time, joints = signals.joints.time, signals.joints.value
+    width = 2 * round(0.5 * SMOOTHING / signals.wrench.period) + 1
+    smooth = moving_mean(signals.filtered.value, width)
+    force = np.column_stack([np.interp(time, signals.wrench.time, column) for column in smooth.T])
+    number = _number_of_contact(time, contacts)
+    previous = -np.inf
+    for k, (begin, end) in enumerate(zip(contacts.begin, contacts.end, strict=True)):
+        tare = tare_before(signals, begin, previous)
+        force[number == k] -= zero.force if tare is None else tare.force
+        previous = end
+    size = np.hypot(*force.T)
+    typical = float(np.median(size[number >= 0])) if (number >= 0).any() else 0.0
+    used = (number >= 0) & (size > LEAST_FORCE * typical)
+    if used.sum() < 2:
+        problem = f'{source}: contact lasts for {int(used.sum())} joint states only'
+        raise UnsupportedDataError(problem, 'slide for longer, or record joint states at a higher rate')
+    first, last = np.flatnonzero(used)[[0, -1]]
+    between = ~used[first : last + 1]
+    noise = white_noise(signals.wrench.value)
+    return ContactSamples(
+        time[used],
+        joints[used],
+        force[used],
+        _renumbered(number, used),
+        lost=float(between.sum() * signals.joints.period),
+        white_noise=noise / np.sqrt(width),
+        zero_std=zero.std,
+        warnings=(*signals.warnings, *warnings),
+    )
+
+
+def _number_of_contact(time: Floats, contacts: Contacts) -> Indices:
+    """Number of the contact at each time, -1 where there is none."""
+    number = np.searchsorted(contacts.begin + _MARGIN, time, side='right') - 1
+    ends = np.append(contacts.end - _MARGIN, -np.inf)[number]
+    return np.where(time <= ends, number, -1)
+
+
+def _renumbered(number: Indices, used: Mask) -> Indices:
+    """Number of the uninterrupted contact of the used instants: one that is lost in between counts as two."""
+    breaks = np.append(True, ~used[:-1]) | np.append(True, np.diff(number) != 0)
+    return (np.cumsum(breaks & used) - 1)[used]
+
+
+def _force_zero(signals: Signals, source: str) -> tuple[Zero, tuple[str, ...]]:
+    """The zero of the sensor, and a warning where the recording begins in contact.
+
+    Raises:
+        UnsupportedDataError: no steady force lasts long enough.
+    """
+    wrench = signals.filtered
+    size = max(5, round(SHORTEST_FREE / wrench.period))
+    count = len(wrench.time) // size
+    blocks = wrench.value[: count * size].reshape(count, size, 2)
+    mean, scatter = blocks.mean(axis=1), blocks.std(axis=1).max(axis=1)
+    noise = white_noise(signals.wrench.value)
+    steady = scatter <= _STEADY * noise + 1e-6
+    if not steady.any():
+        problem = f'{source}: the force is never steady for {SHORTEST_FREE:g} s: there is no zero of the force sensor'
+        raise UnsupportedDataError(problem, 'begin and end the recording with free motion')
+    least = np.flatnonzero(steady)[np.hypot(*mean[steady].T).argmin()]
+    same = steady & (np.hypot(*(mean - mean[least]).T) < _SAME_ZERO)
+    zero = Zero(np.median(mean[same], axis=0), float(noise / np.sqrt(same.sum() * size)))
+    away = float(np.hypot(*(mean[0] - zero.force)))
+    if steady[0] and away > _OTHER_ZERO:
+        return zero, (
+            f'the recording begins in contact, or the zero of the force sensor changes by {away:.1f} N; '
+            'begin and end with free motion',
+        )
+    return zero, ()

@@ -1,0 +1,175 @@
+"""The path of the tip's centre: its direction by local regression, its passes, where it sticks or jumps.
+
+The direction of travel is the derivative of a local quadratic fit of the places over the time in motion. Of windows of
+several lengths (`WINDOWS`) the longest is used whose direction agrees with those of the shorter ones: along a
+straight edge the noise is averaged, at a corner the direction follows.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+
+WINDOWS = (4e-3, 2e-3, 1e-3, 0.5e-3)
+"""Half lengths of the windows along the path, m."""
+FEWEST = 4
+"""Samples on each side, at least."""
+_MOST = 400
+"""Samples on each side, at most."""
+_AGREE = 3.0
+"""Directions agree where they differ by at most this many standard deviations,"""
+_AGREE_ANGLE = 3e-3
+"""and this angle, rad, which covers errors that change slowly along the path."""
+STICK_SPEED = 0.1
+"""The tip sticks where it is slower than this part of its usual speed."""
+_SPEED_TIME = 0.06
+"""The speed is that of the distance over so long, s."""
+_SHORTEST_PASS = 2e-3
+"""A shorter motion is no pass, m."""
+_CHUNK = 20_000
+
+
+class Direction(NamedTuple):
+    """Direction of travel at n places.
+
+    Attributes:
+        along: unit vectors, (n, 2).
+        std: standard uncertainty of the angle, (n,), rad.
+        place: the places smoothed by the same fit, (n, 2), m.
+        white_noise: standard deviation of one component of a place without smoothing, m.
+    """
+
+    along: Floats
+    std: Floats
+    place: Floats
+    white_noise: float
+
+
+def speed_of(time: Floats, places: Floats, contact: Indices) -> Floats:
+    """Speed of the tip's centre, (n,), m/s: distance over `_SPEED_TIME` within one contact."""
+    period = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    half = max(1, round(0.5 * _SPEED_TIME / period))
+    first, last = _bounds(contact)
+    index = np.arange(len(time))
+    low, high = np.maximum(index - half, first), np.minimum(index + half, last)
+    elapsed = np.maximum(time[high] - time[low], 1e-9)
+    return np.asarray(np.hypot(*(places[high] - places[low]).T) / elapsed)
+
+
+def _bounds(label: Indices) -> tuple[Indices, Indices]:
+    """First and last index of the run of equal labels that each is in, (n,) each."""
+    change = np.flatnonzero(np.diff(label)) + 1
+    starts, stops = np.append(0, change), np.append(change, len(label)) - 1
+    run = np.cumsum(np.append(0, np.diff(label) != 0))
+    return starts[run], stops[run]
+
+
+def moving(speed: Floats) -> Mask:
+    """Where the tip slides rather than sticks, (n,)."""
+    usual = float(np.quantile(speed, 0.75))
+    return np.asarray(speed > STICK_SPEED * usual)
+
+
+def passes_of(places: Floats, contact: Indices, slides: Mask) -> Indices:
+    """Number of the pass of each place, -1 for none: (n,).
+
+    A pass is a motion without loss of contact and without a reversal; a stick within it is left out.
+    """
+    number = np.full(len(places), -1)
+    used = np.flatnonzero(slides)
+    if not len(used):
+        return number
+    step = np.diff(places[used], axis=0)
+    new_contact = np.diff(contact[used]) != 0
+    gap = np.diff(used) > 1
+    reversal = gap & np.append(False, (step[1:] * step[:-1]).sum(axis=1) < 0)
+    reversal |= gap & _turned(places, used)
+    number[used] = np.cumsum(np.append(True, new_contact | reversal)) - 1
+    for k in range(number.max() + 1):
+        here = np.flatnonzero(number == k)
+        length = np.hypot(*np.diff(places[here], axis=0).T).sum()
+        if length < _SHORTEST_PASS or len(here) < 2 * FEWEST + 1:
+            number[here] = -1
+    kept = np.unique(number[number >= 0])
+    return np.where(number >= 0, np.searchsorted(kept, number), -1)
+
+
+def _turned(places: Floats, used: Indices) -> Mask:
+    """Whether the direction after a place that is used is against the direction before it, (n - 1,)."""
+    back, ahead = np.maximum(np.arange(len(used)) - FEWEST, 0), np.minimum(np.arange(len(used)) + FEWEST, len(used) - 1)
+    before = places[used] - places[used[back]]
+    after = places[used[ahead]] - places[used]
+    return np.asarray((before[:-1] * after[1:]).sum(axis=1) < 0)
+
+
+def direction_along(time: Floats, places: Floats) -> Direction:
+    """Direction of travel of one pass.
+
+    Args:
+        time: (n,), s, increasing; of the motion alone.
+        places: (n, 2), m.
+    """
+    steps = np.diff(time)
+    period = float(np.median(steps))
+    clock = np.append(0.0, np.cumsum(np.minimum(steps, 3 * period)))
+    length = float(np.hypot(*np.diff(places, axis=0).T).sum()) / max(len(places) - 1, 1)
+    halves = [int(np.clip(round(half / max(length, 1e-9)), FEWEST, _MOST)) for half in WINDOWS]
+    fits = [_local_fit(clock, places, min(half, (len(places) - 1) // 2)) for half in dict.fromkeys(halves)]
+    noise = 1.4826 * float(np.median(np.abs(fits[-1].residual)))
+    angle, std, place = fits[-1].angle, fits[-1].slope_std * noise, fits[-1].place
+    agreed, doubt = np.ones(len(places), dtype=bool), np.zeros(len(places))
+    for fit in fits[-2::-1]:
+        off = np.abs(np.angle(np.exp(1j * (fit.angle - angle))))
+        doubt = np.where(agreed, off, doubt)  # the error of a fit to a bend grows with the window
+        agreed &= off <= _AGREE * std + _AGREE_ANGLE
+        angle, std = np.where(agreed, fit.angle, angle), np.where(agreed, fit.slope_std * noise, std)
+        place = np.where(agreed[:, None], fit.place, place)
+    along = np.column_stack([np.cos(angle), np.sin(angle)])
+    return Direction(along, np.hypot(std, doubt), place, noise)
+
+
+class _LocalFit(NamedTuple):
+    """A local quadratic fit at n places.
+
+    Attributes:
+        angle: of the derivative, (n,), rad.
+        slope_std: standard deviation of that angle per metre of white noise, (n,), rad/m.
+        place: value of the fit, (n, 2), m.
+        residual: of the places across the path, (n,), m.
+    """
+
+    angle: Floats
+    slope_std: Floats
+    place: Floats
+    residual: Floats
+
+
+def _local_fit(clock: Floats, places: Floats, half: int) -> _LocalFit:
+    """Quadratic fits in windows of `half` samples on each side, moved inwards at the ends."""
+    count, width = len(places), 2 * half + 1
+    parts = [_fit_part(clock, places, np.arange(first, min(first + _CHUNK, count)), half, width)
+             for first in range(0, count, _CHUNK)]  # fmt: skip
+    return _LocalFit(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _fit_part(clock: Floats, places: Floats, rows: Indices, half: int, width: int) -> _LocalFit:
+    start = np.clip(rows - half, 0, len(places) - width)
+    window = start[:, None] + np.arange(width)
+    scale = max(float(clock[-1] - clock[0]) * width / len(clock), 1e-9)
+    t = (clock[window] - clock[rows][:, None]) / scale
+    design = np.stack([np.ones_like(t), t, t * t], axis=-1)
+    normal = np.einsum('nwi,nwj->nij', design, design) + 1e-12 * np.eye(3)
+    inverse = np.linalg.inv(normal)
+    center = places[rows]
+    value = np.einsum('nij,nwj,nwc->nic', inverse, design, places[window] - center[:, None])
+    slope = value[:, 1]
+    speed = np.maximum(np.hypot(*slope.T), 1e-12)
+    across = np.stack([-slope[:, 1], slope[:, 0]], axis=-1) / speed[:, None]
+    leverage = np.clip(1.0 - inverse[:, 0, 0], 0.1, 1.0)
+    residual = -(value[:, 0] * across).sum(axis=1) / np.sqrt(leverage)
+    return _LocalFit(
+        np.arctan2(slope[:, 1], slope[:, 0]), np.sqrt(inverse[:, 1, 1]) / speed, center + value[:, 0], residual
+    )

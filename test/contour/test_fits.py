@@ -1,0 +1,85 @@
+"""Fits give back the shape within their uncertainty; the files hold the contour to the letter."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from contour.slides import CELL, DISC, arm
+
+from scara_kinetostatic.contour.files import COLUMNS, csv_text, dxf_text, svg_text
+from scara_kinetostatic.contour.fits import fit_shape
+from scara_kinetostatic.contour.trace import trace_contour
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.simulation.sliding.outline import polygon
+from scara_kinetostatic.simulation.sliding.slide import Slide
+from scara_kinetostatic.simulation.sliding.streams import simulate_slides
+
+
+@pytest.fixture(scope='module')
+def contour():
+    return trace_contour(simulate_slides(CELL, PAPER_ACTUAL, [Slide(DISC, 15, 0.1, 0.05, end=1.05)]), arm())
+
+
+def test_circle(contour):
+    fit = fit_shape(contour, arm(), 'circle')
+    for name, true in (('center_x', 0.2), ('center_y', 0.3), ('radius', 0.06)):
+        assert abs(fit.value(name).value - true) < 4 * fit.value(name).std < 4e-5
+    assert fit.rms < 1e-5
+    assert len(fit.residual) == len(contour)
+
+
+def test_arc_and_line():
+    part = trace_contour(simulate_slides(CELL, PAPER_ACTUAL, [Slide(DISC, 15, 0.1, 0.05, 1, 0.1, 0.4)]), arm())
+    fit = fit_shape(part, arm(), 'arc')
+    assert abs(fit.value('radius').value - 0.06) < 4 * fit.value('radius').std
+    assert fit.value('end').value - fit.value('begin').value == pytest.approx(0.3 * 2 * np.pi, abs=0.05)
+    edge = polygon([[0.1, 0.35], [0.25, 0.3]], closed=False)
+    straight = trace_contour(simulate_slides(CELL, PAPER_ACTUAL, [Slide(edge, 15, 0.1, 0.05)]), arm())
+    fit = fit_shape(straight, arm(), 'line')
+    true = np.arctan2(-0.15, -0.05)
+    assert abs(fit.value('normal_angle').value - true) < 4 * fit.value('normal_angle').std < 4e-4
+    assert fit.value('length').value == pytest.approx(np.hypot(0.15, 0.05), abs=3e-3)
+    offset = np.array([fit.value('x').value, fit.value('y').value]) - (0.1, 0.35)
+    assert abs(offset @ (np.cos(true), np.sin(true))) < 4e-5
+    with pytest.raises(UnsupportedDataError, match='on no circle'):
+        fit_shape(_exact_line(straight), arm(), 'circle')
+
+
+def _exact_line(contour):
+    along = np.linspace(0, 0.1, len(contour))
+    return replace(contour, surface=np.column_stack([along, 0 * along]))
+
+
+def test_csv(contour):
+    rows = list(csv.DictReader(io.StringIO(csv_text(contour))))
+    assert tuple(rows[0]) == COLUMNS
+    assert len(rows) == len(contour)
+    values = np.array([[float(row[name]) for name in COLUMNS] for row in rows])
+    np.testing.assert_allclose(values[:, 1:3], contour.surface, atol=1e-9)
+    np.testing.assert_allclose(values[:, 5], contour.std_normal, rtol=1e-3)
+    np.testing.assert_allclose(values[:, 6], np.hypot(*contour.force.T), atol=1e-4)
+    assert np.all(np.diff(values[:, 0]) > 0)
+
+
+def test_drawings_are_closed_and_in_millimetres(contour):
+    pairs = dxf_text(contour.outlines).splitlines()
+    codes, values = [int(code) for code in pairs[::2]], pairs[1::2]
+    assert values[-1] == 'EOF'
+    start = values.index('POLYLINE')
+    assert (70, '1') in zip(codes[start : start + 4], values[start : start + 4], strict=True)
+    vertices = [k for k, value in enumerate(values) if value == 'VERTEX']
+    points = np.array([[float(values[k + 2]), float(values[k + 3])] for k in vertices])
+    np.testing.assert_allclose(points, 1e3 * contour.outlines[0].points, atol=1e-6)
+    root = ElementTree.fromstring(svg_text(contour.outlines))
+    assert root.attrib['width'].endswith('mm')
+    (path,) = root.iter('{http://www.w3.org/2000/svg}path')
+    assert path.attrib['d'].endswith('Z')
+    numbers = [float(word) for word in path.attrib['d'].replace('M', ' ').replace('L', ' ').replace('Z', ' ').split()]
+    drawn = np.array(numbers).reshape(-1, 2)
+    assert np.ptp(drawn, axis=0) == pytest.approx([120.0, 120.0], abs=0.1)

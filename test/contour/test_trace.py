@@ -1,0 +1,166 @@
+"""The contour is the true surface, as uncertain as it says; what is no slide is refused or left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from contour.slides import CELL, DISC, OBJECTS, SQUARE, arm
+
+from scara_kinetostatic.contour.comparison import shifts_along_normal, surfaces_of
+from scara_kinetostatic.contour.trace import trace_contour
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import rms
+from scara_kinetostatic.model.cell import SensorFrame, SensorSign
+from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.simulation.sensors import SensorModel
+from scara_kinetostatic.simulation.sliding.outline import circle, polygon
+from scara_kinetostatic.simulation.sliding.slide import Slide
+from scara_kinetostatic.simulation.sliding.streams import simulate_slides
+
+EXACT = replace(arm(), model=replace(arm().model, parameters=PAPER_ACTUAL))
+"""An arm whose calibration is without error."""
+
+
+def slide_along(outline, *, cell=CELL, seed=0, sensors=None, **more):
+    slide = Slide(outline, **{'force': 15, 'friction': 0.1, 'speed': 0.05, **more})
+    return simulate_slides(cell, PAPER_ACTUAL, [slide], seed=seed, sensors=sensors)
+
+
+@pytest.mark.parametrize('outline', OBJECTS.values(), ids=OBJECTS)
+def test_surface_of_an_unknown_object(outline):
+    contour = trace_contour(slide_along(outline, end=1.05), arm())
+    error = outline.normal_error(contour.surface)
+    assert rms(error) < 2 * rms(contour.std_normal)
+    assert np.mean(np.abs(error) < 1.96 * contour.std_normal) > 0.85
+    nominal = outline.normal_error(surfaces_of(contour, arm()).rigid_nominal)
+    assert rms(nominal) > 100 * rms(error)
+    (joined,) = contour.outlines
+    assert joined.closed
+    assert rms(outline.normal_error(joined.points)) < 2 * rms(contour.std_normal)
+    assert np.mean(outline.normal_error(contour.surface + 1e-3 * contour.normal) > 9e-4) == 1.0
+    assert contour.friction.coefficient == pytest.approx(0.1, abs=3 * contour.friction.std)
+    assert not contour.warnings
+
+
+@pytest.mark.parametrize('outline', OBJECTS.values(), ids=OBJECTS)
+def test_without_errors_of_sensors_and_calibration(outline):
+    contour = trace_contour(slide_along(outline, sensors=SensorModel.ideal(200)), EXACT)
+    error = outline.normal_error(contour.surface)
+    assert rms(error) < 3e-6
+    assert np.abs(error).max() < 2e-5
+    assert contour.friction.coefficient == pytest.approx(0.1, abs=2e-3)
+
+
+@pytest.mark.parametrize('sign', list(SensorSign))
+def test_sensor_in_the_tool_frame(sign):
+    cell = replace(CELL, sensor=CELL.sensor._replace(frame=SensorFrame.TOOL, sign=sign))
+    streams = slide_along(DISC, cell=cell, end=0.4)
+    contour = trace_contour(streams, arm(), cell.sensor)
+    assert rms(DISC.normal_error(contour.surface)) < 1.2e-5
+
+
+def test_surfaces_of_less_complete_models():
+    contour = trace_contour(slide_along(DISC, end=0.3), arm())
+    surfaces = surfaces_of(contour, arm())
+    np.testing.assert_allclose(surfaces.deformable_calibrated, contour.surface, atol=1e-12)
+    tip = forward(CELL.nominal, contour.joints)
+    np.testing.assert_allclose(surfaces.rigid_nominal, tip - 0.005 * contour.normal, atol=1e-15)
+    shifts = shifts_along_normal(contour, surfaces)
+    assert rms(shifts[0]) > rms(shifts[1]) > 1e-4 > rms(shifts[2])
+
+
+def test_travel_in_both_directions_separates_friction_from_a_turned_sensor():
+    turned = 0.03
+    slides = [Slide(DISC, 15, 0.1, 0.05, begin=a, end=b) for a, b in ((0.0, 1.02), (1.0, 0.0))]
+    streams = simulate_slides(CELL, PAPER_ACTUAL, slides)
+    c, s = np.cos(turned), np.sin(turned)
+    force = streams.wrench.force @ np.array([[c, s], [-s, c]])
+    contour = trace_contour(replace(streams, wrench=replace(streams.wrench, force=force)), arm())
+    friction = contour.friction
+    assert friction.both_directions
+    assert friction.coefficient == pytest.approx(0.1, abs=3 * friction.std)
+    assert friction.rotation == pytest.approx(turned, abs=3 * friction.rotation_std)
+    (joined,) = contour.outlines
+    assert joined.closed
+    assert joined.passes == (0, 1)
+
+
+def test_passes_are_joined_and_gaps_left_open():
+    parts = ((0.0, 0.4), (0.35, 0.7), (0.65, 1.05))
+    slides = [Slide(SQUARE, 15, 0.1, 0.05, begin=a, end=b) for a, b in parts]
+    whole = trace_contour(simulate_slides(CELL, PAPER_ACTUAL, slides), arm())
+    (joined,) = whole.outlines
+    assert joined.closed
+    assert joined.passes == (0, 1, 2)
+    assert joined.length == pytest.approx(0.4 - 8 * 0.01 + 2 * np.pi * 0.01, rel=2e-3)
+    assert whole.lost > 1
+    two = trace_contour(simulate_slides(CELL, PAPER_ACTUAL, (slides[0], replace(slides[1], begin=0.5))), arm())
+    assert [outline.closed for outline in two.outlines] == [False, False]
+    here, there = circle((0.2, 0.3), 0.03), circle((-0.2, 0.35), 0.04)
+    objects = [Slide(outline, 15, 0.1, 0.05, end=1.05) for outline in (here, there)]
+    apart = trace_contour(simulate_slides(CELL, PAPER_ACTUAL, objects), arm())
+    assert [outline.closed for outline in apart.outlines] == [True, True]
+    assert apart.outlines[0].length == pytest.approx(2 * np.pi * 0.04, rel=1e-3)
+
+
+def test_stick_is_left_out():
+    streams = slide_along(DISC, end=0.5)
+    moving = trace_contour(streams, arm())
+    assert 0.3 < moving.stuck < 1.2
+    stamp, position = streams.joints.stamp, streams.joints.position
+    middle = len(stamp) // 2
+    pause = 2 * 10**9
+    rows = np.arange(160)
+    stopped = np.concatenate([stamp[:middle], stamp[middle] + rows * (pause // 160), stamp[middle:] + pause])
+    joints = np.concatenate(
+        [position[:middle], np.repeat(position[middle : middle + 1], 160, axis=0), position[middle:]]
+    )
+    at = np.searchsorted(streams.wrench.stamp, stamp[middle])
+    rest = streams.wrench.stamp[at] + np.arange(196) * (pause // 196)
+    wrench = np.concatenate([streams.wrench.stamp[:at], rest, streams.wrench.stamp[at:] + pause])
+    force = np.concatenate(
+        [
+            streams.wrench.force[:at],
+            np.repeat(streams.wrench.force[at : at + 1], 196, axis=0),
+            streams.wrench.force[at:],
+        ]
+    )
+    streams = replace(
+        streams,
+        joints=replace(streams.joints, stamp=stopped, position=joints),
+        wrench=replace(streams.wrench, stamp=wrench, force=force),
+    )
+    contour = trace_contour(streams, arm())
+    assert contour.stuck == pytest.approx(moving.stuck + 2.0, abs=0.2)
+    assert len(contour) == pytest.approx(len(moving), abs=12)
+    assert contour.passes.max() == 0
+
+
+def test_no_radius_of_the_tip_is_said():
+    cell = replace(CELL, tip_radius=None)
+    streams = simulate_slides(cell, PAPER_ACTUAL, [Slide(DISC, 15, 0.1, 0.05, end=0.3)])
+    contour = trace_contour(streams, replace(arm(), cell=cell))
+    assert any('no radius of the tip' in warning for warning in contour.warnings)
+    assert rms(DISC.normal_error(contour.surface)) < 1.2e-5
+
+
+def test_a_force_beyond_the_calibration_is_said():
+    contour = trace_contour(slide_along(DISC, end=0.2, force=60), arm())
+    assert any('extrapolated' in warning for warning in contour.warnings)
+
+
+def test_what_is_no_slide_is_refused():
+    streams = slide_along(DISC, end=0.3)
+    free = replace(streams.wrench, force=streams.wrench.force[:40].mean(axis=0) + 0.0 * streams.wrench.force)
+    with pytest.raises(UnsupportedDataError, match='touches nothing'):
+        trace_contour(replace(streams, wrench=free), arm())
+    position = streams.joints.position.copy()
+    position[len(position) // 2 :] += 0.02
+    with pytest.raises(UnsupportedDataError, match=r'the tip jumps by .* mm at'):
+        trace_contour(replace(streams, joints=replace(streams.joints, position=position)), arm())
+    still = slide_along(polygon([[0.2, 0.3], [0.2003, 0.3]], closed=False), speed=0.01)
+    with pytest.raises(UnsupportedDataError, match='does not slide'):
+        trace_contour(still, arm())
