@@ -71,11 +71,11 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.contour.files import CSV, DXF, SVG, csv_text, dxf_text, svg_text
     from scara_kinetostatic.contour.fits import fit_shape
     from scara_kinetostatic.contour.trace import trace_contour
-    from scara_kinetostatic.files.calibration_file import load_arm
+    from scara_kinetostatic.files.calibration_file import load_calibration
     from scara_kinetostatic.files.cell_file import load_cell
     from scara_kinetostatic.report import contour_page, contour_text
 
-    arm = load_arm(args.calibration)
+    arm = load_calibration(args.calibration)
     cell = load_cell(args.cell) if args.cell else arm.cell
     if args.bag.resolve() == args.out.resolve():
         raise InputError(args.out, 'is the recording', 'choose another folder for --out')

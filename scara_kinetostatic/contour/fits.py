@@ -101,7 +101,7 @@ def _arc(contour: Contour, arm: CalibratedArm, points: Mask, outline: int) -> Sh
     center = np.array([fit.value('center_x').value, fit.value('center_y').value])
     offset = contour.surface[points] - center
     angle = np.unwrap(np.arctan2(offset[:, 1], offset[:, 0])[np.argsort(contour.time[points])])
-    std = float(np.median(contour.std_normal[points])) / fit.value('radius').value
+    std = float(np.nanmedian(contour.std_normal[points])) / fit.value('radius').value
     ends = (FittedValue('begin', float(angle.min()), std, 'rad'), FittedValue('end', float(angle.max()), std, 'rad'))
     return fit._replace(values=(*fit.values, *ends))
 
@@ -153,7 +153,7 @@ def _line(contour: Contour, arm: CalibratedArm, points: Mask, outline: int) -> S
         FittedValue('x', float(origin[0]), float(std[0] * abs(normal[0])), 'm'),
         FittedValue('y', float(origin[1]), float(std[0] * abs(normal[1])), 'm'),
         FittedValue('normal_angle', angle, float(std[1]), 'rad'),
-        FittedValue('length', float(np.ptp(distance)), float(np.median(contour.std_normal[points])), 'm'),
+        FittedValue('length', float(np.ptp(distance)), float(np.nanmedian(contour.std_normal[points])), 'm'),
     )
     return ShapeFit('line', outline, values, residual, points)
 

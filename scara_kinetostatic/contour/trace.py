@@ -23,7 +23,7 @@ from scara_kinetostatic.contour.contact import ContactSamples, contact_samples
 from scara_kinetostatic.contour.friction import Friction, estimate_friction, off_normal_angle
 from scara_kinetostatic.contour.joining import Outline, join_passes
 from scara_kinetostatic.contour.path import direction_along, moving, passes_of, speed_of
-from scara_kinetostatic.contour.tip import TipPlaces, force_on_object, tip_places
+from scara_kinetostatic.contour.tip import TipPlaces, measured_force, tip_places
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Sensor
@@ -47,7 +47,7 @@ class Contour:
         time: since the first stamp of the recording, (n,), s.
         surface: points of the surface, (n, 2), m, base frame.
         normal: outward unit vectors, (n, 2).
-        std_normal: standard uncertainty along the normal, (n,), m.
+        std_normal: standard uncertainty along the normal, (n,), m; NaN where the calibration does not determine it.
         std_systematic: the part of it that is common to neighbouring points, by the calibration and the tip, (n,), m.
         force: F of the tip on the object, base frame, (n, 2), N.
         joints: Q, (n, 2), rad.
@@ -106,7 +106,7 @@ def trace_contour(
     if signals is None:
         raise UnsupportedDataError(f'{streams.source}: fewer than two samples of a topic', 'record a whole slide')
     samples = contact_samples(signals, streams.source)
-    force = force_on_object(arm.model, arm, sensor, samples.joints, samples.force)
+    force = measured_force(arm, sensor, samples.joints, samples.force)
     places = tip_places(arm, samples.joints, force)
     if not np.isfinite(places.center).all():
         raise UnsupportedDataError(f'{streams.source}: there is no place of the tip for its joint angles and forces')
@@ -190,6 +190,7 @@ def _surface(
     std = np.sqrt(common + noise + own)
     surface = places.center[used] - radius * n
     passes = np.unique(number[used], return_inverse=True)[1]
+    weighing = np.where(np.isnan(std), np.sqrt(noise + own), std)
     size = float(np.median(np.hypot(*force[used].T)))
     friction = estimate_friction(
         force[used], n, along[used], passes, arm.noise.force_at(size) / size, arm.cell.uncertainty.force_rotation
@@ -207,7 +208,7 @@ def _surface(
         passes=passes,
         by_model=np.einsum('ni,nik->nk', n, places.by_model[used]),
         outlines=join_passes(
-            [(surface[passes == k], n[passes == k], std[passes == k]) for k in range(passes.max() + 1)]
+            [(surface[passes == k], n[passes == k], weighing[passes == k]) for k in range(passes.max() + 1)]
         ),
         friction=friction,
         off_normal=off[used],
@@ -243,6 +244,12 @@ def _remarks(contour: Contour, arm: CalibratedArm, radius: float | None, moved: 
         remarks.append(
             f'{100 * beyond:.0f} % of the points have a force outside of that of the calibration, '
             f'{low:.0f} to {high:.0f} N: there the model is extrapolated'
+        )
+    unknown = float(np.mean(np.isnan(contour.std_normal)))
+    if unknown:
+        remarks.append(
+            f'{100 * unknown:.0f} % of the points have no stated uncertainty: the touches of the calibration do not '
+            'determine the place of the tip there'
         )
     if arm.grade == 'unfit':
         remarks.append('the calibration is assessed as unfit for use: see its report')

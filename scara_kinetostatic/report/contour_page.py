@@ -45,7 +45,7 @@ def html_text(contour: Contour, arm: CalibratedArm, fits: Sequence[ShapeFit], ca
             shifts=shifts,
             comparison=figures.comparison_picture(contour, surfaces),
             quality=figures.quality_picture(contour),
-            std=(1e6 * float(np.median(contour.std_normal)), 1e6 * float(np.median(contour.std_systematic))),
+            std=(1e6 * float(np.nanmedian(contour.std_normal)), 1e6 * float(np.nanmedian(contour.std_systematic))),
             tip_radius=1e3 * contour.tip_radius,
             fits=[
                 (

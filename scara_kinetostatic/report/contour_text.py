@@ -24,7 +24,7 @@ def headline(contour: Contour) -> str:
     """What was found, in one line."""
     first = contour.outlines[0]
     form = 'Closed outline' if first.closed else 'Open outline'
-    expanded = COVERAGE_FACTOR * _MICRO * float(np.median(contour.std_normal))
+    expanded = COVERAGE_FACTOR * _MICRO * float(np.nanmedian(contour.std_normal))
     more = f', and {count(len(contour.outlines) - 1, "other")}' if len(contour.outlines) > 1 else ''
     return f'{form} of {_MILLI * first.length:.1f} mm{more}, ± {expanded:.0f} µm along its normal'
 
@@ -85,7 +85,10 @@ def document(contour: Contour, fits: Sequence[ShapeFit]) -> Document:
         'points': len(contour),
         'passes': int(contour.passes.max()) + 1,
         'tip_radius': contour.tip_radius,
-        'std_normal': {'median': float(np.median(contour.std_normal)), 'worst': float(contour.std_normal.max())},
+        'std_normal': {
+            'median': float(np.nanmedian(contour.std_normal)),
+            'worst': float(np.nanmax(contour.std_normal)),
+        },
         'friction': {
             'coefficient': _number(f.coefficient),
             'std': _number(f.std),
