@@ -121,11 +121,12 @@ def metadata_of(table: PoseTable, sides: Indices) -> TouchMetadata:
 def write(path: Path, table: PoseTable, results: dict[str, NDArray[Any]], predictor: Predictor) -> None:
     """Writes the table, and says what is to be known of it."""
     from scara_kinetostatic.files.pose_table import write_pose_table
+    from scara_kinetostatic.render.quantities import count
 
     write_pose_table(path, table, results)
     for text in (*_of_calibration(predictor), *_of_table(table, list(results), predictor)):
         note(text)
-    print(f'{len(table)} rows: {_counts(results["status"])}\n{path}')
+    print(f'{count(len(table), "row")}: {_counts(results["status"])}\n{path}')
 
 
 def _counts(status: NDArray[np.str_]) -> str:
