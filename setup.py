@@ -15,6 +15,7 @@ BENCH = [
     'pin',
     *PHYSICS,
 ]  # the solvers and readers that `benchmark` compares with
+CLUSTER = ['dask[distributed]']  # for `recalibrate --dask`
 DOCS = ['sphinx>=7.2', 'myst-parser>=3', 'furo', 'latex2mathml']  # the documentation site in docs/
 README = Path('README.md')
 
@@ -62,7 +63,7 @@ setup(
         'lz4',
         'zstandard',
     ],
-    extras_require={'ros': ROS, 'test': TEST, 'physics': PHYSICS, 'bench': BENCH, 'docs': DOCS},
+    extras_require={'ros': ROS, 'test': TEST, 'physics': PHYSICS, 'cluster': CLUSTER, 'bench': BENCH, 'docs': DOCS},
     zip_safe=False,
     entry_points={
         'console_scripts': [

@@ -49,10 +49,11 @@ KEPT_IN = {
     'scipy': ('assessment', 'calibration', 'diagnosis', 'monitoring', 'report', 'studies'),
     'yaml': ('files', 'simulation'),
     'matplotlib': ('render', 'report', 'studies'),
-    'markupsafe': ('render', 'report', 'studies'),
+    'markupsafe': ('monitoring', 'render', 'report', 'studies'),
     'jinja2': ('files', 'render'),
     'rich': ('cli',),
     'mujoco': ('simulation',),
+    'distributed': ('monitoring',),
     **dict.fromkeys(('rosbags', 'mcap', 'lz4', 'zstandard'), ('bags',)),
     **dict.fromkeys(('rclpy', 'builtin_interfaces', 'rcl_interfaces', 'diagnostic_msgs'), ('nodes',)),
     **dict.fromkeys(

@@ -38,6 +38,8 @@ VERBS = (
     'export',
     'verify',
     'compare',
+    'history',
+    'recalibrate',
 )
 """Modules of this package, one per verb, in the order of the help."""
 _DONE, _INTERNAL, _WRONG_INPUT, _UNSUPPORTED, _INTERRUPTED, _BROKEN_PIPE, _TERMINATED = 0, 1, 2, 3, 130, 141, 143

@@ -1,0 +1,79 @@
+"""`scara-kinetostatic recalibrate`: every recording of an archive by itself, in parallel."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from scara_kinetostatic.cli.arguments import Subparsers, add_cell, add_verb, whole
+from scara_kinetostatic.cli.output import progress
+from scara_kinetostatic.errors import UnsupportedDataError
+
+DESCRIPTION = """\
+Calibrates every recording of an archive by itself, as after a correction of the
+cell description or with a new version: in parallel processes, or on a running
+Dask cluster. The results of each are in a folder of its name in DIR, as
+calibrate writes them; with --history they are added to a history as well.
+
+A recording that cannot be calibrated is named with the reason, and the others
+go on; the exit status is then 3.
+"""
+EXAMPLE = """\
+  scara-kinetostatic recalibrate archive/*.mcap --cell cell.yaml --out results --jobs 8 --history robots.sqlite
+  scara-kinetostatic recalibrate archive/*.mcap --out results --dask tcp://cluster:8786
+"""
+
+
+def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
+    """Adds the verb."""
+    parser = add_verb(
+        subparsers,
+        'recalibrate',
+        'calibrate every recording of an archive by itself, in parallel',
+        DESCRIPTION,
+        EXAMPLE,
+        run,
+        unsupported='a recording of the archive cannot be calibrated',
+    )
+    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='recordings, or touch tables (.csv)')
+    add_cell(parser, recorded=True)
+    parser.add_argument('--out', type=Path, default=Path('recalibrated'), metavar='DIR', help='(default: recalibrated)')
+    parser.add_argument('--jobs', type=whole(1), default=1, metavar='N', help='parallel processes (default: 1)')
+    parser.add_argument('--dask', default='', metavar='ADDRESS', help='of the scheduler of a Dask cluster')
+    parser.add_argument('--history', type=Path, metavar='FILE', help='history to add the results to')
+    parser.add_argument('--robot', default='', metavar='NAME', help='its name in the history')
+    return parser
+
+
+def run(args: argparse.Namespace) -> int:
+    """Recalibrates.
+
+    Raises:
+        InputError: an option is wrong, or the history cannot be written.
+        UnsupportedDataError: a recording cannot be calibrated.
+    """
+    from scara_kinetostatic.files.cell_file import load_cell
+    from scara_kinetostatic.files.checksum import check_different
+    from scara_kinetostatic.monitoring.archive import in_processes, on_cluster, tasks_of
+    from scara_kinetostatic.monitoring.history import History
+    from scara_kinetostatic.monitoring.record import CalibrationRecord
+    from scara_kinetostatic.report.document import NAME
+
+    check_different(args.bags)
+    if args.cell:
+        load_cell(args.cell)
+    history = History(args.history, create=True) if args.history else None
+    tasks, records, failed = tasks_of(args.bags, args.cell, args.out), [], 0
+    with progress() as show_progress:
+        results = on_cluster(tasks, args.dask) if args.dask else in_processes(tasks, args.jobs)
+        for number, done in enumerate(results, 1):
+            show_progress(f'{number} of {len(tasks)}', number / len(tasks))
+            print(f'{done.task.recording}: {done.grade or done.problem}')
+            failed += bool(done.problem)
+            if history is not None and not done.problem:
+                records.append(CalibrationRecord.load(Path(done.task.folder) / NAME))
+    if history is not None:
+        print(f'{sum(history.add(records, args.robot))} results added to {args.history}')
+    if failed:
+        raise UnsupportedDataError(f'{failed} of {len(tasks)} recordings cannot be calibrated', 'see the reasons above')
+    return 0
