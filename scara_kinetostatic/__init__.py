@@ -26,6 +26,7 @@ below it (`test/test_architecture.py` checks that):
     nodes, cli     thin: ROS nodes and the command line convert, delegate, publish
     interface      the functions of this page
     studies        design of recordings, dial gauge, hysteresis, the paper
+    monitoring     does a calibration still hold? verification, comparison, drift, history, archives
     report         an outcome as text, JSON, ROS parameter file, page
     render         figures, tables, quantities with units
     pipeline       from recordings or touches to the outcome
