@@ -33,6 +33,8 @@ WIDTH = 2.0
 """Of the hysteresis, standard deviations of a component of the force."""
 _MOVED = 2e-3
 """Change of a joint angle, rad, beyond which the covariance is worked out anew."""
+_PUSHED = 4.0
+"""The same of a component of the force, standard deviations."""
 _CROSSED = 0.02
 """The same of a place in a dead band."""
 _PASSES = 30
@@ -183,7 +185,7 @@ class OnlineArm:
     def _has_moved(self, q1: float, q2: float, load: _Load, force: _Force) -> bool:
         """Whether the covariance of before does not hold any more."""
         key = (q1, q2, load.s1, load.s2, force.place, force.x, force.y)
-        most = (_MOVED, _MOVED, _CROSSED, _CROSSED, _CROSSED, WIDTH * force.std, WIDTH * force.std)
+        most = (_MOVED, _MOVED, _CROSSED, _CROSSED, _CROSSED, _PUSHED * force.std, _PUSHED * force.std)
         if self._key and all(abs(new - old) < limit for new, old, limit in zip(key, self._key, most, strict=True)):
             return False
         self._key = key
