@@ -9,12 +9,15 @@ import pytest
 
 import scara_kinetostatic as sk
 from scara_kinetostatic.compensation import online
-from scara_kinetostatic.compensation.arm import CalibratedArm
+from scara_kinetostatic.compensation.arm import CalibratedArm, SensorErrors
 from scara_kinetostatic.compensation.online import OnlineArm
+from scara_kinetostatic.compensation.sensor import force_on_object, in_sensor_frame
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.cell import PAPER_CELL
+from scara_kinetostatic.model.cell import PAPER_CELL, SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.kinematics import rotate
+from scara_kinetostatic.model.sensor_error import reported_force
 
 EFFECTS = ('', 'transmission_error[joint1]', 'anisotropic_backlash', 'base_compliance', 'joint_hardening[joint2]')
 
@@ -81,3 +84,26 @@ def test_a_gripper_that_is_not_isotropic_is_refused(arm: CalibratedArm) -> None:
     cell = replace(PAPER_CELL, gripper_excess=((1e-6, 0.0), (0.0, 0.0)))
     with pytest.raises(ParameterError, match='isotropic'):
         OnlineArm(replace(arm, cell=cell))
+
+
+@pytest.mark.parametrize('frame', list(SensorFrame))
+def test_the_errors_of_the_sensor_are_removed(arm: CalibratedArm, frame: SensorFrame) -> None:
+    effect = find(PAPER_CELL, 'sensor_bias')
+    model = ExtendedModel(arm.model.parameters, (effect,), (effect.typical,))
+    size, cell = len(model.names), replace(PAPER_CELL, sensor=PAPER_CELL.sensor._replace(frame=frame))
+    biased = replace(
+        arm,
+        cell=cell,
+        model=model,
+        covariance=np.eye(size),
+        undetermined=np.zeros((size, 0)),
+        sensor=SensorErrors(gain=0.01, rotation=0.02),
+    )
+    joints, force = np.array([[0.4, 1.1], [-1.0, -0.7]]), np.array([[20.0, -5.0], [3.0, 17.0]])
+    own = in_sensor_frame(biased, force, joints)
+    reported = 1.01 * rotate(reported_force(model, own), np.full(2, 0.02))
+    np.testing.assert_allclose(force_on_object(biased, reported, joints), force, rtol=0, atol=1e-9)
+    one = OnlineArm(biased).true_force(*joints[0], *reported[0])
+    assert one == pytest.approx(tuple(force[0]), abs=1e-9)
+    angle = joints.sum(axis=1) + arm.model.parameters.theta1 + arm.model.parameters.theta2
+    np.testing.assert_allclose(own, rotate(force, -angle) if frame is SensorFrame.TOOL else force)

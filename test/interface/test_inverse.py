@@ -1,0 +1,77 @@
+"""H̄ undoes Ḡ over the workspace: with every effect of the robot, every gripper, in and out of the dead bands."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import scara_kinetostatic as sk
+from scara_kinetostatic.compensation.arm import CalibratedArm
+from scara_kinetostatic.compensation.predictions import STATUSES, Predictor
+from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.model.cell import PAPER_CELL, GripperSign
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
+from scara_kinetostatic.model.parameters import PAPER_MEASURED
+
+EFFECTS = [effect for effect in catalogue(PAPER_CELL) if not effect.on_object]
+COUNT = 2000
+
+
+@pytest.fixture(scope='module')
+def arm() -> CalibratedArm:
+    return CalibratedArm.of(sk.calibrate(sk.simulate(PAPER_CELL, PAPER_MEASURED), PAPER_CELL))
+
+
+def poses() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Half of the forces are along a link, pulling or pressing, or hardly there."""
+    random = np.random.default_rng(0)
+    side = random.choice([1, -1], COUNT)
+    links = np.stack([random.uniform(-np.pi, np.pi, COUNT), side * random.uniform(0.1, 3.0, COUNT)], axis=-1)
+    tip = forward(PAPER_MEASURED, links)
+    size, angle = random.uniform(0, 60, COUNT), random.uniform(0, 7, COUNT)
+    half = slice(COUNT // 2)
+    angle[half] = (
+        links.sum(axis=1)[half] + np.pi * random.choice([0, 1], COUNT // 2) + random.normal(0, 0.01, COUNT // 2)
+    )
+    size[: COUNT // 8] *= 0.01
+    size[:9] = 0.0
+    return tip, np.stack([size * np.cos(angle), size * np.sin(angle)], axis=-1), side
+
+
+def distance(arm: CalibratedArm) -> float:
+    predictor, (tip, force, side) = Predictor(arm), poses()
+    angles = predictor.compensate(tip, force, side)
+    reached = np.isfinite(angles.joints).all(axis=1)
+    assert reached.mean() > 0.98
+    assert set(angles.status) <= set(STATUSES)
+    back = predictor.locate(angles.joints[reached], force[reached])
+    assert 0.1 < back.loaded.mean() < 0.9
+    return float(np.abs(back.position - tip[reached]).max())
+
+
+@pytest.mark.parametrize('effect', EFFECTS, ids=lambda effect: effect.label)
+def test_with_every_effect(arm: CalibratedArm, effect: sk.Effect) -> None:
+    model = ExtendedModel(arm.model.parameters, (effect,), (effect.typical,))
+    size = len(model.names)
+    assert distance(replace(arm, model=model, covariance=np.eye(size), undetermined=np.zeros((size, 0)))) < 1e-9
+
+
+@pytest.mark.parametrize('sign', list(GripperSign))
+@pytest.mark.parametrize('excess', [((0.0, 0.0), (0.0, 0.0)), ((2e-5, -5e-6), (8e-6, 1e-5))])
+def test_with_every_gripper(
+    arm: CalibratedArm, sign: GripperSign, excess: tuple[tuple[float, float], tuple[float, float]]
+) -> None:
+    assert distance(replace(arm, cell=replace(PAPER_CELL, gripper_sign=sign, gripper_excess=excess))) < 1e-9
+
+
+def test_outside_the_dead_bands_it_is_the_law_itself(arm: CalibratedArm) -> None:
+    tip, force, side = poses()
+    found = Predictor(arm).compensate(tip, force, side)
+    exact, torques = inverse_kinetostatics(arm.model, tip, force, side)
+    assert found.loaded.sum() > 500
+    np.testing.assert_allclose(found.joints[found.loaded], exact[found.loaded], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.torques[found.loaded], torques[found.loaded], rtol=0, atol=1e-9)
