@@ -15,8 +15,13 @@ from pathlib import Path
 from markupsafe import Markup
 
 from benchmark.common import CELL, parser
+from benchmark.contour import CELL as CONTOUR_CELL
+from benchmark.contour import MOVED_DISC, OBJECTS, calibrated, slide_along
 from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.compensation import CalibratedArm
+from scara_kinetostatic.contour.comparison import surfaces_of
+from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, NOMINAL_COLOUR
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_recordings
@@ -31,10 +36,12 @@ from scara_kinetostatic.render.markers import (
     touch_markers,
     uncertainty_markers,
 )
-from scara_kinetostatic.report import effect_figures, figures, tip_maps
+from scara_kinetostatic.report import contour_figures, effect_figures, figures, tip_maps
+from scara_kinetostatic.report.contour_figures import ModelError
 from scara_kinetostatic.report.document import as_document
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
+from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 from scara_kinetostatic.studies.design import figures as design_pictures
 from scara_kinetostatic.studies.dial_gauge import figures as gauge_pictures
 from scara_kinetostatic.studies.dial_gauge.analysis import analyse_tables
@@ -60,6 +67,7 @@ def main() -> int:
 
 def pictures() -> Iterator[tuple[str, Markup]]:
     """Name and SVG of each."""
+    yield 'contour_errors', contour_errors()
     yield 'missing_effect', missing_effect()
     yield 'markers', markers()
     found = calibrate(simulate_touches(CELL, PAPER_ACTUAL, default_plan(CELL)), CELL)
@@ -104,6 +112,19 @@ def markers() -> Markup:
             *uncertainty_markers(document, pose, scales),
         ]
     )
+
+
+def contour_errors() -> Markup:
+    """The error of the contour of an unknown disc, before and after calibration, compensation and diagnosis."""
+    robot = with_effects(PAPER_ACTUAL, [parse_effect(MOVED_DISC, CONTOUR_CELL)])
+    outcome = calibrated(robot, 0)
+    outline = OBJECTS['disc']
+    contour = trace_contour(slide_along(robot, outline, 15.0, 0), CalibratedArm.of(outcome.final))
+    surfaces = [*surfaces_of(contour, CalibratedArm.of(outcome.calibration)), contour.surface]
+    errors = [outline.normal_error(surface) for surface in surfaces]
+    true = contour.surface - errors[-1][:, None] * contour.normal
+    labels = (*contour_figures.LABELS, 'with the effect found')
+    return contour_figures.error_picture(true, contour.normal, list(map(ModelError, labels, errors)))
 
 
 def missing_effect() -> Markup:

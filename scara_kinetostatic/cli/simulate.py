@@ -137,6 +137,7 @@ def run(args: argparse.Namespace) -> int:
         advice = 'leave out --per-disc, --levels and --preload'
         raise InputError('--plan', 'a plan defines all touches', advice)
     from scara_kinetostatic.bags.writer import write_streams
+    from scara_kinetostatic.render.quantities import count
     from scara_kinetostatic.simulation.sliding.plan_file import holds_slides, load_slides
     from scara_kinetostatic.simulation.sliding.streams import simulate_slides
     from scara_kinetostatic.simulation.streams import simulate_streams
@@ -156,7 +157,7 @@ def run(args: argparse.Namespace) -> int:
         form = {'storage': args.storage, 'compression': args.compression, 'with_cell': not args.plain}
         write_streams(args.out, streams, cell, **form)
     duration = 1e-9 * float(max(streams.joints.stamp[-1], streams.wrench.stamp[-1]) - streams.joints.stamp[0])
-    what = f'{len(slides)} slides' if plan is None else f'{len(plan)} touches'
+    what = count(len(slides), 'slide') if plan is None else count(len(plan), 'touch', 'touches')
     print(f'{args.out}: {what} in {duration:.0f} s of simulated time')
     print('truth: ' + ', '.join(f'{name} {value:.6g}' for name, value in truth.parameters.as_dict().items()))
     for effect, values in zip(truth.effects, truth.effect_values, strict=True):

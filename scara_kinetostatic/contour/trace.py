@@ -98,7 +98,8 @@ def trace_contour(
         tip_radius: m; None: as the calibration's cell has it.
 
     Raises:
-        UnsupportedDataError: the tip touches nothing, does not slide, or jumps.
+        UnsupportedDataError: the tip touches nothing, does not slide, or jumps; the calibration does not determine
+            where it is.
     """
     sensor = sensor or arm.cell.sensor
     radius = arm.cell.tip_radius if tip_radius is None else tip_radius
@@ -110,6 +111,11 @@ def trace_contour(
     places = tip_places(arm, samples.joints, force)
     if not np.isfinite(places.center).all():
         raise UnsupportedDataError(f'{streams.source}: there is no place of the tip for its joint angles and forces')
+    if np.isnan(places.systematic).all():
+        raise UnsupportedDataError(
+            f'{streams.source}: the touches of the calibration do not determine where the tip is',
+            'see the assessment in its report, and calibrate with the touches that it asks for',
+        )
     number, stuck = _passes(samples, places.center, streams.source, signals.joints.period)
     used = number >= 0
     contour = _surface(samples, places, force, number, arm, radius or 0.0, streams.source)

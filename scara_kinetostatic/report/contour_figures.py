@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from markupsafe import Markup
@@ -11,13 +12,17 @@ from matplotlib.axes import Axes
 from scara_kinetostatic.contour.comparison import Surfaces, shifts_along_normal
 from scara_kinetostatic.contour.fits import ShapeFit
 from scara_kinetostatic.contour.trace import Contour
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import Floats, Indices, rms
 from scara_kinetostatic.render.figure import FAINT, INK, MICRO, SERIES, Margins, as_svg, new_figure
 
 _WIDTH = 920.0
 _MILLI = 1e3
 _MOST_POINTS = 1500
 """Points of a curve that are drawn."""
+_LINEAR = 1e-5
+"""Errors up to this are on a linear scale, m."""
+_UNIT_CHANGE = 1e-4
+"""A length from this on is shown in millimetres, m."""
 LABELS = ('rigid, nominal', 'rigid, calibrated', 'deformable, calibrated')
 """The models of `Surfaces`."""
 
@@ -105,3 +110,49 @@ def _curve(axes: Axes, along: Floats, values: Floats, passes: Indices, colour: s
     """A curve that is broken between two passes."""
     breaks: Sequence[int] = (np.flatnonzero(np.diff(passes) != 0) + 1).tolist()
     axes.plot(np.insert(along, breaks, np.nan), np.insert(values, breaks, np.nan), color=colour, lw=1.2, label=label)
+
+
+class ModelError(NamedTuple):
+    """The error of the surface by one model.
+
+    Attributes:
+        label: of the model.
+        error: along the true normal, outside positive, (n,), m.
+    """
+
+    label: str
+    error: Floats
+
+
+def error_picture(surface: Floats, normal: Floats, errors: Sequence[ModelError], magnified: float = 5.0) -> Markup:
+    """Errors of several models on one slide whose true surface is known.
+
+    Left: the outline with the errors magnified; right: the errors along the slide, a linear scale up to
+    `_LINEAR`, beyond it logarithmic.
+
+    Args:
+        surface: true surface, (n, 2), m.
+        normal: its outward normals, (n, 2).
+        errors: of each model, the largest first.
+        magnified: factor of the errors on the left.
+    """
+    figure, (left, right) = new_figure(_WIDTH, 360, columns=2, width_ratios=(0.74, 1.0))
+    along = _MILLI * np.append(0.0, np.cumsum(np.hypot(*np.diff(surface, axis=0).T)))
+    left.fill(*(_MILLI * surface).T, color=FAINT, alpha=0.13, lw=0)
+    for (label, error), colour in zip(errors, (SERIES[1], SERIES[3], SERIES[4], SERIES[0]), strict=False):
+        left.plot(*(_MILLI * (surface + magnified * error[:, None] * normal)).T, color=colour, lw=1.3)
+        right.plot(along, _MILLI * error, color=colour, lw=1.1, label=f'{label}: {_length(rms(error))} rms')
+    left.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal', adjustable='datalim')
+    left.set_title(f'outline, errors × {magnified:g}')
+    right.set_yscale('symlog', linthresh=_MILLI * _LINEAR)
+    ticks = (-10, -1, -0.1, -0.01, 0, 0.01, 0.1, 1, 10)
+    right.set_yticks(ticks, [f'{tick:g}'.replace('-', '−') for tick in ticks])
+    right.minorticks_off()
+    right.set_ylim(-10, 10)
+    right.set(xlabel='distance along the surface  [mm]', ylabel='error along the normal  [mm]')
+    right.legend(loc='lower center', bbox_to_anchor=(0.46, 1.0), frameon=False, ncols=2, columnspacing=1.4)
+    return as_svg(figure, 'contour_errors', 'error of the surface by each model')
+
+
+def _length(value: float) -> str:
+    return f'{_MILLI * value:.3g} mm' if value >= _UNIT_CHANGE else f'{MICRO * value:.1f} µm'

@@ -1,0 +1,79 @@
+"""`contour` writes what the contract says, and refuses what is no slide with one line and no file."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli.command import Run
+from cli.conftest import CELL
+
+from scara_kinetostatic.cli.main import main
+
+SLIDE = '- {slide: {center: [0.2, 0.3], radius: 0.06}, force: 15, friction: 0.1, speed: 0.05, to: 1.05}\n'
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with `cell.yaml`, `touches`, `slide`, and `result` with a calibration."""
+    made = tmp_path_factory.mktemp('contour')
+    (made / 'cell.yaml').write_text(CELL + 'tip: {radius: 0.005}\n')
+    (made / 'slides.yaml').write_text(SLIDE)
+    cell = ['--cell', str(made / 'cell.yaml')]
+    assert main(['simulate', '--out', str(made / 'touches'), *cell]) == 0
+    assert main(['calibrate', str(made / 'touches'), '--out', str(made / 'result')]) == 0
+    slides = ['--plan', str(made / 'slides.yaml'), '--seed', '3']
+    assert main(['simulate', '--out', str(made / 'slide'), *slides, *cell]) == 0
+    return made
+
+
+def test_files_and_text(folder: Path, run: Run) -> None:
+    calibration = folder / 'result' / 'calibration.json'
+    result = run('contour', folder / 'slide', '--calibration', calibration, '--fit', 'circle', '--out', 'made')
+    assert result.status == 0
+    assert not result.err
+    assert result.out.startswith('Closed outline of 377.')
+    assert 'Circle through outline 1' in result.out
+    assert {path.name for path in Path('made').iterdir()} == {
+        f'contour.{kind}' for kind in ('csv', 'svg', 'dxf', 'html')
+    }
+    with Path('made/contour.csv').open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert list(rows[0]) == ['time_s', 'x_m', 'y_m', 'nx', 'ny', 'std_normal_m', 'force_N']
+    x, y, std = (np.array([float(row[name]) for row in rows]) for name in ('x_m', 'y_m', 'std_normal_m'))
+    error = np.hypot(x - 0.2, y - 0.3) - 0.06
+    assert np.sqrt(np.mean(error**2)) < 2 * np.sqrt(np.mean(std**2)) < 2e-5
+    page = Path('made/contour.html').read_text()
+    assert '<svg' in page
+    assert 'Circle through outline 1' in page
+
+
+def test_json(folder: Path, run: Run) -> None:
+    calibration = folder / 'result' / 'calibration.json'
+    more = ['--fit', 'circle', '--json', '--out', 'made', '--tip-radius', '0.004', '--cell', folder / 'cell.yaml']
+    result = run('contour', folder / 'slide', '--calibration', calibration, *more)
+    document = json.loads(result.out)
+    assert document['outlines'][0]['closed'] is True
+    assert document['fits'][0]['values']['radius']['value'] == pytest.approx(0.061, abs=2e-5)
+
+
+@pytest.mark.parametrize(
+    ('bag', 'calibration', 'status', 'message'),
+    [
+        ('nothing', 'result/calibration.json', 2, 'nothing'),
+        ('slide', 'cell.yaml', 2, 'cell.yaml'),
+        ('slide', 'slide', 2, 'is a folder'),
+        ('slide', 'nothing.json', 2, 'nothing.json'),
+        ('cell.yaml', 'result/calibration.json', 2, 'cell.yaml'),
+        ('touches', 'result/calibration.json', 3, 'does not slide'),
+    ],
+)
+def test_wrong_files(folder: Path, run: Run, bag: str, calibration: str, status: int, message: str) -> None:
+    result = run('contour', folder / bag, '--calibration', folder / calibration, '--out', 'made')
+    assert result.status == status
+    assert len(result.err.splitlines()) == 1
+    assert message in result.err
+    assert not Path('made').exists()
