@@ -7,13 +7,13 @@ parameter is preferred to the part that contains it unless the further values pa
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.parameters import NAMES, UNITS
+from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.monitoring.linear import Evidence, State
 
 PENALTY = 4.0
@@ -92,27 +92,34 @@ def hypotheses_of(state: State, values: int, objects: Sequence[int] | None = Non
         values: how many of its entries are values of the model.
         objects: numbers of the objects that can have changed; None for all.
     """
-    found = [Hypothesis(name, (k,), (UNITS[name],)) for k, name in enumerate(NAMES)]
-    found += [
-        Hypothesis(part, tuple(map(NAMES.index, names)), tuple(UNITS[name] for name in names))
-        for part, names in _PARTS.items()
-    ]
-    labels: dict[str, list[int]] = {}
-    for k, name in enumerate(state.names[len(NAMES) :], len(NAMES)):
-        labels.setdefault(name.rpartition('.')[0] if '.' in name else name, []).append(k)
-    touched = None if objects is None else {state.cell.discs[k].name for k in objects}
-    plates = {disc.plate for disc in state.cell.discs if touched is None or disc.name in touched}
-    for label, places in labels.items():
-        kind, _, target = label.partition('[')
-        target = target.rstrip(']')
-        is_cell = places[0] >= values
-        if is_cell and kind.startswith('object') and touched is not None and target not in touched:
-            continue
-        if is_cell and kind.startswith('plate') and target not in plates:
-            continue
-        unit = {'plate_angle': 'rad', 'force_rotation': 'rad', 'force_gain': '1'}.get(kind, 'm') if is_cell else ''
-        found.append(Hypothesis(label, tuple(places), (unit,) * len(places)))
-    return tuple(found)
+    found = [_hypothesis(name, (k,), state) for k, name in enumerate(NAMES)]
+    found += [_hypothesis(part, tuple(map(NAMES.index, names)), state) for part, names in _PARTS.items()]
+    cell = _by_label(state.names, range(values, len(state.names)))
+    found += [_hypothesis(label, places, state) for label, places in cell.items() if _is_touched(label, state, objects)]
+    effects = _by_label(state.names, range(len(NAMES), values))
+    return (*found, *(_hypothesis(label, places, state) for label, places in effects.items() if label not in cell))
+
+
+def _hypothesis(name: str, places: tuple[int, ...], state: State) -> Hypothesis:
+    return Hypothesis(name, places, tuple(state.units[place] for place in places))
+
+
+def _by_label(names: Sequence[str], where: Iterable[int]) -> dict[str, tuple[int, ...]]:
+    """Positions of the values of each effect or source of the cell, by its label."""
+    labels: dict[str, tuple[int, ...]] = {}
+    for place in where:
+        label = names[place].partition('].')[0] + ']' if '].' in names[place] else names[place].partition('.')[0]
+        labels[label] = (*labels.get(label, ()), place)
+    return labels
+
+
+def _is_touched(label: str, state: State, objects: Sequence[int] | None) -> bool:
+    """Whether touches of these objects show a source of the cell."""
+    kind, _, target = label.rstrip(']').partition('[')
+    discs = [disc for number, disc in enumerate(state.cell.discs) if objects is None or number in objects]
+    if kind.startswith('object'):
+        return target in (disc.name for disc in discs)
+    return not kind.startswith('plate') or target in (disc.plate for disc in discs)
 
 
 class Explanation(NamedTuple):

@@ -38,6 +38,7 @@ from scara_kinetostatic.diagnosis.comparison import whitened_normal
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Uncertainty
+from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 
@@ -50,6 +51,7 @@ class State(NamedTuple):
 
     Attributes:
         names: of each, (p,).
+        units: SI unit of each.
         scale: its plausible size, SI, (p,).
         cell: in which every error is declared with a standard uncertainty of one SI unit.
         errors: their estimates by the calibration, (m,), SI.
@@ -57,6 +59,7 @@ class State(NamedTuple):
     """
 
     names: tuple[str, ...]
+    units: tuple[str, ...]
     scale: Floats
     cell: Cell
     errors: Floats
@@ -73,12 +76,14 @@ class State(NamedTuple):
         probe = DeclaredErrors.of(_with_unit_uncertainties(cell))
         assert probe is not None
         names = (*arm.model.names, *probe.names)
-        units = [_SCALES[unit] for s in probe.sources for unit in [s.unit] * s.components]
-        scale = np.concatenate([scales_of(arm.model), units])
+        of_cell = [unit for source in probe.sources for unit in [source.unit] * source.components]
+        of_effects = [p.unit for effect in arm.model.effects for p in effect.parameters]
+        scale = np.concatenate([scales_of(arm.model), [_SCALES[unit] for unit in of_cell]])
+        units = (*UNITS.values(), *of_effects, *of_cell)
         errors, covariance = _prior(record, cell, names)
         values = len(arm.model.names)
         covariance[:values, :values] += arm.undetermined @ arm.undetermined.T
-        return cls(names, scale, probe.cell, errors[values:], covariance / np.outer(scale, scale))
+        return cls(names, units, scale, probe.cell, errors[values:], covariance / np.outer(scale, scale))
 
     def place(self, name: str) -> int:
         """Position of a value or an error."""
