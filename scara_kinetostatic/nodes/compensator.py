@@ -68,7 +68,7 @@ NEWEST = QoSProfile(
     durability=DurabilityPolicy.VOLATILE,
 )
 """Samples that a busy machine has let wait are left out; matches every publisher."""
-REST = 0.0007
+REST = 0.0008
 """Between two callbacks, s: joint state and wrench of 1 kHz are taken in one round."""
 TARGETS_EVERY = 8
 """Polls of the streams to one of the wanted poses and forces."""

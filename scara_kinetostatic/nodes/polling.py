@@ -11,7 +11,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-SERVE = 0.02
+SERVE = 0.04
 """Between two rounds for timers and services, s."""
 
 
