@@ -35,7 +35,8 @@ def undetermined(evidence: Evidence) -> Iterator[Remark]:
         return
     action = MORE_TOUCHES if len(names) > _MANY else c.identifiability.advice
     if set(names) & set(NAMES[:GEOMETRY]):
-        yield Remark(Grade.UNFIT, f'the touches do not determine {", ".join(names)}, nor where the tip is', action)
+        listed = 'any parameter' if len(names) == len(NAMES) else ', '.join(names)
+        yield Remark(Grade.UNFIT, f'the touches do not determine {listed}, nor where the tip is', action)
         return
     size = np.hypot(*c.force[c.used].T)
     yield Remark(

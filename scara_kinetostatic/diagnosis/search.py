@@ -28,6 +28,8 @@ _ATTEMPTS = 4
 """Credible sets that are fitted one by one, where their union does not converge."""
 _MOST_FAILURES = 6
 """Fits that do not converge, of all rounds, after which a round without a fit ends the search."""
+_LARGEST_RISE = 2.0
+"""Factor by which the force error of a fit with effects may exceed that without."""
 _MOST_RIVAL_FITS = 8
 """Credible sets that are fitted by themselves at most."""
 _DISTINGUISHABLE = 0.1
@@ -69,12 +71,11 @@ class Search(NamedTuple):
 
         Args:
             calibration: that with which the search began.
-            effort: of the diagnosis; these fits are made even beyond it.
+            effort: of the diagnosis; fits beyond it are left out.
         """
         selection = _Selection(effort, calibration, self.start or calibration, self.problem, self.scored_subsets)
         subsets = self.scored_subsets.credible[:_MOST_RIVAL_FITS]
-        fits = [selection.fit(selection.members(subset)) for subset in subsets]
-        return [fit for fit in fits if fit is not None]
+        return [fit for one in subsets if effort.allows() and (fit := selection.fit(selection.members(one)))]
 
 
 def search(
@@ -159,7 +160,14 @@ class _Selection(NamedTuple):
             fitted = fit_with(self.calibration, self.latest, self.problem, members, self.effort)
         except UnsupportedDataError:
             return None
-        return fitted if fitted.is_result and _is_plausible(fitted) else None
+        return fitted if fitted.is_result and self._predicts(fitted) and _is_plausible(fitted) else None
+
+    def _predicts(self, fitted: Calibration) -> bool:
+        """Whether a fit predicts the forces: a curve over the force may follow the deviations of the tip, and yet be so
+        steep that no contact, or another one, belongs to the joint angles.
+        """
+        c = self.calibration
+        return fitted.force_error <= _LARGEST_RISE * c.force_error + c.noise.force_rms
 
     def result(self, extended: Calibration, best: Subset) -> Search:
         """The result with the fit of all selected effects."""

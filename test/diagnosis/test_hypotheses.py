@@ -96,3 +96,13 @@ def test_noise_that_grows_with_the_force_is_no_friction():
         assert found.refitted is not None
         assert 0.03 < found.refitted.noise.growth < 0.05
         assert 'grows with the force' in found.advice
+
+
+def test_what_is_found_predicts_the_forces():
+    """The force has jumps over joint 1, which no effect has; a steep curve over the force follows them."""
+    data = simulate(seed=3)
+    data = data.replace(force=data.force * (1 + 0.03 * np.sign(np.sin(7 * data.joints[:, :1]))))
+    calibration = calibrate(data, CELL)
+    found = diagnose(calibration)
+    assert found.verdict == 'unexplained'
+    assert found.extended is None or found.extended.force_error < 1.1 * calibration.force_error
