@@ -117,6 +117,11 @@ def plain(cell: str) -> str:
     return cell.strip().replace('\N{MINUS SIGN}', '-').replace('\N{NO-BREAK SPACE}', '').strip()
 
 
+def number_text(cell: str) -> str:
+    """The number of a cell that `read_number` accepts, with a decimal point."""
+    return plain(cell).replace(',', '.')
+
+
 def read_number(cell: str, decimal_comma: bool) -> float:
     """The number in a cell; infinite where it is too large for a float.
 

@@ -2,13 +2,13 @@
 
 `compensate` reads `x_m, y_m, fx_N, fy_N` and optional `elbow` (``left`` or ``right``), `locate` reads
 `q1_rad, q2_rad, fx_N, fy_N`; both may have `time_s`, and `approach1, approach2`, as a table of touches. Other columns
-are handed on as they are, unless a result has their name. See `csv_text` for separators, decimal commas and encodings.
+are handed on as they are, unless a result has their name; numbers that are read, with a decimal point. See `csv_text` for separators, decimal commas and encodings.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from scara_kinetostatic.errors import OutputError, RecordingError
 from scara_kinetostatic.files.atomic import write_texts
 from scara_kinetostatic.files.csv_text import (
     CsvRows,
+    number_text,
     plain,
     raise_wrong_rows,
     read_csv_text,
@@ -27,7 +28,7 @@ from scara_kinetostatic.files.csv_text import (
     split_rows,
     too_many_cells,
 )
-from scara_kinetostatic.files.touch_table import csv_lines, quoted
+from scara_kinetostatic.files.touch_table import quoted
 from scara_kinetostatic.model.arrays import Floats
 
 POSES = ('x_m', 'y_m', 'fx_N', 'fy_N')
@@ -49,8 +50,8 @@ class PoseTable:
         source: the file.
         values: the numbers by column, (n,) each.
         elbows: of each row, ``left`` or ``right``; None where the table does not say.
-        heading: names of all its columns, in their order.
-        cells: text of all cells, row by row.
+        heading: names of all its columns, in their order, without those that are empty throughout.
+        cells: text of all cells, row by row; numbers that were read have a decimal point.
     """
 
     source: Path
@@ -87,13 +88,12 @@ class PoseTable:
 
     def text_with(self, results: Mapping[str, NDArray[Any]]) -> str:
         """The table with columns of results, (n,) each, behind its own."""
-        own = {
-            name: [quoted(row[place]) for row in self.cells]
-            for place, name in enumerate(self.heading)
-            if name and name not in results
-        }
-        texts = {name: [_text(value) for value in column.tolist()] for name, column in results.items()}
-        return csv_lines(own | texts)
+        kept = [place for place, name in enumerate(self.heading) if name not in results]
+        heading = [*(quoted(self.heading[place]) for place in kept), *results]
+        texts = zip(*([_text(value) for value in column.tolist()] for column in results.values()), strict=True)
+        rows = zip(self.cells, texts, strict=True)
+        lines = [','.join((*(quoted(cells[place]) for place in kept), *text)) for cells, text in rows]
+        return '\n'.join([','.join(heading), *lines, ''])
 
 
 def _text(value: object) -> str:
@@ -124,7 +124,15 @@ def load_pose_table(path: Path, needed: Sequence[str]) -> PoseTable:
     raise_wrong_rows(str(path), wrong)
     names = [name for name in columns if name != ELBOW]
     values = {name: np.array([row[k] for row in numbers]) for k, name in enumerate(names)}
-    return PoseTable(path, values, tuple(elbows) if ELBOW in columns else None, heading, _padded(rows, len(heading)))
+    cells = _cells(rows, len(heading), {columns[name] for name in names})
+    kept = [place for place, name in enumerate(heading) if name or any(row[place].strip() for row in cells)]
+    return PoseTable(
+        path,
+        values,
+        tuple(elbows) if ELBOW in columns else None,
+        tuple(heading[place] for place in kept),
+        tuple(tuple(row[place] for place in kept) for row in cells),
+    )
 
 
 def _columns(heading: Sequence[str], needed: Sequence[str], where: str) -> dict[str, int]:
@@ -195,8 +203,10 @@ def _elbow(cells: Sequence[str], columns: Mapping[str, int]) -> str:
     return text
 
 
-def _padded(rows: CsvRows, width: int) -> tuple[tuple[str, ...], ...]:
-    return tuple((*cells[:width], *[''] * (width - len(cells))) for _, cells in rows.body)
+def _cells(rows: CsvRows, width: int, numbers: Container[int]) -> list[list[str]]:
+    """The cells of all rows at the width of the heading, with those of the columns `numbers` as plain numbers."""
+    padded = [[*cells[:width], *[''] * (width - len(cells))] for _, cells in rows.body]
+    return [[number_text(text) if k in numbers else text for k, text in enumerate(row)] for row in padded]
 
 
 def check_output(path: Path, inputs: Sequence[Path]) -> None:

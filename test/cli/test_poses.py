@@ -81,6 +81,17 @@ def test_rigid_and_nominal(run: Run, result: Path) -> None:
     assert 1e-4 < np.hypot(*np.subtract(tips[2], tips[3])) < 1e-3
 
 
+def test_columns_of_a_spreadsheet_stay_in_their_places(run: Run, result: Path) -> None:
+    table = '"Force, x";q1_rad;q2_rad;fx_N;fy_N;id;id;;\r\n a;0,4;1,1;\N{MINUS SIGN}20;-30;b;c;;\r\n\r\n'
+    Path('states.csv').write_text(table, encoding='utf-8')
+    assert run('locate', result / 'calibration.json', 'states.csv', '--out', 'x.csv').err == ''
+    with Path('x.csv').open(newline='') as stream:
+        heading, row = csv.reader(stream)
+    assert heading == ['Force, x', 'q1_rad', 'q2_rad', 'fx_N', 'fy_N', 'id', 'id', *PLACES]
+    assert row[:7] == [' a', '0.4', '1.1', '-20', '-30', 'b', 'c']
+    assert (len(row), row[-1]) == (len(heading), 'ok')
+
+
 def test_what_is_to_be_known_is_said(run: Run, result: Path) -> None:
     document = json.loads((result / 'calibration.json').read_text())
     document['assessment']['grade'] = 'unfit'
