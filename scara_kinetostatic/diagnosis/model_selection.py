@@ -7,10 +7,10 @@ A set of effects is scored by its deviance and a penalty per effect,
 with m parameters of the effect, n touches, M candidate effects and t trials of this one: the extended Bayesian
 information criterion, whose prior takes every number of effects for equally likely (Chen and Chen, Biometrika 95
 (2008) 759). A fitted curve, which can take any shape, is accepted only where it is clearly better than every physical
-effect: its penalty is larger by `CREDIBLE`. What is declared to be uncertain is the first to be wrong: where a set has
-an effect by which something exceeds its declared uncertainty, the penalty of the set is smaller by `CREDIBLE`, and M
-counts such effects only. The deviance is χ² where the noise is given (divided by s² where no set of effects reduces it
-to that noise), and ν ln RSS where it is estimated.
+effect: its penalty is larger by `CREDIBLE`. What is declared to be uncertain is the first to be wrong: one effect alone
+by which something exceeds its declared uncertainty has a penalty smaller by `CREDIBLE`, and M counts such effects only.
+The deviance is χ² where the noise is given (divided by s² where no set of effects reduces it to that noise), and
+ν ln RSS where it is estimated.
 
 Sets whose score is within `CREDIBLE` of the best are credible, too. An effect that is in every credible set is found;
 those that replace each other are rivals.
@@ -157,7 +157,7 @@ class _SubsetScorer:
         return float(self._penalty_of_each(np.array([members], dtype=np.intp))[0])
 
     def _penalty_of_each(self, sets: Indices) -> Floats:
-        less = np.where(self.declared[sets].any(axis=1), CREDIBLE, 0.0)
+        less = np.where(self.declared[sets].all(axis=1), CREDIBLE, 0.0) if sets.shape[1] == 1 else 0.0
         return np.asarray(self.penalties[sets].sum(axis=1) - less)
 
     def allowed(self, sets: Indices) -> Indices:
