@@ -20,7 +20,7 @@ from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.compensation.loading import SIGN_KNOWN, STEEPEST, Force, Loading, faded
 from scara_kinetostatic.compensation.predictions import Predictor
 from scara_kinetostatic.compensation.sensor import force_on_object
-from scara_kinetostatic.compensation.uncertainty import DEPENDS, Spread
+from scara_kinetostatic.compensation.uncertainty import DEPENDS, Spread, Squares
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import SensorFrame
@@ -118,8 +118,9 @@ class OnlineArm:
             raise ParameterError('gripper_excess', 'a gripper that is not isotropic cannot be followed online')
         self.predictor = Predictor(self.arm)
         self._law, self._p = self.predictor.law, self.predictor.law.model.parameters
-        self._factor = np.ascontiguousarray(Spread.of(self.arm.covariance, self.arm.undetermined).factor.T)
-        self._free = np.ascontiguousarray(self.arm.undetermined.T)
+        spread = Spread.of(self.arm.covariance, self.arm.undetermined)
+        self._factor, self._free = np.ascontiguousarray(spread.factor.T), np.ascontiguousarray(spread.undetermined.T)
+        self._gaps, self._free_gaps = spread.gaps(self._p), spread.undetermined_gaps
         exact = self.arm.sensor == (0.0, 0.0) and not has_sensor_error(self._law.model)
         self._is_sensor_exact = exact and arm.cell.sensor.frame is SensorFrame.BASE
         self._held = (0.0, 0.0)
@@ -266,7 +267,6 @@ class OnlineArm:
 
     def _covariance(self, load: _Load, rows: _Rows, force: _Force) -> Floats:
         """Of x, y and yaw, (3, 3)."""
-        p = self._p
         j1x, j1y = -(load.y1 + load.y2), load.x1 + load.x2
         gxx, gxy = j1x * rows.i11 - load.y2 * rows.i21, j1x * rows.i12 - load.y2 * rows.i22
         gyx, gyy = j1y * rows.i11 + load.x2 * rows.i21, j1y * rows.i12 + load.x2 * rows.i22
@@ -278,13 +278,21 @@ class OnlineArm:
             change = self._free @ derivative[:, :2]
             if (change * change).sum() > DEPENDS**2 * (found[0, 0] + found[1, 1]):
                 return np.full((3, 3), nan)
-        q1, q2 = self.arm.noise.joint_levels
-        variance1 = q1 * q1 + p.g1 * p.g1 / 3 * (1 - load.s1 * load.s1)
-        variance2 = q2 * q2 + p.g2 * p.g2 / 3 * (1 - load.s2 * load.s2)
         by_1, by_2 = np.array([gxx, gyx, w1]), np.array([gxy, gyy, w2])
+        found = found + self._by_bands(self._gaps, load, force, by_1, by_2)
+        if len(self._free):
+            free = self._by_bands(self._free_gaps, load, force, by_1, by_2)
+            if free[0, 0] + free[1, 1] > DEPENDS**2 * (found[0, 0] + found[1, 1]):
+                return np.full((3, 3), nan)
+        q1, q2 = self.arm.noise.joint_levels
         by_force = self._by_force(load, force, by_1, by_2)
-        found = found + variance1 * by_1[:, None] * by_1 + variance2 * by_2[:, None] * by_2 + by_force @ by_force.T
-        own = p.g_ee * p.g_ee / 3 * (1 - force.place * force.place)
+        return found + q1 * q1 * by_1[:, None] * by_1 + q2 * q2 * by_2[:, None] * by_2 + by_force @ by_force.T
+
+    def _by_bands(self, gaps: Squares, load: _Load, force: _Force, by_1: Floats, by_2: Floats) -> Floats:
+        """Of x, y and yaw by the places in the dead bands, (3, 3)."""
+        v1, v2 = gaps.joint1 / 3 * (1 - load.s1 * load.s1), gaps.joint2 / 3 * (1 - load.s2 * load.s2)
+        found: Floats = v1 * by_1[:, None] * by_1 + v2 * by_2[:, None] * by_2
+        own = gaps.gripper / 3 * (1 - force.place * force.place)
         found[0, 0] += own
         found[1, 1] += own
         return found

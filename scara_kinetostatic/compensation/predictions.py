@@ -17,9 +17,9 @@ from scara_kinetostatic.compensation.uncertainty import (
     Jacobian,
     Spread,
     Symmetric,
-    band_covariance,
     measurement_covariance,
     tip_derivative,
+    with_dead_bands,
 )
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.effect_law import TouchMetadata
@@ -194,7 +194,7 @@ class Predictor:
             none = np.full(len(force.x), np.nan)
             return Symmetric(none, none, none)
         by_model = self._spread.tip(tip_derivative(self.law, found, force, jacobian))
-        return by_model.plus(band_covariance(self.law, found, force, jacobian))
+        return with_dead_bands(by_model, self._spread, self.law, found, force)
 
     def _is_loaded(self, found: Equilibrium, force: Force) -> Mask:
         """Whether no dead band is being crossed."""

@@ -20,7 +20,22 @@ from scara_kinetostatic.compensation.equilibrium import Equilibrium, inverse_of_
 from scara_kinetostatic.compensation.loading import Force, Law, faded
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.effect_law import Shift
-from scara_kinetostatic.model.parameters import G1, G2, G_EE, L1, L2, NAMES, P1, P2, P_EE, THETA1, THETA2, X0, Y0
+from scara_kinetostatic.model.parameters import (
+    G1,
+    G2,
+    G_EE,
+    L1,
+    L2,
+    NAMES,
+    P1,
+    P2,
+    P_EE,
+    THETA1,
+    THETA2,
+    X0,
+    Y0,
+    Parameters,
+)
 
 DEPENDS = 1.0
 """A change of the tip by the plausible range of an undetermined direction that counts, in standard uncertainties."""
@@ -88,6 +103,14 @@ class Symmetric(NamedTuple):
         return np.array([[self.xx, self.xy], [self.xy, self.yy]]).transpose(2, 0, 1)
 
 
+class Squares(NamedTuple):
+    """Squares of the half gaps of the joints, rad², and of the gripper, m²."""
+
+    joint1: float
+    joint2: float
+    gripper: float
+
+
 class Spread(NamedTuple):
     """The covariance of the values of a model, made ready.
 
@@ -98,6 +121,17 @@ class Spread(NamedTuple):
 
     factor: Floats
     undetermined: Floats
+
+    def gaps(self, parameters: Parameters) -> Squares:
+        """Expectations E[g²] = g² + var(g) of the backlashes."""
+        g = parameters
+        v1, v2, own = (float(self.factor[k] @ self.factor[k]) for k in (G1, G2, G_EE))
+        return Squares(g.g1**2 + v1, g.g2**2 + v2, g.g_ee**2 + own)
+
+    @property
+    def undetermined_gaps(self) -> Squares:
+        """Squares of the plausible ranges of the backlashes along what is undetermined."""
+        return Squares(*(float(self.undetermined[k] @ self.undetermined[k]) for k in (G1, G2, G_EE)))
 
     @classmethod
     def of(cls, covariance: Floats, undetermined: Floats) -> Spread:
@@ -162,16 +196,44 @@ def _add(row: Floats, shift: Shift, jacobian: Jacobian) -> None:
         row -= jacobian.times(shift.joints)
 
 
-def band_covariance(law: Law, found: Equilibrium, force: Force, jacobian: Jacobian) -> Symmetric:
-    """Covariance of the tip by the unknown places in the dead bands, m²."""
-    p, a, g = law.model.parameters, found.loading, jacobian
-    v1, v2 = p.g1**2 / 3 * (1 - a.s1**2), p.g2**2 / 3 * (1 - a.s2**2)
-    own = p.g_ee**2 / 3 * (1 - force.place**2)
+def band_covariance(gaps: Squares, found: Equilibrium, force: Force, jacobian: Jacobian) -> Symmetric:
+    """Covariance of the tip by the unknown places in the dead bands, m²: E[g²] / 3 (1 - s²) of each.
+
+    Args:
+        gaps: of the backlashes.
+        found: the poses.
+        force: on the object there.
+        jacobian: G there.
+    """
+    a, g = found.loading, jacobian
+    v1, v2 = gaps.joint1 / 3 * (1 - a.s1**2), gaps.joint2 / 3 * (1 - a.s2**2)
+    own = gaps.gripper / 3 * (1 - force.place**2)
     return Symmetric(
         g.xx**2 * v1 + g.xy**2 * v2 + own,
         g.yx**2 * v1 + g.yy**2 * v2 + own,
         g.xx * g.yx * v1 + g.xy * g.yy * v2,
     )
+
+
+def with_dead_bands(by_model: Symmetric, spread: Spread, law: Law, found: Equilibrium, force: Force) -> Symmetric:
+    """Covariance of the tip by the values of the model and the unknown places in the dead bands, m².
+
+    NaN where such a place counts whose backlash the touches do not determine.
+
+    Args:
+        by_model: by the values alone, J Σ Jᵀ.
+        spread: of the values.
+        law: of the arm.
+        found: the poses.
+        force: on the object there.
+    """
+    jacobian = Jacobian.at(found, force)
+    total = by_model.plus(band_covariance(spread.gaps(law.model.parameters), found, force, jacobian))
+    if not spread.undetermined.shape[1]:
+        return total
+    free = band_covariance(spread.undetermined_gaps, found, force, jacobian)
+    unknown = free.xx + free.yy > DEPENDS**2 * (total.xx + total.yy)
+    return Symmetric(*(np.where(unknown, np.nan, part) for part in total))
 
 
 def measurement_covariance(law: Law, found: Equilibrium, force: Force, jacobian: Jacobian) -> Symmetric:

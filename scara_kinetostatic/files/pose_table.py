@@ -2,7 +2,8 @@
 
 `compensate` reads `x_m, y_m, fx_N, fy_N` and optional `elbow` (``left`` or ``right``), `locate` reads
 `q1_rad, q2_rad, fx_N, fy_N`; both may have `time_s`, and `approach1, approach2`, as a table of touches. Other columns
-are handed on as they are, unless a result has their name; numbers that are read, with a decimal point. See `csv_text` for separators, decimal commas and encodings.
+are handed on as they are, unless a result has their name; numbers that are read, with a decimal point. See `csv_text`
+for separators, decimal commas and encodings.
 """
 
 from __future__ import annotations
@@ -124,14 +125,14 @@ def load_pose_table(path: Path, needed: Sequence[str]) -> PoseTable:
     raise_wrong_rows(str(path), wrong)
     names = [name for name in columns if name != ELBOW]
     values = {name: np.array([row[k] for row in numbers]) for k, name in enumerate(names)}
-    cells = _cells(rows, len(heading), {columns[name] for name in names})
-    kept = [place for place, name in enumerate(heading) if name or any(row[place].strip() for row in cells)]
+    texts = _texts(rows, len(heading), {columns[name] for name in names})
+    kept = [place for place, name in enumerate(heading) if name or any(row[place].strip() for row in texts)]
     return PoseTable(
         path,
         values,
         tuple(elbows) if ELBOW in columns else None,
         tuple(heading[place] for place in kept),
-        tuple(tuple(row[place] for place in kept) for row in cells),
+        tuple(tuple(row[place] for place in kept) for row in texts),
     )
 
 
@@ -203,7 +204,7 @@ def _elbow(cells: Sequence[str], columns: Mapping[str, int]) -> str:
     return text
 
 
-def _cells(rows: CsvRows, width: int, numbers: Container[int]) -> list[list[str]]:
+def _texts(rows: CsvRows, width: int, numbers: Container[int]) -> list[list[str]]:
     """The cells of all rows at the width of the heading, with those of the columns `numbers` as plain numbers."""
     padded = [[*cells[:width], *[''] * (width - len(cells))] for _, cells in rows.body]
     return [[number_text(text) if k in numbers else text for k, text in enumerate(row)] for row in padded]

@@ -11,12 +11,14 @@ import scara_kinetostatic as sk
 from scara_kinetostatic.compensation import online
 from scara_kinetostatic.compensation.arm import CalibratedArm, SensorErrors
 from scara_kinetostatic.compensation.online import OnlineArm
+from scara_kinetostatic.compensation.predictions import Predictor
 from scara_kinetostatic.compensation.sensor import force_on_object, in_sensor_frame
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_CELL, SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import rotate
+from scara_kinetostatic.model.parameters import G_EE, P_EE
 from scara_kinetostatic.model.sensor_error import reported_force
 
 EFFECTS = ('', 'transmission_error[joint1]', 'anisotropic_backlash', 'base_compliance', 'joint_hardening[joint2]')
@@ -55,6 +57,27 @@ def test_one_by_one_as_in_arrays(arm: CalibratedArm, label: str, monkeypatch: py
     std = np.sqrt(np.einsum('nii->ni', expected.covariance))
     error = np.abs(covariance - expected.covariance) / (std[:, :, None] * std[:, None, :])
     assert error[expected.loaded].max() < 1e-3
+
+
+def test_the_gap_is_as_uncertain_as_it_is_known(arm: CalibratedArm) -> None:
+    """Without a force nothing depends on the size of a gap, except how far the tip may be off."""
+    joints, none = np.array([[0.4, 1.1]]), np.zeros((1, 2))
+    before = Predictor(arm).locate(joints, none).covariance[0]
+    covariance = np.array(arm.covariance)
+    covariance[G_EE, G_EE] += 9e-8
+    wider = replace(arm, covariance=covariance)
+    expected = before + 3e-8 * np.eye(2)
+    np.testing.assert_allclose(Predictor(wider).locate(joints, none).covariance[0], expected, rtol=1e-9)
+    one, other = (OnlineArm(each).locate(0.4, 1.1, 0.0, 0.0).covariance for each in (wider, arm))
+    np.testing.assert_allclose((one - other)[:2, :2], 3e-8 * np.eye(2), rtol=0, atol=1e-14)
+    # one force level: p_ee and g_ee trade places at 30 N
+    free = np.zeros((12, 1))
+    free[G_EE], free[P_EE] = 1e-3, -1e-3 / 30
+    unknown = replace(arm, undetermined=free)
+    forces = np.array([[0.0, 0.0], [30.0, 0.0], [15.0, 0.0]])
+    statuses = ['undetermined', 'ok', 'undetermined']
+    assert Predictor(unknown).locate(np.repeat(joints, 3, axis=0), forces).status.tolist() == statuses
+    assert [OnlineArm(unknown).locate(0.4, 1.1, *force).status for force in forces.tolist()][::2] == statuses[::2]
 
 
 def test_noise_within_a_dead_band_does_not_move_the_tip(arm: CalibratedArm) -> None:
