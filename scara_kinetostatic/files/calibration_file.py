@@ -29,6 +29,10 @@ SCHEMA = 'scara_kinetostatic/calibration/1'
 RESULT_SCHEMA = 'scara_kinetostatic/result/1'
 """Of the document on `~/result` of the calibrator."""
 _MAX_BYTES = 1 << 28
+_SAME = 1e-9
+"""Relative difference of a value stated twice, by the digits of a rounded copy."""
+_ROUNDED = 1e-6
+"""Error of a covariance by rounding, of the product of both standard deviations."""
 _REMEDY = 'give the calibration.json that calibrate writes'
 _VERBATIM = ('noise', 'plates', 'uncertainty', 'tolerance', 'tip', 'identification')
 """Keys of `cell` that are those of a cell description."""
@@ -203,14 +207,15 @@ def _arm(document: Mapping[str, Any], where: str | Path) -> CalibratedArm:
     """
     cell, entry = stored_cell(document['cell'], where), document['model']
     model = _model(entry, cell, where)
+    _check_agreement(document, model, where)
     size, directions = len(model.names), entry['undetermined']
     return CalibratedArm(
         cell=cell,
         model=model,
-        covariance=_numbers(entry['covariance'], (size, size)),
+        covariance=_covariance(entry['covariance'], size),
         undetermined=_numbers(directions, (len(directions), size)).T,
         noise=_noise(entry['noise']),
-        sensor=SensorErrors(*(float(entry['sensor'][name]) for name in SensorErrors._fields)),
+        sensor=_sensor(entry['sensor']),
         used=_used(entry['used']),
         grade=str(document['assessment']['grade']),
         verdict=str(document['diagnosis']['verdict']),
@@ -242,7 +247,47 @@ def _model(entry: Mapping[str, Any], cell: Cell, where: str | Path) -> ExtendedM
     if list(start.names) != entry['names']:
         problem = 'the effects of this calibration have other parameters here'
         raise CalibrationFileError(where, problem, 'use the version of this package that wrote it')
-    return start.with_array(_numbers(entry['values'], (len(start.names),)))
+    model = start.with_array(_numbers(entry['values'], (len(start.names),)))
+    if not min(model.parameters.l1, model.parameters.l2) > 0:
+        raise ValueError('a link has no length')
+    return model
+
+
+def _check_agreement(document: Mapping[str, Any], model: ExtendedModel, where: str | Path) -> None:
+    """Check that `parameters`, where it is there, has the values of `model`: one of them changed by hand has no effect.
+
+    Raises:
+        CalibrationFileError: they differ.
+    """
+    for name, used in model.parameters.as_dict().items():
+        stated = document.get('parameters', {}).get(name, {}).get('value', used)
+        if not abs(stated - used) <= _SAME * abs(used):
+            problem = f'parameters.{name} is {stated:.9g}, but model.values has {used:.9g}'
+            remedy = 'take the file as calibrate wrote it; a value that is known can be fixed there'
+            raise CalibrationFileError(where, problem, remedy)
+
+
+def _covariance(rows: Any, size: int) -> Floats:
+    """A covariance, (size, size).
+
+    Raises:
+        ValueError, TypeError: it is none.
+    """
+    found = _numbers(rows, (size, size))
+    variance = np.diag(found)
+    if (variance < 0).any():
+        raise ValueError('a variance is negative')
+    limit = np.sqrt(np.outer(variance, variance))
+    if (np.abs(found - found.T) > _ROUNDED * limit).any() or (np.abs(found) > (1 + _ROUNDED) * limit).any():
+        raise ValueError('the covariance is not that of anything')
+    return found
+
+
+def _sensor(entry: Mapping[str, Any]) -> SensorErrors:
+    found = SensorErrors(*(float(entry[name]) for name in SensorErrors._fields))
+    if not (np.isfinite(found).all() and found.gain > -1):
+        raise ValueError(f'sensor: {dict(entry)!r:.100}')
+    return found
 
 
 def _noise(entry: Mapping[str, Any]) -> Noise:

@@ -68,9 +68,9 @@ def _without(key: str) -> Callable[[dict[str, Any]], Any]:
     return change
 
 
-def _with(*path: str, value: Any) -> Callable[[dict[str, Any]], Any]:
+def _with(*path: str | int, value: Any) -> Callable[[dict[str, Any]], Any]:
     def change(document: dict[str, Any]) -> Any:
-        inner = document
+        inner: Any = document
         for key in path[:-1]:
             inner = inner[key]
         inner[path[-1]] = value
@@ -95,6 +95,15 @@ def _with(*path: str, value: Any) -> Callable[[dict[str, Any]], Any]:
         (_with('model', 'covariance', value='x'), 'damaged'),
         (_with('model', 'covariance', value=[[None] * 12] * 12), 'damaged'),
         (_with('model', 'names', value=['x0']), 'other parameters'),
+        (_with('model', 'covariance', 3, 3, value=-1e-12), 'a variance is negative'),
+        (_with('model', 'covariance', 3, 4, value=1.0), 'the covariance is not that of anything'),
+        (_with('model', 'values', 3, value=-0.33), 'a link has no length'),
+        (_with('model', 'values', 3, value=0.34), r'parameters.l1 is 0.33.*, but model.values has 0.34'),
+        (_with('parameters', 'l1', 'value', value=0.34), r'parameters.l1 is 0.34, but model.values has 0.33'),
+        (_with('parameters', value=[]), 'damaged'),
+        (_with('parameters', 'l1', 'value', value='long'), 'damaged'),
+        (_with('model', 'sensor', 'gain', value=-1.0), 'damaged: sensor'),
+        (_with('model', 'sensor', 'rotation', value=float('nan')), 'damaged: sensor'),
         (_with('model', 'noise', value={'joint': -1, 'force': 0.3}), 'damaged'),
         (_with('model', 'noise', value={'joint': 'x', 'force': 0.3}), 'damaged'),
         (_with('model', 'used', 'highest_force', value=-1.0), 'damaged'),
