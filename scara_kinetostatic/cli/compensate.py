@@ -43,6 +43,12 @@ EXAMPLE = """\
   scara-kinetostatic compensate result/calibration.json poses.csv --out commands.csv
 """
 
+_OPEN = {
+    'ambiguous': 'effects that the touches do not distinguish: one is taken, the uncertainty does not cover the others',
+    'unexplained': 'the calibration has a model error of unknown cause; the uncertainty does not cover it',
+}
+"""What is to be known of a calibration by its verdict."""
+
 
 def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Adds the verb."""
@@ -138,9 +144,11 @@ def _counts(status: NDArray[np.str_]) -> str:
 
 def _of_calibration(predictor: Predictor) -> list[str]:
     """Whether the calibration may be used."""
-    if predictor.arm.grade != 'unfit' or predictor.nominal:
+    arm = predictor.arm
+    if predictor.nominal:
         return []
-    return ['the calibration is unfit for use; its calibration.json says why (assessment.reasons)']
+    unfit = 'the calibration is unfit for use; its calibration.json says why (assessment.reasons)'
+    return [text for text in (unfit if arm.grade == 'unfit' else '', _OPEN.get(arm.verdict, '')) if text]
 
 
 def _of_table(table: PoseTable, results: Sequence[str], predictor: Predictor) -> list[str]:

@@ -109,7 +109,7 @@ class Compensator(Node):
         self._frame, self._tip_frame = prefix + BASE_FRAME, prefix + tip_frame if tip_frame else ''
         self._tip = FollowedTip(cell, self._timeout, noise)
         self._origin, self._refused, self._answered = 'none', '', 'none'
-        self._unanswered = ''
+        self._answer_problem = ''
         self._wanted = (0.0, 0.0)
         self._next_transform = self._polls = 0
         self._check = FrameCheck(self, cell.sensor.frame, lambda _message, _anew: None)
@@ -239,7 +239,9 @@ class Compensator(Node):
             return
         duration = max(SHORTEST, answer.move / self._speed)
         self._trajectory.publish(joint_trajectory(self._tip.cell.joint_names, answer.joints, duration))
-        self._unanswered, self._answered = '', self._described(x, y, answer)
+        self._answered = self._described(x, y, answer)
+        sure = answer.status in ('ok', 'unloaded')
+        self._answer_problem = '' if sure else f'the last answer is {answer.status}: {self._answered}'
 
     def _described(self, x: float, y: float, answer: Answer) -> str:
         fx, fy = self._wanted
@@ -256,7 +258,7 @@ class Compensator(Node):
             raise UnusableMessageError(f'expected the frame {self._frame}, got {frame_id!r}')
 
     def _leave(self, problem: str) -> None:
-        self._unanswered = problem
+        self._answer_problem = problem
         self.get_logger().warning(problem)
 
     def _tare(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -280,7 +282,7 @@ class Compensator(Node):
         values |= {f'poses: {name}': str(number) for name, number in statuses.items()}
         complaints += [f'no recent {name}' for name, age in self._tip.ages().items() if age > self._timeout]
         complaints += [f'{number} poses {name}' for name, number in statuses.items() if name not in ('ok', 'unloaded')]
-        complaints += [self._unanswered, self._tip.assumptions]
+        complaints += [self._answer_problem, self._tip.assumptions]
         found = '; '.join(dict.fromkeys(filter(None, complaints)))
         if self._refused:
             return Condition(ERROR, '; '.join(filter(None, (f'calibration not taken: {self._refused}', found))), values)

@@ -94,13 +94,14 @@ def test_columns_of_a_spreadsheet_stay_in_their_places(run: Run, result: Path) -
 
 def test_what_is_to_be_known_is_said(run: Run, result: Path) -> None:
     document = json.loads((result / 'calibration.json').read_text())
-    document['assessment']['grade'] = 'unfit'
+    document['assessment']['grade'], document['diagnosis']['verdict'] = 'unfit', 'unexplained'
     Path('unfit.json').write_text(json.dumps(document))
     Path('poses.csv').write_text('x_m,y_m,fx_N,fy_N,status\n-0.2,0.35,-12.5,4,old\n')
     found = run('compensate', 'unfit.json', 'poses.csv', '--out', 'x.csv')
     assert found.status == 0
     assert found.err.splitlines() == [
         'note: the calibration is unfit for use; its calibration.json says why (assessment.reasons)',
+        'note: the calibration has a model error of unknown cause; the uncertainty does not cover it',
         'note: poses.csv: replaced by results: status',
         'note: poses.csv: no column elbow; left is taken for all rows',
     ]

@@ -185,6 +185,18 @@ def test_stale_and_extrapolated(bench: Callable[..., Bench]) -> None:
     b.wait(b.says('poses extrapolated', b'\1'), lambda: b.move(force=(150.0, 0.0)))
 
 
+def test_an_answer_beyond_the_calibration_is_said(bench: Callable[..., Bench]) -> None:
+    b = bench()
+
+    def ask() -> None:
+        b.move()
+        b.wanted.publish(wrench(Sample(0, 150.0, 0.0), 'base_link'))
+        b.want(0.3, 0.2)
+
+    b.wait(b.says('the last answer is extrapolated: (0.300000, 0.200000) m under (150, 0) N', b'\1'), ask)
+    assert b.trajectories
+
+
 def test_results_of_the_calibrator_are_exchanged(bench: Callable[..., Bench], arm: CalibratedArm) -> None:
     b = bench(calibrated=False)
     b.wait(b.says('no calibration yet', b'\2'), b.move)
