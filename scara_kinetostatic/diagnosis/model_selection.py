@@ -9,6 +9,7 @@ information criterion, whose prior takes every number of effects for equally lik
 (2008) 759). A fitted curve, which can take any shape, is accepted only where it is clearly better than every physical
 effect: its penalty is larger by `CREDIBLE`. What is declared to be uncertain is the first to be wrong: one effect alone
 by which something exceeds its declared uncertainty has a penalty smaller by `CREDIBLE`, and M counts such effects only.
+Two of them at once, or one beside another effect, are no likelier than other pairs.
 The deviance is χ² where the noise is given (divided by s² where no set of effects reduces it to that noise), and
 ν ln RSS where it is estimated.
 
@@ -141,13 +142,9 @@ class _SubsetScorer:
         labels, number = {c.effect.label for c in candidates if problem.is_declared(c.effect)}, candidate_set.number
         self.declared = np.array([c.effect.label in labels for c in candidates], dtype=bool)
         self.penalties = np.array(
-            [
-                self._penalty(c, len(labels), 0.0)
-                if c.effect.label in labels
-                else self._penalty(c, number, 0.0 if c.effect.is_physical else CREDIBLE)
-                for c in candidates
-            ]
+            [self._penalty(c, number, 0.0 if c.effect.is_physical else CREDIBLE) for c in candidates]
         )
+        self._less = CREDIBLE + 2 * np.log(number / max(len(labels), 1))
 
     def _penalty(self, candidate: Candidate, number: int, more: float) -> float:
         return float(candidate.freedoms * np.log(self.touches) + 2 * np.log(number * candidate.tried)) + more
@@ -157,7 +154,7 @@ class _SubsetScorer:
         return float(self._penalty_of_each(np.array([members], dtype=np.intp))[0])
 
     def _penalty_of_each(self, sets: Indices) -> Floats:
-        less = np.where(self.declared[sets].all(axis=1), CREDIBLE, 0.0) if sets.shape[1] == 1 else 0.0
+        less = np.where(self.declared[sets].all(axis=1), self._less, 0.0) if sets.shape[1] == 1 else 0.0
         return np.asarray(self.penalties[sets].sum(axis=1) - less)
 
     def allowed(self, sets: Indices) -> Indices:
