@@ -1,17 +1,20 @@
 """Contours of objects that took no part in the calibration: error before and after, and whether the intervals hold.
 
     python -m benchmark.contour [--runs 20] [--robot actual|measured] [--effect NAME[TARGET]:PARAMETER=VALUE,…]
+    python -m benchmark.contour --engine [--runs 1]
 
 Per run: a simulated robot touches the three discs of the paper's cell and is calibrated and diagnosed; then it slides
 along a disc, an ellipse and a rounded square that no calibration knows, with friction, under forces of 10 to 25 N. Each
 contour is held against the true surface along its normal. Printed are the rms normal error of four models on the same
 joint angles, forces and normals; that of the noise alone, an exactly known model on the same recordings; and the part
-of the points whose 95 % interval holds the true surface.
+of the points whose 95 % interval holds the true surface. With `--engine` MuJoCo plays the slides, half round each
+object at 3 mm/s; the touches are those of the simulator.
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -28,6 +31,8 @@ from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
 from scara_kinetostatic.pipeline import calibrate_touches
+from scara_kinetostatic.simulation.mujoco.scene import Scene
+from scara_kinetostatic.simulation.mujoco.sliding import simulate_slide
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sliding.outline import Outline, circle, ellipse, polygon
 from scara_kinetostatic.simulation.sliding.slide import Slide
@@ -49,6 +54,8 @@ FORCES = (10.0, 15.0, 20.0, 25.0)
 FRICTION = 0.1
 MOVED_DISC = 'object_position[disc_2]:x=1.2e-4,y=-0.9e-4'
 """A disc that is not where the cell description says."""
+ENGINE_SPEED = 3e-3
+"""Of the slides in MuJoCo, m/s."""
 QUANTILE = 1.96
 """Of a 95 % interval, in standard uncertainties."""
 HEAD = (
@@ -62,6 +69,10 @@ HEAD = (
     'closed',
 )
 UNITS = ('', 'mm', 'mm', 'µm', 'µm', 'µm', '%', 'of runs')
+
+
+Recorder = Callable[[ExtendedModel, Outline, float, int], Streams]
+"""From robot, object, force and seed to a recording."""
 
 
 class Held(NamedTuple):
@@ -92,7 +103,13 @@ def slide_along(robot: ExtendedModel, outline: Outline, force: float, seed: int)
     return simulate_slides(CELL, robot, [Slide(outline, force, FRICTION, 0.03, 1, 0.0, 1.02)], seed=seed)
 
 
-def held_out(robot: ExtendedModel, seed: int) -> list[Held]:
+def played(robot: ExtendedModel, outline: Outline, force: float, seed: int) -> Streams:
+    """The recording of a slide half round an object in MuJoCo."""
+    scene = Scene(parameters=robot.parameters, contact_friction=FRICTION)
+    return simulate_slide(scene, CELL, Slide(outline, force, 0.0, ENGINE_SPEED, 1, 0.02, 0.52), seed=seed)
+
+
+def held_out(robot: ExtendedModel, seed: int, record: Recorder = slide_along) -> list[Held]:
     """The contours of one calibration."""
     outcome = calibrated(robot, seed)
     base, final = CalibratedArm.of(outcome.calibration), CalibratedArm.of(outcome.final)
@@ -100,7 +117,7 @@ def held_out(robot: ExtendedModel, seed: int) -> list[Held]:
     found = []
     for number, (name, outline) in enumerate(OBJECTS.items()):
         force = FORCES[(seed + number) % len(FORCES)]
-        streams = slide_along(robot, outline, force, 1000 + 10 * seed + number)
+        streams = record(robot, outline, force, 1000 + 10 * seed + number)
         try:
             contour = trace_contour(streams, final)
         except UnsupportedDataError as error:
@@ -157,9 +174,10 @@ def main() -> int:
     options.add_argument('--runs', type=int, default=20)
     options.add_argument('--robot', choices=ROBOTS, default='actual')
     options.add_argument('--effect', action='append', default=[])
+    options.add_argument('--engine', action='store_true')
     args = options.parse_args()
     robot = with_effects(ROBOTS[args.robot], [parse_effect(text, CELL) for text in args.effect])
-    held = [item for seed in range(args.runs) for item in held_out(robot, seed)]
+    held = [item for seed in range(args.runs) for item in held_out(robot, seed, played if args.engine else slide_along)]
     for line in (HEAD, UNITS, ['---'] * len(HEAD)):
         print('| ' + ' | '.join(line) + ' |')
     rows = {name: [item for item in held if item.name == name] for name in OBJECTS}

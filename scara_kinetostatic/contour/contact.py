@@ -1,9 +1,10 @@
 """The part of a recording in which the tip is in contact: joint angles and force at the same instants.
 
 The zero of the force sensor cannot be taken from where the arm moves most, as with touches: here it moves in contact.
-It is taken from the steady force that is smallest, if that lasts at least `SHORTEST_FREE`; each contact has the zero of
-the free motion right before it, where there is one. The force is taken to the stamps of the joint states by a mean
-over `SMOOTHING`.
+It is taken from the begin of the recording, where the arm is free unless the force is more than `LARGEST_ZERO` larger
+there than elsewhere, else from the smallest force that is steady for at least `SHORTEST_FREE`; each contact has the
+zero of the free motion right before it, where there is one. The force is taken to the stamps of the joint states by a
+mean over `SMOOTHING`.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from scara_kinetostatic.touches.tare import SHORTEST_FREE, tare_before
 
 LEAST_FORCE = 0.3
 """Contact counts as lost where the force is below this part of the median force in contact."""
+LARGEST_ZERO = 2.0
+"""A recording that begins with a steady force larger than the smallest by this at most, N, begins with free motion."""
 _STEADY = 3.0
 """A mean force is steady where the scatter about it is at most this many times the white noise."""
 _SAME_ZERO = 0.5
@@ -150,7 +153,10 @@ def _force_zero(signals: Signals, source: str) -> tuple[Zero, tuple[str, ...]]:
     if not steady.any():
         problem = f'{source}: the force is never steady for {SHORTEST_FREE:g} s: there is no zero of the force sensor'
         raise UnsupportedDataError(problem, 'begin and end the recording with free motion')
-    least = np.flatnonzero(steady)[np.hypot(*mean[steady].T).argmin()]
+    size_of = np.hypot(*mean.T)
+    least = int(np.flatnonzero(steady)[size_of[steady].argmin()])
+    if steady[0] and size_of[0] < size_of[least] + LARGEST_ZERO:
+        least = 0
     same = steady & (np.hypot(*(mean - mean[least]).T) < _SAME_ZERO)
     zero = Zero(np.median(mean[same], axis=0), float(noise / np.sqrt(same.sum() * size)))
     away = float(np.hypot(*(mean[0] - zero.force)))

@@ -32,6 +32,8 @@ from scara_kinetostatic.touches.streams import Streams
 
 LARGEST_ANGLE = 1.2
 """Largest angle between force and normal of a contact, rad: beyond, the path is not that of a tip on a surface."""
+END_SAMPLES = 3
+"""Instants left out at both ends of a pass, where the tip comes or goes and its direction is known from one side."""
 _JUMP = 1e-3
 """The tip jumps where it moves from one joint state to the next by more than this, m,"""
 _JUMP_FACTOR = 8.0
@@ -117,9 +119,8 @@ def trace_contour(
             'see the assessment in its report, and calibrate with the touches that it asks for',
         )
     number, stuck = _passes(samples, places.center, streams.source, signals.joints.period)
-    used = number >= 0
     contour = _surface(samples, places, force, number, arm, radius or 0.0, streams.source)
-    return _with_remarks(contour, arm, radius, stuck, (*streams.warnings, *samples.warnings), int(used.sum()))
+    return _with_remarks(contour, arm, radius, stuck, (*streams.warnings, *samples.warnings))
 
 
 def _passes(samples: ContactSamples, center: Floats, source: str, period: float) -> tuple[Indices, float]:
@@ -175,6 +176,7 @@ def _surface(
     """The surface at the instants of the passes."""
     count = len(samples.time)
     normal, along, angle_std, white = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count), np.zeros(count)
+    ends = np.zeros(count, dtype=bool)
     for k in range(number.max() + 1):
         here = np.flatnonzero(number == k)
         found = direction_along(samples.time[here], places.center[here])
@@ -182,9 +184,12 @@ def _surface(
         left = np.column_stack([-found.along[:, 1], found.along[:, 0]])
         side = -np.sign(np.median((force[here] * left).sum(axis=1)))
         normal[here] = side * left
-    used = number >= 0
+        ends[here[:END_SAMPLES]] = ends[here[-END_SAMPLES:]] = True
+    used = (number >= 0) & ~ends
     off = np.where(used, off_normal_angle(force, normal, along), np.inf)
-    used &= np.abs(off) < LARGEST_ANGLE
+    across = np.abs(off) < LARGEST_ANGLE
+    left_out = int((used & ~across).sum())
+    used &= across
     if not used.any():
         problem = f'{source}: the force is nowhere across the motion of the tip'
         raise UnsupportedDataError(problem, 'check frame and sign of the force sensor in the cell description')
@@ -221,7 +226,7 @@ def _surface(
         tip_radius=radius,
         lost=samples.lost,
         stuck=0.0,
-        warnings=(),
+        warnings=(f'{left_out} points left out: the force is not across the motion of the tip',) if left_out else (),
     )
 
 
@@ -231,12 +236,12 @@ def _along(covariance: Floats, normal: Floats) -> Floats:
 
 
 def _with_remarks(
-    contour: Contour, arm: CalibratedArm, radius: float | None, stuck: float, warnings: Sequence[str], moved: int
+    contour: Contour, arm: CalibratedArm, radius: float | None, stuck: float, warnings: Sequence[str]
 ) -> Contour:
-    return replace(contour, stuck=stuck, warnings=(*warnings, *_remarks(contour, arm, radius, moved)))
+    return replace(contour, stuck=stuck, warnings=(*warnings, *contour.warnings, *_remarks(contour, arm, radius)))
 
 
-def _remarks(contour: Contour, arm: CalibratedArm, radius: float | None, moved: int) -> list[str]:
+def _remarks(contour: Contour, arm: CalibratedArm, radius: float | None) -> list[str]:
     remarks = []
     if radius is None:
         remarks.append(
@@ -259,6 +264,4 @@ def _remarks(contour: Contour, arm: CalibratedArm, radius: float | None, moved: 
         )
     if arm.grade == 'unfit':
         remarks.append('the calibration is assessed as unfit for use: see its report')
-    if moved > len(contour):
-        remarks.append(f'{moved - len(contour)} points left out: the force is not across the motion of the tip')
     return remarks

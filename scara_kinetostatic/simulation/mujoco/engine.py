@@ -11,6 +11,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.simulation.mujoco.mjcf import LIFT, PAD_FULL, TIMESTEP, build
 from scara_kinetostatic.simulation.mujoco.scene import Scene
+from scara_kinetostatic.simulation.sliding.outline import Outline
 
 if TYPE_CHECKING:
     import mujoco
@@ -51,16 +52,17 @@ class Engine:
         scene: the robot.
         cell: the discs.
         joints: motor angles at the start, (2,), rad.
+        outline: of one object that stands there instead of the discs.
 
     Raises:
         InputError: MuJoCo is not installed.
     """
 
-    def __init__(self, scene: Scene, cell: Cell, joints: Floats) -> None:
+    def __init__(self, scene: Scene, cell: Cell, joints: Floats, outline: Outline | None = None) -> None:
         self._mujoco = load_engine()
-        self.model: mujoco.MjModel = self._mujoco.MjModel.from_xml_string(build(scene, cell))
+        self.model: mujoco.MjModel = self._mujoco.MjModel.from_xml_string(build(scene, cell, outline))
         self.data: mujoco.MjData = self._mujoco.MjData(self.model)
-        for number in scene.padded_discs(cell):
+        for number in scene.padded_discs(cell) if outline is None else ():
             self._soften(number, scene.pad[0])
         self._smooth = scene.quasi_static
         self._motors = np.array([self.model.joint(name).qposadr[0] for name in ('motor1', 'motor2')])
@@ -110,6 +112,11 @@ class Engine:
     def links(self) -> Floats:
         """Angles of the links behind their transmissions, without offsets, (2,), rad; no encoder measures them."""
         return np.array([self.data.qpos[places].sum() for places in self._turning])
+
+    @property
+    def tip(self) -> Floats:
+        """Centre of the ball at the tip, base frame, (2,), m; no sensor measures it."""
+        return np.array(self.data.geom_xpos[self._ball][:2])
 
     @property
     def link2_angle(self) -> float:

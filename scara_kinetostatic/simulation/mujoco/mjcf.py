@@ -17,6 +17,7 @@ import numpy as np
 
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.simulation.mujoco.scene import Scene
+from scara_kinetostatic.simulation.sliding.outline import Arc, Edge, Outline
 
 TIMESTEP = 5e-4
 """Of the integration, s."""
@@ -26,6 +27,10 @@ LIFT = 0.02
 """How far the third axis lifts the tip above its place between the discs, m."""
 DISC_HEIGHT = 8e-3
 """Half the height of a disc, m."""
+OBJECT_HEIGHT = 0.2
+"""Third semi-axis of an ellipsoid, m."""
+SLAB = 5e-3
+"""Thickness of the slab behind an edge, m."""
 PIECES = 8
 """Hinges of a link that bends."""
 HARD = {'solref': f'{2 * TIMESTEP} 1', 'solimp': '0.9999 0.9999 0.001 0.5 2'}
@@ -61,19 +66,22 @@ def _tip_radius(cell: Cell) -> float:
     return min(LARGEST_TIP, 0.5 * float(cell.radii.min()))
 
 
-def build(scene: Scene, cell: Cell) -> str:
+def build(scene: Scene, cell: Cell, outline: Outline | None = None) -> str:
     """The scene as MJCF.
 
     Args:
         scene: the robot.
         cell: the discs.
+        outline: of one object that stands there instead of the discs.
     """
     root = Xml.Element('mujoco', model=scene.name)
     _put(root, 'compiler', angle='radian', autolimits='true', inertiafromgeom='false')
     _put(root, 'option', timestep=TIMESTEP, integrator='discrete', cone='elliptic', impratio=1000.0,
          tolerance=1e-14, gravity=_gravity(scene))  # fmt: skip
     world = _put(root, 'worldbody')
-    for number in range(len(cell.discs)):
+    if outline is not None:
+        _object(world, scene, outline)
+    for number in range(len(cell.discs) if outline is None else 0):
         _disc(world, scene, cell, number)
     base = _base(world, scene)
     elbow = _link1(_transmission(base, scene, 1), scene)
@@ -123,6 +131,33 @@ def _disc(world: Xml.Element, scene: Scene, cell: Cell, number: int) -> None:
     condim = 3 if scene.contact_friction else 1
     _put(body, 'geom', name=f'disc{number}', type='cylinder', size=size, friction=friction, condim=condim, priority=1,
          **surface)  # fmt: skip
+
+
+def _object(world: Xml.Element, scene: Scene, outline: Outline) -> None:
+    """An object of any outline: a slab behind each edge, a cylinder in each rounded corner, an ellipsoid.
+
+    Where the tip touches it, an ellipsoid with a high third axis is as good as a cylinder.
+    """
+    body = _put(world, 'body', name='object')
+    surface: dict[str, object] = {**HARD, 'friction': (scene.contact_friction, 0.0, 0.0)}
+    surface |= {'condim': 3 if scene.contact_friction else 1, 'priority': 1}
+    for number, piece in enumerate(outline.pieces):
+        name = f'object{number}'
+        if isinstance(piece, Arc):
+            (x, y), (a, b) = piece.center, piece.semi_axes
+            turn = (0.0, 0.0, piece.rotation)
+            if a == b > 0:
+                _put(body, 'geom', name=name, type='cylinder', size=(a, DISC_HEIGHT), pos=(x, y, 0.0), **surface)
+            elif a > 0:
+                size = (a, b, OBJECT_HEIGHT)
+                _put(body, 'geom', name=name, type='ellipsoid', size=size, pos=(x, y, 0.0), euler=turn, **surface)
+        elif isinstance(piece, Edge):
+            begin, end = np.array(piece.begin), np.array(piece.end)
+            along = (end - begin) / np.hypot(*(end - begin))
+            x, y = (begin + end) / 2 + SLAB / 2 * np.array([-along[1], along[0]])
+            size = (float(np.hypot(*(end - begin))) / 2, SLAB / 2, DISC_HEIGHT)
+            turn = (0.0, 0.0, float(np.arctan2(along[1], along[0])))
+            _put(body, 'geom', name=name, type='box', size=size, pos=(float(x), float(y), 0.0), euler=turn, **surface)
 
 
 def _base(world: Xml.Element, scene: Scene) -> Xml.Element:

@@ -8,6 +8,7 @@ sign, resolution and stamps are those of `SensorModel`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
@@ -22,6 +23,29 @@ from scara_kinetostatic.simulation.sliding.slide import Slide, SlideTiming
 from scara_kinetostatic.simulation.streams import START
 from scara_kinetostatic.simulation.trajectory import CellState
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
+
+
+class Motion(Protocol):
+    """A motion that the sensors report: that of `SlidingMotion`, or of an engine."""
+
+    @property
+    def duration(self) -> float:
+        """S."""
+
+    @property
+    def slides(self) -> tuple[Slide, ...]:
+        """One after the other."""
+
+    @property
+    def model(self) -> ExtendedModel:
+        """The robot."""
+
+    @property
+    def timing(self) -> SlideTiming:
+        """How fast the errors of the sensors change."""
+
+    def state_at(self, time: Floats) -> SlideState:
+        """The state at times in s, (k,)."""
 
 
 def simulate_slides(
@@ -53,7 +77,7 @@ def simulate_slides(
     return sensed(motion, cell, sensors or SensorModel(), seed, start)
 
 
-def sensed(motion: SlidingMotion, cell: Cell, sensors: SensorModel, seed: int, start: int = START) -> Streams:
+def sensed(motion: Motion, cell: Cell, sensors: SensorModel, seed: int, start: int = START) -> Streams:
     """What the sensors report of a motion; the arguments are those of `simulate_slides`."""
     random = np.random.default_rng([seed, 1])
     errors = SlowNoise(np.random.default_rng([seed, 0]), 4, motion.timing.variation_time)
@@ -71,7 +95,7 @@ def sensed(motion: SlidingMotion, cell: Cell, sensors: SensorModel, seed: int, s
 
 
 def _disturbed(
-    motion: SlidingMotion, cell: Cell, sensors: SensorModel, errors: SlowNoise, time: Floats
+    motion: Motion, cell: Cell, sensors: SensorModel, errors: SlowNoise, time: Floats
 ) -> tuple[CellState, Floats, Floats]:
     """The state at times, each instant as a touch of its own, and its errors."""
     state, unit = motion.state_at(time), errors.at(time)
@@ -80,7 +104,7 @@ def _disturbed(
     return _as_holds(motion, state), joint_errors, force_errors
 
 
-def _as_holds(motion: SlidingMotion, state: SlideState) -> CellState:
+def _as_holds(motion: Motion, state: SlideState) -> CellState:
     """The states as those of holds, numbered on; the force over that of the slide."""
     count = len(state.joints)
     planned = np.array([slide.force for slide in motion.slides])[state.slide]
