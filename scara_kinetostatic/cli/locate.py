@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from scara_kinetostatic.cli.arguments import Subparsers, add_verb
-from scara_kinetostatic.cli.compensate import add_files, metadata_of, write
+from scara_kinetostatic.cli.compensate import add_files, metadata_of, note, write
 
 if TYPE_CHECKING:
     from scara_kinetostatic.compensation.predictions import Predictor
@@ -74,6 +74,8 @@ def run(args: argparse.Namespace) -> int:
     (x, y), (std_x, std_y) = found.position.T, np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2)).T
     results = {'x_m': x, 'y_m': y, 'std_x_m': std_x, 'std_y_m': std_y, 'cov_xy_m2': found.covariance[:, 0, 1]}
     write(args.out, table, results | {'status': found.status}, predictor)
+    if args.measured and args.nominal:
+        note('--measured changes nothing with --nominal: the nominal arm has no errors of the sensor')
     return 0
 
 

@@ -129,13 +129,16 @@ def _read(path: Path) -> str:
 def _load_yaml(path: Path) -> CalibratedArm:
     tree = parse_yaml(read_text(path, CalibrationFileError), path, CalibrationFileError)
     try:
-        text = tree['/**']['ros__parameters']['calibration']['model']
+        entries = tree['/**']['ros__parameters']
+        text = entries['calibration']['model']
     except (KeyError, TypeError) as error:
         problem = 'holds no calibrated model (calibration.model)'
         raise CalibrationFileError(path, problem, 'give the calibration.json beside it, or calibrate again') from error
     if not isinstance(text, str):
         raise CalibrationFileError(path, 'calibration.model is not text', _REMEDY)
-    return parse_arm(text, path)
+    arm = parse_arm(text, path)
+    _check_agreement(entries.get('calibrated'), 'calibrated', arm.model, path)
+    return arm
 
 
 def parse_arm(text: str, where: str | Path) -> CalibratedArm:
@@ -207,7 +210,8 @@ def _arm(document: Mapping[str, Any], where: str | Path) -> CalibratedArm:
     """
     cell, entry = stored_cell(document['cell'], where), document['model']
     model = _model(entry, cell, where)
-    _check_agreement(document, model, where)
+    stated = {name: part['value'] for name, part in document.get('parameters', {}).items()}
+    _check_agreement(stated, 'parameters', model, where)
     size, directions = len(model.names), entry['undetermined']
     return CalibratedArm(
         cell=cell,
@@ -253,16 +257,16 @@ def _model(entry: Mapping[str, Any], cell: Cell, where: str | Path) -> ExtendedM
     return model
 
 
-def _check_agreement(document: Mapping[str, Any], model: ExtendedModel, where: str | Path) -> None:
-    """Check that `parameters`, where it is there, has the values of `model`: one of them changed by hand has no effect.
+def _check_agreement(stated: Any, key: str, model: ExtendedModel, where: str | Path) -> None:
+    """Check that values stated beside the model are its own: one of them changed by hand would have no effect.
 
     Raises:
         CalibrationFileError: they differ.
     """
     for name, used in model.parameters.as_dict().items():
-        stated = document.get('parameters', {}).get(name, {}).get('value', used)
-        if not abs(stated - used) <= _SAME * abs(used):
-            problem = f'parameters.{name} is {stated:.9g}, but model.values has {used:.9g}'
+        value = stated.get(name, used) if isinstance(stated, dict) else used
+        if not (isinstance(value, (int, float)) and abs(value - used) <= _SAME * abs(used)):
+            problem = f'{key}.{name} is {value!r:.40}, but the calibrated model has {used!r}'
             remedy = 'take the file as calibrate wrote it; a value that is known can be fixed there'
             raise CalibrationFileError(where, problem, remedy)
 

@@ -73,7 +73,8 @@ def inverse(parameters: Parameters, tip: ArrayLike, posture: ArrayLike) -> Float
     """
     x, y = np.moveaxis(np.asarray(tip, dtype=float) - (parameters.x0, parameters.y0), -1, 0)
     l1, l2 = parameters.l1, parameters.l2
-    cos_elbow = (x * x + y * y - l1 * l1 - l2 * l2) / (2 * l1 * l2)
+    with np.errstate(over='ignore'):
+        cos_elbow = (x * x + y * y - l1 * l1 - l2 * l2) / (2 * l1 * l2)
     # (1 - c)(1 + c) by factors: 1 - c² would lose digits near the stretched and the folded arm
     with np.errstate(invalid='ignore'):
         sin_elbow = np.asarray(posture) * np.sqrt((1 - cos_elbow) * (1 + cos_elbow))

@@ -98,10 +98,10 @@ def _with(*path: str | int, value: Any) -> Callable[[dict[str, Any]], Any]:
         (_with('model', 'covariance', 3, 3, value=-1e-12), 'a variance is negative'),
         (_with('model', 'covariance', 3, 4, value=1.0), 'the covariance is not that of anything'),
         (_with('model', 'values', 3, value=-0.33), 'a link has no length'),
-        (_with('model', 'values', 3, value=0.34), r'parameters.l1 is 0.33.*, but model.values has 0.34'),
-        (_with('parameters', 'l1', 'value', value=0.34), r'parameters.l1 is 0.34, but model.values has 0.33'),
+        (_with('model', 'values', 3, value=0.34), r'parameters.l1 is 0.33.*, but the calibrated model has 0.34'),
+        (_with('parameters', 'l1', 'value', value=0.34), r'parameters.l1 is 0.34, but the calibrated model has 0.33'),
         (_with('parameters', value=[]), 'damaged'),
-        (_with('parameters', 'l1', 'value', value='long'), 'damaged'),
+        (_with('parameters', 'l1', 'value', value='long'), "parameters.l1 is 'long'"),
         (_with('model', 'sensor', 'gain', value=-1.0), 'damaged: sensor'),
         (_with('model', 'sensor', 'rotation', value=float('nan')), 'damaged: sensor'),
         (_with('model', 'noise', value={'joint': -1, 'force': 0.3}), 'damaged'),
@@ -127,6 +127,15 @@ def test_anything_else_is_refused(
         load_calibration(path)
     assert str(path) in str(caught.value)
     assert '\n' not in str(caught.value)
+
+
+def test_a_value_changed_by_hand_in_the_parameter_file_is_refused(plain: Outcome, tmp_path: Path) -> None:
+    path, text = tmp_path / 'calibration.yaml', parameter_text(plain)
+    value = repr(plain.final.parameters.l1)
+    assert text.count(f'l1: {value} ') == 1
+    path.write_text(text.replace(f'l1: {value} ', 'l1: 0.34 '), encoding='utf-8')
+    with pytest.raises(CalibrationFileError, match=r'calibrated.l1 is 0.34, but the calibrated model has 0.33'):
+        load_calibration(path)
 
 
 @pytest.mark.parametrize('name', ['calibration.json', 'calibration.yaml'])

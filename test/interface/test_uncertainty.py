@@ -192,8 +192,8 @@ def test_what_the_data_do_not_determine_has_no_uncertainty(example_files):
 
 
 def test_out_of_reach_is_not_a_number(outcome):
-    angles = sk.compensate(outcome, [[0.9, 0.0], [0.3, 0.2]])
-    assert np.isnan(angles.joints[0]).all()
+    angles = sk.compensate(outcome, [[0.9, 0.0], [0.3, 0.2], [1e200, 0.0]])
+    assert np.isnan(angles.joints[[0, 2]]).all()
     assert np.isfinite(angles.joints[1]).all()
     assert np.isfinite(angles.std[1]).all()
 
