@@ -40,6 +40,7 @@ def test_verify_a_changed_robot(run: Run, recordings: Path, results: Path) -> No
     place = document['model']['names'].index('l1')
     for key in ('model', 'covariance_with_cell'):
         document[key]['values'][place] += 4e-4
+    document['parameters']['l1']['value'] += 4e-4
     Path('changed.json').write_text(json.dumps(document))
     done = run('verify', recordings / 'plain', '--calibration', 'changed.json')
     assert done.status == 0 and 'Not fit for use' in done.out and 'link 1 changed its length' in done.out
