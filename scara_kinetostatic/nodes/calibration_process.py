@@ -22,7 +22,7 @@ COMMAND = (
 )
 """Followed by the places of Python modules: those of the node, and not the folder in which it was started."""
 _PACKAGES = str(Path(__file__).resolve().parents[2])
-"""Where this package is, which may be that folder."""
+"""Where this package is, which may be that folder: before the others, so that no other version of it is taken."""
 PATIENCE = 3.0
 """Time for the process to end by itself after it was told to, s."""
 CANCELLED = 'cancelled; earlier results are unchanged'
@@ -50,7 +50,7 @@ class CalibrationProcess:
 
     def __init__(self, job: Job) -> None:
         self._process = subprocess.Popen(
-            [*COMMAND, *filter(None, sys.path), _PACKAGES],
+            [*COMMAND, _PACKAGES, *filter(None, sys.path)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
