@@ -1,0 +1,172 @@
+"""The latest samples of topics that are still running, and the clock that both topics of a cell have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.touches.clock import Judgement, Samples, judge_clocks
+
+_SURE = 3_000_000_000
+"""After less than this time the difference of the clocks may be that of the first delays, ns."""
+
+
+class SampleBuffer:
+    """The latest samples of one topic in the order of arrival.
+
+    They come into lists and go into arrays many at a time: one by one an array takes five times as long.
+
+    Args:
+        most: samples that are kept at most, whatever their stamps.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._times: list[int] = []
+        self._pairs: list[float] = []
+        self._room = _room(1024)
+        self._first = self._last = self._seen = 0
+        self._shift = 0
+        self._by_log_time = False
+
+    def append(self, stamp: int, log_time: int, value: Sequence[float]) -> None:
+        """One sample with its header stamp and when it was received, ns."""
+        self._times += (log_time if self._by_log_time else stamp, log_time)
+        self._pairs.extend(value)
+        if len(self._times) > self._most:
+            self._store()
+
+    @property
+    def samples(self) -> Samples:
+        """All that are kept."""
+        if self._times:
+            self._store()
+        return _part(self._room, self._first, self._last)
+
+    @property
+    def now(self) -> int:
+        """The latest stamp, ns; a single one that is far off does not count."""
+        latest = sorted(self.samples.stamp[-7:].tolist())
+        return int(latest[len(latest) // 2]) if latest else 0
+
+    def fresh(self, before: int) -> Floats:
+        """The values added since the last call, and so many before them, (k, 2); none where none were added."""
+        values = self.samples.values
+        begin = max(self._seen - self._first, 0)
+        self._seen = self._last
+        return values[max(begin - before, 0) if begin < len(values) else begin :]
+
+    def latest(self, span: int) -> Floats:
+        """The values of the last so many ns, at least one, (k, 2)."""
+        stamps, _, values = self.samples
+        recent = stamps[-2048:] > self.now - span
+        return values[-2048:][recent] if recent.any() else values[-1:]
+
+    def log_time_of(self, stamp: int) -> int:
+        """When the sample was received whose stamp is nearest, ns."""
+        samples = self.samples
+        return int(samples.log_time[np.argmin(np.abs(samples.stamp - stamp))])
+
+    def use_log_time(self) -> None:
+        """Times of reception are the stamps from now on, those of the kept samples as well."""
+        self.samples.stamp[:] = self.samples.log_time
+        self._by_log_time, self._shift = True, 0
+
+    def replace(self, samples: Samples) -> None:
+        """Puts shifted samples in place of those kept; later ones are shifted like the last."""
+        self._shift += int(samples.stamp[-1] - self.samples.stamp[-1])
+        self._room = samples
+        self._first, self._last = 0, len(samples.stamp)
+        self._seen = self._last
+
+    def drop_before(self, stamp: int) -> None:
+        """Drops the samples that came before the first one with this stamp or a later one."""
+        stamps = self.samples.stamp
+        if len(stamps) and stamps[0] < stamp:
+            later = stamps >= stamp
+            self._first += int(later.argmax()) if later.any() else len(later)
+
+    def _store(self) -> None:
+        """Moves what came into the arrays, and the oldest samples out of them if they are too many."""
+        times = np.array(self._times, dtype=np.int64).reshape(-1, 2)
+        new = Samples(times[:, 0] + self._shift, times[:, 1], np.array(self._pairs, dtype=float).reshape(-1, 2))
+        self._times, self._pairs = [], []
+        count = len(times)
+        if self._last + count > len(self._room.stamp):
+            self._first = max(self._first, self._last + count - self._most)
+            self._make_room(count)
+        for room, values in zip(self._room, new, strict=True):
+            room[self._last : self._last + count] = values
+        self._last += count
+
+    def _make_room(self, count: int) -> None:
+        """Moves the kept samples to the front of arrays of up to twice the length that is needed."""
+        kept = _part(self._room, self._first, self._last)
+        size = len(kept.stamp)
+        self._room = _room(max(1024, 2 * (size + count)))
+        for room, values in zip(self._room, kept, strict=True):
+            room[:size] = values
+        self._seen = max(self._seen - self._first, 0)
+        self._first, self._last = 0, size
+
+
+def _room(size: int) -> Samples:
+    return Samples(np.empty(size, np.int64), np.empty(size, np.int64), np.empty((size, 2)))
+
+
+def _part(samples: Samples, first: int, last: int) -> Samples:
+    return Samples(samples.stamp[first:last], samples.log_time[first:last], samples.values[first:last])
+
+
+class StreamPair:
+    """The latest samples of joint angles and forces.
+
+    Args:
+        topics: their names, for messages.
+        most: samples of a topic that are kept at most.
+
+    Attributes:
+        joints: joint angles, rad.
+        wrench: forces as the sensor reports them, N.
+        problem: what had to be corrected in the stamps at the last judgement, or why there is none; or empty.
+    """
+
+    def __init__(self, topics: tuple[str, str], most: int) -> None:
+        self._topics = topics
+        self.joints, self.wrench = SampleBuffer(most), SampleBuffer(most)
+        self.problem = ''
+
+    @property
+    def buffers(self) -> tuple[SampleBuffer, SampleBuffer]:
+        """Those of both topics."""
+        return self.joints, self.wrench
+
+    def judged(self) -> Judgement | None:
+        """Both topics on one clock; None where there is none, or not yet: one topic stepped, the other will."""
+        warnings: list[str] = []
+        samples = (self.joints.samples, self.wrench.samples)
+        try:
+            judged = judge_clocks('online', dict(zip(self._topics, samples, strict=True)), warnings)
+        except RecordingError as error:
+            self.problem = error.problem
+            return None
+        stamps = judged.by_log_time or judged.joined
+        self.problem = next(text for text in warnings if 'header.stamp' in text) if stamps else ''
+        return judged
+
+    def is_sure(self, judged: Judgement) -> bool:
+        """Whether the times of reception may be used for good: after a short time they may be those of first delays."""
+        received = self.wrench.samples.log_time
+        return judged.at_one_rate and int(received[-1] - received[0]) > _SURE
+
+    def correct(self, judged: Judgement) -> bool:
+        """Puts the kept samples, and those to come, on the clock that was found valid; whether that changes them."""
+        if judged.by_log_time:
+            for buffer in self.buffers:
+                buffer.use_log_time()
+        for buffer, samples in zip(self.buffers, judged.joined.values(), strict=bool(judged.joined)):
+            buffer.replace(samples)
+        return judged.by_log_time or bool(judged.joined)
