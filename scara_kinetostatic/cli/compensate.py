@@ -43,12 +43,6 @@ EXAMPLE = """\
   scara-kinetostatic compensate result/calibration.json poses.csv --out commands.csv
 """
 
-_OPEN = {
-    'ambiguous': 'effects that the touches do not distinguish: one is taken, the uncertainty does not cover the others',
-    'unexplained': 'the calibration has a model error of unknown cause; the uncertainty does not cover it',
-}
-"""What is to be known of a calibration by its verdict."""
-
 
 def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Adds the verb."""
@@ -130,7 +124,8 @@ def write(path: Path, table: PoseTable, results: dict[str, NDArray[Any]], predic
     from scara_kinetostatic.render.quantities import count
 
     write_pose_table(path, table, results)
-    for text in (*_of_calibration(predictor), *_of_table(table, list(results), predictor)):
+    reservations = () if predictor.nominal else predictor.arm.reservations
+    for text in (*reservations, *_of_table(table, list(results), predictor)):
         note(text)
     print(f'{count(len(table), "row")}: {_counts(results["status"])}\n{path}')
 
@@ -140,15 +135,6 @@ def _counts(status: NDArray[np.str_]) -> str:
 
     counts = {name: int((status == name).sum()) for name in STATUSES}
     return ', '.join(f'{number} {name}' for name, number in counts.items() if number)
-
-
-def _of_calibration(predictor: Predictor) -> list[str]:
-    """Whether the calibration may be used."""
-    arm = predictor.arm
-    if predictor.nominal:
-        return []
-    unfit = 'the calibration is unfit for use; its calibration.json says why (assessment.reasons)'
-    return [text for text in (unfit if arm.grade == 'unfit' else '', _OPEN.get(arm.verdict, '')) if text]
 
 
 def _of_table(table: PoseTable, results: Sequence[str], predictor: Predictor) -> list[str]:

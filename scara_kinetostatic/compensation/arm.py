@@ -18,6 +18,13 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.noise import Noise
 
+_UNFIT = 'the calibration is unfit for use; its calibration.json says why (assessment.reasons)'
+_OPEN = {
+    'ambiguous': 'effects that the touches do not distinguish: one is taken, the uncertainty does not cover the others',
+    'unexplained': 'the calibration has a model error of unknown cause; the uncertainty does not cover it',
+}
+"""What is to be known of a calibration by its verdict."""
+
 
 class UsedRange(NamedTuple):
     """What the touches of a calibration cover: beyond it, the model is extrapolated.
@@ -125,6 +132,12 @@ class CalibratedArm:
         created = outcome.created.astimezone(timezone.utc).strftime('%Y-%m-%dT%H:%M:%SZ')
         grade = outcome.assessment.grade.value
         return replace(cls.of(outcome.final), grade=grade, verdict=outcome.verdict, created=created)
+
+    @property
+    def reservations(self) -> tuple[str, ...]:
+        """What is to be known before the calibration is used, one sentence each: it is unfit, its model incomplete."""
+        found = (_UNFIT if self.grade == 'unfit' else '', _OPEN.get(self.verdict, ''))
+        return tuple(filter(None, found))
 
     @property
     def nominal(self) -> ExtendedModel:

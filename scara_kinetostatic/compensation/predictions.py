@@ -222,6 +222,16 @@ class Predictor:
         """Whether the place of the tip depends on time."""
         return bool(self.effects_of('time'))
 
+    @cached_property
+    def assumptions(self) -> str:
+        """What is taken of what no stream of joint angles and forces says; empty if nothing is."""
+        found = []
+        if effects := self.effects_of('time'):
+            found.append(f'{", ".join(effects)}: as at the end of the calibration')
+        if effects := self.effects_of('history'):
+            found.append(f'{", ".join(effects)}: no load before')
+        return '; '.join(found)
+
     def effects_of(self, name: str) -> list[str]:
         """The labels of the effects in the model that depend on ``time``, ``approach`` or ``history``."""
         still, force = TouchMetadata.plain(1), np.array([[20.0, 30.0]])

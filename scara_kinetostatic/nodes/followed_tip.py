@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.compensation.arm import CalibratedArm
+from scara_kinetostatic.compensation.motion import MotionSense
 from scara_kinetostatic.compensation.online import OnlineArm, OnlinePosition
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.cell import Cell, SensorSign
@@ -21,8 +22,6 @@ TARE_TIME = 0.5
 """Over so long a time the zero of the force is averaged, s."""
 _MOST = 5000
 """Most samples of that time."""
-_MOVED = 1e-4
-"""Movement of a joint that counts as its last one, rad."""
 ELBOWS = ('present', 'left', 'right')
 
 
@@ -64,8 +63,8 @@ class FollowedTip:
         self._wrench: tuple[float, float, float] | None = None
         self._forces: deque[tuple[float, float, float]] = deque(maxlen=_MOST)
         self._needs_metadata = False
-        self._references = [0.0, 0.0]
-        self._approach = [0.0, 0.0]
+        self._motion = MotionSense()
+        self._approach = (0.0, 0.0)
 
     def use(self, arm: CalibratedArm) -> None:
         """Takes another calibration from the next sample on.
@@ -88,14 +87,7 @@ class FollowedTip:
     @property
     def assumptions(self) -> str:
         """What is taken of what no message says; empty if nothing is."""
-        if self.online is None:
-            return ''
-        found, predictor = [], self.online.predictor
-        if effects := predictor.effects_of('time'):
-            found.append(f'{", ".join(effects)}: as at the end of the calibration')
-        if effects := predictor.effects_of('history'):
-            found.append(f'{", ".join(effects)}: no load before')
-        return '; '.join(found)
+        return '' if self.online is None else self.online.predictor.assumptions
 
     def take_wrench(self, sample: Sample) -> None:
         """A force as the sensor reports it, in the frame of the cell description."""
@@ -113,7 +105,7 @@ class FollowedTip:
         now = monotonic()
         self._joints = sample.first, sample.second, now
         if self._needs_metadata:
-            self._note_motion(sample)
+            self._approach = self._motion.note(sample.first, sample.second)
         if self.online is None:
             return None
         if self._wrench is None or now - self._wrench[2] > self.timeout:
@@ -181,12 +173,6 @@ class FollowedTip:
         zero = self.zero or (0.0, 0.0)
         size = hypot(self._wrench[0] - zero[0], self._wrench[1] - zero[1])
         return size if isfinite(size) else float('nan')
-
-    def _note_motion(self, sample: Sample) -> None:
-        for joint, angle in enumerate((sample.first, sample.second)):
-            moved = angle - self._references[joint]
-            if abs(moved) > _MOVED:
-                self._references[joint], self._approach[joint] = angle, 1.0 if moved > 0 else -1.0
 
     def _metadata(self) -> TouchMetadata | None:
         """Of the present pose, where the calibration asks for it."""
