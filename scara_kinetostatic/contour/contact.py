@@ -42,8 +42,7 @@ class ContactSamples(NamedTuple):
         force: as the sensor reports it, less its zero, (n, 2), N.
         contact: number of the contact, (n,).
         lost: time that contact was lost between the first and the last contact, s.
-        white_noise: standard deviation of the white noise of a component of a force sample, N.
-        zero_std: standard uncertainty of a component of the zero, N.
+        zero: that of the last contact.
         warnings: what is unusual, one sentence each.
     """
 
@@ -52,8 +51,7 @@ class ContactSamples(NamedTuple):
     force: Floats
     contact: Indices
     lost: float
-    white_noise: float
-    zero_std: float
+    zero: Floats
     warnings: tuple[str, ...]
 
     def select(self, which: Mask) -> ContactSamples:
@@ -63,32 +61,21 @@ class ContactSamples(NamedTuple):
         )
 
 
-class Zero(NamedTuple):
-    """What the sensor reports without force.
-
-    Attributes:
-        force: (2,), N.
-        std: of the mean of one component, N.
-    """
-
-    force: Floats
-    std: float
-
-
-def contact_samples(signals: Signals, source: str) -> ContactSamples:
+def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -> ContactSamples:
     """The instants in contact.
 
     Args:
         signals: the recording.
         source: its name, for messages.
+        zero: what the sensor reports without force, (2,), N, where it is known; None: from the recording.
 
     Raises:
         UnsupportedDataError: the tip never touches anything, or is never free.
     """
-    zero, warnings = _force_zero(signals, source)
-    contacts = find_contacts(signals, zero.force)
+    zero, warnings = force_zero(signals, source) if zero is None else (zero, ())
+    contacts = find_contacts(signals, zero)
     if not len(contacts.begin):
-        reach = float(np.hypot(*(signals.filtered.value - zero.force).T).max())
+        reach = float(np.hypot(*(signals.filtered.value - zero).T).max())
         raise UnsupportedDataError(
             f'{source}: the tip touches nothing: the force changes by {reach:.2g} N at most',
             'record while the tip slides along the object, and begin and end with free motion',
@@ -98,28 +85,27 @@ def contact_samples(signals: Signals, source: str) -> ContactSamples:
     smooth = moving_mean(signals.filtered.value, width)
     force = np.column_stack([np.interp(time, signals.wrench.time, column) for column in smooth.T])
     number = _number_of_contact(time, contacts)
-    previous = -np.inf
+    previous, own = -np.inf, zero
     for k, (begin, end) in enumerate(zip(contacts.begin, contacts.end, strict=True)):
         tare = tare_before(signals, begin, previous)
-        force[number == k] -= zero.force if tare is None else tare.force
+        own = zero if tare is None else tare.force
+        force[number == k] -= own
         previous = end
     size = np.hypot(*force.T)
     typical = float(np.median(size[number >= 0])) if (number >= 0).any() else 0.0
-    used = (number >= 0) & (size > LEAST_FORCE * typical)
+    used = (number >= 0) & (size > LEAST_FORCE * typical) & _has_force_near(time, signals)
     if used.sum() < 2:
         problem = f'{source}: contact lasts for {int(used.sum())} joint states only'
         raise UnsupportedDataError(problem, 'slide for longer, or record joint states at a higher rate')
     first, last = np.flatnonzero(used)[[0, -1]]
     between = ~used[first : last + 1]
-    noise = white_noise(signals.wrench.value)
     return ContactSamples(
         time[used],
         joints[used],
         force[used],
         _renumbered(number, used),
         lost=float(between.sum() * signals.joints.period),
-        white_noise=noise / np.sqrt(width),
-        zero_std=zero.std,
+        zero=own,
         warnings=(*signals.warnings, *warnings),
     )
 
@@ -131,14 +117,25 @@ def _number_of_contact(time: Floats, contacts: Contacts) -> Indices:
     return np.where(time <= ends, number, -1)
 
 
+def _has_force_near(time: Floats, signals: Signals) -> Mask:
+    """Whether each time is between two forces without a pause, (n,): across a pause nothing is interpolated."""
+    stamps = signals.wrench.time
+    later = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
+    return np.asarray(stamps[later] - stamps[later - 1] <= signals.wrench.gap_limit)
+
+
 def _renumbered(number: Indices, used: Mask) -> Indices:
     """Number of the uninterrupted contact of the used instants: one that is lost in between counts as two."""
     breaks = np.append(True, ~used[:-1]) | np.append(True, np.diff(number) != 0)
     return (np.cumsum(breaks & used) - 1)[used]
 
 
-def _force_zero(signals: Signals, source: str) -> tuple[Zero, tuple[str, ...]]:
-    """The zero of the sensor, and a warning where the recording begins in contact.
+def force_zero(signals: Signals, source: str) -> tuple[Floats, tuple[str, ...]]:
+    """What the sensor reports without force, (2,), N, and a warning where the recording begins in contact.
+
+    Args:
+        signals: the recording.
+        source: its name, for messages.
 
     Raises:
         UnsupportedDataError: no steady force lasts long enough.
@@ -148,8 +145,7 @@ def _force_zero(signals: Signals, source: str) -> tuple[Zero, tuple[str, ...]]:
     count = len(wrench.time) // size
     blocks = wrench.value[: count * size].reshape(count, size, 2)
     mean, scatter = blocks.mean(axis=1), blocks.std(axis=1).max(axis=1)
-    noise = white_noise(signals.wrench.value)
-    steady = scatter <= _STEADY * noise + 1e-6
+    steady = scatter <= _STEADY * white_noise(signals.wrench.value) + 1e-6
     if not steady.any():
         problem = f'{source}: the force is never steady for {SHORTEST_FREE:g} s: there is no zero of the force sensor'
         raise UnsupportedDataError(problem, 'begin and end the recording with free motion')
@@ -158,8 +154,8 @@ def _force_zero(signals: Signals, source: str) -> tuple[Zero, tuple[str, ...]]:
     if steady[0] and size_of[0] < size_of[least] + LARGEST_ZERO:
         least = 0
     same = steady & (np.hypot(*(mean - mean[least]).T) < _SAME_ZERO)
-    zero = Zero(np.median(mean[same], axis=0), float(noise / np.sqrt(same.sum() * size)))
-    away = float(np.hypot(*(mean[0] - zero.force)))
+    zero = np.median(mean[same], axis=0)
+    away = float(np.hypot(*(mean[0] - zero)))
     if steady[0] and away > _OTHER_ZERO:
         return zero, (
             f'the recording begins in contact, or the zero of the force sensor changes by {away:.1f} N; '

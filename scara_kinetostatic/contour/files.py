@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from scara_kinetostatic.contour.joining import Outline
-from scara_kinetostatic.contour.trace import Contour
+from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.model.arrays import Floats
 
 CSV, SVG, DXF = 'contour.csv', 'contour.svg', 'contour.dxf'

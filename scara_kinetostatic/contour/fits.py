@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.compensation.arm import CalibratedArm
-from scara_kinetostatic.contour.trace import Contour
+from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, rms
 
@@ -164,7 +164,7 @@ def _stds(contour: Contour, arm: CalibratedArm, points: Mask, design: Floats, re
     by_model = inverse @ contour.by_model[points]
     systematic = np.einsum('ij,jk,ik->i', by_model, arm.covariance, by_model)
     common = arm.cell.uncertainty.radius * inverse.sum(axis=1)
-    variance = contour.std_normal[points] ** 2 - contour.std_systematic[points] ** 2
+    variance = contour.std_noise[points] ** 2
     alike = _correlated_points(residual, contour.passes[points])
     noise = alike * np.einsum('ij,j,ij->i', inverse, variance, inverse)
     return np.asarray(np.sqrt(systematic + common**2 + noise))

@@ -1,8 +1,9 @@
 """Passes along the same surface, joined to outlines; closed ones are closed.
 
 A pass belongs to an outline where its places lie on it, no farther than they are uncertain, with the same normal. There
-both are averaged; where it goes on beyond an end of the outline, the outline grows. An outline whose end comes back
-to its own begin is closed.
+both are averaged; where it goes on beyond an end of the outline, the outline grows, and may reach another one. A pass
+that begins close behind the end of an outline goes on with it. An outline whose end comes back to its own begin is
+closed there; what goes on beyond is a second turn along it.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ _SAME_DISTANCE = 3e-4
 _SAME_NORMAL = 0.8
 """Least product of their normals."""
 _LONGEST_GAP = 3e-3
-"""An outline whose ends are no farther apart, m, is closed."""
+"""An outline whose ends are no farther apart, m, is closed, and outlines are joined whose ends are."""
+_FEWEST_SAME = 3
+"""So many points of two passes must be the same for them to be joined."""
 _CHUNK = 512
 
 
@@ -35,7 +38,7 @@ class Outline:
     Attributes:
         points: nodes, (k, 2), m; the first is not repeated at the end.
         normals: outward unit vectors, (k, 2).
-        std: standard uncertainty along the normal, (k,), m.
+        std: standard uncertainty along the normal, (k,), m; NaN where it is not known.
         closed: whether the last node is followed by the first.
         passes: numbers of the passes that it is joined from.
     """
@@ -61,13 +64,43 @@ class Outline:
         return np.concatenate([self.points, self.points[:1]]) if self.closed else np.asarray(self.points)
 
 
+class Stretch(NamedTuple):
+    """A pass, or a part of one, in the order of travel.
+
+    Attributes:
+        points: of the surface, (n, 2), m.
+        normals: outward unit vectors, (n, 2).
+        std: standard uncertainty along the normal, (n,), m; NaN where it is not known.
+        noise: the part of it by noise, (n,), m.
+    """
+
+    points: Floats
+    normals: Floats
+    std: Floats
+    noise: Floats
+
+
 class _Course(NamedTuple):
-    """Places along an outline with their distance along it; (n, ...) each."""
+    """Places along an outline with their distance along it; (n, ...) each, as in `Stretch`."""
 
     along: Floats
     points: Floats
     normals: Floats
     std: Floats
+    noise: Floats
+
+    @classmethod
+    def of(cls, stretch: Stretch) -> _Course:
+        """The course of a pass, with the object on its left: counter-clockwise about it."""
+        step = np.gradient(stretch.points, axis=0)
+        turn = step[:, 0] * stretch.normals[:, 1] - step[:, 1] * stretch.normals[:, 0]
+        ordered = stretch if np.sum(np.sign(turn)) <= 0 else Stretch(*(column[::-1] for column in stretch))
+        return cls(_lengths(ordered.points), *ordered)
+
+    @property
+    def weighing(self) -> Floats:
+        """Standard uncertainties by which points are weighed; that by noise where no other is known, (n,), m."""
+        return np.where(np.isnan(self.std), self.noise, self.std)
 
     def sorted(self) -> _Course:
         order = np.argsort(self.along, kind='stable')
@@ -88,67 +121,122 @@ class _Part(NamedTuple):
     passes: tuple[int, ...]
 
 
-def join_passes(passes: Sequence[tuple[Floats, Floats, Floats]]) -> tuple[Outline, ...]:
-    """The outlines that passes make, the longest first.
+def join_passes(passes: Sequence[Stretch]) -> tuple[Outline, ...]:
+    """The outlines that passes make, the longest first."""
+    joined = JoinedPasses()
+    lengths = [float(_lengths(stretch.points)[-1]) for stretch in passes]
+    for number in sorted(range(len(passes)), key=lambda k: -lengths[k]):
+        joined.add(passes[number], number)
+    return tuple(sorted(joined.outlines, key=lambda outline: -outline.length))
+
+
+class JoinedPasses:
+    """Passes joined one after the other.
 
     Args:
-        passes: points (n, 2), m, normals (n, 2), standard uncertainties (n,), m, of each, in the order of travel.
+        parts: outlines in the making to begin with.
     """
-    courses = [_oriented(_Course(_lengths(points), points, normals, std)) for points, normals, std in passes]
-    parts: list[_Part] = []
-    for number in sorted(range(len(courses)), key=lambda k: -float(courses[k].along[-1])):
-        _add(parts, courses[number], number)
-    outlines = [Outline(*part.course[1:], bool(part.period), tuple(sorted(part.passes))) for part in parts]
-    return tuple(sorted(outlines, key=lambda outline: -outline.length))
+
+    def __init__(self, parts: Sequence[_Part] = ()) -> None:
+        self._parts = list(parts)
+
+    def copy(self) -> JoinedPasses:
+        """Another one with the same passes, to which others may be added."""
+        return JoinedPasses(self._parts)
+
+    def add(self, stretch: Stretch, number: int = 0) -> int:
+        """Joins a pass to the outline that it lies on; where there is none it is a new one.
+
+        Args:
+            stretch: the pass.
+            number: of the pass.
+
+        Returns:
+            The number of the outline among `outlines`.
+        """
+        return self._join(_closed(_Course.of(stretch), (number,)))
+
+    def _join(self, part: _Part) -> int:
+        """Joins an outline to those that it touches; the number of the result."""
+        for place, other in enumerate(self._parts):
+            merged = _merged(other, part)
+            if merged is not None:
+                del self._parts[place]
+                found = self._join(merged)
+                self._parts.insert(min(found, place), self._parts.pop(found))
+                return min(found, place)
+        self._parts.append(part)
+        return len(self._parts) - 1
+
+    @property
+    def outlines(self) -> tuple[Outline, ...]:
+        """The outlines, in the order in which they were begun."""
+        return tuple(Outline(*p.course[1:4], bool(p.period), tuple(sorted(p.passes))) for p in self._parts)
+
+    @property
+    def nodes(self) -> int:
+        """Nodes of all outlines."""
+        return sum(len(part.course.along) for part in self._parts)
+
+    def drop_first(self) -> None:
+        """Forgets the outline that was begun first."""
+        del self._parts[0]
 
 
-def _oriented(course: _Course) -> _Course:
-    """The course with the object on its left: counter-clockwise about it."""
-    step = np.gradient(course.points, axis=0)
-    turn = step[:, 0] * course.normals[:, 1] - step[:, 1] * course.normals[:, 0]
-    if np.sum(np.sign(turn)) <= 0:
-        return course
-    points, normals, std = course.points[::-1], course.normals[::-1], course.std[::-1]
-    return _Course(_lengths(points), points, normals, std)
-
-
-def _add(parts: list[_Part], course: _Course, number: int) -> None:
-    """Joins a course to the part that it touches; it is a new part where there is none."""
-    for place, (part, period, passes) in enumerate(parts):
-        placed = _placed(part, period, course)
-        if placed is not None:
-            merged = _Course(*(np.concatenate(columns) for columns in zip(part, placed, strict=True))).sorted()
-            parts[place] = _Part(*_closed(_thinned(merged, period), period), (*passes, number))
-            return
-    parts.append(_Part(*_closed(_thinned(course, 0.0), 0.0), (number,)))
+def _merged(one: _Part, other: _Part) -> _Part | None:
+    """Both outlines as one; None where they do not touch."""
+    by_length = (one, other) if _span(one.course) >= _span(other.course) else (other, one)
+    base, added = by_length if by_length[0].period or not by_length[1].period else by_length[::-1]
+    placed = _placed(base.course, base.period, added.course)
+    if placed is None:
+        return None
+    columns = zip(base.course, placed, strict=True)
+    merged = _Course(*(np.concatenate(pair) for pair in columns)).sorted()
+    passes = tuple(dict.fromkeys((*one.passes, *other.passes)))
+    return _Part(_thinned(merged, base.period), base.period, passes) if base.period else _closed(merged, passes)
 
 
 def _placed(part: _Course, period: float, course: _Course) -> _Course | None:
     """The course with distances along a part; None where the two do not touch."""
     near = _nearest(part, course, period)
-    same = near >= 0
-    if same.sum() < 3:
-        return None
-    own = course.along
-    first, last = np.flatnonzero(same)[[0, -1]]
-    along = np.where(same, near, np.nan)
+    same = np.flatnonzero(np.isfinite(near))
+    if len(same) < _FEWEST_SAME:
+        return None if period else _adjoining(part, course)
+    own, found = course.along, near[same]
     if period:
-        along[same] = np.unwrap(along[same], period=period)
+        found = np.unwrap(found, period=period)
+    else:  # a course that leaves the part at one end may come back at the other: it goes on from the first end
+        leap = np.abs(np.diff(found - own[same])) > _LONGEST_GAP
+        run = np.cumsum(np.append(0, leap))
+        kept = run == np.bincount(run).argmax()
+        same, found = same[kept], found[kept]
+    along = np.interp(own, own[same], found)
+    first, last = same[0], same[-1]
     along[:first] = along[first] - (own[first] - own[:first])
     along[last + 1 :] = along[last] + (own[last + 1 :] - own[last])
-    missing = np.isnan(along)
-    along[missing] = np.interp(own[missing], own[~missing], along[~missing])
     return course._replace(along=along % period if period else along)
 
 
+def _adjoining(part: _Course, course: _Course) -> _Course | None:
+    """The course with distances along a part, where one begins close behind the end of the other; else None."""
+    for first, second in ((part, course), (course, part)):
+        step = second.points[0] - first.points[-1]
+        chord = first.points[-1] - first.points[max(len(first.along) - 1 - _FEWEST_SAME, 0)]
+        follows = step @ chord > 0 and np.hypot(*step) < _LONGEST_GAP
+        if follows and first.normals[-1] @ second.normals[0] > _SAME_NORMAL:
+            gap = float(np.hypot(*step))
+            begin = part.along[-1] + gap if first is part else part.along[0] - gap - _span(course)
+            return course._replace(along=begin + course.along - course.along[0])
+    return None
+
+
 def _nearest(part: _Course, course: _Course, period: float) -> Floats:
-    """Distance along a part of the place nearest to each point of a course, (n,), m; -1 where it is not the same."""
+    """Distance along a part of the place nearest to each point of a course, (n,), m; NaN where it is not the same."""
     points = np.concatenate([part.points, part.points[:1]]) if period else part.points
-    along = np.append(part.along, period) if period else part.along
-    base = float(along[0])
+    along = np.append(part.along, part.along[0] + period) if period else part.along
     begin, step = points[:-1], np.diff(points, axis=0)
     square = np.maximum((step**2).sum(axis=1), 1e-30)
-    found = np.full(len(course.points), -1.0)
+    found = np.full(len(course.points), np.nan)
     for first in range(0, len(found), _CHUNK):
         rows = slice(first, first + _CHUNK)
         apart = course.points[rows, None] - begin
@@ -161,29 +249,49 @@ def _nearest(part: _Course, course: _Course, period: float) -> Floats:
         best = distance.argmin(axis=1)
         row = np.arange(len(best))
         least = np.sqrt(distance[row, best])
-        limit = np.maximum(_SAME_DISTANCE, _SAME_SIGMAS * np.hypot(course.std[rows], part.std[best]))
-        place = along[best] + inside[row, best] * (along[best + 1] - along[best]) - base
-        found[rows] = np.where(least < limit, place, -1.0)
-    return np.where(found >= 0, found + (0.0 if period else base), -1.0)
+        limit = np.maximum(_SAME_DISTANCE, _SAME_SIGMAS * np.hypot(course.weighing[rows], part.weighing[best]))
+        place = along[best] + inside[row, best] * (along[best + 1] - along[best])
+        found[rows] = np.where(least < limit, place, np.nan)
+    return found
 
 
-def _closed(course: _Course, period: float) -> tuple[_Course, float]:
-    """The course closed where its end comes back to its begin; with the length of one turn, 0 where it is open."""
-    if period:
-        return course, period
-    length = course.along[-1] - course.along[0]
+def _closed(course: _Course, passes: tuple[int, ...]) -> _Part:
+    """The outline of a course: closed where it comes back to its begin, what is beyond joined to it; thinned."""
+    end = _return(course)
+    if end is None:
+        return _Part(_thinned(course, 0.0), 0.0, passes)
+    first, last = course.points[0], course.points[end]
+    chord = course.points[min(_FEWEST_SAME, end)] - first
+    gap = float((first - last) @ chord) / max(float(np.hypot(*chord)), 1e-12)
+    turn = float(course.along[end] - course.along[0]) + gap
+    round_once = _Course(*(column[: end + 1] for column in course))
+    closed = _thinned(round_once._replace(along=(round_once.along - course.along[0]) % turn).sorted(), turn)
+    rest = _Course(*(column[end + 1 :] for column in course))
+    placed = _placed(closed, turn, rest) if len(rest.along) else None
+    if placed is not None:
+        merged = _Course(*(np.concatenate(pair) for pair in zip(closed, placed, strict=True)))
+        closed = _thinned(merged.sorted(), turn)
+    return _Part(closed, turn, passes)
+
+
+def _return(course: _Course) -> int | None:
+    """Where a course comes back to its begin for the first time, an index; None where it does not."""
     apart = np.hypot(*(course.points - course.points[0]).T)
-    limit = max(_LONGEST_GAP, 2 * SPACING)
-    back = (course.along - course.along[0] > 0.5 * length) & (apart < limit)
-    back &= course.normals @ course.normals[0] > _SAME_NORMAL
-    if length < 10 * limit or not back.any():
-        return course, 0.0
-    nearest = int(np.flatnonzero(back)[apart[back].argmin()])
-    tangent = course.points[1] - course.points[0]
-    tangent = tangent / np.hypot(*tangent)
-    turn = float(course.along[nearest] - course.along[0] + (course.points[0] - course.points[nearest]) @ tangent)
-    wrapped = course._replace(along=(course.along - course.along[0]) % turn).sorted()
-    return _thinned(wrapped, turn), turn
+    left = np.flatnonzero(apart > 2 * _LONGEST_GAP)
+    if not len(left):
+        return None
+    back = (apart < _LONGEST_GAP) & (course.normals @ course.normals[0] > _SAME_NORMAL)
+    back[: left[0]] = False
+    there = np.flatnonzero(back)
+    if not len(there):
+        return None
+    leaves = np.flatnonzero(np.diff(there) > 1)
+    stay = there[: leaves[0] + 1] if len(leaves) else there
+    return int(stay[apart[stay].argmin()])
+
+
+def _span(course: _Course) -> float:
+    return float(course.along[-1] - course.along[0])
 
 
 def _thinned(course: _Course, period: float) -> _Course:
@@ -194,7 +302,7 @@ def _thinned(course: _Course, period: float) -> _Course:
     width = span / cells if period else span / max(cells - 1, 1)
     origin = 0.0 if period else float(course.along[0]) - 0.5 * width
     cell = np.clip(np.floor((course.along - origin) / width).astype(np.intp), 0, cells - 1)
-    weight = 1.0 / np.maximum(course.std, 1e-12) ** 2
+    weight = 1.0 / np.maximum(course.weighing, 1e-12) ** 2
     total = np.bincount(cell, weight, cells)
     used = total > 0
 
@@ -204,7 +312,7 @@ def _thinned(course: _Course, period: float) -> _Course:
     points = np.column_stack([mean(column) for column in course.points.T])
     normals = np.column_stack([mean(column) for column in course.normals.T])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    return _Course(mean(course.along), points, normals, mean(course.std))
+    return _Course(mean(course.along), points, normals, mean(course.std), mean(course.noise))
 
 
 def _lengths(points: Floats) -> Floats:

@@ -7,11 +7,13 @@ straight edge the noise is averaged, at a corner the direction follows.
 
 from __future__ import annotations
 
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.kinematics import quarter_turn
 
 WINDOWS = (4e-3, 2e-3, 1e-3, 0.5e-3)
 """Half lengths of the windows along the path, m."""
@@ -29,7 +31,8 @@ _SPEED_TIME = 0.06
 """The speed is that of the distance over so long, s."""
 _SHORTEST_PASS = 2e-3
 """A shorter motion is no pass, m."""
-_CHUNK = 20_000
+_CHUNK = 512
+"""Fits are worked out together at so many places, or as many as a window has."""
 
 
 class Direction(NamedTuple):
@@ -149,27 +152,55 @@ class _LocalFit(NamedTuple):
 
 def _local_fit(clock: Floats, places: Floats, half: int) -> _LocalFit:
     """Quadratic fits in windows of `half` samples on each side, moved inwards at the ends."""
-    count, width = len(places), 2 * half + 1
-    parts = [_fit_part(clock, places, np.arange(first, min(first + _CHUNK, count)), half, width)
-             for first in range(0, count, _CHUNK)]  # fmt: skip
+    count, size = len(places), max(2 * half + 1, _CHUNK)
+    parts = [
+        _fit_part(clock, places, np.arange(first, min(first + size, count)), half) for first in range(0, count, size)
+    ]
     return _LocalFit(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def _fit_part(clock: Floats, places: Floats, rows: Indices, half: int, width: int) -> _LocalFit:
+def _fit_part(clock: Floats, places: Floats, rows: Indices, half: int) -> _LocalFit:
+    """The fits at neighbouring rows: x ≈ a₀ + a₁ v + a₂ v², v the time from the row, by Σ vᵏ and Σ x vᵏ.
+
+    The sums over windows are differences of cumulative sums; these are over few windows, about their middle, so that
+    little is lost by rounding.
+    """
+    width = 2 * half + 1
     start = np.clip(rows - half, 0, len(places) - width)
-    window = start[:, None] + np.arange(width)
-    scale = max(float(clock[-1] - clock[0]) * width / len(clock), 1e-9)
-    t = (clock[window] - clock[rows][:, None]) / scale
-    design = np.stack([np.ones_like(t), t, t * t], axis=-1)
-    normal = np.einsum('nwi,nwj->nij', design, design) + 1e-12 * np.eye(3)
+    begin, end = int(start[0]), int(start[-1]) + width
+    middle, center = int(rows[len(rows) // 2]), places[rows]
+    scale = max(float(clock[end - 1] - clock[begin]) * width / (end - begin), 1e-9)
+    u = (clock[begin:end] - clock[middle]) / scale
+    powers = u[:, None] ** np.arange(5)
+    offset = places[begin:end] - places[middle]
+    moments = _window_sums(powers, start - begin, width)
+    products = _window_sums((offset[:, None, :] * powers[:, :3, None]).reshape(-1, 6), start - begin, width)
+    shift = _about(u[rows - begin])
+    of_time = np.einsum('nij,nj->ni', shift, moments)
+    of_place = np.einsum('nij,njc->nic', shift[:, :3, :3], products.reshape(-1, 3, 2))
+    of_place -= of_time[:, :3, None] * (center - places[middle])[:, None, :]
+    normal = of_time[:, np.add.outer(np.arange(3), np.arange(3))] + 1e-12 * np.eye(3)
     inverse = np.linalg.inv(normal)
-    center = places[rows]
-    value = np.einsum('nij,nwj,nwc->nic', inverse, design, places[window] - center[:, None])
+    value = inverse @ of_place
     slope = value[:, 1]
     speed = np.maximum(np.hypot(*slope.T), 1e-12)
-    across = np.stack([-slope[:, 1], slope[:, 0]], axis=-1) / speed[:, None]
+    across = quarter_turn(slope) / speed[:, None]
     leverage = np.clip(1.0 - inverse[:, 0, 0], 0.1, 1.0)
     residual = -(value[:, 0] * across).sum(axis=1) / np.sqrt(leverage)
     return _LocalFit(
         np.arctan2(slope[:, 1], slope[:, 0]), np.sqrt(inverse[:, 1, 1]) / speed, center + value[:, 0], residual
     )
+
+
+def _window_sums(values: Floats, start: Indices, width: int) -> Floats:
+    """Sums of values (m, k) over windows that begin at rows `start`, (n,): (n, k)."""
+    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    return np.asarray(sums[start + width] - sums[start])
+
+
+def _about(origin: Floats) -> Floats:
+    """Matrices that turn Σ uᵏ into Σ (u - o)ᵏ, k = 0 … 4, for origins o, (n,): (n, 5, 5)."""
+    k = np.arange(5)
+    power = np.subtract.outer(k, k)
+    binomial = np.array([[comb(i, j) for j in k] for i in k])
+    return np.asarray(np.where(power >= 0, binomial * (-origin[:, None, None]) ** np.maximum(power, 0), 0.0))

@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+
 from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.compensation.equilibrium import tip_under_load
 from scara_kinetostatic.compensation.loading import Force
+from scara_kinetostatic.compensation.motion import motion_senses
 from scara_kinetostatic.compensation.predictions import Predictor
 from scara_kinetostatic.compensation.sensor import force_on_object
 from scara_kinetostatic.compensation.uncertainty import (
@@ -16,6 +19,7 @@ from scara_kinetostatic.compensation.uncertainty import (
     band_covariance,
     measurement_covariance,
     tip_derivative,
+    with_dead_bands,
 )
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Sensor, SensorSign
@@ -38,8 +42,15 @@ def measured_force(arm: CalibratedArm, sensor: Sensor, joints: Floats, reported:
 
 
 def metadata_of(arm: CalibratedArm, joints: Floats) -> TouchMetadata:
-    """What is known of the poses besides Q and F: their posture, and that they are after all touches."""
-    return TouchMetadata.plain(len(joints))._replace(posture=posture(arm.model.parameters, joints))
+    """What is known of poses that follow each other besides Q and F: posture and motion; they are after all touches.
+
+    A model that changes with time is taken as at the end of the calibration, `Predictor.assumptions`.
+    """
+    plain = TouchMetadata.plain(len(joints))._replace(posture=posture(arm.model.parameters, joints))
+    predictor = Predictor(arm)
+    if predictor.depends_on_time:
+        plain = plain._replace(time=np.full(len(joints), arm.used.duration))
+    return plain._replace(approach=motion_senses(joints)) if predictor.effects_of('approach') else plain
 
 
 class TipPlaces(NamedTuple):
@@ -48,7 +59,8 @@ class TipPlaces(NamedTuple):
     Attributes:
         center: S, (n, 2), m; NaN where it was not found.
         by_model: ∂S/∂(values of the model), (n, 2, 12 + k).
-        systematic: covariance of S by the calibration, (n, 2, 2), m²; NaN where the data do not determine it.
+        systematic: covariance of S by the calibration, (n, 2, 2), m²; NaN where the data do not determine it, or a
+            joint is in a dead band of undetermined size.
         noise: covariance by the noise of joint angles and force and by the place of joints in their dead bands,
             (n, 2, 2), m².
     """
@@ -74,4 +86,7 @@ def tip_places(arm: CalibratedArm, joints: Floats, force: Floats) -> TipPlaces:
     spread = Spread.of(arm.covariance, arm.undetermined)
     gaps = spread.gaps(law.model.parameters)
     noise = measurement_covariance(law, found, f, jacobian).plus(band_covariance(gaps, found, f, jacobian))
-    return TipPlaces(found.tip, by_model.transpose(2, 1, 0), spread.tip(by_model).matrices, noise.matrices)
+    systematic = spread.tip(by_model)
+    known = np.isfinite(with_dead_bands(systematic, spread, law, found, f).xx)
+    covariance = np.where(known[:, None, None], systematic.matrices, np.nan)
+    return TipPlaces(found.tip, by_model.transpose(2, 1, 0), covariance, noise.matrices)

@@ -13,21 +13,23 @@ radius.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.contour.contact import ContactSamples, contact_samples
-from scara_kinetostatic.contour.friction import Friction, estimate_friction, off_normal_angle
-from scara_kinetostatic.contour.joining import Outline, join_passes
+from scara_kinetostatic.contour.friction import estimate_friction, off_normal_angle
 from scara_kinetostatic.contour.path import direction_along, moving, passes_of, speed_of
+from scara_kinetostatic.contour.remarks import NO_RADIUS, remarks_on
+from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.contour.tip import TipPlaces, measured_force, tip_places
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Sensor
-from scara_kinetostatic.touches.signals import as_signals
+from scara_kinetostatic.model.kinematics import quarter_turn
+from scara_kinetostatic.touches.signals import Signals, as_signals
 from scara_kinetostatic.touches.streams import Streams
 
 LARGEST_ANGLE = 1.2
@@ -40,52 +42,8 @@ _JUMP_FACTOR = 8.0
 """and more than this many times its usual step."""
 
 
-@dataclass(frozen=True)
-class Contour:
-    """The surface along which a tip slid, at n instants in the order of time.
-
-    Attributes:
-        source: the recording.
-        time: since the first stamp of the recording, (n,), s.
-        surface: points of the surface, (n, 2), m, base frame.
-        normal: outward unit vectors, (n, 2).
-        std_normal: standard uncertainty along the normal, (n,), m; NaN where the calibration does not determine it.
-        std_systematic: the part of it that is common to neighbouring points, by the calibration and the tip, (n,), m.
-        force: F of the tip on the object, base frame, (n, 2), N.
-        joints: Q, (n, 2), rad.
-        tip: centre of the tip, (n, 2), m.
-        passes: number of the pass, (n,).
-        by_model: change along the normal by each value of the model, (n, 12 + k).
-        outlines: the passes joined, the longest first.
-        friction: what the forces say of friction.
-        off_normal: angle from the inward normal to the force, towards the direction of travel, (n,), rad.
-        tip_radius: m.
-        lost: time without contact between the first and the last contact, s.
-        stuck: time in contact without sliding, s.
-        warnings: one sentence each.
-    """
-
-    source: str
-    time: Floats
-    surface: Floats
-    normal: Floats
-    std_normal: Floats
-    std_systematic: Floats
-    force: Floats
-    joints: Floats
-    tip: Floats
-    passes: Indices
-    by_model: Floats
-    outlines: tuple[Outline, ...]
-    friction: Friction
-    off_normal: Floats
-    tip_radius: float
-    lost: float
-    stuck: float
-    warnings: tuple[str, ...]
-
-    def __len__(self) -> int:
-        return len(self.time)
+class JumpError(UnsupportedDataError):
+    """The tip jumps while in contact."""
 
 
 def trace_contour(
@@ -102,25 +60,55 @@ def trace_contour(
     Raises:
         UnsupportedDataError: the tip touches nothing, does not slide, or jumps; the calibration does not determine
             where it is.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> arm = sk.load_calibration('result/calibration.json')
+        >>> contour = sk.trace_contour(sk.read_streams('slide', arm.cell), arm)
+        >>> contour.outlines[0].closed
+        True
     """
-    sensor = sensor or arm.cell.sensor
-    radius = arm.cell.tip_radius if tip_radius is None else tip_radius
     signals = as_signals(streams, arm.cell)
     if signals is None:
         raise UnsupportedDataError(f'{streams.source}: fewer than two samples of a topic', 'record a whole slide')
-    samples = contact_samples(signals, streams.source)
+    radius = arm.cell.tip_radius if tip_radius is None else tip_radius
+    contour = trace_signals(signals, streams.source, arm, sensor or arm.cell.sensor, radius or 0.0)
+    remarks = remarks_on(contour, arm) if radius is not None else (NO_RADIUS, *remarks_on(contour, arm))
+    return replace(contour, warnings=(*streams.warnings, *contour.warnings, *remarks))
+
+
+def trace_signals(
+    signals: Signals, source: str, arm: CalibratedArm, sensor: Sensor, radius: float, zero: Floats | None = None
+) -> Contour:
+    """The contour in a part of a recording, without remarks on the calibration.
+
+    Args:
+        signals: the part.
+        source: the recording, for messages.
+        arm: the calibrated arm.
+        sensor: frame and sign of the force sensor.
+        radius: of the tip, m.
+        zero: what the sensor reports without force, (2,), N, where it is known; None: from the part.
+
+    Raises:
+        UnsupportedDataError: as `trace_contour`.
+    """
+    samples = contact_samples(signals, source, zero)
     force = measured_force(arm, sensor, samples.joints, samples.force)
     places = tip_places(arm, samples.joints, force)
     if not np.isfinite(places.center).all():
-        raise UnsupportedDataError(f'{streams.source}: there is no place of the tip for its joint angles and forces')
+        raise UnsupportedDataError(f'{source}: there is no place of the tip for its joint angles and forces')
     if np.isnan(places.systematic).all():
         raise UnsupportedDataError(
-            f'{streams.source}: the touches of the calibration do not determine where the tip is',
+            f'{source}: the touches of the calibration do not determine where the tip is',
             'see the assessment in its report, and calibrate with the touches that it asks for',
         )
-    number, stuck = _passes(samples, places.center, streams.source, signals.joints.period)
-    contour = _surface(samples, places, force, number, arm, radius or 0.0, streams.source)
-    return _with_remarks(contour, arm, radius, stuck, (*streams.warnings, *samples.warnings))
+    number, stuck = _passes(samples, places.center, source, signals.joints.period)
+    course = _course(samples, places.center, force, number)
+    used, left_out = _usable(course, force, number, source)
+    contour = _surface(samples, places, force, number, course, used, arm, radius)
+    cut = (f'{left_out} points left out: the force is not across the motion of the tip',) if left_out else ()
+    return replace(contour, source=source, stuck=stuck, warnings=(*samples.warnings, *cut))
 
 
 def _passes(samples: ContactSamples, center: Floats, source: str, period: float) -> tuple[Indices, float]:
@@ -133,19 +121,26 @@ def _passes(samples: ContactSamples, center: Floats, source: str, period: float)
     slides = moving(speed_of(samples.time, center, contact))
     number = passes_of(center, contact, slides)
     if not (number >= 0).any():
-        reach = float(np.ptp(center, axis=0).max())
         raise UnsupportedDataError(
-            f'{source}: the tip does not slide: in contact it moves by {1e3 * reach:.2g} mm',
-            'record a slide of some millimetres at least; for touches use calibrate',
+            f'{source}: the tip does not slide: {_motion_in_contact(samples.contact, center)}',
+            'record a slide of some millimetres at least; a recording of touches is for calibrate',
         )
     return number, float((~slides).sum() * period)
+
+
+def _motion_in_contact(contact: Indices, center: Floats) -> str:
+    """How far the tip moves in each of its contacts, in words."""
+    number = int(contact.max()) + 1
+    largest = max(float(np.hypot(*np.ptp(center[contact == k], axis=0))) for k in range(number))
+    moves = f'{1e3 * largest:.2g} mm'
+    return f'in contact it moves by {moves}' if number == 1 else f'{number} contacts, of {moves} at most'
 
 
 def _split_at_gaps(samples: ContactSamples, center: Floats, source: str, period: float) -> Indices:
     """Numbers of the contacts, a pause of the joint states as a loss of contact.
 
     Raises:
-        UnsupportedDataError: the tip jumps while joint states come without a pause.
+        JumpError: the tip jumps while joint states come without a pause.
     """
     elapsed = np.diff(samples.time)
     step = np.hypot(*np.diff(center, axis=0).T)
@@ -157,11 +152,59 @@ def _split_at_gaps(samples: ContactSamples, center: Floats, source: str, period:
     if len(jumps):
         k = int(jumps[0])
         more = f' and {len(jumps) - 1} more times' if len(jumps) > 1 else ''
-        raise UnsupportedDataError(
+        raise JumpError(
             f'{source}: the tip jumps by {1e3 * step[k]:.2g} mm at {samples.time[k + 1]:.2f} s{more}, in contact',
             'check that the joint states are complete and stamped right, and slide without leaping over a gap',
         )
     return samples.contact + np.append(0, np.cumsum(pause & same))
+
+
+class _Course(NamedTuple):
+    """The course of the tip along the surface at n instants; zeros outside of passes.
+
+    Attributes:
+        normal: outward unit vectors, (n, 2).
+        along: direction of travel, unit vectors, (n, 2).
+        angle_std: standard uncertainty of their angle, (n,), rad.
+        white: standard deviation of the white noise of a place, (n,), m.
+        end: whether it is the begin or the end of a pass, (n,).
+    """
+
+    normal: Floats
+    along: Floats
+    angle_std: Floats
+    white: Floats
+    end: Mask
+
+
+def _course(samples: ContactSamples, center: Floats, force: Floats, number: Indices) -> _Course:
+    """The course, pass by pass; the force tells on which side of the path the object is."""
+    count = len(samples.time)
+    normal, along, angle_std, white = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count), np.zeros(count)
+    end = np.zeros(count, dtype=bool)
+    for k in range(number.max() + 1):
+        here = np.flatnonzero(number == k)
+        found = direction_along(samples.time[here], center[here])
+        along[here], angle_std[here], white[here] = found.along, found.std, found.white_noise
+        left = quarter_turn(found.along)
+        normal[here] = -np.sign(np.median((force[here] * left).sum(axis=1))) * left
+        end[here[:END_SAMPLES]] = end[here[-END_SAMPLES:]] = True
+    return _Course(normal, along, angle_std, white, end)
+
+
+def _usable(course: _Course, force: Floats, number: Indices, source: str) -> tuple[Mask, int]:
+    """The instants of passes without their ends, (n,), and how many are left out as the force is not across.
+
+    Raises:
+        UnsupportedDataError: the force is nowhere across.
+    """
+    inside = (number >= 0) & ~course.end
+    off = np.where(inside, off_normal_angle(force, course.normal, course.along), np.inf)
+    across = np.abs(off) < LARGEST_ANGLE
+    if not across.any():
+        problem = f'{source}: the force is nowhere across the motion of the tip'
+        raise UnsupportedDataError(problem, 'check frame and sign of the force sensor in the cell description')
+    return across, int((inside & ~across).sum())
 
 
 def _surface(
@@ -169,99 +212,40 @@ def _surface(
     places: TipPlaces,
     force: Floats,
     number: Indices,
+    course: _Course,
+    used: Mask,
     arm: CalibratedArm,
     radius: float,
-    source: str,
 ) -> Contour:
-    """The surface at the instants of the passes."""
-    count = len(samples.time)
-    normal, along, angle_std, white = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count), np.zeros(count)
-    ends = np.zeros(count, dtype=bool)
-    for k in range(number.max() + 1):
-        here = np.flatnonzero(number == k)
-        found = direction_along(samples.time[here], places.center[here])
-        along[here], angle_std[here], white[here] = found.along, found.std, found.white_noise
-        left = np.column_stack([-found.along[:, 1], found.along[:, 0]])
-        side = -np.sign(np.median((force[here] * left).sum(axis=1)))
-        normal[here] = side * left
-        ends[here[:END_SAMPLES]] = ends[here[-END_SAMPLES:]] = True
-    used = (number >= 0) & ~ends
-    off = np.where(used, off_normal_angle(force, normal, along), np.inf)
-    across = np.abs(off) < LARGEST_ANGLE
-    left_out = int((used & ~across).sum())
-    used &= across
-    if not used.any():
-        problem = f'{source}: the force is nowhere across the motion of the tip'
-        raise UnsupportedDataError(problem, 'check frame and sign of the force sensor in the cell description')
-    n = normal[used]
-    systematic = _along(places.systematic[used], n)
-    noise = _along(places.noise[used], n) + white[used] ** 2
-    own = (radius * angle_std[used] ** 2 / np.sqrt(2)) ** 2
-    common = systematic + arm.cell.uncertainty.radius**2
-    std = np.sqrt(common + noise + own)
-    surface = places.center[used] - radius * n
+    """The surface at the instants that are used."""
+    n, along, force = course.normal[used], course.along[used], force[used]
     passes = np.unique(number[used], return_inverse=True)[1]
-    weighing = np.where(np.isnan(std), np.sqrt(noise + own), std)
-    size = float(np.median(np.hypot(*force[used].T)))
-    friction = estimate_friction(
-        force[used], n, along[used], passes, arm.noise.force_at(size) / size, arm.cell.uncertainty.force_rotation
-    )
+    by_normal = radius * course.angle_std[used] ** 2 / np.sqrt(2)
+    noise = _along(places.noise[used], n) + course.white[used] ** 2 + by_normal**2
+    common = _along(places.systematic[used], n) + arm.cell.uncertainty.radius**2
+    force_std = arm.noise.force_at(size := float(np.median(np.hypot(*force.T)))) / size
     return Contour(
-        source=source,
+        source='',
         time=samples.time[used],
-        surface=surface,
+        surface=places.center[used] - radius * n,
         normal=n,
-        std_normal=std,
         std_systematic=np.sqrt(common),
-        force=force[used],
+        std_noise=np.sqrt(noise),
+        force=force,
         joints=samples.joints[used],
         tip=places.center[used],
         passes=passes,
         by_model=np.einsum('ni,nik->nk', n, places.by_model[used]),
-        outlines=join_passes(
-            [(surface[passes == k], n[passes == k], weighing[passes == k]) for k in range(passes.max() + 1)]
-        ),
-        friction=friction,
-        off_normal=off[used],
+        friction=estimate_friction(force, n, along, passes, force_std, arm.cell.uncertainty.force_rotation),
+        off_normal=off_normal_angle(force, n, along),
         tip_radius=radius,
+        zero=samples.zero,
         lost=samples.lost,
         stuck=0.0,
-        warnings=(f'{left_out} points left out: the force is not across the motion of the tip',) if left_out else (),
+        warnings=(),
     )
 
 
 def _along(covariance: Floats, normal: Floats) -> Floats:
     """nᵀ Σ n, (n,)."""
     return np.asarray(np.einsum('ni,nij,nj->n', normal, covariance, normal))
-
-
-def _with_remarks(
-    contour: Contour, arm: CalibratedArm, radius: float | None, stuck: float, warnings: Sequence[str]
-) -> Contour:
-    return replace(contour, stuck=stuck, warnings=(*warnings, *contour.warnings, *_remarks(contour, arm, radius)))
-
-
-def _remarks(contour: Contour, arm: CalibratedArm, radius: float | None) -> list[str]:
-    remarks = []
-    if radius is None:
-        remarks.append(
-            'the cell description states no radius of the tip (tip: {radius: …}): the outline is that of the centre of '
-            'the tip, not of the surface'
-        )
-    size = np.hypot(*contour.force.T)
-    low, high = arm.used.lowest_force, arm.used.highest_force
-    beyond = float(np.mean((size < 0.5 * low) | (size > 1.1 * high)))
-    if beyond > 0.05:
-        remarks.append(
-            f'{100 * beyond:.0f} % of the points have a force outside of that of the calibration, '
-            f'{low:.0f} to {high:.0f} N: there the model is extrapolated'
-        )
-    unknown = float(np.mean(np.isnan(contour.std_normal)))
-    if unknown:
-        remarks.append(
-            f'{100 * unknown:.0f} % of the points have no stated uncertainty: the touches of the calibration do not '
-            'determine the place of the tip there'
-        )
-    if arm.grade == 'unfit':
-        remarks.append('the calibration is assessed as unfit for use: see its report')
-    return remarks

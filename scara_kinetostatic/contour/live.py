@@ -1,0 +1,246 @@
+"""The contour of an object while the tip slides along it.
+
+The latest part of both streams is traced again and again, as a recording is (`trace_signals`). What lies farther back
+along the path than `_SETTLED` does not change any more: it is joined to the outlines for good, and its samples are
+dropped. So neither memory nor work grows with the length of a slide; of outlines, `MOST_NODES` nodes are kept.
+
+The zero of the force is that of the latest free motion, or the one that `tare` took; each contact has the zero of the
+free motion right before it, as in a recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from scara_kinetostatic.compensation.arm import CalibratedArm
+from scara_kinetostatic.contour.contact import LARGEST_ZERO, force_zero
+from scara_kinetostatic.contour.joining import JoinedPasses, Outline
+from scara_kinetostatic.contour.path import WINDOWS
+from scara_kinetostatic.contour.result import Contour
+from scara_kinetostatic.contour.trace import JumpError, trace_signals
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.cell import Sensor
+from scara_kinetostatic.touches.buffer import StreamPair
+from scara_kinetostatic.touches.segmentation import find_contacts
+from scara_kinetostatic.touches.signals import Signals, as_signals
+from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
+
+MOST_NODES = 20_000
+"""Nodes that are kept of all outlines, 10 m; beyond, the outline that was begun first is forgotten."""
+SECOND = 1_000_000_000
+_SOURCE = 'the slide'
+_MOST = 300_000
+"""Samples of a topic that are kept at most, whatever their stamps."""
+_FREE = 3 * SECOND
+"""Free motion that is kept for the zero of the next contact, ns."""
+_LONGEST = 20 * SECOND
+"""Samples in contact are kept at most so long, ns, where the tip creeps or rests."""
+_CLEAR = 0.25
+"""A contact is over when the force has been back at its zero for so long, s."""
+_SETTLED = WINDOWS[0]
+"""Farther back along the path than this, m, nothing changes any more."""
+_LEAD = 3 * SECOND // 10
+"""Samples that are kept before the points that are needed, ns: smoothing and the begin of a pass take some."""
+_OVERLAP = 3e-3
+"""Of what is joined already, so much is joined with the next part of a pass, m: by it the two are found to be one."""
+
+
+class LiveContour:
+    """Traces the surface along which the tip slides, sample by sample. Not thread-safe.
+
+    Args:
+        arm: the calibrated arm.
+        sensor: frame and sign of the force sensor; None: as the calibration's cell has them.
+        tip_radius: m; None: as the calibration's cell has it.
+        topics: names of joint states and wrenches, for messages; None: those of the cell.
+
+    Attributes:
+        arm: the calibrated arm.
+        tip_radius: m.
+        contour: what the last poll traced, the latest part of the slide; None without contact.
+        problem: why the last poll traced nothing although something is touched; or empty.
+        zero: what the sensor reports without force, (2,), N; None as long as it is not known.
+        forgotten: outlines that were forgotten as there were too many.
+    """
+
+    def __init__(
+        self,
+        arm: CalibratedArm,
+        sensor: Sensor | None = None,
+        tip_radius: float | None = None,
+        topics: tuple[str, str] | None = None,
+    ) -> None:
+        self.arm, self._sensor = arm, sensor or arm.cell.sensor
+        self.tip_radius = (arm.cell.tip_radius if tip_radius is None else tip_radius) or 0.0
+        self._topics = topics or arm.cell.sensor.topics
+        self.restart()
+        self.clear()
+
+    def restart(self) -> None:
+        """Drops samples and zero, as where forces are turned otherwise from here on; the outlines stay."""
+        self._pair = StreamPair(self._topics, _MOST)
+        self._until = np.iinfo(np.int64).min
+        self.zero: Floats | None = None
+        self._is_tared = False
+        self.contour: Contour | None = None
+        self.problem = ''
+
+    def clear(self) -> None:
+        """Forgets the outlines; what comes begins new ones."""
+        self._joined = self._shown = JoinedPasses()
+        self._present = self.forgotten = 0
+        self._until = max(self._until, self._pair.joints.now)
+
+    def add_joint_state(self, stamp_ns: int, joints: Sequence[float], received: int) -> None:
+        """One sample of q1, q2, rad, with its header stamp and when it was received, ns."""
+        self._pair.joints.append(stamp_ns, received, joints)
+
+    def add_wrench(self, stamp_ns: int, force: Sequence[float], received: int) -> None:
+        """One sample of fx, fy as the sensor reports them, N, with its header stamp and when it was received, ns."""
+        self._pair.wrench.append(stamp_ns, received, force)
+
+    @property
+    def outlines(self) -> tuple[Outline, ...]:
+        """The outlines so far, in the order in which they were begun."""
+        return self._shown.outlines
+
+    @property
+    def present(self) -> Outline | None:
+        """The outline along which the tip slides, or slid last; None before the first."""
+        outlines = self.outlines
+        return outlines[self._present] if self._present < len(outlines) else None
+
+    @property
+    def now(self) -> int:
+        """Stamp of the latest joint angles, ns."""
+        return self._pair.joints.now
+
+    @property
+    def clock_problem(self) -> str:
+        """What had to be corrected in the stamps; or empty."""
+        return self._pair.problem
+
+    def tare(self, span: int) -> Floats:
+        """Takes the mean force of the last so many ns as zero, (2,), N; nothing must be touched.
+
+        Raises:
+            UnsupportedDataError: there is no force yet.
+        """
+        recent = self._pair.wrench.latest(span)
+        if not len(recent):
+            raise UnsupportedDataError('there is no force yet')
+        self.zero, self._is_tared = recent.mean(axis=0), True
+        return self.zero
+
+    def poll(self) -> bool:
+        """Traces what has come; whether the outlines have changed."""
+        before, self.problem, self.contour = self._shown, '', None
+        signals = self._signals()
+        if signals is None:
+            return False
+        touching = self._touching(signals)
+        if self._find_zero(signals, touching):
+            self._trace(signals, touching)
+        return self._shown is not before
+
+    def _signals(self) -> Signals | None:
+        """The samples that are kept, on one clock; None where there are too few."""
+        if any(len(buffer.samples.stamp) < 2 for buffer in self._pair.buffers):
+            return None
+        judged = self._pair.judged()
+        if judged is None or (judged.by_log_time and not self._pair.is_sure(judged)):
+            return None
+        if judged.by_log_time:
+            self._until = self._pair.joints.log_time_of(self._until)
+        self._pair.correct(judged)
+        joints, wrench = judged.topics
+        streams = Streams(_SOURCE, JointStream(*joints), WrenchStream(*wrench), topics=self._topics)
+        return as_signals(streams, self.arm.cell)
+
+    def _touching(self, signals: Signals) -> bool:
+        """Whether something is touched at the end of the samples."""
+        if self.zero is None:
+            return False
+        ends = find_contacts(signals, self.zero).end
+        return bool(len(ends)) and float(signals.wrench.time[-1] - ends[-1]) < _CLEAR
+
+    def _find_zero(self, signals: Signals, touching: bool) -> bool:
+        """Follows the zero of the force; whether there is one."""
+        try:
+            found, _ = force_zero(signals, _SOURCE)
+        except UnsupportedDataError as error:
+            self.problem = '' if self.zero is not None else error.problem
+            return self.zero is not None
+        if self.zero is None or not (self._is_tared or touching):
+            self.zero = found
+        elif not self._is_tared and np.hypot(*found) + LARGEST_ZERO < np.hypot(*self.zero):
+            self.zero = found  # the former one was taken while something was touched
+        return True
+
+    def _trace(self, signals: Signals, touching: bool) -> None:
+        """Traces the samples, joins what is new, and drops what is not needed any more."""
+        now = self._pair.joints.now
+        try:
+            contour = trace_signals(signals, _SOURCE, self.arm, self._sensor, self.tip_radius, self.zero)
+        except JumpError as error:
+            self.problem = str(error)
+            self._drop(now)
+        except UnsupportedDataError as error:
+            self.problem = error.problem if touching else ''
+        else:
+            self._join(contour, signals.start, now, touching)
+        self._drop(now - (_LONGEST if touching else _FREE))
+
+    def _join(self, contour: Contour, start: int, now: int, touching: bool) -> None:
+        """Joins the new points of a contour to the outlines, those for good that do not change any more."""
+        stamps = start + np.round(1e9 * contour.time).astype(np.int64)
+        last = np.flatnonzero(contour.passes == contour.passes.max())
+        away = np.hypot(*(contour.surface[last] - contour.surface[-1]).T)
+        settled = np.ones(len(contour), dtype=bool)
+        if touching:
+            self.contour, self.zero = contour, contour.zero
+            settled[last[_after(away > _SETTLED) :]] = False
+            settled |= stamps < now - _LONGEST // 2
+        new = settled & (stamps > self._until)
+        if new.any():
+            self._present = self._add(self._joined, contour, new)
+            self._until = int(stamps[new].max())
+            self._forget()
+        self._shown = self._joined.copy()
+        rest = ~settled & (stamps > self._until)
+        if rest.any():
+            self._present = self._add(self._shown, contour, rest)
+        keep = int(stamps[last[max(_after(away > 2 * _SETTLED) - 1, 0)]]) - _LEAD
+        self._drop(keep if touching else self._until)
+
+    def _add(self, joined: JoinedPasses, contour: Contour, which: Mask) -> int:
+        """Joins points, each part of a pass with some of that before it; number of the last outline."""
+        present = self._present
+        for number in np.unique(contour.passes[which]):
+            own = np.flatnonzero(contour.passes == number)
+            part = own[which[own]]
+            before = own[own < part[0]]
+            before = before[np.hypot(*(contour.surface[before] - contour.surface[part[0]]).T) < _OVERLAP]
+            if len(part) + len(before) > 1:
+                present = joined.add(contour.stretch(np.concatenate([before, part])))
+        return present
+
+    def _forget(self) -> None:
+        """Forgets the outlines that were begun first, where there are too many."""
+        while self._joined.nodes > MOST_NODES:
+            self._joined.drop_first()
+            self.forgotten, self._present = self.forgotten + 1, max(self._present - 1, 0)
+
+    def _drop(self, stamp: int) -> None:
+        """Drops the samples before a stamp, ns."""
+        for buffer in self._pair.buffers:
+            buffer.drop_before(stamp)
+
+
+def _after(mask: Mask) -> int:
+    """The index after the last one where a mask is true, 0 where it is nowhere."""
+    found = np.flatnonzero(mask)
+    return int(found[-1]) + 1 if len(found) else 0
