@@ -7,7 +7,7 @@ from pathlib import Path
 
 from scara_kinetostatic.cli.arguments import Subparsers, add_cell, add_verb, whole
 from scara_kinetostatic.cli.output import progress
-from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.errors import InputError, UnsupportedDataError
 
 DESCRIPTION = """\
 Calibrates every recording of an archive by itself, as after a correction of the
@@ -16,7 +16,7 @@ Dask cluster. The results of each are in a folder of its name in DIR, as
 calibrate writes them; with --history they are added to a history as well.
 
 A recording that cannot be calibrated is named with the reason, and the others
-go on; the exit status is then 3.
+go on; the exit status is then 3. After an interruption repeat with --resume.
 """
 EXAMPLE = """\
   scara-kinetostatic recalibrate archive/*.mcap --cell cell.yaml --out results --jobs 8 --history robots.sqlite
@@ -40,6 +40,14 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     parser.add_argument('--out', type=Path, default=Path('recalibrated'), metavar='DIR', help='(default: recalibrated)')
     parser.add_argument('--jobs', type=whole(1), default=1, metavar='N', help='parallel processes (default: 1)')
     parser.add_argument('--dask', default='', metavar='ADDRESS', help='of the scheduler of a Dask cluster')
+    parser.add_argument(
+        '--resume',
+        action='store_true',
+        help='leave out recordings whose result in DIR is of the same recording, cell description and version',
+    )
+    parser.add_argument(
+        '--no-report', action='store_true', help='do not draw report.html, which takes most of the time'
+    )
     parser.add_argument('--history', type=Path, metavar='FILE', help='history to add the results to')
     parser.add_argument('--robot', default='', metavar='NAME', help='its name in the history')
     return parser
@@ -63,17 +71,22 @@ def run(args: argparse.Namespace) -> int:
     if args.cell:
         load_cell(args.cell)
     history = History(args.history, create=True) if args.history else None
-    tasks, records, failed = tasks_of(args.bags, args.cell, args.out), [], 0
+    tasks = tasks_of(args.bags, args.cell, args.out, resume=args.resume, report=not args.no_report)
+    failed, added = 0, 0
     with progress() as show_progress:
         results = on_cluster(tasks, args.dask) if args.dask else in_processes(tasks, args.jobs)
         for number, done in enumerate(results, 1):
             show_progress(f'{number} of {len(tasks)}', number / len(tasks))
-            print(f'{done.task.recording}: {done.grade or done.problem}')
-            failed += bool(done.problem)
-            if history is not None and not done.problem:
-                records.append(CalibrationRecord.load(Path(done.task.folder) / NAME))
+            problem = done.problem
+            if history is not None and not problem:
+                try:
+                    added += sum(history.add([CalibrationRecord.load(Path(done.task.folder) / NAME)], args.robot))
+                except InputError as error:
+                    problem = f'not added to the history: {error}'
+            print(f'{done.task.recording}: {problem or done.grade}{", as before" if done.earlier else ""}', flush=True)
+            failed += bool(problem)
     if history is not None:
-        print(f'{sum(history.add(records, args.robot))} results added to {args.history}')
+        print(f'{added} results added to {args.history}')
     if failed:
-        raise UnsupportedDataError(f'{failed} of {len(tasks)} recordings cannot be calibrated', 'see the reasons above')
+        raise UnsupportedDataError(f'{failed} of {len(tasks)} recordings failed', 'see the reasons above')
     return 0

@@ -1,28 +1,40 @@
 """Recalibration of an archive: each recording by itself, in parallel processes or on a Dask cluster.
 
 Every task reads one recording and writes one folder, as `calibrate` does. On a cluster, recordings and results must be
-under the same paths on all machines.
+under the same paths on all machines, and every worker must have this version of the package. Whatever happens to one
+recording, a lost process included, is its answer, and the others go on. A run that was interrupted is completed by
+another one that leaves out what is done.
 """
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
-from collections.abc import Iterator, Sequence
+import signal
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from scara_kinetostatic import __version__
 from scara_kinetostatic.bags.inputs import recorded_cell
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
+from scara_kinetostatic.files.calibration_file import cell_entry
 from scara_kinetostatic.files.cell_file import load_cell
+from scara_kinetostatic.files.checksum import recording_checksum
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.pipeline import calibrate_recordings
+from scara_kinetostatic.render.json_file import json_text
+from scara_kinetostatic.report.document import NAME
+from scara_kinetostatic.report.page import NAME as PAGE_NAME
 from scara_kinetostatic.report.write import write_results
 
 _ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
 
 _PATIENCE = 10.0
-"""For the scheduler of a cluster to answer, s."""
+"""For the scheduler of a cluster to answer and for its first worker, s."""
 
 
 class Task(NamedTuple):
@@ -32,11 +44,15 @@ class Task(NamedTuple):
         recording: its path.
         cell: path of the cell description; empty: the one in the recording.
         folder: for the results.
+        resume: whether to leave it out where `folder` holds the result of the same recording, cell and version.
+        report: whether to draw the page, which takes several times as long as the calibration.
     """
 
     recording: str
     cell: str
     folder: str
+    resume: bool = False
+    report: bool = True
 
 
 class Done(NamedTuple):
@@ -46,14 +62,18 @@ class Done(NamedTuple):
         task: the task.
         grade: of the result; empty where there is none.
         problem: why there is none, one line; empty where there is one.
+        earlier: whether the result was there before.
     """
 
     task: Task
     grade: str
     problem: str
+    earlier: bool = False
 
 
-def tasks_of(recordings: Sequence[Path], cell: Path | None, out: Path) -> list[Task]:
+def tasks_of(
+    recordings: Sequence[Path], cell: Path | None, out: Path, *, resume: bool = False, report: bool = True
+) -> list[Task]:
     """One task per recording, each with a folder of its own in `out`, named as the recording.
 
     Raises:
@@ -68,22 +88,47 @@ def tasks_of(recordings: Sequence[Path], cell: Path | None, out: Path) -> list[T
             )
         names[name] = path
     place = str(cell.resolve()) if cell else ''
-    return [Task(str(path.resolve()), place, str((out / name).resolve())) for name, path in names.items()]
+    options = place, resume, report
+    return [_task(path, out / name, *options) for name, path in names.items()]
+
+
+def _task(recording: Path, folder: Path, cell: str, resume: bool, report: bool) -> Task:
+    return Task(str(recording.resolve()), cell, str(folder.resolve()), resume, report)
 
 
 def recalibrate(task: Task) -> Done:
     """One task; what is wrong with the recording is part of the answer."""
     try:
         cell = load_cell(task.cell) if task.cell else recorded_cell([Path(task.recording)], '--cell')
+        if task.resume and (grade := _grade_before(task, cell)):
+            return Done(task, grade, '', earlier=True)
         outcome = calibrate_recordings([task.recording], cell)
-        write_results(outcome, task.folder)
+        write_results(outcome, task.folder, report=task.report)
     except ScaraKinetostaticError as error:
         return Done(task, '', str(error))
+    except Exception as error:  # one recording does not stop the others
+        reason = ' '.join(str(error).split())
+        return Done(task, '', f'internal error, {type(error).__name__}: {reason:.200}')
     return Done(task, outcome.assessment.grade.value, '')
+
+
+def _grade_before(task: Task, cell: Cell) -> str:
+    """Grade of the result in the folder, if it is of this recording, cell description and version; empty if not."""
+    try:
+        document = json.loads((Path(task.folder) / NAME).read_text(encoding='utf-8'))
+        made_of = [item['sha256'] for item in document['recordings']]
+        of_this = (document['version'], document['cell']) == (__version__, json.loads(json_text(cell_entry(cell))))
+        is_same = of_this and made_of == [recording_checksum(task.recording)]
+        is_same &= not task.report or (Path(task.folder) / PAGE_NAME).is_file()
+        return str(document['assessment']['grade']) if is_same else ''
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return ''
 
 
 def in_processes(tasks: Sequence[Task], number: int) -> Iterator[Done]:
     """The tasks in parallel processes of one thread each, in their order.
+
+    Ctrl-C ends it when the tasks that are being worked are done; no task is left half done.
 
     Args:
         tasks: the tasks.
@@ -92,12 +137,38 @@ def in_processes(tasks: Sequence[Task], number: int) -> Iterator[Done]:
     if number == 1:
         yield from map(recalibrate, tasks)
         return
-    former = {name: os.environ.get(name) for name in _ONE_THREAD}
-    os.environ.update(_ONE_THREAD)  # before a process imports NumPy
+    context = multiprocessing.get_context('spawn')
+    with _one_thread():
+        pool = ProcessPoolExecutor(min(number, max(len(tasks), 1)), mp_context=context, initializer=_leave_interrupts)
+        try:
+            futures = [pool.submit(recalibrate, task) for task in tasks]
+            for task, future in zip(tasks, futures, strict=True):
+                yield _answer(task, future.result)
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _answer(task: Task, result: Callable[[], Done]) -> Done:
+    """The result of a task; where its process was lost, that is the answer."""
     try:
-        context = multiprocessing.get_context('spawn')
-        with ProcessPoolExecutor(min(number, max(len(tasks), 1)), mp_context=context) as pool:
-            yield from pool.map(recalibrate, tasks)
+        return result()
+    except Exception as error:  # BrokenProcessPool, KilledWorker and others of their kind
+        lost = f'its process was lost, {type(error).__name__}, as by lack of memory'
+        return Done(task, '', f'{lost}; repeat with --resume and fewer processes')
+
+
+def _leave_interrupts() -> None:
+    """Ctrl-C goes to all processes of a terminal: the first one sees to it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Lets processes that are started inside have one thread each; it is read when they import NumPy."""
+    former = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(_ONE_THREAD)
+    try:
+        yield
     finally:
         for name, value in former.items():
             if value is None:
@@ -114,7 +185,7 @@ def on_cluster(tasks: Sequence[Task], address: str) -> Iterator[Done]:
         address: of its scheduler, such as ``tcp://host:8786``.
 
     Raises:
-        InputError: Dask is not installed, or there is no scheduler.
+        InputError: Dask is not installed, there is no scheduler, it has no worker, or one has another version.
     """
     try:
         from distributed import Client
@@ -125,7 +196,36 @@ def on_cluster(tasks: Sequence[Task], address: str) -> Iterator[Done]:
     except (OSError, ValueError) as error:
         raise InputError('--dask', f'there is no scheduler at {address}', 'start one by `dask scheduler`') from error
     try:
-        for future in client.map(recalibrate, tasks, pure=False):
-            yield future.result()
+        _check_workers(client, address)
+        futures = client.map(recalibrate, tasks, pure=False)
+        for task, future in zip(tasks, futures, strict=True):
+            yield _answer(task, future.result)
     finally:
         client.close()
+
+
+def _check_workers(client: Any, address: str) -> None:
+    """Check that there are workers, all with this version of the package.
+
+    Raises:
+        InputError: there is none, or one has another version or none.
+    """
+    try:
+        client.wait_for_workers(1, timeout=_PATIENCE)
+    except TimeoutError as error:
+        remedy = f'start some by `dask worker {address}`'
+        raise InputError('--dask', f'the cluster at {address} has no worker', remedy) from error
+    try:
+        versions = client.run(package_version)
+    except Exception as error:  # whatever its unpickling raises there
+        problem = f'a worker of {address} cannot import this package: {error}'
+        raise InputError('--dask', problem, 'install it on all machines') from error
+    for worker, version in versions.items():
+        if version != __version__:
+            problem = f'worker {worker} has version {version} of this package, not {__version__}'
+            raise InputError('--dask', problem, 'install the same on all machines')
+
+
+def package_version() -> str:
+    """Of this package on the machine that is asked."""
+    return __version__

@@ -10,6 +10,9 @@ N what noise and the choice among credible models contribute. Two calibrations b
 and declared errors cancel. Sources are common where both cells describe the same thing alike: an object of the same
 name, place, radius and uncertainty, the same sensor, the same trusted nominal value.
 
+Where one calibration found an effect that the other lacks, the other is extended by it, by its own touches
+(`extension`): a disc that moved since is then a difference of its place, instead of one that only one model knows.
+
 Directions that either calibration does not determine are left out: only combinations of values that both determine are
 compared. The global test is Δᵀ S⁺ Δ ~ χ²; where the noise was estimated, the F distribution takes its place. Which part
 moved says the likelihood ratio of each hypothesis (`hypotheses`). An object that moved shows by what its move does to
@@ -19,64 +22,29 @@ the second estimate, C Jᵀ J_e.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc, erfc, fdtrc
 
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
-from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.compensation.predictions import Predictor
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.arrays import Floats, rms
-from scara_kinetostatic.model.cell import Cell, SensorFrame
-from scara_kinetostatic.model.parameters import NAMES, UNITS
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.monitoring.assumptions import of_stored_touches
+from scara_kinetostatic.monitoring.difference import Difference, ParameterChange
+from scara_kinetostatic.monitoring.extension import alone, is_comparable, with_common_effects
+from scara_kinetostatic.monitoring.fit import Fit
 from scara_kinetostatic.monitoring.hypotheses import Explanation, explanations, hypotheses_of, rivals
-from scara_kinetostatic.monitoring.linear import Evidence, Information, State, measure, same_sources, source_of
+from scara_kinetostatic.monitoring.linear import Evidence, State
 from scara_kinetostatic.monitoring.record import CalibrationRecord
+from scara_kinetostatic.monitoring.same_robot import check_same_robot
+from scara_kinetostatic.monitoring.significance import p_values
 
 LEVEL = 0.01
 """p-value below which two calibrations differ. Source: the accepted rate of false alarms of the diagnosis."""
 _RANK = 1e-10
 """Variance of a combination, in the largest of all, below which both calibrations hold it fixed."""
-
-
-class ParameterChange(NamedTuple):
-    """Change of one value from one calibration to the next.
-
-    Attributes:
-        name: of a parameter, or of an effect that both have.
-        unit: SI.
-        before: first value.
-        after: second value.
-        std: standard uncertainty of the difference; NaN where a calibration does not determine it, 0 where both hold
-            it fixed.
-        std_independent: the same if nothing were common to both calibrations.
-    """
-
-    name: str
-    unit: str
-    before: float
-    after: float
-    std: float
-    std_independent: float
-
-    @property
-    def change(self) -> float:
-        """`after` less `before`."""
-        return self.after - self.before
-
-    @property
-    def z(self) -> float:
-        """The change in standard uncertainties; NaN where there is none."""
-        return self.change / self.std if self.std > 0 else np.nan
-
-    @property
-    def p_value(self) -> float:
-        """Two-sided p-value of the change alone; NaN where there is none."""
-        return float(erfc(abs(self.z) / np.sqrt(2))) if np.isfinite(self.z) else np.nan
 
 
 class Change(NamedTuple):
@@ -96,6 +64,7 @@ class Change(NamedTuple):
         largest_tip: the largest there, m.
         only_before: labels of effects that the first has alone.
         only_after: labels of effects that the second has alone.
+        not_compared: those of both that cannot be compared.
         notes: what limits the comparison, one sentence each.
     """
 
@@ -112,6 +81,7 @@ class Change(NamedTuple):
     largest_tip: float
     only_before: tuple[str, ...]
     only_after: tuple[str, ...]
+    not_compared: tuple[str, ...]
     notes: tuple[str, ...]
 
     @property
@@ -133,48 +103,19 @@ def compare_records(records: Sequence[CalibrationRecord]) -> list[Change]:
     return [compare(before, after) for before, after in pairwise(records)]
 
 
-def check_same_robot(one: CalibrationRecord, other: CalibrationRecord) -> None:
-    """Check that two calibrations are of one robot in one cell.
-
-    Raises:
-        InputError: they are not.
-    """
-    a, b = one.arm.cell, other.arm.cell
-    remedy = 'give calibrations of one robot and cell'
-    for name in ('robot', 'serial_number', 'cell'):
-        first, second = getattr(a.identification, name), getattr(b.identification, name)
-        if first and second and first != second:
-            problem = f'is of {name.replace("_", " ")} {second!r}, and {one.source} of {first!r}'
-            raise InputError(other.source, problem, remedy)
-    off = np.abs(a.nominal.as_array() - b.nominal.as_array()) > SCALES
-    if off.any():
-        name = NAMES[int(np.argmax(off))]
-        values = f'{getattr(b.nominal, name):g} and {getattr(a.nominal, name):g} {UNITS[name]}'
-        raise InputError(other.source, f'is of another robot than {one.source}: nominal {name} is {values}', remedy)
-    if a.gripper != b.gripper:
-        raise InputError(other.source, f'has another gripper law (model) than {one.source}', remedy)
-    if not {(d.name, d.x, d.y, d.radius) for d in a.discs} & {(d.name, d.x, d.y, d.radius) for d in b.discs}:
-        raise InputError(other.source, f'is of another cell than {one.source}: no object is in both', remedy)
-
-
 def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
     """What changed from one calibration to the next; `check_same_robot` has found nothing."""
-    names = tuple(name for name in before.arm.model.names if name in after.arm.model.names)
-    difference = _Difference.of(before, after, names)
-    kept = difference.combinations
-    combined = kept @ difference.change
-    values, vectors = np.linalg.eigh(kept @ difference.covariance @ kept.T)
-    large = values > _RANK * max(float(values.max(initial=0.0)), 1e-30)
-    root = (vectors[:, large] / np.sqrt(values[large])).T @ kept
+    one, other = with_common_effects(before, after)
+    names = tuple(name for name in one.arm.model.names if name in other.arm.model.names)
+    difference = Difference.of(one, other, names)
+    root, held = _whitening(difference)
     whitened = root @ difference.change
-    chi_square, freedoms = float(whitened @ whitened), int(large.sum())
-    evidence, state = _evidence(root, difference.change, names, after)
-    hypotheses = [h for h in hypotheses_of(state, len(after.arm.model.names)) if _is_comparable(h.places, names, after)]
-    ranking = explanations(evidence, state, hypotheses)
-    best = ranking[0]
-    noise = _noise_freedoms(before, after)
-    held = np.abs(vectors[:, ~large].T @ combined).max(initial=0.0) > 1e-9
-    left = chi_square - best.statistic
+    chi_square, freedoms = float(whitened @ whitened), len(whitened)
+    evidence, state = _evidence(root, difference.change, names, other)
+    among = [h for h in hypotheses_of(state, len(other.arm.model.names)) if _is_comparable(h.places, names, other)]
+    ranking = explanations(evidence, state, among)
+    noise, left = _noise_freedoms(before, after), max(chi_square - ranking[0].statistic, 0.0)
+    remaining = p_values(left, max(freedoms - len(ranking[0].change), 0), noise)
     tip = _tip_change(before, after)
     return Change(
         before=before,
@@ -182,125 +123,42 @@ def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
         parameters=difference.parameters,
         chi_square=chi_square,
         degrees_of_freedom=freedoms,
-        p_value=p_of(chi_square, freedoms, noise),
+        p_value=float(p_values(chi_square, freedoms, noise)),
         ranking=tuple(ranking),
         rivals=tuple(rivals(ranking, evidence)),
-        remaining_p_value=p_of(max(left, 0.0), max(freedoms - len(best.change), 0), noise),
+        remaining_p_value=float(remaining),
         tip=rms(tip),
         largest_tip=float(tip.max(initial=0.0)),
-        only_before=_only(before, after),
-        only_after=_only(after, before),
-        notes=tuple(_notes(before, after, bool(held))),
+        only_before=tuple(effect.label for effect in alone(before, after)),
+        only_after=tuple(effect.label for effect in alone(after, before)),
+        not_compared=_not_compared(before, after),
+        notes=tuple(_notes(before, after, held, freedoms)),
     )
 
 
-class _Difference(NamedTuple):
-    """The difference of common values, in units of their plausible ranges.
-
-    Attributes:
-        change: after less before, (p,).
-        covariance: S, (p, p).
-        combinations: of values that both determine, (r, p).
-        parameters: the values one by one.
-    """
-
-    change: Floats
-    covariance: Floats
-    combinations: Floats
-    parameters: tuple[ParameterChange, ...]
-
-    @classmethod
-    def of(cls, before: CalibrationRecord, after: CalibrationRecord, names: Sequence[str]) -> _Difference:
-        """Of the values `names` that both have."""
-        places = [[record.names.index(name) for name in names] for record in (before, after)]
-        values = [record.values[where] for record, where in zip((before, after), places, strict=True)]
-        s, independent = _covariances(before, after, places)
-        scale = State.of(after).scale[places[1]]
-        undetermined = np.concatenate(
-            [r.arm.undetermined[[r.arm.model.names.index(n) for n in names]] for r in (before, after)], axis=1
-        )
-        combinations = _null_space((undetermined / scale[:, None]).T, len(names))
-        stds = [np.sqrt(np.clip(np.diag(matrix), 0.0, None)) for matrix in (s, independent)]
-        hidden = np.linalg.norm(undetermined, axis=1) > stds[1]
-        stds = [np.where(hidden, np.nan, std) for std in stds]
-        units = _units(after)
-        rows = zip(names, *(part.tolist() for part in (*values, *stds)), strict=True)
-        parameters = tuple(ParameterChange(row[0], units[row[0]], *row[1:]) for row in rows)
-        return cls((values[1] - values[0]) / scale, s / np.outer(scale, scale), combinations, parameters)
+def _whitening(difference: Difference) -> tuple[Floats, bool]:
+    """Rows that whiten the determined combinations, (r, p); whether what both hold fixed differs."""
+    kept = difference.combinations
+    values, vectors = np.linalg.eigh(kept @ difference.covariance @ kept.T)
+    large = values > _RANK * max(float(values.max(initial=0.0)), 1e-30)
+    held = np.abs(vectors[:, ~large].T @ (kept @ difference.change)).max(initial=0.0) > 1e-9
+    return (vectors[:, large] / np.sqrt(values[large])).T @ kept, bool(held)
 
 
-def _units(record: CalibrationRecord) -> dict[str, str]:
-    units = dict(UNITS)
-    for effect in record.arm.model.effects:
-        units |= {f'{effect.label}.{p.name}': p.unit for p in effect.parameters}
-    return units
-
-
-def _null_space(rows: Floats, size: int) -> Floats:
-    """Orthonormal combinations (r, size) that are zero along all rows."""
-    if not len(rows):
-        return np.eye(size)
-    _, singular, right = np.linalg.svd(rows, full_matrices=True)
-    rank = int((singular > 1e-9 * singular.max(initial=0.0)).sum()) if len(singular) else 0
-    return np.asarray(right[rank:])
-
-
-def _covariances(before: CalibrationRecord, after: CalibrationRecord, places: list[list[int]]) -> tuple[Floats, Floats]:
-    """S of the difference, and what it would be if nothing were common; SI, (p, p) each."""
-    by_error = [_by_error(record, where) for record, where in zip((before, after), places, strict=True)]
-    common = _common(before.arm.cell, after.arm.cell) & by_error[0].keys() & by_error[1].keys()
-    covariances = [r.covariance[np.ix_(where, where)] for r, where in zip((before, after), places, strict=True)]
-    independent = covariances[0] + covariances[1]
-    s = independent.copy()
-    for name in common:  # (a - b)(a - b)ᵀ in the place of a aᵀ + b bᵀ
-        a, b = by_error[0][name], by_error[1][name]
-        s -= np.outer(a, b) + np.outer(b, a)
-    return s, independent
-
-
-def _by_error(record: CalibrationRecord, where: list[int]) -> dict[str, Floats]:
-    """What an error of one standard uncertainty does to the values, by its name, (p,) each, SI."""
-    declared = DeclaredErrors.of(record.arm.cell)
-    spread = np.sqrt(record.enlargement)
-    found: dict[str, Floats] = {}
-    for name, std in zip(declared.names, declared.units.tolist(), strict=True) if declared else ():
-        if name in record.names:
-            found[name] = -record.covariance[where, record.names.index(name)] / (std * spread)
-    for name, std in record.arm.cell.uncertainty.nominal.items():
-        if name not in record.fixed:
-            found[f'nominal[{name}]'] = record.covariance[where, NAMES.index(name)] / (std * spread)
-    return found
-
-
-def _common(a: Cell, b: Cell) -> set[str]:
-    """Names of the declared errors that are the same in both cells."""
-    labels, found = same_sources(a, b), set()
-    declared = DeclaredErrors.of(a)
-    other = DeclaredErrors.of(b)
-    if declared is not None and other is not None:
-        stds = dict(zip(other.names, other.units.tolist(), strict=True))
-        pairs = zip(declared.names, declared.units.tolist(), strict=True)
-        found = {name for name, std in pairs if source_of(name) in labels and stds.get(name) == std}
-    for name, std in a.uncertainty.nominal.items():
-        if b.uncertainty.nominal.get(name) == std and getattr(a.nominal, name) == getattr(b.nominal, name):
-            found.add(f'nominal[{name}]')
-    return found
+def _not_compared(before: CalibrationRecord, after: CalibrationRecord) -> tuple[str, ...]:
+    """Labels of effects that only one has and that mean nothing in the other's touches."""
+    effects = (*alone(before, after), *alone(after, before))
+    return tuple(dict.fromkeys(effect.label for effect in effects if not is_comparable(effect)))
 
 
 def _evidence(root: Floats, change: Floats, names: Sequence[str], after: CalibrationRecord) -> tuple[Evidence, State]:
     """Evidence for changes of values and of the cell, in the state of the second calibration."""
-    cell = replace(after.arm.cell, sensor=after.arm.cell.sensor._replace(frame=SensorFrame.BASE))
-    state = State.of(after, cell)
-    forces = [k for k, name in enumerate(state.names) if name in ('force_gain', 'force_rotation')]
-    values = len(after.arm.model.names)
-    errors = state.errors.copy()
-    errors[np.array(forces, dtype=np.intp) - values] = 0.0  # the stored forces are corrected
-    information = Information.of(measure(after.touches, after, state._replace(errors=errors)))
-    moved = state.covariance @ information.matrix  # of the estimates by true errors of the cell
+    fit = Fit.of(after)
+    state, values = fit.state, len(after.arm.model.names)
     where = [state.place(name) for name in names]
     response = np.zeros((len(names), len(state.names)))
     response[np.arange(len(names)), where] = 1.0
-    response[:, values:] = moved[where][:, values:]
+    response[:, values:] = fit.by_errors[where][:, values:]
     rows = root @ response
     return Evidence(rows.T @ (root @ change), rows.T @ rows), state
 
@@ -317,38 +175,30 @@ def _noise_freedoms(before: CalibrationRecord, after: CalibrationRecord) -> floa
     return sum(finite) if finite else np.inf
 
 
-def p_of(chi_square: float, freedoms: int, noise_freedoms: float) -> float:
-    """p-value of a chi-square whose noise was estimated with some degrees of freedom, infinite where it is known."""
-    if not freedoms:
-        return 1.0
-    if np.isinf(noise_freedoms):
-        return float(chdtrc(freedoms, chi_square))
-    return float(fdtrc(freedoms, noise_freedoms, chi_square / freedoms))
-
-
 def _tip_change(before: CalibrationRecord, after: CalibrationRecord) -> Floats:
     """Displacement of the predicted tip at the touches of the second calibration, (n,), m."""
     touches = after.touches
-    tips = [Predictor(record.arm).locate(touches.joints, touches.force).position for record in (before, after)]
+    metadata = TouchMetadata.of(touches, after.arm.cell.sensor.frame)
+    tips = [Predictor(record.arm).locate(touches.joints, after.forces, metadata).position for record in (before, after)]
     return np.asarray(np.linalg.norm(tips[1] - tips[0], axis=1))
 
 
-def _only(one: CalibrationRecord, other: CalibrationRecord) -> tuple[str, ...]:
-    theirs = {effect.label for effect in other.arm.model.effects}
-    return tuple(effect.label for effect in one.arm.model.effects if effect.label not in theirs)
-
-
-def _notes(before: CalibrationRecord, after: CalibrationRecord, held: bool) -> list[str]:
+def _notes(before: CalibrationRecord, after: CalibrationRecord, held: bool, freedoms: int) -> list[str]:
     notes = []
+    if not freedoms:
+        notes.append('there is nothing that both calibrations determine: nothing is compared')
     if before.checksums & after.checksums:
         notes.append(
             'both calibrations contain the same recording: they are not independent, and the p-value is not valid'
         )
     if before.fixed != after.fixed or held:
         notes.append('the calibrations hold other parameters fixed: a wrong fixed value looks like a change')
-    if _only(before, after) or _only(after, before):
-        notes.append('the calibrations found other model errors: one that only one of them has can move the parameters')
-    if before.created and after.created and before.created > after.created:
+    if others := {e.label for e in (*alone(before, after), *alone(after, before)) if is_comparable(e)}:
+        notes.append(
+            f'{", ".join(sorted(others))}: also fitted to the touches of the one that lacks it, to first order'
+        )
+    if before.measured and after.measured and before.measured > after.measured:
         notes.append(f'{after.source} is older than {before.source}: they are compared in the order given')
-    grades = [r.source for r in (before, after) if r.arm.grade == 'unfit']
-    return notes + [f'{source} is unfit for use' for source in grades]
+    assumed = dict.fromkeys(text for record in (before, after) for text in of_stored_touches(record))
+    unfit = [r.source for r in (before, after) if r.arm.grade == 'unfit']
+    return [*notes, *assumed, *(f'{source} is unfit for use' for source in unfit)]

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.model.quantity import quantity
-from scara_kinetostatic.monitoring.comparison import LEVEL, Change, ParameterChange
+from scara_kinetostatic.monitoring.comparison import LEVEL, Change
+from scara_kinetostatic.monitoring.difference import ParameterChange
 from scara_kinetostatic.monitoring.hypotheses import Explanation, change_title
 from scara_kinetostatic.monitoring.page import Part, explanation_table, html_page, number
 from scara_kinetostatic.render.json_file import Document
@@ -37,7 +38,11 @@ def _change(c: Change) -> Document:
         'rivals': list(c.rivals) if c.has_changed else [],
         'remaining_p_value': c.remaining_p_value if c.has_changed else None,
         'candidates': [explanation_document(item) for item in c.ranking],
-        'effects': {'only_from': list(c.only_before), 'only_to': list(c.only_after)},
+        'effects': {
+            'only_from': list(c.only_before),
+            'only_to': list(c.only_after),
+            'not_compared': list(c.not_compared),
+        },
         'notes': list(c.notes),
     }
 
@@ -84,7 +89,8 @@ def comparison_text(changes: Sequence[Change]) -> str:
 def verdict(change: Change) -> str:
     """One line: whether anything changed, and what most likely."""
     if not change.has_changed:
-        return f'No change beyond the uncertainty ({p_equals(change.p_value)})'
+        except_for = f', but {", ".join(change.not_compared)} cannot be compared' if change.not_compared else ''
+        return f'No change beyond the uncertainty ({p_equals(change.p_value)}){except_for}'
     if change.remaining_p_value < LEVEL:
         return f'Changed ({p_equals(change.p_value)}); no single part explains it'
     return f'Changed ({p_equals(change.p_value)}): {change.ranking[0].hypothesis.title}'
@@ -132,7 +138,7 @@ def comparison_page(changes: Sequence[Change]) -> str:
             note = 'Chi-square that each hypothesis explains, of ' + f'{change.chi_square:.1f} in all.'
             tables.append(('What changed', explanation_table(change.ranking, change.rivals), note))
         heading = f'{change.before.source} → {change.after.source}' if len(changes) > 1 else ''
-        level = 'caution' if change.has_changed else 'good'
+        level = 'caution' if change.has_changed or change.not_compared else 'good'
         texts = tuple(f'{sentence}.' for sentence in sentences(change))
         parts.append(Part(heading, f'{verdict(change)}.', level, texts, tuple(tables)))
     names = [changes[0].before.source, *(change.after.source for change in changes)]

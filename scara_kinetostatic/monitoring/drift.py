@@ -29,7 +29,7 @@ import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.model.touch import LATER, TouchSet
 from scara_kinetostatic.monitoring.hypotheses import Explanation, Hypothesis, explanations, hypotheses_of, rivals
 from scara_kinetostatic.monitoring.linear import Evidence, Information, Measured, State, measure
 from scara_kinetostatic.monitoring.record import CalibrationRecord
@@ -142,13 +142,21 @@ class DriftMonitor:
         """What may have changed: of objects those that have been touched."""
         return hypotheses_of(self.state, self._values, sorted(self._objects))
 
+    def measure(self, touches: TouchSet) -> Measured:
+        """Touches as linear measurements; they come after all touches of the calibration.
+
+        Raises:
+            InputError: one is so far from the model that nothing can be said.
+        """
+        return measure(touches.replace(order=np.full(len(touches), LATER)), self.record, self.state)
+
     def add(self, touches: TouchSet) -> Alarm | None:
         """Hold touches against the calibration, in the order of time.
 
         Returns:
             The alarm, if one is raised or stands.
         """
-        measured = measure(touches, self.record, self.state)
+        measured = self.measure(touches)
         for k in range(len(touches)):
             self.add_measured(measured.select(slice(k, k + 1)), int(touches.disc[k]))
         return self.alarm

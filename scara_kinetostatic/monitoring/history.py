@@ -19,8 +19,9 @@ from typing import NamedTuple
 
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.monitoring.comparison import Change, check_same_robot, compare
+from scara_kinetostatic.monitoring.comparison import Change, compare
 from scara_kinetostatic.monitoring.record import CalibrationRecord
+from scara_kinetostatic.monitoring.same_robot import check_same_robot
 from scara_kinetostatic.render.json_file import json_text
 
 APPLICATION = 0x5C4A2A01

@@ -86,8 +86,20 @@ class State(NamedTuple):
         return cls(names, units, scale, probe.cell, errors[values:], covariance / np.outer(scale, scale))
 
     def place(self, name: str) -> int:
-        """Position of a value or an error."""
+        """Position of a value of the model or, if it has none of that name, of an error of the cell."""
         return self.names.index(name)
+
+    def error_place(self, name: str) -> int:
+        """Position of an error of the cell; an effect of the model may have the same name."""
+        values = len(self.names) - len(self.errors)
+        return values + self.names[values:].index(name)
+
+    def of_stored_forces(self) -> State:
+        """For touches whose forces are corrected for the errors of the sensor, as `CalibrationRecord.touches`."""
+        errors = self.errors.copy()
+        for name in ('force_gain', 'force_rotation'):
+            errors[self.error_place(name) - len(self.names)] = 0.0
+        return self._replace(errors=errors)
 
 
 def _with_unit_uncertainties(cell: Cell) -> Cell:
@@ -100,14 +112,15 @@ def _prior(record: CalibrationRecord, cell: Cell, names: Sequence[str]) -> tuple
     """Means (zero for the model, whose values are linearised at) and covariance of the state, SI."""
     mean, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
     same = same_sources(record.arm.cell, cell)
-    known = [k for k, name in enumerate(record.names) if source_of(name) in same or k < len(record.arm.model.names)]
-    places = [names.index(record.names[k]) for k in known]
+    own = len(record.arm.model.names)
+    known = [k for k, name in enumerate(record.names) if k < own or source_of(name) in same]
+    places = [k if k < own else own + names[own:].index(record.names[k]) for k in known]
     covariance[np.ix_(places, places)] = record.covariance[np.ix_(known, known)]
     mean[places] = record.values[known]
     declared = DeclaredErrors.of(cell)
     for name, std in zip(declared.names, declared.units, strict=True) if declared else ():
-        if names.index(name) not in places:
-            covariance[names.index(name), names.index(name)] = std**2
+        if (place := own + names[own:].index(name)) not in places:
+            covariance[place, place] = std**2
     return mean, covariance
 
 

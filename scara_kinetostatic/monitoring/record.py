@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,18 +12,25 @@ from typing import Any
 import numpy as np
 
 from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.calibration.prediction import base_force, observe
 from scara_kinetostatic.calibration.propagation import joint_covariance
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.errors import CalibrationFileError
 from scara_kinetostatic.files.calibration_file import read_arm
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import SensorFrame, Uncertainty
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.model.sensor_error import reported_force
+from scara_kinetostatic.model.touch import TouchSet, stacked_histories
 from scara_kinetostatic.render.json_file import Document
 from scara_kinetostatic.report.document import as_document
 
 _REMEDY = 'calibrate again with this version'
+_ROW = ('joints', 'posture', 'index', 'order', 'time', 'approach', 'press', 'history')
+"""Columns of a touch that are stored as they are."""
 MAX_BYTES = 1 << 28
 """Larger files are refused."""
 
@@ -75,10 +82,16 @@ class CalibrationRecord:
     def of(cls, calibration: Calibration) -> CalibrationRecord:
         """That of a calibration that nobody has assessed."""
         c, discs = calibration, calibration.cell.discs
-        columns = (c.touches.joints, c.force, c.touches.disc, c.touches.posture, c.used)
+        t = c.touches
+        columns = {
+            **{name: getattr(t, name) for name in _ROW},
+            'force': c.force,
+            'object': np.array([discs[disc].name for disc in t.disc]),
+            'used': c.used,
+        }
         fitted = [
-            {'joints': joints, 'force': force, 'object': discs[disc].name, 'posture': posture, 'used': used}
-            for joints, force, disc, posture, used in zip(*(part.tolist() for part in columns), strict=True)
+            dict(zip(columns, row, strict=True))
+            for row in zip(*(part.tolist() for part in columns.values()), strict=True)
         ]
         document = {
             'fit': {'degrees_of_freedom': c.degrees_of_freedom, 'enlargement': c.enlargement},
@@ -121,6 +134,12 @@ class CalibrationRecord:
         return self.arm.created
 
     @property
+    def measured(self) -> str:
+        """When its last recording began, UTC; `created` where that is not known."""
+        starts = [str(item['start']) for item in self._recordings if item.get('start')]
+        return max(starts, default=self.created)
+
+    @property
     def robot(self) -> str:
         """Identification of the robot: type and serial number, empty where neither is stated."""
         identification = self.arm.cell.identification
@@ -129,12 +148,17 @@ class CalibrationRecord:
     @property
     def checksums(self) -> frozenset[str]:
         """SHA-256 of its recordings."""
-        return frozenset(str(item['sha256']) for item in self.document.get('recordings', ()) if item.get('sha256'))
+        return frozenset(str(item['sha256']) for item in self._recordings if item.get('sha256'))
 
     @property
     def paths(self) -> frozenset[str]:
         """Its recordings as they were given."""
-        return frozenset(str(item.get('path', '')) for item in self.document.get('recordings', ()))
+        return frozenset(str(item.get('path', '')) for item in self._recordings)
+
+    @property
+    def _recordings(self) -> list[Mapping[str, Any]]:
+        items = self.document.get('recordings')
+        return [item for item in items if isinstance(item, Mapping)] if isinstance(items, list) else []
 
     @property
     def noise_freedoms(self) -> float:
@@ -156,23 +180,73 @@ class CalibrationRecord:
 
     @cached_property
     def touches(self) -> TouchSet:
-        """The used touches of the calibration: joint angles, forces in the sensor's frame, objects.
+        """The used touches of the calibration as its sensor reported them, but for the declared errors of the sensor.
+
+        Time, approach and load history are those of the file, where it has them.
 
         Raises:
             CalibrationFileError: they are damaged.
         """
-        discs = {disc.name: k for k, disc in enumerate(self.arm.cell.discs)}
         try:
-            rows = [row for row in self.document['touches']['fitted'] if row['used']]
-            joints = np.array([row['joints'] for row in rows], dtype=float).reshape(-1, 2)
-            force = np.array([row['force'] for row in rows], dtype=float).reshape(-1, 2)
-            disc = np.array([discs[row['object']] for row in rows], dtype=np.intp)
-            posture = np.array([row['posture'] for row in rows], dtype=np.intp)
-            return TouchSet(joints, force, disc, posture)
-        except (KeyError, TypeError, ValueError) as error:
+            touches = stored_touches(self.document['touches']['fitted'], self.arm)
+        except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
             raise CalibrationFileError(self.source, f'its touches are damaged: {error!r:.200}', _REMEDY) from error
+        if not len(touches):
+            raise CalibrationFileError(self.source, 'it has no used touch', _REMEDY)
+        return touches
+
+    @cached_property
+    def forces(self) -> Floats:
+        """The true forces of `touches` on the object, base frame, (n, 2), N."""
+        cell = replace(self.arm.cell, uncertainty=Uncertainty())
+        return base_force(observe(self.touches, cell), self.arm.model)
+
+    def place(self, name: str) -> int:
+        """Position of a value of the model or, if it has none of that name, of a declared error.
+
+        Raises:
+            ValueError: there is neither.
+        """
+        return self.names.index(name)
 
     def std_of(self, name: str) -> float:
         """Standard uncertainty of a value of the model or an error of the cell by name, SI; 0 where it is fixed."""
-        place = self.names.index(name)
+        place = self.place(name)
         return float(np.sqrt(max(self.covariance[place, place], 0.0)))
+
+
+def stored_touches(rows: Sequence[Mapping[str, Any]], arm: CalibratedArm) -> TouchSet:
+    """The used touches among the rows `touches.fitted` of a calibration; a file may lack what is not measured.
+
+    Raises:
+        KeyError, TypeError, ValueError: they are damaged.
+    """
+    rows = [row for row in rows if row['used']]
+    discs = {disc.name: k for k, disc in enumerate(arm.cell.discs)}
+
+    def column(name: str, width: int, missing: Sequence[float] = ()) -> Floats:
+        values = [row.get(name, missing) if missing else row[name] for row in rows]
+        return np.array(values, dtype=float).reshape((len(rows), width) if width > 1 else len(rows))
+
+    joints = column('joints', 2)
+    touches = TouchSet(
+        joints=joints,
+        force=column('force', 2),
+        disc=np.array([discs[row['object']] for row in rows], dtype=np.intp),
+        posture=np.array([row['posture'] for row in rows], dtype=np.intp),
+        time=column('time', 1),
+        index=np.array([row['index'] for row in rows], dtype=np.intp),
+        order=np.array([row.get('order', row['index']) for row in rows], dtype=np.intp),
+        approach=column('approach', 2, (0.0, 0.0)),
+        press=column('press', 2, (0.0, 0.0)),
+        history=stacked_histories([row.get('history', ()) for row in rows], joints),
+    )
+    return touches.replace(force=_as_reported(touches, arm))
+
+
+def _as_reported(touches: TouchSet, arm: CalibratedArm) -> Floats:
+    """Forces as the sensor reports them, by its frame and the errors that the model gives it."""
+    force, p = touches.force, arm.model.parameters
+    if arm.cell.sensor.frame is not SensorFrame.BASE:
+        force = rotate(force, -(touches.joints.sum(axis=1) + p.theta1 + p.theta2))
+    return reported_force(arm.model, force, TouchMetadata.of(touches, arm.cell.sensor.frame))

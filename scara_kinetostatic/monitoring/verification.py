@@ -1,9 +1,8 @@
 """Acceptance of a calibration: touches that it has not seen, held against its prediction.
 
-All touches together are tested by a chi-square that contains the uncertainty of the calibration: with r and J of
-`linear`, r ~ N(0, I + J C₀ Jᵀ). C₀ is the joint covariance with the errors of the cell, so that touches on the objects
-of the calibration are predicted better than touches on new ones. The error of the tip, the root mean square distance of
-the predicted tip from the circle that it touches, is compared with what noise and uncertainty let expect.
+All touches together are tested by a chi-square that contains the uncertainty of the calibration (`prediction_test`).
+The error of the tip, the root mean square distance of the predicted tip from the circle that it touches, is compared
+with what noise and uncertainty let expect.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc, chdtri, fdtrc, fdtri
 
 from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark
 from scara_kinetostatic.assessment.outcome import Recording
@@ -25,10 +23,13 @@ from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.quantity import quantity
-from scara_kinetostatic.model.touch import Rejection
+from scara_kinetostatic.model.touch import LATER, Rejection, TouchSet
+from scara_kinetostatic.monitoring.assumptions import of_new_touches
 from scara_kinetostatic.monitoring.hypotheses import Explanation, explanations, hypotheses_of, rivals
 from scara_kinetostatic.monitoring.linear import Evidence, Information, Measured, State, measure
+from scara_kinetostatic.monitoring.prediction_test import PredictionTest
 from scara_kinetostatic.monitoring.record import CalibrationRecord
+from scara_kinetostatic.monitoring.same_robot import check_same_arm
 from scara_kinetostatic.pipeline import gather_touches, recording_of
 from scara_kinetostatic.touches.detection import Detection
 from scara_kinetostatic.touches.table import cell_of_files
@@ -45,8 +46,6 @@ LARGE = 2.0
 """Tip error, in what was expected, from which on a contradicted calibration is unfit, where no tolerance is stated.
 Source: the systematic part is then 1.7 times all that is random.
 """
-QUANTILE = 0.99
-"""Probability of the quantile that is stated beside the chi-square."""
 
 
 class Outlying(NamedTuple):
@@ -76,7 +75,7 @@ class Verification(NamedTuple):
         rejected: touches that the detection rejected.
         chi_square: of all touches.
         degrees_of_freedom: two per touch.
-        quantile: of the distribution of `chi_square` at `QUANTILE`.
+        quantile: of the distribution of `chi_square` at `prediction_test.QUANTILE`.
         p_value: of the calibration being right.
         tip_error: rms distance of the predicted tip from the circle of contact, m.
         expected: the same expected from noise and the uncertainty of the calibration, m.
@@ -147,83 +146,51 @@ def verify(
 
     Raises:
         UnsupportedDataError: there is no touch.
-        InputError: a touch cannot be evaluated at the calibrated model.
+        InputError: a touch cannot be evaluated at the calibrated model, or the cell has another robot.
     """
-    touches, cell = detection.touches, record.arm.cell if cell is None else cell
-    if not len(touches):
+    if not len(detection.touches):
         reason = f': {detection.rejected[0].reason}' if detection.rejected else ''
         raise UnsupportedDataError(f'no touch can be verified{reason}', 'see what `inspect` says about the recording')
+    if cell is not None:
+        check_same_arm(record.arm.cell, cell, record.source, 'the cell description', 'give the cell of this robot')
+    cell = record.arm.cell if cell is None else cell
+    touches = detection.touches.replace(order=np.full(len(detection.touches), LATER))
     state = State.of(record, cell)
     measured = measure(touches, record, state)
-    spread = _spread(measured, state.covariance)
-    chi_square, freedoms = _chi_square(measured, state.covariance), 2 * len(touches)
-    distances = _distances(measured, spread)
-    expected = np.sqrt(np.einsum('ni,nij,nj->n', measured.normal, spread, measured.normal))
-    noise = record.noise_freedoms
-    outlying = tuple(
-        Outlying(
-            int(touches.index[k]), cell.discs[touches.disc[k]].name, float(distances[k]), float(measured.tip_error[k])
-        )
-        for k in np.flatnonzero(_p(distances**2, 2, noise) < OUTLYING / len(touches))
-    )
-    p_value = float(_p(chi_square, freedoms, noise))
+    test = PredictionTest.of(measured, state.covariance, record.noise_freedoms)
     evidence = Evidence.of(Information.of(measured), state.covariance)
     hypotheses = hypotheses_of(state, len(record.arm.model.names), np.unique(touches.disc).tolist())
-    ranking = explanations(evidence, state, hypotheses) if p_value < LEVEL else []
-    seen = tuple(item.path for item in recordings if item.sha256 in record.checksums)
+    ranking = explanations(evidence, state, hypotheses) if test.p_value < LEVEL else []
     found = Verification(
         record=record,
         recordings=tuple(recordings),
         assessment=Assessment(Grade.FIT, (), ()),
         touches=len(touches),
         rejected=detection.rejected,
-        chi_square=chi_square,
-        degrees_of_freedom=freedoms,
-        quantile=_quantile(freedoms, noise),
-        p_value=p_value,
+        chi_square=test.chi_square,
+        degrees_of_freedom=test.freedoms,
+        quantile=test.quantile,
+        p_value=test.p_value,
         tip_error=rms(measured.tip_error),
-        expected=rms(expected),
+        expected=rms(test.expected),
         nominal_tip_error=_nominal_tip_error(detection, cell),
-        outlying=outlying,
+        outlying=_outlying(test, measured, touches, cell),
         ranking=tuple(ranking),
         rivals=tuple(rivals(ranking, evidence)),
-        seen=seen,
+        seen=tuple(item.path for item in recordings if item.sha256 in record.checksums),
         tip_errors=measured.tip_error,
-        expected_errors=expected,
-        warnings=detection.warnings,
+        expected_errors=test.expected,
+        warnings=(*detection.warnings, *of_new_touches(record, with_time=True, with_history=True)),
     )
     return found._replace(assessment=_assess(found, _magnitudes(detection, cell)))
 
 
-def _spread(measured: Measured, covariance: Floats) -> Floats:
-    """I + J C Jᵀ touch by touch, (n, 2, 2)."""
-    return np.eye(2) + measured.jacobian @ covariance @ measured.jacobian.swapaxes(1, 2)
-
-
-def _chi_square(measured: Measured, covariance: Floats) -> float:
-    """rᵀ (I + J C Jᵀ)⁻¹ r of all touches together, by rᵀr - uᵀ (I + C P)⁻¹ C u."""
-    found = Information.of(measured)
-    gained = np.linalg.solve(np.eye(len(covariance)) + covariance @ found.matrix, covariance @ found.score)
-    return float((measured.residual**2).sum() - found.score @ gained)
-
-
-def _distances(measured: Measured, spread: Floats) -> Floats:
-    """Distance of each touch from its prediction, in standard deviations, (n,)."""
-    solved = np.linalg.solve(spread, measured.residual[:, :, None])[:, :, 0]
-    return np.sqrt((measured.residual * solved).sum(axis=1))
-
-
-def _p(chi_square: Floats | float, freedoms: int, noise: float) -> Floats:
-    """p-values of chi-squares, where the noise is known with some degrees of freedom."""
-    if np.isinf(noise):
-        return np.asarray(chdtrc(freedoms, chi_square))
-    return np.asarray(fdtrc(freedoms, noise, np.asarray(chi_square) / freedoms))
-
-
-def _quantile(freedoms: int, noise: float) -> float:
-    if np.isinf(noise):
-        return float(chdtri(freedoms, 1 - QUANTILE))
-    return float(freedoms * fdtri(freedoms, noise, QUANTILE))
+def _outlying(test: PredictionTest, measured: Measured, touches: TouchSet, cell: Cell) -> tuple[Outlying, ...]:
+    """The touches that their prediction does not explain."""
+    which = np.flatnonzero(test.p_values < OUTLYING / len(touches)).tolist()
+    columns = (touches.index, touches.disc, test.distances, measured.tip_error)
+    rows = zip(*(column[which].tolist() for column in columns), strict=True)
+    return tuple(Outlying(index, cell.discs[disc].name, distance, error) for index, disc, distance, error in rows)
 
 
 def _magnitudes(detection: Detection, cell: Cell) -> Floats:

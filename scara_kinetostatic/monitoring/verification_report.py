@@ -9,7 +9,8 @@ from scara_kinetostatic.model.quantity import quantity
 from scara_kinetostatic.monitoring.comparison_report import explanation_document
 from scara_kinetostatic.monitoring.hypotheses import change_title
 from scara_kinetostatic.monitoring.page import LEVELS, Part, explanation_table, html_page
-from scara_kinetostatic.monitoring.verification import QUANTILE, Outlying, Verification
+from scara_kinetostatic.monitoring.prediction_test import QUANTILE
+from scara_kinetostatic.monitoring.verification import Outlying, Verification
 from scara_kinetostatic.render.figure import FAINT, INK, MICRO, WARN, as_svg, new_figure, style
 from scara_kinetostatic.render.json_file import Document
 from scara_kinetostatic.render.quantities import p_equals

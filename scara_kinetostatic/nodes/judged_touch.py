@@ -17,6 +17,10 @@ units, empty where unknown:
 `fy_N`        force on the object
 `q1_rad`      joint angle
 `q2_rad`      joint angle
+`approach1`   motion of joint 1 in its last movement before the hold, rad; its sign is the direction of approach
+`approach2`   that of joint 2
+`press1`      the part of `approach1` in contact, rad
+`press2`      that of `approach2`
 ============= =========================================================================
 """
 
@@ -43,6 +47,7 @@ class JudgedTouch(NamedTuple):
         object: name of the object touched; empty where unknown.
         force: on the object, in the frame of the sensor, (fx, fy), N; empty where unknown.
         joints: (q1, q2), rad; empty where unknown.
+        approach: motion of each joint before the hold, then the part of it in contact, rad; empty where unknown.
         received: when the wrench of that stamp was received, ns; 0 where unknown.
     """
 
@@ -53,6 +58,7 @@ class JudgedTouch(NamedTuple):
     object: str = ''
     force: tuple[float, ...] = ()
     joints: tuple[float, ...] = ()
+    approach: tuple[float, ...] = ()
     received: int = 0
 
     @property
@@ -83,6 +89,7 @@ class JudgedTouch(NamedTuple):
             'fy_N': force[1],
             'q1_rad': joints[0],
             'q2_rad': joints[1],
+            **dict(zip(('approach1', 'approach2', 'press1', 'press2'), self.approach or ('',) * 4, strict=True)),
         }
         status = DiagnosticStatus(
             level=DiagnosticStatus.WARN if self.reason else DiagnosticStatus.OK,
@@ -112,6 +119,7 @@ def judged_touches(detection: Detection, cell: Cell) -> list[JudgedTouch]:
                 object=cell.discs[int(held.disc[place])].name if episode.index in accepted else '',
                 force=tuple(held.force[place].tolist()),
                 joints=tuple(held.joints[place].tolist()),
+                approach=(*held.approach[place].tolist(), *held.press[place].tolist()),
             )
         judged.append(touch)
     return judged

@@ -15,6 +15,7 @@ from scara_kinetostatic.calibration.propagation import joint_covariance
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.compensation.arm import CalibratedArm
+from scara_kinetostatic.compensation.predictions import Predictor
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.effects.base import Effect
@@ -201,6 +202,7 @@ def _covariance_with_cell(c: Calibration) -> Document:
 def _touches(outcome: Outcome) -> Document:
     c, t = outcome.final, outcome.final.touches
     before = outcome.calibration
+    with_history = bool(Predictor(CalibratedArm.of(c)).effects_of('history'))
     return {
         'found': outcome.found,
         'used': int(c.used.sum()),
@@ -208,10 +210,14 @@ def _touches(outcome: Outcome) -> Document:
         'fitted': [
             {
                 'index': int(t.index[k]),
+                'order': int(t.order[k]),
                 'time': float(t.time[k]),
                 'object': c.cell.discs[t.disc[k]].name,
                 'posture': int(t.posture[k]),
                 'joints': t.joints[k].tolist(),
+                'approach': t.approach[k].tolist(),
+                'press': t.press[k].tolist(),
+                **({'history': t.history[k].tolist()} if with_history else {}),
                 'force': c.force[k].tolist(),
                 'residual': c.residual[k].tolist(),
                 'residual_base_model': before.residual[k].tolist(),

@@ -29,7 +29,7 @@ class WrittenFiles(NamedTuple):
         folder: that holds them.
         parameters: the ROS parameter file.
         document: the JSON.
-        report: the page.
+        report: the page; it is not there where it was not wanted.
         residuals: the table of touches.
         kept: the files of an earlier result under their new names; empty if there was none.
     """
@@ -43,8 +43,9 @@ class WrittenFiles(NamedTuple):
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """The four files of this result, the page last."""
-        return self.parameters, self.document, self.residuals, self.report
+        """The files of this result, the page last."""
+        page = (self.report,) if self.report.is_file() else ()
+        return (self.parameters, self.document, self.residuals, *page)
 
     @property
     def note(self) -> str:
@@ -53,7 +54,7 @@ class WrittenFiles(NamedTuple):
         return f'the earlier result in {self.folder} is kept as {", ".join(names)}' if names else ''
 
 
-def write_results(outcome: Outcome, folder: str | Path) -> WrittenFiles:
+def write_results(outcome: Outcome, folder: str | Path, *, report: bool = True) -> WrittenFiles:
     """Write `calibration.yaml`, `calibration.json`, `report.html` and `residuals.csv` into a folder.
 
     All files are written to a hidden folder inside first and then renamed. If anything fails, Ctrl-C included, the
@@ -63,6 +64,7 @@ def write_results(outcome: Outcome, folder: str | Path) -> WrittenFiles:
         outcome: the result.
         folder: made if it is not there; files of an earlier result in it are kept under the date of that result,
             `calibration_2026-11-21T14-03-22Z.json`.
+        report: whether to draw the page, which takes several times as long as the calibration.
 
     Raises:
         OutputError: the folder cannot be written.
@@ -79,17 +81,17 @@ def write_results(outcome: Outcome, folder: str | Path) -> WrittenFiles:
     if not isinstance(folder, (str, Path)):
         raise ParameterError('folder', f'expected a path, got {type(folder).__name__}')
     folder = Path(folder)
-    contents = (
-        parameter_file.parameter_text(outcome),
-        json_text(json_file.as_document(outcome)),
-        page.html_text(outcome),
-        residuals.residual_table(outcome),
-    )
+    contents = {
+        parameter_file.NAME: parameter_file.parameter_text(outcome),
+        json_file.NAME: json_text(json_file.as_document(outcome)),
+        **({page.NAME: page.html_text(outcome)} if report else {}),
+        residuals.NAME: residuals.residual_table(outcome),
+    }
     with writing(folder):
         kept = dated_names(folder)
-    write_texts(folder, dict(zip(RESULTS, contents, strict=True)), kept)
-    parameters, document, report, table = (folder / name for name in RESULTS)
-    return WrittenFiles(folder, parameters, document, report, table, tuple(folder / name for name in kept.values()))
+    write_texts(folder, contents, kept)
+    parameters, document, drawn, table = (folder / name for name in RESULTS)
+    return WrittenFiles(folder, parameters, document, drawn, table, tuple(folder / name for name in kept.values()))
 
 
 def dated_names(folder: Path) -> dict[str, str]:

@@ -6,12 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from monitoring.simulated import CELL, DECLARED, TRUTH, record_of
+from monitoring.simulated import CELL, DECLARED, TRUTH, record_of, touches_of
 
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.cell import Cell, Identification
+from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.comparison import compare, compare_records
+from scara_kinetostatic.monitoring.extension import extended
+from scara_kinetostatic.monitoring.fit import Fit
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -95,3 +99,44 @@ def test_other_robots_are_refused(change: dict[str, object], words: str) -> None
         compare_records([one, other])
     with pytest.raises(InputError, match='two or more'):
         compare_records([one])
+
+
+@pytest.mark.parametrize('cell', [CELL, DECLARED], ids=['exact', 'declared'])
+@pytest.mark.parametrize('later', [True, False])
+def test_an_effect_that_only_one_has_found_is_a_change(cell: Cell, later: bool) -> None:
+    world, effect = None if cell is CELL else 0, 'object_position[disc_2]:x=1e-4,y=5e-5'
+    plain = record_of(cell, 0, world=world)
+    moved = _with_object_position(touches_of(cell, 1, effects=(effect,), world=world), cell)
+    found = compare(plain, moved) if later else compare(moved, plain)
+    assert found.p_value < 1e-12 and found.ranking[0].name == 'object_position[disc_2]'
+    assert found.only_after == (('object_position[disc_2]',) if later else ())
+    x = {p.name: p for p in found.parameters}['object_position[disc_2].x']
+    assert abs(x.change - (1e-4 if later else -1e-4)) < 4 * x.std < 4e-5
+    if cell is CELL:  # where it has not moved, the two models agree
+        same = compare(plain, _with_object_position(touches_of(cell, 2, world=world), cell))
+        assert same.p_value > 1e-3 and same.degrees_of_freedom == 14 and same.only_after
+
+
+def _with_object_position(touches: TouchSet, cell: Cell) -> CalibrationRecord:
+    return CalibrationRecord.of(calibrate(touches, cell, (find(cell, 'object_position[disc_2]'),)))
+
+
+def test_an_extension_is_what_the_fit_of_both_gives() -> None:
+    touches = touches_of(CELL, 1, effects=('object_position[disc_2]:x=8e-6,y=4e-6',), world=None)
+    fitted = _with_object_position(touches, CELL)
+    plain = CalibrationRecord.of(calibrate(touches, CELL))
+    effects, values = fitted.arm.model.effects, fitted.arm.model.effect_values
+    found = extended(plain, effects, values)
+    assert found.names == fitted.names
+    std = np.sqrt(np.diag(fitted.covariance))
+    np.testing.assert_allclose((found.values - fitted.values) / std, 0, atol=0.2)
+    np.testing.assert_allclose(found.covariance / np.outer(std, std), fitted.covariance / np.outer(std, std), atol=0.05)
+
+
+def test_the_fit_is_known_again(before: CalibrationRecord) -> None:
+    fit = Fit.of(before)
+    places = [*range(12), *(fit.state.error_place(name) for name in before.names[12:])]
+    scale = fit.state.scale[places]
+    covariance = scale[:, None] * fit.knowledge[np.ix_(places, places)] * scale
+    std = np.sqrt(np.diag(before.covariance))
+    np.testing.assert_allclose(covariance / np.outer(std, std), before.covariance / np.outer(std, std), atol=1e-3)

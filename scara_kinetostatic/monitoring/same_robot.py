@@ -1,0 +1,44 @@
+"""Whether calibrations are of one robot in one cell."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scara_kinetostatic.calibration.identifiability import SCALES
+from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.parameters import NAMES, UNITS
+from scara_kinetostatic.monitoring.record import CalibrationRecord
+
+_REMEDY = 'give calibrations of one robot and cell'
+
+
+def check_same_robot(one: CalibrationRecord, other: CalibrationRecord) -> None:
+    """Check that two calibrations are of one robot in one cell.
+
+    Raises:
+        InputError: they are not.
+    """
+    a, b = one.arm.cell, other.arm.cell
+    check_same_arm(a, b, one.source, other.source, _REMEDY)
+    if not {(d.name, d.x, d.y, d.radius) for d in a.discs} & {(d.name, d.x, d.y, d.radius) for d in b.discs}:
+        raise InputError(other.source, f'is of another cell than {one.source}: no object is in both', _REMEDY)
+
+
+def check_same_arm(a: Cell, b: Cell, first: str, second: str, remedy: str) -> None:
+    """Check that two cells have the same robot; `first` and `second` are their files.
+
+    Raises:
+        InputError: they have not.
+    """
+    for name in ('robot', 'serial_number', 'cell'):
+        one, other = getattr(a.identification, name), getattr(b.identification, name)
+        if one and other and one != other:
+            raise InputError(second, f'is of {name.replace("_", " ")} {other!r}, and {first} of {one!r}', remedy)
+    off = np.abs(a.nominal.as_array() - b.nominal.as_array()) > SCALES
+    if off.any():
+        name = NAMES[int(np.argmax(off))]
+        values = f'{getattr(b.nominal, name):g} and {getattr(a.nominal, name):g} {UNITS[name]}'
+        raise InputError(second, f'is of another robot than {first}: nominal {name} is {values}', remedy)
+    if a.gripper != b.gripper:
+        raise InputError(second, f'has another gripper law (model) than {first}', remedy)
