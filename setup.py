@@ -74,6 +74,7 @@ setup(
             f'visualizer = {NAME}.nodes.executables:visualizer',
             f'monitor = {NAME}.nodes.executables:monitor',
             f'compensator = {NAME}.nodes.executables:compensator',
+            f'contour_tracker = {NAME}.nodes.executables:contour_tracker',
         ],
     },
 )

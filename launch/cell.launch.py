@@ -1,4 +1,5 @@
-"""Starts a whole cell: simulated robot, collector, calibrator, visualizer and, on request, compensator.
+"""Starts a whole cell: simulated robot, collector, calibrator, visualizer and, on request, compensator and contour
+tracker.
 
 For a real robot set `simulate:=false`, which leaves out the first, and `cell:=/path/to/cell.yaml`: its joint angles and
 forces make no sense with the example cell. Then calibrate by
@@ -58,9 +59,10 @@ def _arguments() -> list[DeclareLaunchArgument]:
         argument('calibrate', 'true', 'start the calibrator', *switch),
         argument('show', 'true', 'start the visualizer', *switch),
         argument('compensate', 'false', 'start the compensator', *switch),
+        argument('track', 'false', 'start the contour tracker', *switch),
         argument('frames', 'true', 'start robot_state_publisher, where it is installed', *switch),
         argument('rviz', 'false', 'start RViz with the configuration of the package', *switch),
-        argument('plan', '', 'simulator: plan of touches; empty: the default plan over all discs'),
+        argument('plan', '', 'simulator: plan of touches or slides; empty: the default plan over all discs'),
         argument('effects', "['']", 'simulator: effects of the robot, a YAML list'),
         argument('time_factor', '1.0', 'simulator: simulated seconds per second'),
         argument('seed', '0', 'simulator: seed of the noise'),
@@ -68,7 +70,7 @@ def _arguments() -> list[DeclareLaunchArgument]:
         argument('recordings', 'recordings', 'collector: folder for the recordings'),
         argument('recording', '', 'calibrator: recording to calibrate from; empty: what the collector announces'),
         argument('output', '', 'calibrator: folder for the results; empty: beside the recording'),
-        argument('calibration', '', 'compensator: calibration.json to begin with; empty: wait for the calibrator'),
+        argument('calibration', '', 'compensator, contour tracker: calibration.json to begin with; empty: wait'),
         argument('enclaves', '/scara_kinetostatic', 'SROS 2: the enclave of each node is <this>/<its name>'),
     ]
 
@@ -104,8 +106,9 @@ class CellNodes:
     def _check(self) -> None:
         if not (self._on('simulate') or self._text('cell')) and self._on('record'):
             raise RuntimeError('simulate:=false needs the cell description of the robot: cell:=/path/to/cell.yaml')
-        if not any(map(self._on, ('simulate', 'record', 'calibrate', 'show', 'compensate'))):
-            raise RuntimeError('nothing to start: simulate, record, calibrate, show and compensate are all false')
+        parts = ('simulate', 'record', 'calibrate', 'show', 'compensate', 'track')
+        if not any(map(self._on, parts)):
+            raise RuntimeError(f'nothing to start: {", ".join(parts[:-1])} and {parts[-1]} are all false')
         self._cell = _cell_description(self._text('cell'))
         if self._on('rviz') and not _is_installed('rviz2'):
             raise RuntimeError('rviz:=true, but rviz2 is not installed: apt install ros-jazzy-rviz2')
@@ -122,9 +125,10 @@ class CellNodes:
         if self._on('calibrate'):
             named = {name: self._typed(name, str) for name in ('output', 'recording') if self._text(name)}
             yield self._node('calibrator', named, *filter(None, [self._text('preload')]))
-        if self._on('compensate'):
-            calibration = {'calibration': self._typed('calibration', str), 'frame_prefix': self._prefix}
-            yield self._node('compensator', calibration)
+        calibration = {'calibration': self._typed('calibration', str), 'frame_prefix': self._prefix}
+        for switch, name in (('compensate', 'compensator'), ('track', 'contour_tracker')):
+            if self._on(switch):
+                yield self._node(name, calibration)
 
     def _node(self, name: str, values: dict[str, Any], *files: str) -> Node:
         shared = {'cell': self._typed('cell', str), 'use_sim_time': self._on('use_sim_time')}

@@ -56,10 +56,8 @@ KEPT_IN = {
     'distributed': ('monitoring',),
     **dict.fromkeys(('rosbags', 'mcap', 'lz4', 'zstandard'), ('bags',)),
     **dict.fromkeys(('rclpy', 'builtin_interfaces', 'rcl_interfaces', 'diagnostic_msgs'), ('nodes',)),
-    **dict.fromkeys(
-        ('geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'visualization_msgs', 'tf2_msgs', 'trajectory_msgs'),
-        ('nodes',),
-    ),
+    **dict.fromkeys(('geometry_msgs', 'nav_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'tf2_msgs'), ('nodes',)),
+    **dict.fromkeys(('trajectory_msgs', 'visualization_msgs'), ('nodes',)),
 }
 """The packages in which each library is imported."""
 FORMER_NAMES = """

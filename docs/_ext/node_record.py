@@ -17,8 +17,8 @@ from typing import Any
 
 REPLACED = (
     'rclpy', 'rcl_interfaces', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'rosgraph_msgs', 'sensor_msgs',
-    'std_msgs', 'std_srvs', 'trajectory_msgs', 'visualization_msgs', 'tf2_msgs', 'ament_index_python', 'launch',
-    'launch_ros',
+    'std_msgs', 'std_srvs', 'nav_msgs', 'trajectory_msgs', 'visualization_msgs', 'tf2_msgs', 'ament_index_python',
+    'launch', 'launch_ros',
 )  # fmt: skip
 NODES = {
     'contact_simulator': 'ContactSimulator',
@@ -27,6 +27,7 @@ NODES = {
     'visualizer': 'Visualizer',
     'monitor': 'Monitor',
     'compensator': 'Compensator',
+    'contour_tracker': 'ContourTracker',
 }
 
 

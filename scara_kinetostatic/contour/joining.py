@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, read_only
+from scara_kinetostatic.model.kinematics import quarter_turn
 
 SPACING = 5e-4
 """Least distance of the nodes of an outline, m."""
@@ -218,14 +219,15 @@ def _placed(part: _Course, period: float, course: _Course) -> _Course | None:
 
 
 def _adjoining(part: _Course, course: _Course) -> _Course | None:
-    """The course with distances along a part, where one begins close behind the end of the other; else None."""
+    """The course with distances along a part, where one begins close to the end of the other; else None."""
     for first, second in ((part, course), (course, part)):
-        step = second.points[0] - first.points[-1]
         chord = first.points[-1] - first.points[max(len(first.along) - 1 - _FEWEST_SAME, 0)]
-        follows = step @ chord > 0 and np.hypot(*step) < _LONGEST_GAP
-        if follows and first.normals[-1] @ second.normals[0] > _SAME_NORMAL:
-            gap = float(np.hypot(*step))
-            begin = part.along[-1] + gap if first is part else part.along[0] - gap - _span(course)
+        along = chord / max(float(np.hypot(*chord)), 1e-12)
+        step = second.points[0] - first.points[-1]
+        ahead, aside = float(step @ along), float(np.abs(quarter_turn(step) @ along))
+        near = abs(ahead) < _LONGEST_GAP and aside < _SAME_DISTANCE + 0.5 * abs(ahead)
+        if near and first.normals[-1] @ second.normals[0] > _SAME_NORMAL:
+            begin = part.along[-1] + ahead if first is part else part.along[0] - ahead - _span(course)
             return course._replace(along=begin + course.along - course.along[0])
     return None
 
@@ -295,13 +297,14 @@ def _span(course: _Course) -> float:
 
 
 def _thinned(course: _Course, period: float) -> _Course:
-    """Means over cells of `SPACING` along the course, or of its own spacing where that is wider."""
-    count = len(course.along)
-    span = period or float(course.along[-1] - course.along[0])
-    cells = max(3, int(min(span / SPACING, count)))
-    width = span / cells if period else span / max(cells - 1, 1)
-    origin = 0.0 if period else float(course.along[0]) - 0.5 * width
-    cell = np.clip(np.floor((course.along - origin) / width).astype(np.intp), 0, cells - 1)
+    """Means over cells of `SPACING` along the course.
+
+    The cells are those of before where a course has grown: means are not taken again of two of them.
+    """
+    width = period / np.ceil(period / SPACING) if period else SPACING
+    cell = np.floor(course.along / width).astype(np.intp)
+    cell = np.minimum(cell, round(period / width) - 1) if period else cell - cell.min()
+    cells = int(cell.max()) + 1
     weight = 1.0 / np.maximum(course.weighing, 1e-12) ** 2
     total = np.bincount(cell, weight, cells)
     used = total > 0

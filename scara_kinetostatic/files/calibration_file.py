@@ -151,11 +151,19 @@ def parse_arm(text: str, where: str | Path) -> CalibratedArm:
     Raises:
         CalibrationFileError: it is no JSON, has another schema, or is damaged.
     """
+    return read_arm(parse_document(text, where), where)
+
+
+def parse_document(text: str, where: str | Path) -> Any:
+    """The document of a JSON text, as `parse_arm` takes it.
+
+    Raises:
+        CalibrationFileError: it is no JSON.
+    """
     try:
-        document = json.loads(text)
+        return json.loads(text)
     except (ValueError, RecursionError) as error:
         raise CalibrationFileError(where, f'not JSON: {error}', _REMEDY) from error
-    return read_arm(document, where)
 
 
 def read_arm(document: Any, where: str | Path) -> CalibratedArm:

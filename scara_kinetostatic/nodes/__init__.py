@@ -4,7 +4,9 @@
 - `collector` records the two topics and counts the touches;
 - `calibrator` calibrates from a recording on a service call;
 - `visualizer` shows arm, objects, touches and results as markers;
-- `compensator` publishes where the tip is under load, and answers a wanted pose and force with joint angles.
+- `compensator` publishes where the tip is under load, and answers a wanted pose and force with joint angles;
+- `monitor` holds each touch of production against the calibration;
+- `contour_tracker` traces the outline of an object along which the tip slides.
 
 The only modules of the package that import `rclpy`. Shared by them: `executables` and `runtime` (start, spin, stop),
 `declare` (parameters with descriptors), `stream_subscription` (quality of service), `conversion` (messages to numbers

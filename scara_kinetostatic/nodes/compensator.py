@@ -16,7 +16,6 @@ is said on `/diagnostics`; without a recent force, or without a calibration that
 from __future__ import annotations
 
 import gc
-import json
 import sys
 from collections.abc import Sequence
 
@@ -26,13 +25,11 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.errors import ParameterError, ScaraKinetostaticError
-from scara_kinetostatic.files.calibration_file import load_calibration, read_arm
 from scara_kinetostatic.files.urdf import BASE_FRAME
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.conversion import (
@@ -47,14 +44,14 @@ from scara_kinetostatic.nodes.conversion import (
     stamp_of,
     wrench_sample,
 )
-from scara_kinetostatic.nodes.declare import Range, cell_or_example
-from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN, Condition, DiagnosticsPublisher
+from scara_kinetostatic.nodes.declare import Range
+from scara_kinetostatic.nodes.diagnostics import Condition, DiagnosticsPublisher
+from scara_kinetostatic.nodes.followed_calibration import FollowedCalibration
 from scara_kinetostatic.nodes.followed_tip import ELBOWS, Answer, FollowedTip, StaleError
 from scara_kinetostatic.nodes.frame_check import FrameCheck
 from scara_kinetostatic.nodes.polling import PolledGroup, PollingExecutor, waiting
 from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.stream_monitor import StreamMonitor
-from scara_kinetostatic.nodes.stream_subscription import LATCHED
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -87,9 +84,8 @@ class Compensator(Node):
 
     def __init__(self) -> None:
         super().__init__('compensator')
-        path = declare.text(self, 'calibration', '', 'calibration.json or calibration.yaml; empty: from the calibrator')
-        self._follow = declare.switch(self, 'follow', True, 'take each result that the calibrator publishes')
-        self._take_unfit = declare.switch(self, 'take_unfit', False, 'take a calibration that is unfit for use')
+        self._calibration = FollowedCalibration(self, self._use)
+        cell = self._calibration.cell
         self._timeout = declare.number(
             self, 'timeout', 0.1, 'age of a message beyond which it is stale, s', Range(0.001, 60)
         )
@@ -102,14 +98,9 @@ class Compensator(Node):
         self._speed = declare.number(self, 'speed', 0.2, 'of a joint at most in an answer, rad/s', Range(1e-3, 100))
         prefix = declare.text(self, 'frame_prefix', '', 'before the names of frames, as of robot_state_publisher')
         tip_frame = declare.text(self, 'tip_frame', 'compensated_tip', 'frame of the tip; empty: no transform')
-        arm = load_calibration(declare.place('calibration', path)) if path else None
-        cell = cell_or_example(self) if arm is None else arm.cell
-        if arm is not None:
-            declare.text(self, 'cell', '', 'cell description; not used where a calibration is given')
         self._frame, self._tip_frame = prefix + BASE_FRAME, prefix + tip_frame if tip_frame else ''
         self._tip = FollowedTip(cell, self._timeout, noise)
-        self._origin, self._refused, self._answered = 'none', '', 'none'
-        self._answer_problem = ''
+        self._answered, self._answer_problem = 'none', ''
         self._wanted = (0.0, 0.0)
         self._next_transform = self._polls = 0
         self._check = FrameCheck(self, cell.sensor.frame, lambda _message, _anew: None)
@@ -124,49 +115,18 @@ class Compensator(Node):
         self._joints = self._polled(JointState, joint_states, NEWEST)
         self._targets = self._polled(PoseStamped, '~/target_pose', 1)
         self._wanted_forces = self._polled(WrenchStamped, '~/target_wrench', 1)
-        if self._follow:
-            self.create_subscription(String, 'calibrator/result', self._take_result, LATCHED)
         self.create_service(Trigger, '~/tare', self._tare)
         DiagnosticsPublisher(self, 'tip', self._report)
-        if arm is not None:
-            self._use(arm, path)
-        else:
-            self.get_logger().info('no calibration yet; waiting for the calibrator')
+        self._calibration.start()
 
     def close(self) -> None:
         """Nothing to close."""
 
-    def _use(self, arm: CalibratedArm, origin: str) -> None:
-        """Takes a calibration from the next sample on; one that may not be used is said."""
-        try:
-            if arm.grade == 'unfit' and not self._take_unfit:
-                raise ParameterError(
-                    origin, 'the calibration is unfit for use', 'take_unfit:=true takes it all the same'
-                )
-            self._tip.use(arm)
-        except ScaraKinetostaticError as error:
-            self._refuse(str(error))
-            return
-        self._origin, self._refused = f'{origin}, {arm.grade or "not assessed"}, of {arm.created or "unknown date"}', ''
-        self.get_logger().info(f'calibration in use: {self._origin}')
+    def _use(self, arm: CalibratedArm) -> None:
+        """Takes a calibration from the next sample on."""
+        self._tip.use(arm)
         if self._tip.assumptions:
             self.get_logger().warning(self._tip.assumptions)
-
-    def _refuse(self, problem: str) -> None:
-        self._refused = problem
-        self.get_logger().error(f'calibration not taken: {problem}')
-
-    def _take_result(self, message: String) -> None:
-        """A result of the calibrator."""
-        try:
-            document = json.loads(message.data)
-            if isinstance(document, dict) and not document.get('published', True):
-                return  # the calibrator keeps the former one, too
-            self._use(read_arm(document, 'calibrator/result'), 'calibrator/result')
-        except ScaraKinetostaticError as error:
-            self._refuse(str(error))
-        except (ValueError, RecursionError) as error:
-            self._refuse(f'calibrator/result: not JSON: {error}')
 
     def _take_wrench(self, message: bytes) -> None:
         try:
@@ -272,7 +232,7 @@ class Compensator(Node):
 
     def _report(self) -> Condition:
         """The status: what is missing first."""
-        values = {'calibration': self._origin, 'last answer': self._answered, **self._figures()}
+        values = {'last answer': self._answered, **self._figures()}
         complaints = [self._check.complaint()]
         for monitor in (self._joints_heard, self._wrench_heard):
             rate = monitor.rate()
@@ -283,15 +243,7 @@ class Compensator(Node):
         complaints += [f'no recent {name}' for name, age in self._tip.ages().items() if age > self._timeout]
         complaints += [f'{number} poses {name}' for name, number in statuses.items() if name not in ('ok', 'unloaded')]
         complaints += [self._answer_problem, self._tip.assumptions]
-        found = '; '.join(dict.fromkeys(filter(None, complaints)))
-        if self._refused:
-            return Condition(ERROR, '; '.join(filter(None, (f'calibration not taken: {self._refused}', found))), values)
-        if self._tip.online is None:
-            return Condition(ERROR, '; '.join(filter(None, ('no calibration yet', found))), values)
-        grade = self._tip.online.arm.grade
-        graded = '' if grade == 'fit' else f'the calibration is {grade or "not assessed"}'
-        message = '; '.join(filter(None, (found, graded)))
-        return Condition(WARN if message else OK, message or f'following the tip: {self._origin}', values)
+        return self._calibration.condition(complaints, values, 'following the tip')
 
     def _figures(self) -> dict[str, str]:
         zero = self._tip.zero

@@ -1,6 +1,6 @@
 """Node `contact_simulator`: simulates the robot, the discs and the force sensor of a cell.
 
-The streams of a whole plan are computed beforehand and published by a timer.
+The streams of a whole plan, of touches or of slides along objects, are computed beforehand and published by a timer.
 Header stamps are in simulated time, which begins at the wall time of the start
 and runs `time_factor` times as fast; what a recording holds does not depend on
 that factor. Publishes the topics named in the cell description and, latched,
@@ -26,6 +26,7 @@ from scara_kinetostatic.nodes.playback import Playback
 from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.simulator_settings import declare_simulator
 from scara_kinetostatic.nodes.stream_subscription import LATCHED, RELIABLE_STREAM
+from scara_kinetostatic.simulation.sliding.streams import simulate_slides
 from scara_kinetostatic.simulation.streams import simulate_streams
 
 TICK = 0.01
@@ -39,7 +40,7 @@ PAUSE = 1.0
 
 
 class ContactSimulator(Node):
-    """Publishes a plan of touches, once or repeatedly.
+    """Publishes a plan of touches or slides, once or repeatedly.
 
     Raises:
         InputError: a parameter, the cell or the plan is not valid.
@@ -65,23 +66,29 @@ class ContactSimulator(Node):
         self._ready_since: float | None = None
         self._last_tick: float | None = None
         self._timer = self.create_timer(TICK, self._tick)
-        self.get_logger().info(f'{len(self._settings.plan)} touches planned')
+        kind = 'slides' if isinstance(self._settings.plan, tuple) else 'touches'
+        self.get_logger().info(f'{len(self._settings.plan)} {kind} planned')
 
     def close(self) -> None:
         """Nothing to close."""
 
     def _simulate(self, start: int = 0) -> Playback:
         """The next pass through the plan, with noise of its own; joints with memory keep what the last one left."""
-        settings = self._settings
-        streams = simulate_streams(
-            settings.cell,
-            settings.truth,
-            settings.plan,
-            sensors=settings.sensors,
-            seed=settings.seed + self._passes,
-            start=0,
-            repeated=self._passes > 0,
-        )
+        settings, seed = self._settings, self._settings.seed + self._passes
+        if isinstance(settings.plan, tuple):
+            streams = simulate_slides(
+                settings.cell, settings.truth, settings.plan, sensors=settings.sensors, seed=seed, start=0
+            )
+        else:
+            streams = simulate_streams(
+                settings.cell,
+                settings.truth,
+                settings.plan,
+                sensors=settings.sensors,
+                seed=seed,
+                start=0,
+                repeated=self._passes > 0,
+            )
         self._passes += 1
         return Playback(streams, start)
 

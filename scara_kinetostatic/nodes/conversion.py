@@ -12,7 +12,8 @@ from math import cos, isfinite, sin
 from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Duration, Time
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from nav_msgs.msg import Path
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -109,6 +110,24 @@ def joint_trajectory(names: Sequence[str], angles: Sequence[float], duration: fl
     when = Duration(sec=nanoseconds // NANOSECONDS, nanosec=nanoseconds % NANOSECONDS)
     point = JointTrajectoryPoint(positions=list(angles), time_from_start=when)
     return JointTrajectory(joint_names=list(names), points=[point])
+
+
+def path(stamp_ns: int, frame_id: str, places: Sequence[tuple[float, float, float]]) -> Path:
+    """A path in the plane.
+
+    Args:
+        stamp_ns: of the latest place, ns; that of all poses.
+        frame_id: of the places.
+        places: x, y, m, and the angle of the direction of the path, rad.
+    """
+    message = Path()
+    message.header.frame_id, message.header.stamp = frame_id, stamp_of(stamp_ns)
+    for x, y, angle in places:
+        pose = PoseStamped(header=message.header)
+        pose.pose.position.x, pose.pose.position.y = x, y
+        pose.pose.orientation.z, pose.pose.orientation.w = sin(angle / 2), cos(angle / 2)
+        message.poses.append(pose)
+    return message
 
 
 def joint_sample(serialized: bytes, names: Sequence[str]) -> Sample:

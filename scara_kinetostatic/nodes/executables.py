@@ -45,6 +45,11 @@ def compensator() -> int:
     return _run('compensator')
 
 
+def contour_tracker() -> int:
+    """Runs the contour tracker."""
+    return _run('contour_tracker')
+
+
 def _run(name: str) -> int:
     catch_signals()
     return int(import_module(f'scara_kinetostatic.nodes.{name}').main())

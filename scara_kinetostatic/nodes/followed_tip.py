@@ -70,12 +70,8 @@ class FollowedTip:
         """Takes another calibration from the next sample on.
 
         Raises:
-            InputError: it is of another robot or sensor, or cannot be followed.
+            ParameterError: it cannot be followed.
         """
-        own, other = self.cell, arm.cell
-        if own.joint_names != other.joint_names or own.sensor[2:] != other.sensor[2:]:
-            problem = f'is of another robot: joints {" ".join(other.joint_names)}, sensor {other.sensor.frame.value}'
-            raise InputError('the calibration', problem, 'give that of this cell')
         noise = arm.noise._replace(force=self._noise) if self._noise else arm.noise
         online = OnlineArm(arm, noise)
         if self.online is not None:

@@ -18,6 +18,8 @@ from scara_kinetostatic.nodes.declare import Range, cell_or_example
 from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, Plan, default_plan
 from scara_kinetostatic.simulation.plan_file import load_plan
 from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, SensorModel
+from scara_kinetostatic.simulation.sliding.plan_file import holds_slides, load_slides
+from scara_kinetostatic.simulation.sliding.slide import Slide
 from scara_kinetostatic.simulation.truth import deviating_robot, parse_effect, with_effects
 
 _TRUTH_RANGES = {
@@ -37,7 +39,7 @@ class SimulatorSettings:
 
     Attributes:
         cell: with the frame and the sign that the simulated sensor really has.
-        plan: the touches.
+        plan: the touches, or slides along objects.
         truth: the simulated robot, with its effects.
         sensors: noise, bias and rates.
         seed: of all random numbers.
@@ -45,7 +47,7 @@ class SimulatorSettings:
     """
 
     cell: Cell
-    plan: Plan
+    plan: Plan | tuple[Slide, ...]
     truth: ExtendedModel
     sensors: SensorModel
     seed: int
@@ -86,12 +88,16 @@ def _cell(node: Node) -> Cell:
     return replace(cell, sensor=sensor)
 
 
-def _plan(node: Node, cell: Cell) -> Plan:
-    file = declare.text(node, 'plan', '', 'plan of touches (YAML file); empty: a plan over all discs of the cell')
+def _plan(node: Node, cell: Cell) -> Plan | tuple[Slide, ...]:
+    """The touches, or the slides."""
+    meaning = 'plan of touches, or of slides along objects (YAML file); empty: touches over all discs of the cell'
+    file = declare.text(node, 'plan', '', meaning)
     meaning = 'preload of every other touch: force beyond that of the hold, over it; with a plan: 0'
     preload = declare.number(node, 'preload', 0.0, meaning, Range(0.0, LARGEST_PRELOAD))
     if file and preload > 0:
         raise ParameterError('parameter preload', 'a plan defines all touches', 'leave out preload or plan')
+    if file and holds_slides(file):
+        return load_slides(file, cell)
     return load_plan(file, cell) if file else default_plan(cell, preload=preload)
 
 

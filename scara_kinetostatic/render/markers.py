@@ -134,10 +134,10 @@ def object_markers(discs: Sequence[Disc]) -> list[Primitive]:
     made = []
     for number, disc in enumerate(discs):
         colour = (*OBJECTS[number % len(OBJECTS)], 0.35)
-        at = _points([[disc.x, disc.y]], -_HEIGHT / 2)
+        at = places([[disc.x, disc.y]], -_HEIGHT / 2)
         made += [
             Primitive('objects', Shape.CYLINDER, at, colour, 2 * disc.radius, _HEIGHT),
-            _label('objects', (disc.x, disc.y - disc.radius / 2), disc.name, TEXT),
+            label('objects', (disc.x, disc.y - disc.radius / 2), disc.name, TEXT),
         ]
     return made
 
@@ -146,7 +146,7 @@ def arm_markers(group: str, parameters: Parameters, joints: ArrayLike, colour: C
     """The rigid arm at joint angles, (2,), rad: its links, shoulder, elbow and tip."""
     base = np.array([parameters.x0, parameters.y0])
     link1, link2 = link_vectors(parameters, joints)
-    corners = _points([base, base + link1, base + link1 + link2])
+    corners = places([base, base + link1, base + link1 + link2])
     dots = [Primitive(group, Shape.DOT, (corner,), colour, 1.8 * _LINK) for corner in corners[:2]]
     return [Primitive(group, Shape.STRIP, corners, colour, _LINK), *dots]
 
@@ -161,10 +161,10 @@ def touch_markers(
         tip = forward(parameters, touch.joints)
         colour = (*OBJECTS[numbers.get(touch.object, 0) % len(OBJECTS)], 1.0) if touch.accepted else UNUSED
         group = 'touches' if touch.accepted else 'rejected'
-        made.append(Primitive(group, Shape.DOT, _points([tip]), colour, _DOT if touch.accepted else 1.5 * _DOT))
+        made.append(Primitive(group, Shape.DOT, places([tip]), colour, _DOT if touch.accepted else 1.5 * _DOT))
         if touch.accepted:
             tail = tip - scales.force * np.asarray(touch.force)
-            made.append(Primitive('forces', Shape.ARROW, _points([tail, tip]), colour, _THIN))
+            made.append(Primitive('forces', Shape.ARROW, places([tail, tip]), colour, _THIN))
     return made
 
 
@@ -179,7 +179,7 @@ def result_markers(document: Mapping[str, Any], discs: Sequence[Disc], scales: S
     parameters = estimated(document)
     found = [*document['diagnosis']['effects'], *document['diagnosis']['possible']]
     made = [
-        Primitive('residuals', Shape.STRIP, _points([tip, tip + scales.residual * np.asarray(one['residual'])]), *_LINE)
+        Primitive('residuals', Shape.STRIP, places([tip, tip + scales.residual * np.asarray(one['residual'])]), *_LINE)
         for one in document['touches'].get('fitted', ())
         if one['used']
         for tip in [forward(parameters, one['joints'])]
@@ -204,8 +204,8 @@ def uncertainty_markers(document: Mapping[str, Any], joints: ArrayLike, scales: 
     text = f'tip ±{quantity(float(lengths[-1]), "m")} (k = 2), × {scales.uncertainty:g}'
     below = (float(tip[0]), float(outline[:, 1].min()) - _LETTERS)
     return [
-        Primitive('uncertainty', Shape.STRIP, _points(outline), CALIBRATED_COLOUR, _THIN),
-        _label('uncertainty', below, text, CALIBRATED_COLOUR),
+        Primitive('uncertainty', Shape.STRIP, places(outline), CALIBRATED_COLOUR, _THIN),
+        label('uncertainty', below, text, CALIBRATED_COLOUR),
     ]
 
 
@@ -254,11 +254,11 @@ def _displaced(effect: Mapping[str, Any], discs: Sequence[Disc], scales: Scales)
     centre = np.array([disc.x, disc.y])
     drawn = disc.radius + scales.error * (radius - disc.radius)
     moved = centre + scales.error * shift
-    made = [Primitive('found', Shape.CYLINDER, _points([centre + shift], _FLAT), (*FOUND[:3], 0.25), 2 * radius, _FLAT)]
+    made = [Primitive('found', Shape.CYLINDER, places([centre + shift], _FLAT), (*FOUND[:3], 0.25), 2 * radius, _FLAT)]
     if drawn > 0:
-        made.append(Primitive('found', Shape.STRIP, _points(moved + drawn * _circle(), _HEIGHT), FOUND, _THIN))
+        made.append(Primitive('found', Shape.STRIP, places(moved + drawn * _circle(), _HEIGHT), FOUND, _THIN))
     if shift.any():
-        made.append(Primitive('found', Shape.ARROW, _points([centre, moved], _HEIGHT), FOUND, 2 * _THIN))
+        made.append(Primitive('found', Shape.ARROW, places([centre, moved], _HEIGHT), FOUND, 2 * _THIN))
     return made
 
 
@@ -282,13 +282,14 @@ def _summary(
     below = min(0.0, min(disc.y - disc.radius for disc in discs))
     middle = 0.5 * (left + max(disc.x + disc.radius for disc in discs))
     return [
-        _label('summary', (middle, below - (4 + 1.6 * number) * _LETTERS), line, FOUND if found else TEXT)
+        label('summary', (middle, below - (4 + 1.6 * number) * _LETTERS), line, FOUND if found else TEXT)
         for number, line in enumerate(lines)
     ]
 
 
-def _label(group: str, place: tuple[float, float], text: str, colour: Colour) -> Primitive:
-    return Primitive(group, Shape.TEXT, _points([place], _HEIGHT), colour, _LETTERS, text=text)
+def label(group: str, place: tuple[float, float], text: str, colour: Colour) -> Primitive:
+    """A text at a place."""
+    return Primitive(group, Shape.TEXT, places([place], _HEIGHT), colour, _LETTERS, text=text)
 
 
 def _circle() -> Floats:
@@ -297,9 +298,9 @@ def _circle() -> Floats:
     return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
 
 
-def _points(places: ArrayLike, height: float = 0.0) -> tuple[tuple[float, float, float], ...]:
+def places(points: ArrayLike, height: float = 0.0) -> tuple[tuple[float, float, float], ...]:
     """Places (n, 2) in the plane at a height."""
-    return tuple((float(x), float(y), height) for x, y in np.asarray(places, dtype=float))
+    return tuple((float(x), float(y), height) for x, y in np.asarray(points, dtype=float))
 
 
 _LINE = (RESIDUAL, _THIN)

@@ -65,3 +65,9 @@ def test_a_place_of_unknown_uncertainty_stays_unknown() -> None:
     (outline,) = outlines
     assert np.isnan(outline.std).mean() == pytest.approx(0.6, abs=0.03)
     check(outlines, closed=False, turns=0.5)
+
+
+@pytest.mark.parametrize('begin', [0.303, 0.297, 0.2985])
+def test_a_pass_that_begins_close_to_the_end(begin: float) -> None:
+    check(join_passes([stretch(0, 0.3), stretch(0.6, begin)]), closed=False, turns=0.6)
+    assert len(join_passes([stretch(0, 0.3), stretch(0.32, 0.6)])) == 2

@@ -20,7 +20,7 @@ from scara_kinetostatic.effects import catalogue
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.report.facts import FACTS
 
-NODES = ('contact_simulator', 'collector', 'calibrator', 'compensator')
+NODES = ('contact_simulator', 'collector', 'calibrator', 'compensator', 'contour_tracker')
 COMMON = {'parameter_events', 'rosout', 'clock'}
 """Topics that every node has."""
 

@@ -63,6 +63,7 @@ def test_every_executable_exists() -> None:
         'visualizer',
         'monitor',
         'compensator',
+        'contour_tracker',
     ]
     for _, module, function in scripts:
         assert callable(getattr(import_module(f'{NAME}.{module}'), function))

@@ -68,7 +68,7 @@ sys.exit(executables.{name}())
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize('name', [*NODES, 'visualizer', 'compensator'])
+@pytest.mark.parametrize('name', [*NODES, 'visualizer', 'compensator', 'contour_tracker'])
 def test_a_signal_while_a_node_is_imported_ends_it_without_a_word(name: str, number: signal.Signals) -> None:
     code = INTERRUPTED.format(name=name, number=int(number), module='rclpy')
     ended = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=WAIT)

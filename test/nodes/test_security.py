@@ -14,6 +14,7 @@ from scara_kinetostatic.nodes.calibrator import Calibrator
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.compensator import Compensator
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
+from scara_kinetostatic.nodes.contour_tracker import ContourTracker
 from scara_kinetostatic.nodes.frame_check import TFMessage
 from scara_kinetostatic.nodes.monitor import Monitor
 from scara_kinetostatic.nodes.visualizer import Visualizer
@@ -27,6 +28,7 @@ KINDS = {
     'visualizer': Visualizer,
     'monitor': Monitor,
     'compensator': Compensator,
+    'contour_tracker': ContourTracker,
 }
 RULES = {
     ('topics', 'publish'): Node.get_publisher_names_and_types_by_node,
@@ -82,7 +84,7 @@ def test_a_node_may_do_what_it_does_and_nothing_else(spin: Callable[..., Node], 
     node = spin(KINDS[name], '--ros-args', *given)
     assert (name, namespace or '/', enclave) in node.get_node_names_and_namespaces_with_enclaves()
     has = {rule: {topic for topic, _ in ask(node, name, namespace or '/')} for rule, ask in RULES.items()}
-    if name == 'collector' and TFMessage is None:
+    if name in ('collector', 'contour_tracker') and TFMessage is None:
         has['topics', 'subscribe'].add('/tf_static')
     if name == 'compensator' and TFMessage is None:
         has['topics', 'subscribe'].add('/tf_static')

@@ -31,6 +31,7 @@ PANELS = {'3D', 'Plot', 'DiagnosticSummary', 'CallService'}
 GROUPS = {
     'visualizer/markers': {'objects', 'touches', 'forces', 'rejected', 'residuals', 'found', 'summary'},
     'visualizer/arm': {'nominal', 'calibrated', 'uncertainty'},
+    'contour_tracker/markers': {'objects', 'outlines', 'tip', 'uncertainty'},
 }
 
 
@@ -125,7 +126,8 @@ def test_foxglove_in_a_namespace(tmp_path: Path) -> None:
 
 
 def test_the_groups_are_those_of_the_markers() -> None:
-    source = (CONFIG.parent / 'scara_kinetostatic/render/markers.py').read_text()
+    folder = CONFIG.parent / 'scara_kinetostatic/render'
+    source = ''.join((folder / f'{name}.py').read_text() for name in ('markers', 'contour_markers'))
     for group in set().union(*GROUPS.values()) - {'nominal', 'calibrated'}:
         assert f"'{group}'" in source
 

@@ -48,7 +48,7 @@ _OVERLAP = 3e-3
 """Of what is joined already, so much is joined with the next part of a pass, m: by it the two are found to be one."""
 
 
-class LiveContour:
+class OnlineContour:
     """Traces the surface along which the tip slides, sample by sample. Not thread-safe.
 
     Args:
