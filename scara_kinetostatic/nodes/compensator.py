@@ -65,8 +65,6 @@ NEWEST = QoSProfile(
     durability=DurabilityPolicy.VOLATILE,
 )
 """Samples that a busy machine has let wait are left out; matches every publisher."""
-REST = 0.0008
-"""Between two callbacks, s: joint state and wrench of 1 kHz are taken in one round."""
 TARGETS_EVERY = 8
 """Polls of the streams to one of the wanted poses and forces."""
 TF_PERIOD = 0.02
@@ -112,7 +110,7 @@ class Compensator(Node):
         self._wrench_heard = StreamMonitor(self.resolve_topic_name(wrench))
         self._group = PolledGroup()
         self._wrenches = self._polled(WrenchStamped, wrench, NEWEST)
-        self._joints = self._polled(JointState, joint_states, NEWEST)
+        self.awaited = self._polled(JointState, joint_states, NEWEST)
         self._targets = self._polled(PoseStamped, '~/target_pose', 1)
         self._wanted_forces = self._polled(WrenchStamped, '~/target_wrench', 1)
         self.create_service(Trigger, '~/tare', self._tare)
@@ -143,7 +141,7 @@ class Compensator(Node):
         """Takes what has come: wrenches first, so that each joint state goes with the last force before it."""
         for message in waiting(self._wrenches):
             self._take_wrench(message)
-        for message in waiting(self._joints):
+        for message in waiting(self.awaited):
             try:
                 sample = joint_sample(message, self._tip.cell.joint_names)
                 self._joints_heard.accept(sample.stamp_ns, (sample.first, sample.second))
@@ -261,7 +259,7 @@ def _ignore(_: bytes) -> None:
 def main(args: Sequence[str] | None = None) -> int:
     """Runs the node; see `runtime.run` for the exit status."""
     gc.freeze()  # what has been imported stays: no search for garbage in it, which takes milliseconds
-    return run(Compensator, args, PollingExecutor, REST)
+    return run(Compensator, args, PollingExecutor)
 
 
 if __name__ == '__main__':

@@ -52,6 +52,9 @@ class FollowedTip:
         cell: whose joints and sensor the messages are of.
         timeout: age beyond which a sample is stale, s.
         force_noise: standard deviation of one force of the stream, N; 0 for that of a touch.
+
+    Attributes:
+        assumptions: what is taken of what no message says; empty if nothing is.
     """
 
     def __init__(self, cell: Cell, timeout: float, force_noise: float) -> None:
@@ -59,6 +62,7 @@ class FollowedTip:
         self.online: OnlineArm | None = None
         self.statuses: Counter[str] = Counter()
         self.zero: tuple[float, float] | None = None
+        self.assumptions = ''
         self._joints: tuple[float, float, float] | None = None
         self._wrench: tuple[float, float, float] | None = None
         self._forces: deque[tuple[float, float, float]] = deque(maxlen=_MOST)
@@ -78,12 +82,8 @@ class FollowedTip:
             online.follow_on(self.online)
         predictor = online.predictor
         self._needs_metadata = bool(predictor.effects_of('approach')) or predictor.depends_on_time
+        self.assumptions = predictor.assumptions
         self.online = online
-
-    @property
-    def assumptions(self) -> str:
-        """What is taken of what no message says; empty if nothing is."""
-        return '' if self.online is None else self.online.predictor.assumptions
 
     def take_wrench(self, sample: Sample) -> None:
         """A force as the sensor reports it, in the frame of the cell description."""

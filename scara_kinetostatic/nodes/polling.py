@@ -4,15 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from time import monotonic
-from typing import Any
+from typing import Any, Protocol
 
+from rclpy._rclpy_pybind11 import WaitSet
 from rclpy.callback_groups import CallbackGroup
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.constants import S_TO_NS
+from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-SERVE = 0.04
-"""Between two rounds for timers and services, s."""
+SERVE = 0.1
+"""Between two rounds for timers and services, s; the next round follows with the next message while they wait."""
+
+
+class Polled(Protocol):
+    """A node whose messages are polled.
+
+    Attributes:
+        awaited: the subscription whose messages end the wait.
+    """
+
+    awaited: Subscription
+
+    def poll(self) -> None:
+        """Takes what has come."""
 
 
 class PolledGroup(CallbackGroup):
@@ -31,25 +46,46 @@ class PolledGroup(CallbackGroup):
 
 
 class PollingExecutor(SingleThreadedExecutor):
-    """Calls `poll` of its node in each round, and now and then what waits besides."""
+    """Waits for one subscription of its node, calls `poll`, and now and then what waits besides.
+
+    The wait is on one entity, and its set is made once; an executor makes one of all entities in each round.
+    """
 
     def __init__(self) -> None:
         super().__init__()
         self._polled: Any = None
+        self._wait_set: Any = None
         self._next = 0.0
 
     def add_node(self, node: Node) -> bool:
-        """The one node."""
-        self._polled = node
+        """The one node, a `Polled`."""
+        self._polled, self._wait_set = node, WaitSet(1, 0, 0, 0, 0, 0, self._context.handle)
         return bool(super().add_node(node))
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """One round; returns at once."""
+        """One round."""
         if timeout_sec:
+            self._wait(min(timeout_sec, SERVE))
             self._polled.poll()
         if not timeout_sec or monotonic() >= self._next:
-            self._next = monotonic() + SERVE
-            super().spin_once(timeout_sec=0)
+            self._next = monotonic() + (0.0 if self._serve() else SERVE)
+
+    def _serve(self) -> bool:
+        """One callback of what waits besides; whether there was one."""
+        try:
+            handler, _, _ = self.wait_for_ready_callbacks(timeout_sec=0)
+        except (TimeoutException, ShutdownException):
+            return False
+        handler()
+        if (error := handler.exception()) is not None:
+            raise error
+        return True
+
+    def _wait(self, timeout: float) -> None:
+        with self._polled.awaited.handle:
+            self._wait_set.clear_entities()
+            self._wait_set.add_subscription(self._polled.awaited.handle)
+            self._wait_set.wait(int(timeout * S_TO_NS))
 
 
 def waiting(subscription: Subscription) -> Iterator[bytes]:

@@ -74,7 +74,8 @@ def run(
     try:
         while not signals and rclpy.ok():
             executor.spin_once(timeout_sec=WAKE_UP)
-            time.sleep(rest)
+            if rest:
+                time.sleep(rest)
     except ExternalShutdownException:
         pass
     finally:
