@@ -106,8 +106,9 @@ def _shares(c: Calibration) -> int:
 
 def _diagnose_noise_and_effects(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
     """The diagnosis with the noise as stated or estimated, or with the components that the touches ask for."""
-    found = _diagnose_within(Effort(), calibration, known)
-    effort = Effort(MOST_STEPS // 3)
+    effort = Effort(MOST_STEPS - calibration.iterations)
+    found = _diagnose_within(effort, calibration, known)
+    effort = Effort(min(MOST_STEPS // 3, effort.most - effort.steps))
     refitted = noise_candidate(calibration, found, effort)
     if refitted is None:
         return found

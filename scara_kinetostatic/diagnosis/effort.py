@@ -20,7 +20,8 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.touch import TouchSet
 
 MOST_STEPS = 900
-"""Of one diagnosis, before the alternatives of what it found are left out; a third of them of one with other noise."""
+"""Of a fit and its diagnosis, before the alternatives of what it found are left out; a diagnosis with other noise has
+what is left of them, a third at most."""
 SEARCH = 0.7
 """Part of them that the search for effects may take; the rest is for rivals and alternatives."""
 _STEPS_OF_REFUSAL = 20

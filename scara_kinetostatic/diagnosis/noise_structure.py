@@ -117,7 +117,7 @@ def _noise_of(c: Calibration, suspicious: bool, effort: Effort) -> Noise | None:
     needed = _PENALTY if suspicious else CREDIBLE
     best, least, kinds = c, penalised_deviance(c, 0.0, 1.0), _open_kinds(c)
     while kinds and effort.allows():
-        tried = {kind: _refitted(best, _with_component(best.noise, kind), effort) for kind in kinds}
+        tried = {kind: _refitted(best, _with_component(best.noise, kind), effort) for kind in kinds if effort.allows()}
         fits = {kind: fit for kind, fit in tried.items() if fit is not None}
         gains = {kind: least - penalised_deviance(fit, 0.0, 1.0) for kind, fit in fits.items()}
         chosen = max(gains, key=lambda kind: gains[kind], default='')

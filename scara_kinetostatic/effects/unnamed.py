@@ -183,13 +183,18 @@ class Unnamed(LinearEffect):
         return PlotAxis(title, unit, value)
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
-        parts = self.functions(at)
+        return tuple(self._of(at, part) for part in self.functions(at))
+
+    def shift(self, at: TouchState, values: Floats) -> Shift:
+        return self._of(at, values @ np.array(self.functions(at)))
+
+    def _of(self, at: TouchState, curve: Floats) -> Shift:
+        """The shift by a function of the variable, (n,)."""
         if self.disc >= 0:
-            parts = [part * (at.metadata.disc == self.disc) for part in parts]
+            curve = curve * (at.metadata.disc == self.disc)
         if self.channel in JOINT_CHANNELS:
-            return tuple(Shift(joints=at_joint(part, int(self.channel == 'joint2'))) for part in parts)
-        side = at.normal if self.channel == 'along' else at.tangent
-        return tuple(Shift(place=part[:, None] * side) for part in parts)
+            return Shift(joints=at_joint(curve, int(self.channel == 'joint2')))
+        return Shift(place=curve[:, None] * (at.normal if self.channel == 'along' else at.tangent))
 
 
 def _variable(at: TouchState, name: str) -> Floats:
