@@ -19,7 +19,7 @@ from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.touch import TouchSet
 
-MOST_STEPS = 900
+MOST_STEPS = 850
 """Of a fit and its diagnosis, before the alternatives of what it found are left out; a diagnosis with other noise has
 what is left of them, a third at most."""
 SEARCH = 0.7
