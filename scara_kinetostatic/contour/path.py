@@ -11,6 +11,7 @@ from math import comb
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.kinematics import quarter_turn
@@ -42,12 +43,14 @@ class Direction(NamedTuple):
         along: unit vectors, (n, 2).
         std: standard uncertainty of the angle, (n,), rad.
         place: the places smoothed by the same fit, (n, 2), m.
+        curvature: the largest of the path within the shortest window, less three standard deviations, (n,), 1/m.
         white_noise: standard deviation of one component of a place without smoothing, m.
     """
 
     along: Floats
     std: Floats
     place: Floats
+    curvature: Floats
     white_noise: float
 
 
@@ -131,7 +134,15 @@ def direction_along(time: Floats, places: Floats) -> Direction:
         angle, std = np.where(agreed, fit.angle, angle), np.where(agreed, fit.slope_std * noise, std)
         place = np.where(agreed[:, None], fit.place, place)
     along = np.column_stack([np.cos(angle), np.sin(angle)])
-    return Direction(along, np.hypot(std, doubt), place, noise)
+    sure = np.maximum(fits[-1].curvature - _AGREE * noise * fits[-1].curvature_std, 0.0)
+    sure[:FEWEST], sure[-FEWEST:] = sure[FEWEST], sure[-FEWEST - 1]  # at the ends the windows are one-sided
+    curvature = _largest_near(sure, min(halves[-1], (len(places) - 1) // 2))
+    return Direction(along, np.hypot(std, doubt), place, curvature, noise)
+
+
+def _largest_near(values: Floats, half: int) -> Floats:
+    """The largest of the values up to `half` places away on both sides, (n,)."""
+    return np.asarray(sliding_window_view(np.pad(values, half, mode='edge'), 2 * half + 1).max(axis=1))
 
 
 class _LocalFit(NamedTuple):
@@ -141,12 +152,16 @@ class _LocalFit(NamedTuple):
         angle: of the derivative, (n,), rad.
         slope_std: standard deviation of that angle per metre of white noise, (n,), rad/m.
         place: value of the fit, (n, 2), m.
+        curvature: (n,), 1/m.
+        curvature_std: standard deviation of it per metre of white noise, (n,), 1/m².
         residual: of the places across the path, (n,), m.
     """
 
     angle: Floats
     slope_std: Floats
     place: Floats
+    curvature: Floats
+    curvature_std: Floats
     residual: Floats
 
 
@@ -187,9 +202,10 @@ def _fit_part(clock: Floats, places: Floats, rows: Indices, half: int) -> _Local
     across = quarter_turn(slope) / speed[:, None]
     leverage = np.clip(1.0 - inverse[:, 0, 0], 0.1, 1.0)
     residual = -(value[:, 0] * across).sum(axis=1) / np.sqrt(leverage)
-    return _LocalFit(
-        np.arctan2(slope[:, 1], slope[:, 0]), np.sqrt(inverse[:, 1, 1]) / speed, center + value[:, 0], residual
-    )
+    angle, slope_std = np.arctan2(slope[:, 1], slope[:, 0]), np.sqrt(inverse[:, 1, 1]) / speed
+    curvature = 2.0 * np.abs((value[:, 2] * across).sum(axis=1)) / speed**2
+    curvature_std = 2.0 * np.sqrt(inverse[:, 2, 2]) / speed**2
+    return _LocalFit(angle, slope_std, center + value[:, 0], curvature, curvature_std, residual)
 
 
 def _window_sums(values: Floats, start: Indices, width: int) -> Floats:

@@ -4,7 +4,7 @@ The centre of the tip is at S = H̄(Q, F) of the calibrated arm, and moves along
 radius r: the normal n of its path is that of the surface, and the surface is at P = S - r n. So friction, which turns
 the force, does not turn the normal; the force tells on which side the object is. The direction of travel is that of a
 local fit (`path`). An error δ of the normal's angle moves P along the surface by r δ, and along the normal by
-r δ²/2 only.
+r δ²/2 only; at an edge, where the surface turns by more than that, the first counts, too.
 
 The standard uncertainty of P along n has three parts: the calibration's, nᵀ D Σ Dᵀ n with D = ∂S/∂L̄; the noise of a
 touch, which does not average out along a slide, and the white noise of the samples; that of the normal and the tip's
@@ -166,6 +166,7 @@ class _Course(NamedTuple):
         normal: outward unit vectors, (n, 2).
         along: direction of travel, unit vectors, (n, 2).
         angle_std: standard uncertainty of their angle, (n,), rad.
+        curvature: of the path, (n,), 1/m.
         white: standard deviation of the white noise of a place, (n,), m.
         end: whether it is the begin or the end of a pass, (n,).
     """
@@ -173,6 +174,7 @@ class _Course(NamedTuple):
     normal: Floats
     along: Floats
     angle_std: Floats
+    curvature: Floats
     white: Floats
     end: Mask
 
@@ -180,16 +182,18 @@ class _Course(NamedTuple):
 def _course(samples: ContactSamples, center: Floats, force: Floats, number: Indices) -> _Course:
     """The course, pass by pass; the force tells on which side of the path the object is."""
     count = len(samples.time)
-    normal, along, angle_std, white = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count), np.zeros(count)
+    normal, along = np.zeros((count, 2)), np.zeros((count, 2))
+    angle_std, curvature, white = np.zeros(count), np.zeros(count), np.zeros(count)
     end = np.zeros(count, dtype=bool)
     for k in range(number.max() + 1):
         here = np.flatnonzero(number == k)
         found = direction_along(samples.time[here], center[here])
         along[here], angle_std[here], white[here] = found.along, found.std, found.white_noise
+        curvature[here] = found.curvature
         left = quarter_turn(found.along)
         normal[here] = -np.sign(np.median((force[here] * left).sum(axis=1))) * left
         end[here[:END_SAMPLES]] = end[here[-END_SAMPLES:]] = True
-    return _Course(normal, along, angle_std, white, end)
+    return _Course(normal, along, angle_std, curvature, white, end)
 
 
 def _usable(course: _Course, force: Floats, number: Indices, source: str) -> tuple[Mask, int]:
@@ -220,7 +224,7 @@ def _surface(
     """The surface at the instants that are used."""
     n, along, force = course.normal[used], course.along[used], force[used]
     passes = np.unique(number[used], return_inverse=True)[1]
-    by_normal = radius * course.angle_std[used] ** 2 / np.sqrt(2)
+    by_normal = _error_by_normal(course.angle_std[used], course.curvature[used], radius)
     noise = _along(places.noise[used], n) + course.white[used] ** 2 + by_normal**2
     common = _along(places.systematic[used], n) + arm.cell.uncertainty.radius**2
     force_std = arm.noise.force_at(size := float(np.median(np.hypot(*force.T)))) / size
@@ -244,6 +248,18 @@ def _surface(
         stuck=0.0,
         warnings=(),
     )
+
+
+def _error_by_normal(angle_std: Floats, curvature: Floats, radius: float) -> Floats:
+    """Standard uncertainty across the surface by that of the normal, δ, (n,), m.
+
+    P moves by r δ²/√2 against the normal, and by t = r δ along the surface, which leaves a surface of radius
+    ρ = 1/κ - r by t²/(2 ρ), and a sharp edge by t: here t²/(2 ρ + t).
+    """
+    aside = radius * angle_std
+    surface = np.maximum(1.0 / np.maximum(curvature, 1e-9) - radius, 0.0)
+    across = aside**2 / np.maximum(2.0 * surface + aside, 1e-12)
+    return np.hypot(radius * angle_std**2 / np.sqrt(2.0), across)
 
 
 def _along(covariance: Floats, normal: Floats) -> Floats:

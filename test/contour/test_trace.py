@@ -62,6 +62,19 @@ def test_sensor_in_the_tool_frame(sign):
     assert rms(DISC.normal_error(contour.surface)) < 1.2e-5
 
 
+@pytest.mark.parametrize('speed', [0.05, 0.01])
+def test_the_uncertainty_covers_the_error_at_sharp_edges(speed):
+    corners = [[0.10, 0.30], [0.20, 0.30], [0.20, 0.40], [0.10, 0.40]]
+    square = polygon(corners)
+    contour = trace_contour(slide_along(square, speed=speed, begin=0.15, end=0.35), arm())
+    edge = np.hypot(*(contour.surface - corners[1]).T) < 2e-3
+    inside = np.abs(square.normal_error(contour.surface)) < 1.96 * contour.std_normal
+    assert edge.sum() > 8
+    assert inside[edge].mean() > 0.85
+    assert contour.std_normal[edge].max() > 5e-5
+    assert np.median(contour.std_normal[~edge]) < 8e-6
+
+
 def test_surfaces_of_less_complete_models():
     contour = trace_contour(slide_along(DISC, end=0.3), arm())
     surfaces = surfaces_of(contour, arm())

@@ -1,8 +1,7 @@
 """C99 header of the calibrated arm: constants, and H, H̄, Ḡ (4) as functions without any library but `math.h`.
 
-The functions are those of the base model with the isotropic gripper (6) (7) (8). A joint whose torque is zero within
-its dead band floats in it, as `scara_kinetostatic.locate` has it: c is then 0 at a place in the band that follows from
-the geometry.
+The functions are those of the base model with the isotropic gripper (6) (7) (8), with the dead bands crossed
+continuously where the sign of a torque is not known: what `scara_kinetostatic.locate` and `compensate` give.
 """
 
 from __future__ import annotations
@@ -42,4 +41,10 @@ def header_text(arm: CalibratedArm, facts: ExportFacts) -> str:
         _TEMPLATE.read_text(encoding='utf-8'), trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
     physical = arm.cell.gripper_sign is GripperSign.PHYSICAL
-    return template.render(lines=facts.lines, constants=constants, compliance_sign='-' if physical else '+')
+    return template.render(
+        lines=facts.lines,
+        constants=constants,
+        force_std=repr(arm.noise.force_rms),
+        force_growth=repr(arm.noise.growth),
+        compliance_sign='-' if physical else '+',
+    )
