@@ -48,7 +48,10 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/launch', files('launch', '*.launch.py')),
-        (f'share/{NAME}/config', [file for kind in ('yaml', 'rviz', 'json') for file in files('config', f'*.{kind}')]),
+        (
+            f'share/{NAME}/config',
+            [file for kind in ('yaml', 'rviz', 'json', 'csv') for file in files('config', f'*.{kind}')],
+        ),
         (f'share/{NAME}/config/sros2', files('config/sros2', '*.xml')),
     ],
     install_requires=[

@@ -110,5 +110,6 @@ def _print_result(result: DemoResult) -> None:
     print(f'{result.message}\n')
     print(Table(('', 'truth', 'estimate', 'std', 'z', 'unit'), ('',) * 6, rows).text())
     print(f'z: error in standard deviations, at most {np.nanmax(np.abs(deviation)):.2f}\n')
-    print(f'recording: {result.recording}')
-    print(f'report:    {result.results / "report.html"}')
+    print(f'recording:   {result.recording}')
+    print(f'report:      {result.results / "report.html"}')
+    print(f'calibration: {result.results / "calibration.json"}')

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
-from scara_kinetostatic.bags.reader import embedded_cell
+from scara_kinetostatic.bags.reader import embedded_cell, read_streams
+from scara_kinetostatic.compensation.arm import CalibratedArm
+from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, Parameters
 from scara_kinetostatic.pipeline import calibrate_recordings
+from scara_kinetostatic.simulation.sliding.outline import polygon
 
 BAGS = Path(__file__).parents[2] / 'bags'
 LARGEST = 300_000
@@ -49,7 +54,19 @@ def test_what_is_determined_of_a_confounded_pair() -> None:
     assert abs(pair.value - truth) < 4 * pair.std + 0.3 * PAPER_ACTUAL.p_ee
 
 
+def test_the_slide_is_the_outline_that_its_plan_states() -> None:
+    cell = embedded_cell(BAGS / 'paper')
+    assert cell is not None
+    calibrated = CalibratedArm.of(calibrate_recordings([BAGS / 'paper'], cell).final)
+    arm = replace(calibrated, cell=replace(cell, tip_radius=0.005))
+    contour = trace_contour(read_streams(BAGS / 'slide.mcap', arm.cell), arm)
+    ((slide,),) = [yaml.safe_load((BAGS / 'slide.yaml').read_text())]
+    error = polygon(slide['slide']['outline'], slide['slide']['corner_radius']).normal_error(contour.surface)
+    assert len(error) > 500
+    assert np.sqrt(np.mean(error**2)) < 2 * np.sqrt(np.mean(contour.std_normal**2)) < 3e-5
+
+
 def test_they_stay_small() -> None:
-    for name in ('paper', 'measured', 'one_level.mcap'):
+    for name in ('paper', 'measured', 'one_level.mcap', 'slide.mcap'):
         files = [BAGS / name] if (BAGS / name).is_file() else list((BAGS / name).iterdir())
         assert 0 < sum(path.stat().st_size for path in files) < LARGEST
