@@ -31,6 +31,7 @@ below it (`test/test_architecture.py` checks that):
     render         figures, tables, quantities with units
     pipeline       from recordings or touches to the outcome
     simulation     a simulated cell and its sensors
+    contour        the outline of an object of unknown shape, from slides of the tip along it
     bags           recordings of all formats, read and written
     touches        from streams to touches, and the object each belongs to
     files          cell description, touch table, safe YAML, atomic writing
@@ -55,6 +56,8 @@ if TYPE_CHECKING:
     from scara_kinetostatic.calibration.result import Calibration
     from scara_kinetostatic.compensation.arm import CalibratedArm
     from scara_kinetostatic.compensation.predictions import JointAngles, TipPosition
+    from scara_kinetostatic.contour.fits import fit_shape as fit_shape
+    from scara_kinetostatic.contour.result import Contour
     from scara_kinetostatic.diagnosis.result import Diagnosis as Diagnosis
     from scara_kinetostatic.effects.base import Effect
     from scara_kinetostatic.effects.registry import catalogue, register
@@ -70,6 +73,7 @@ if TYPE_CHECKING:
         predict_force,
         read_touches,
         simulate,
+        trace_contour,
     )
     from scara_kinetostatic.model.cell import Cell
     from scara_kinetostatic.model.cell import Disc as Disc
@@ -93,6 +97,7 @@ _HOME = {
     'CalibratedArm': 'compensation.arm',
     'Calibration': 'calibration.result',
     'Cell': 'model.cell',
+    'Contour': 'contour.result',
     'Effect': 'effects.base',
     'InputError': 'errors',
     'JointAngles': 'compensation.predictions',
@@ -112,6 +117,7 @@ _HOME = {
     'read_touches': 'interface',
     'register': 'effects.registry',
     'simulate': 'interface',
+    'trace_contour': 'interface',
     'write_results': 'report.write',
 }
 _FORMER = {
@@ -129,6 +135,7 @@ _FORMER = {
     'as_document': 'report.document',
     'calibrate_recordings': 'pipeline',
     'find_touches': 'touches.detection',
+    'fit_shape': 'contour.fits',
     'read_streams': 'bags.reader',
 }
 """Names of earlier versions and of parts of the above; they can be imported still."""
@@ -137,6 +144,7 @@ __all__ = [
     'CalibratedArm',
     'Calibration',
     'Cell',
+    'Contour',
     'Effect',
     'InputError',
     'JointAngles',
@@ -157,6 +165,7 @@ __all__ = [
     'read_touches',
     'register',
     'simulate',
+    'trace_contour',
     'write_results',
 ]
 

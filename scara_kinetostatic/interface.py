@@ -15,11 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.calibration.prediction import base_force, force_residual, observe
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.compensation.predictions import JointAngles, Predictor, TipPosition
+from scara_kinetostatic.contour.result import Contour
+from scara_kinetostatic.contour.trace import trace_contour as contour_of
 from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError, did_you_mean, expect
 from scara_kinetostatic.files.touch_table import is_touch_table
 from scara_kinetostatic.model.arrays import Floats, Indices
@@ -36,6 +39,7 @@ from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 from scara_kinetostatic.touches.association import associate
 from scara_kinetostatic.touches.detection import Detection
+from scara_kinetostatic.touches.streams import Streams
 from scara_kinetostatic.touches.table import press_of
 
 _LOAD = "give one, such as load_cell('cell.yaml')"
@@ -324,6 +328,47 @@ def locate(
     f = _rows(force, 'force', len(q))
     metadata = _metadata(predictor, posture(predictor.law.model.parameters, q), time, approach)
     return predictor.locate(q, f, metadata)
+
+
+def trace_contour(
+    recording: str | Path | Streams,
+    result: Outcome | Calibration | CalibratedArm,
+    cell: Cell | None = None,
+    *,
+    tip_radius: float | None = None,
+) -> Contour:
+    """The outline of an object of unknown shape, from a recording in which the tip slides along it under force.
+
+    ``contour.outlines`` are the passes joined; ``sk.fit_shape(contour, arm, 'circle')`` fits a circle, ``'arc'`` or
+    ``'line'``.
+
+    Args:
+        recording: its path, or the streams read from it; it begins and ends with free motion.
+        result: of `diagnose`, `calibrate` or `load_calibration`.
+        cell: topics, frame and sign of the sensor, radius of the tip; None: as in the calibration.
+        tip_radius: m; None: as the cell states it; without one the outline is that of the tip's centre.
+
+    Raises:
+        InputError: the recording cannot be read.
+        UnsupportedDataError: the tip touches nothing, does not slide, or jumps; the calibration does not determine
+            where it is.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> arm = sk.CalibratedArm.of_outcome(sk.diagnose('touches.csv', sk.load_cell('cell.yaml')))
+        >>> contour = sk.trace_contour('slide.mcap', arm)
+        >>> outline = contour.outlines[0]
+        >>> outline.closed, round(1e3 * outline.length)
+        (True, 188)
+        >>> print(f"{1e3 * sk.fit_shape(contour, arm, 'circle').value('radius').value:.2f} mm")
+        30.00 mm
+    """
+    arm = _arm(result)
+    cell = arm.cell if cell is None else cell
+    expect(cell, Cell, 'cell', _LOAD)
+    streams = recording if isinstance(recording, Streams) else read_streams(Path(recording), cell)
+    radius = cell.tip_radius if tip_radius is None else tip_radius
+    return contour_of(streams, arm, cell.sensor, radius)
 
 
 def compensate(

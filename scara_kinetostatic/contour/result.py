@@ -36,6 +36,15 @@ class Contour:
         lost: time without contact between the first and the last contact, s.
         stuck: time in contact without sliding, s.
         warnings: one sentence each.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> arm = sk.CalibratedArm.of_outcome(sk.diagnose('touches.csv', sk.load_cell('cell.yaml')))
+        >>> contour = sk.trace_contour('slide.mcap', arm)
+        >>> contour.surface.shape == contour.normal.shape == (len(contour), 2)
+        True
+        >>> bool((contour.std_normal < 2e-5).all())
+        True
     """
 
     source: str

@@ -60,13 +60,6 @@ def trace_contour(
     Raises:
         UnsupportedDataError: the tip touches nothing, does not slide, or jumps; the calibration does not determine
             where it is.
-
-    Example:
-        >>> import scara_kinetostatic as sk
-        >>> arm = sk.load_calibration('result/calibration.json')
-        >>> contour = sk.trace_contour(sk.read_streams('slide', arm.cell), arm)
-        >>> contour.outlines[0].closed
-        True
     """
     signals = as_signals(streams, arm.cell)
     if signals is None:

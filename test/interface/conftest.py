@@ -19,7 +19,7 @@ EFFECT = 'object_radius[disc_2]:radius=6e-5'
 def example_files(tmp_path_factory) -> Path:
     """A folder with the cell, a table of touches and a recording of the same robot."""
     folder = tmp_path_factory.mktemp('examples')
-    shutil.copy(ROOT / 'config' / 'cell.yaml', folder / 'cell.yaml')
+    (folder / 'cell.yaml').write_text((ROOT / 'config' / 'cell.yaml').read_text() + 'tip: {radius: 0.005}\n')
     cell = sk.load_cell(folder / 'cell.yaml')
     touches = sk.simulate(cell, sk.PAPER_ACTUAL, effects=[EFFECT], seed=1)
     names = tuple(cell.discs[number].name for number in touches.disc)
@@ -27,6 +27,10 @@ def example_files(tmp_path_factory) -> Path:
     (folder / 'touches.csv').write_text(dump_touch_table(table), encoding='utf-8')
     recording = ['--out', str(folder / 'recording.mcap'), '--cell', str(folder / 'cell.yaml'), '--effect', EFFECT]
     assert main(['simulate', *recording, '--joint-rate', '20', '--wrench-rate', '25', '--preload', '0.3']) == 0
+    plan = folder / 'slides.yaml'
+    plan.write_text('- {slide: {center: [0.2, 0.3], radius: 0.03}, force: 15, friction: 0.1, speed: 0.04, to: 1.05}\n')
+    slide = ['--out', str(folder / 'slide.mcap'), '--cell', str(folder / 'cell.yaml'), '--plan', str(plan)]
+    assert main(['simulate', *slide]) == 0
     return folder
 
 
