@@ -93,7 +93,10 @@ def calibrate(
         warm_start = warm_start._replace(model=_with_fixed(warm_start.model, fixed))
     held = start.held.union(fixed)
     free = np.array([j for j, name in enumerate(start.names) if name not in held], dtype=np.intp)
+    given = touches.index
     touches, left_out = _leave_out(touches, cell)
+    if warm_start is not None:
+        warm_start = warm_start._replace(used=warm_start.used[np.isin(given, touches.index)])
     check_number(len(touches), len(free), [item.reason for item in left_out])
     observations = observe(touches, cell)
     _check_plausible(observations, cell, from_recording=bool(np.any(touches.samples > 1)))

@@ -83,7 +83,8 @@ def fit_with(
         start.parameters, (*kept.effects, *start.effects), (*kept.effect_values, *start.effect_values)
     )
     share = share if latest.noise_source == 'estimated' else 1.0
-    warm_start = WarmStart(start, latest.noise.scaled(share), latest.used, latest.errors)
+    used = np.isin(calibration.touches.index, latest.touches.index[latest.used])  # with other noise others are left out
+    warm_start = WarmStart(start, latest.noise.scaled(share), used, latest.errors)
     found = effort.fit(
         calibration.touches, calibration.cell, start.effects, fixed=calibration.fixed, warm_start=warm_start
     )

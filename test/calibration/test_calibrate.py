@@ -9,6 +9,7 @@ import pytest
 from calibration.studies import CELL, EXACT, NOISE, touches, z_scores
 
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.held_out import held_out_force_error
 from scara_kinetostatic.calibration.solver import MAX_ITERATIONS, Termination
 from scara_kinetostatic.errors import CellError, InputError, ParameterError, UnsupportedDataError
@@ -36,6 +37,21 @@ def test_a_fit_whose_steps_lower_nothing_ends_early():
     found = calibrate(touches(PAPER_ACTUAL, cell=replace(CELL, discs=(first, *CELL.discs[1:]))), CELL)
     assert found.termination is Termination.STALLED
     assert found.iterations < MAX_ITERATIONS
+
+
+def test_a_warm_start_with_touches_that_the_stated_noise_leaves_out():
+    """One touch presses with 1 N: without a stated noise it is rejected by the fit, with 0.3 N before it."""
+    found = touches(PAPER_ACTUAL, noise=NOISE)
+    force = found.force.copy()
+    force[3] /= np.linalg.norm(force[3])
+    found = replace(found, force=force)
+    begin = calibrate(found, replace(CELL, noise=None))
+    warm_start = WarmStart(begin.model, begin.noise, begin.used)
+    again = calibrate(found, replace(CELL, noise=NOISE), warm_start=warm_start)
+    assert len(again.touches) == len(begin.touches) - 1 == len(found) - 1
+    assert again.used.all()
+    direct = calibrate(found, replace(CELL, noise=NOISE))
+    np.testing.assert_allclose(again.parameters.as_array(), direct.parameters.as_array(), atol=1e-7)
 
 
 def test_exact_touches_with_the_printed_gripper():
