@@ -40,10 +40,10 @@ def test_a_fit_whose_steps_lower_nothing_ends_early():
 
 
 def test_a_warm_start_with_touches_that_the_stated_noise_leaves_out():
-    """One touch presses with 1 N: without a stated noise it is rejected by the fit, with 0.3 N before it."""
+    """One touch presses with 0.5 N: without a stated noise it is rejected by the fit, with 0.3 N before it."""
     found = touches(PAPER_ACTUAL, noise=NOISE)
     force = found.force.copy()
-    force[3] /= np.linalg.norm(force[3])
+    force[3] *= 0.5 / np.linalg.norm(force[3])
     found = replace(found, force=force)
     begin = calibrate(found, replace(CELL, noise=None))
     warm_start = WarmStart(begin.model, begin.noise, begin.used)
