@@ -19,6 +19,9 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, rms
 
 FEWEST_POINTS = 10
+LARGEST_MISFIT = 3.0
+"""Residuals of a shape that the points are on, in standard uncertainties, rms: the noise along a slide is slow, so that
+its residuals scatter by more than that of single points."""
 _STEPS = 50
 _ROUNDING = 1e-12
 """Change of a circle at which it is found, m."""
@@ -49,6 +52,8 @@ class ShapeFit(NamedTuple):
         values: parameters, with standard uncertainties.
         residual: of each point along the normal, outside positive, (n,), m.
         points: which points of the contour, (N,), n of them true.
+        misfit: root mean square of the residuals in standard uncertainties of the points; about 1 where the points are
+            on such a shape.
     """
 
     shape: str
@@ -56,6 +61,12 @@ class ShapeFit(NamedTuple):
     values: tuple[FittedValue, ...]
     residual: Floats
     points: Mask
+    misfit: float
+
+    @property
+    def fits(self) -> bool:
+        """Whether the points are on such a shape, by their uncertainty; where not, its parameters mean little."""
+        return self.misfit < LARGEST_MISFIT
 
     @property
     def rms(self) -> float:
@@ -136,6 +147,7 @@ def _round(contour: Contour, arm: CalibratedArm, points: Mask, outline: int, sha
         tuple(FittedValue(n, float(v), float(s), 'm') for n, v, s in zip(names, found, std, strict=True)),
         residual,
         points,
+        _misfit(contour, points, residual),
     )
 
 
@@ -155,7 +167,13 @@ def _line(contour: Contour, arm: CalibratedArm, points: Mask, outline: int) -> S
         FittedValue('normal_angle', angle, float(std[1]), 'rad'),
         FittedValue('length', float(np.ptp(distance)), float(np.nanmedian(contour.std_normal[points])), 'm'),
     )
-    return ShapeFit('line', outline, values, residual, points)
+    return ShapeFit('line', outline, values, residual, points, _misfit(contour, points, residual))
+
+
+def _misfit(contour: Contour, points: Mask, residual: Floats) -> float:
+    """Rms of the residuals in standard uncertainties; those by noise where no other is known."""
+    std = np.where(np.isnan(contour.std_normal), contour.std_noise, contour.std_normal)[points]
+    return rms(residual / np.maximum(std, 1e-12))
 
 
 def _stds(contour: Contour, arm: CalibratedArm, points: Mask, design: Floats, residual: Floats) -> Floats:

@@ -126,7 +126,7 @@ def _motion_in_contact(contact: Indices, center: Floats) -> str:
     number = int(contact.max()) + 1
     largest = max(float(np.hypot(*np.ptp(center[contact == k], axis=0))) for k in range(number))
     moves = f'{1e3 * largest:.2g} mm'
-    return f'in contact it moves by {moves}' if number == 1 else f'{number} contacts, of {moves} at most'
+    return f'in contact it moves by {moves}' if number == 1 else f'in {number} contacts it moves by {moves} at most'
 
 
 def _split_at_gaps(samples: ContactSamples, center: Floats, source: str, period: float) -> Indices:

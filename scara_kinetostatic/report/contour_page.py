@@ -51,6 +51,7 @@ def html_text(contour: Contour, arm: CalibratedArm, fits: Sequence[ShapeFit], ca
                 (
                     f'{fit.shape.capitalize()} through outline {fit.outline + 1}',
                     text.fit_table(fit),
+                    text.fit_remarks(fit),
                     figures.residual_picture(contour, fit, f'fit{number}'),
                 )
                 for number, fit in enumerate(fits)

@@ -68,11 +68,22 @@ def fit_table(fit: ShapeFit) -> Table:
     return Table(('quantity', 'value', 'unit'), ('',) * 3, tuple(rows))
 
 
+def fit_remarks(fit: ShapeFit) -> list[str]:
+    """That the points are not on the shape; empty where they are."""
+    if fit.fits:
+        return []
+    return [
+        f'the outline is no {fit.shape}: the residuals are {fit.misfit:.0f} times the uncertainty of the points (rms); '
+        'the parameters and their uncertainties do not describe it'
+    ]
+
+
 def text(contour: Contour, fits: Sequence[ShapeFit]) -> str:
     """The contour for a terminal."""
     parts = [headline(contour), *sentences(contour), *(f'Remark: {warning}' for warning in contour.warnings)]
     for fit in fits:
         parts += ['', f'{fit.shape.capitalize()} through outline {fit.outline + 1}', *fit_table(fit).lines()]
+        parts += [f'Remark: {remark}.' for remark in fit_remarks(fit)]
     return '\n'.join(parts)
 
 
@@ -106,6 +117,8 @@ def document(contour: Contour, fits: Sequence[ShapeFit]) -> Document:
                 'outline': fit.outline,
                 'values': {v.name: {'value': v.value, 'std': v.std, 'unit': v.unit} for v in fit.values},
                 'residual': {'rms': fit.rms, 'largest': fit.largest},
+                'misfit': fit.misfit,
+                'fits': fit.fits,
             }
             for fit in fits
         ],

@@ -68,7 +68,7 @@ def test_json(folder: Path, run: Run) -> None:
         ('slide', 'slide', 2, 'is a folder'),
         ('slide', 'nothing.json', 2, 'nothing.json'),
         ('cell.yaml', 'result/calibration.json', 2, 'cell.yaml'),
-        ('touches', 'result/calibration.json', 3, 'does not slide'),
+        ('touches', 'result/calibration.json', 3, 'the tip does not slide: in 72 contacts it moves by 0.'),
     ],
 )
 def test_wrong_files(folder: Path, run: Run, bag: str, calibration: str, status: int, message: str) -> None:

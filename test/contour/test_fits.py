@@ -16,6 +16,7 @@ from scara_kinetostatic.contour.fits import fit_shape
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.report.contour_text import text
 from scara_kinetostatic.simulation.sliding.outline import polygon
 from scara_kinetostatic.simulation.sliding.slide import Slide
 from scara_kinetostatic.simulation.sliding.streams import simulate_slides
@@ -32,6 +33,15 @@ def test_circle(contour):
         assert abs(fit.value(name).value - true) < 4 * fit.value(name).std < 4e-5
     assert fit.rms < 1e-5
     assert len(fit.residual) == len(contour)
+
+
+def test_a_shape_that_does_not_fit_is_said(contour):
+    assert fit_shape(contour, arm(), 'circle').fits
+    line = fit_shape(contour, arm(), 'line')
+    assert not line.fits
+    assert line.misfit > 1000
+    assert 'Remark: the outline is no line' in text(contour, [line])
+    assert 'Remark' not in text(contour, [fit_shape(contour, arm(), 'circle')])
 
 
 def test_arc_and_line():

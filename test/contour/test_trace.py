@@ -152,6 +152,19 @@ def test_stick_is_left_out():
     assert contour.passes.max() == 0
 
 
+def test_a_pause_of_the_force_is_not_bridged():
+    streams = slide_along(DISC, end=0.5)
+    stamp, force = streams.wrench.stamp, streams.wrench.force
+    middle = stamp[len(stamp) // 2]
+    kept = (stamp < middle) | (stamp > middle + 10**9)
+    contour = trace_contour(
+        replace(streams, wrench=replace(streams.wrench, stamp=stamp[kept], force=force[kept])), arm()
+    )
+    since = 1e-9 * float(middle - min(stamp[0], streams.joints.stamp[0]))
+    assert not np.any((contour.time > since + 0.05) & (contour.time < since + 0.95))
+    assert contour.passes.max() == 1
+
+
 def test_no_radius_of_the_tip_is_said():
     cell = replace(CELL, tip_radius=None)
     streams = simulate_slides(cell, PAPER_ACTUAL, [Slide(DISC, 15, 0.1, 0.05, end=0.3)])

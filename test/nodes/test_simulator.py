@@ -9,11 +9,13 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
 from scara_kinetostatic.errors import CellError, ParameterError
-from scara_kinetostatic.model.cell import SensorFrame, SensorSign
+from scara_kinetostatic.model.cell import PAPER_CELL, SensorFrame, SensorSign
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.playback import Playback
+from scara_kinetostatic.simulation.sliding.plan_file import load_slides
+from scara_kinetostatic.simulation.sliding.streams import simulate_slides
 from scara_kinetostatic.simulation.truth import deviating_robot
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
@@ -115,3 +117,11 @@ def test_senseless_parameters_are_refused(
 ) -> None:
     with pytest.raises(error, match=message):
         spin(ContactSimulator, '--ros-args', '-p', argument)
+
+
+def test_a_plan_of_slides(spin: Callable[..., Node], tmp_path: Path) -> None:
+    plan = tmp_path / 'slides.yaml'
+    plan.write_text('- {slide: {center: [0.2, 0.3], radius: 0.03}, force: 15, speed: 0.05}\n')
+    node = spin(ContactSimulator, '--ros-args', '-p', f'plan:={plan}', '-p', 'wait_for_subscribers:=1')
+    expected = simulate_slides(PAPER_CELL, deviating_robot(PAPER_CELL.nominal), load_slides(plan, PAPER_CELL), start=0)
+    assert node._playback.end == max(expected.joints.stamp[-1], expected.wrench.stamp[-1])
