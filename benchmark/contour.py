@@ -1,7 +1,7 @@
 """Contours of objects that took no part in the calibration: error before and after, and whether the intervals hold.
 
     python -m benchmark.contour [--runs 20] [--robot actual|measured] [--effect NAME[TARGET]:PARAMETER=VALUE,…]
-    python -m benchmark.contour --engine [--runs 1]
+    python -m benchmark.contour --engine [--runs 20]
 
 Per run: a simulated robot touches the three discs of the paper's cell and is calibrated and diagnosed; then it slides
 along a disc, an ellipse and a rounded square that no calibration knows, with friction, under forces of 10 to 25 N. Each
@@ -55,8 +55,8 @@ FORCES = (10.0, 15.0, 20.0, 25.0)
 FRICTION = 0.1
 MOVED_DISC = 'object_position[disc_2]:x=1.2e-4,y=-0.9e-4'
 """A disc that is not where the cell description says."""
-ENGINE_SPEED = 3e-3
-"""Of the slides in MuJoCo, m/s."""
+SPEED, TURNS = 0.03, 1.02
+"""Of the slides, m/s and turns round the object."""
 QUANTILE = 1.96
 """Of a 95 % interval, in standard uncertainties."""
 HEAD = (
@@ -101,13 +101,13 @@ def calibrated(robot: ExtendedModel, seed: int) -> Outcome:
 
 def slide_along(robot: ExtendedModel, outline: Outline, force: float, seed: int) -> Streams:
     """The recording of a slide round an object."""
-    return simulate_slides(CELL, robot, [Slide(outline, force, FRICTION, 0.03, 1, 0.0, 1.02)], seed=seed)
+    return simulate_slides(CELL, robot, [Slide(outline, force, FRICTION, SPEED, end=TURNS)], seed=seed)
 
 
 def played(robot: ExtendedModel, outline: Outline, force: float, seed: int) -> Streams:
-    """The recording of a slide half round an object in MuJoCo."""
+    """The recording of a slide round an object in MuJoCo."""
     scene = Scene(parameters=robot.parameters, contact_friction=FRICTION)
-    return simulate_slide(scene, CELL, Slide(outline, force, 0.0, ENGINE_SPEED, 1, 0.02, 0.52), seed=seed)
+    return simulate_slide(scene, CELL, Slide(outline, force, speed=SPEED, end=TURNS), seed=seed)
 
 
 def held_out(robot: ExtendedModel, seed: int, record: Recorder = slide_along) -> list[Held]:

@@ -20,20 +20,26 @@ from scara_kinetostatic.simulation.sliding.slide import Slide
 from scara_kinetostatic.simulation.sliding.streams import sensed
 
 NO_BACKLASH = PAPER_ACTUAL.replace(g_ee=0.0, g1=0.0, g2=0.0)
+LIMIT = 4e-6
+"""Of the error along the normal, m: the contact yields by 1.5 µm at most, the force is smoothed."""
 
 
-@pytest.mark.parametrize('name', OBJECTS)
-@pytest.mark.parametrize(('friction', 'limit'), [(0.0, 1e-5), (0.1, 4e-5)], ids=['smooth', 'friction'])
-def test_surface_in_another_engine(name, friction, limit):
-    """Without backlash: with it, and with friction, the contour is off by tens of µm; why is not known."""
+@pytest.mark.parametrize(
+    ('name', 'robot', 'friction'),
+    [('disc', NO_BACKLASH, 0.0), ('rounded square', NO_BACKLASH, 0.1), ('ellipse', PAPER_ACTUAL, 0.1)],
+    ids=['smooth disc', 'square', 'ellipse, backlash'],
+)
+def test_surface_in_another_engine(name, robot, friction):
+    """The tip slides without vibration, and the contour is found, with friction and backlash."""
     outline = OBJECTS[name]
-    scene = Scene(parameters=NO_BACKLASH, contact_friction=friction)
-    motion = SlideController(scene, CELL, Slide(outline, 15, 0.0, 0.02, begin=0.13, end=0.2)).run()
-    force = np.hypot(*motion.force[motion.phase == SLIDE].T)
+    scene = Scene(parameters=robot, contact_friction=friction)
+    motion = SlideController(scene, CELL, Slide(outline, 15, speed=0.03, begin=0.13, end=0.2)).run()
+    force = np.hypot(*motion.force[motion.phase == SLIDE].T)[-500:]
     assert force.mean() == pytest.approx(15 * np.hypot(1, friction), rel=0.05)
-    exact = replace(arm(), model=ExtendedModel(NO_BACKLASH))
+    assert np.abs(np.diff(force)).max() < 0.5
+    exact = replace(arm(), model=ExtendedModel(robot))
     contour = trace_contour(sensed(motion, CELL, SensorModel.ideal(200), 0), exact)
     assert contour.friction.coefficient == pytest.approx(friction, abs=0.01)
-    assert rms(outline.normal_error(contour.surface)) < limit
+    assert rms(outline.normal_error(contour.surface)) < LIMIT
     ball = motion.state_at(contour.time).tip
-    assert rms(((contour.tip - ball) * contour.normal).sum(axis=1)) < limit
+    assert rms(((contour.tip - ball) * contour.normal).sum(axis=1)) < LIMIT

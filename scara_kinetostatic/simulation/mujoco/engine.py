@@ -9,7 +9,15 @@ import numpy as np
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.simulation.mujoco.mjcf import LIFT, PAD_FULL, TIMESTEP, build
+from scara_kinetostatic.simulation.mujoco.mjcf import (
+    LIFT,
+    PAD_FULL,
+    SLIDING_IMPEDANCE,
+    SLIDING_STIFFNESS,
+    SLIDING_TIME,
+    TIMESTEP,
+    build,
+)
 from scara_kinetostatic.simulation.mujoco.scene import Scene
 from scara_kinetostatic.simulation.sliding.outline import Outline
 
@@ -62,9 +70,8 @@ class Engine:
         self._mujoco = load_engine()
         self.model: mujoco.MjModel = self._mujoco.MjModel.from_xml_string(build(scene, cell, outline))
         self.data: mujoco.MjData = self._mujoco.MjData(self.model)
-        for number in scene.padded_discs(cell) if outline is None else ():
-            self._soften(number, scene.pad[0])
-        self._smooth = scene.quasi_static
+        self._soften_contacts(scene, cell, outline)
+        self._smooth = scene.quasi_static or outline is not None
         self._motors = np.array([self.model.joint(name).qposadr[0] for name in ('motor1', 'motor2')])
         names = [self.model.joint(number).name for number in range(self.model.njnt)]
         parts = ('motor', 'slip', 'spring', 'backlash')
@@ -81,16 +88,26 @@ class Engine:
         self.data.ctrl[:] = self._target
         self._mujoco.mj_forward(self.model, self.data)
 
-    def _soften(self, disc: int, stiffness: float) -> None:
-        """Scales the contact with a disc such that from the depth of the coat on it has a stiffness, N/m.
+    def _soften_contacts(self, scene: Scene, cell: Cell, outline: Outline | None) -> None:
+        """The contacts with discs that have a coat, from its depth on, and with the object along which the tip slides.
 
         MuJoCo's contact at rest holds f R = k r, with R = A (1 - d)/d, k = -solref d/d_max², d the impedance at
-        the depth r and A the inverse mass that the engine ascribes to the contact.
+        the depth r and A the inverse mass that the engine ascribes to the contact. When it slides, the damping b of
+        the contact adds some μ b v to f R, v the sliding speed, since the friction cone and the normal force are one
+        convex problem. Where f R is less than that, r is negative and there is no contact: the tip falls back and is
+        thrown off again, some hundred times per second. So an object is as hard as steel, not as hard as the engine
+        makes it, and the damping is small; with the impedance stated, the integrator's own damping is enough.
         """
-        ball, geom = self.model.geom('ball'), self.model.geom(f'disc{disc}').id
-        inverse_mass = self.model.body_invweight0[ball.bodyid[0], 0]
-        damping = 2.0 * np.sqrt(stiffness * inverse_mass) * PAD_FULL
-        self.model.geom_solref[geom] = (-stiffness * inverse_mass * (1.0 - PAD_FULL), -damping)
+        inverse_mass = self.model.body_invweight0[self.model.geom('ball').bodyid[0], 0]
+        if outline is not None:
+            stiffness = SLIDING_STIFFNESS * inverse_mass * (1.0 - SLIDING_IMPEDANCE)
+            object_geoms = self.model.geom_bodyid == self.model.body('object').id
+            self.model.geom_solref[object_geoms] = (-stiffness, -SLIDING_TIME * stiffness)
+            return
+        for number in scene.padded_discs(cell):
+            damping = 2.0 * np.sqrt(scene.pad[0] * inverse_mass) * PAD_FULL
+            stiffness = scene.pad[0] * inverse_mass * (1.0 - PAD_FULL)
+            self.model.geom_solref[self.model.geom(f'disc{number}').id] = (-stiffness, -damping)
 
     def command(self, joints: Floats, lift: float) -> None:
         """New targets of the motors, (2,), rad, and of the third axis, m."""

@@ -37,6 +37,12 @@ HARD = {'solref': f'{2 * TIMESTEP} 1', 'solimp': '0.9999 0.9999 0.001 0.5 2'}
 """Contacts and stops as hard as the engine makes them."""
 HARD_STOP = {'solreflimit': HARD['solref'], 'solimplimit': HARD['solimp']}
 HARD_FRICTION = {'solreffriction': HARD['solref'], 'solimpfriction': HARD['solimp']}
+SLIDING_STIFFNESS = 1e7
+"""Of the contact with an object along which the tip slides, N/m: about that of a steel ball of this size on steel."""
+SLIDING_TIME = 2e-5
+"""Damping of that contact over its stiffness, s."""
+SLIDING_IMPEDANCE = 0.7
+"""Impedance of that contact at any depth: with 0.9 and this damping the tip bounces where it has no backlash."""
 PAD_ONSET, PAD_FULL = 0.3, 0.7
 """Impedance of a coat on a disc at no pressure, and from the depth on for which its stiffness is stated."""
 LINK_INERTIA = (0.9, 0.2)
@@ -136,10 +142,12 @@ def _disc(world: Xml.Element, scene: Scene, cell: Cell, number: int) -> None:
 def _object(world: Xml.Element, scene: Scene, outline: Outline) -> None:
     """An object of any outline: a slab behind each edge, a cylinder in each rounded corner, an ellipsoid.
 
-    Where the tip touches it, an ellipsoid with a high third axis is as good as a cylinder.
+    Where the tip touches it, an ellipsoid with a high third axis is as good as a cylinder. The contact is scaled in
+    `engine`.
     """
     body = _put(world, 'body', name='object')
-    surface: dict[str, object] = {**HARD, 'friction': (scene.contact_friction, 0.0, 0.0)}
+    surface: dict[str, object] = {'friction': (scene.contact_friction, 0.0, 0.0), 'solref': (-1.0, -1.0)}
+    surface |= {'solimp': (SLIDING_IMPEDANCE, SLIDING_IMPEDANCE, 0.001, 0.5, 2.0)}
     surface |= {'condim': 3 if scene.contact_friction else 1, 'priority': 1}
     for number, piece in enumerate(outline.pieces):
         name = f'object{number}'

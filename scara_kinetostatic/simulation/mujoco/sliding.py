@@ -1,9 +1,8 @@
 """The simulated controller slides the tip along an object: a force controller that knows the rigid arm.
 
 It commands places along the path of the tip's centre, off it along the normal by a depth that an integral controller
-sets such that the sensed force along the normal stays as planned. Friction is that of the engine. In contact the
-tip vibrates in this engine, the more the faster it slides and the larger friction and backlash are, so that it is not
-where forces at rest would put it: by some 27 µm at 20 mm/s with friction 0.1 and the backlashes of the paper.
+sets such that the sensed force along the normal stays as planned. Friction is that of the engine; why the contact is
+softer than that of touches is said at `Engine`. It starts and stops with constant acceleration.
 """
 
 from __future__ import annotations
@@ -112,7 +111,7 @@ class SlideController:
             self._press(APPROACH_SPEED, PRESS)
         self._hold_force(SETTLING, 0.0)
         length = (self.slide.end - self.slide.begin) * self._track.length
-        span = abs(length) / self.slide.speed
+        span = abs(length) / self.slide.speed + self.timing.start
         self._hold_force(span, np.sign(length) * self.slide.speed)
         self._hold_force(0.1, 0.0, PRESS)
         begin = self._depth
@@ -124,8 +123,10 @@ class SlideController:
 
     def _hold_force(self, duration: float, speed: float, phase: int = SLIDE) -> None:
         """Moves along the object at a speed while the force along the normal is held."""
-        for number in range(round(duration / TICK)):
-            self._travelled += min(1.0, number * TICK / self.timing.start) * speed * TICK
+        count = round(duration / TICK)
+        for number in range(count):
+            part = min(1.0, number * TICK / self.timing.start, (count - number) * TICK / self.timing.start)
+            self._travelled += part * speed * TICK
             missing = self.slide.force - self._force
             self._press(float(np.clip(missing * COMPLIANCE / CONTROL_TIME, -APPROACH_SPEED, APPROACH_SPEED)), phase)
 
