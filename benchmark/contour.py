@@ -129,7 +129,8 @@ def held_out(robot: ExtendedModel, seed: int, record: Recorder = slide_along) ->
         noise = rms(outline.normal_error(trace_contour(streams, exact).surface))
         closed = len(contour.outlines) == 1 and contour.outlines[0].closed
         found.append(Held(name, errors, noise, float(inside.mean()), closed))
-        print(f'run {seed}, {name}: {1e6 * errors[-1]:.1f} µm, {100 * inside.mean():.1f} %', file=sys.stderr, flush=True)
+        text = f'run {seed}, {name}: {1e6 * errors[-1]:.1f} µm, {100 * inside.mean():.1f} %'
+        print(text, file=sys.stderr, flush=True)
     return found
 
 
