@@ -29,7 +29,7 @@ from scara_kinetostatic.interface import simulate
 from scara_kinetostatic.model.cell import PAPER_CELL, GripperSign
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 
 JOINTS = np.random.default_rng(0).uniform(-np.pi, np.pi, (30, 2))
 PROGRAM = """\
@@ -168,3 +168,13 @@ def test_what_a_format_cannot_hold_is_refused_or_said(arm: CalibratedArm) -> Non
     assert 'encoder_gain[joint1]' in note
     assert 'mm of the unloaded tip' in urdf_text(other, facts(other, 'urdf'))
     assert not facts(arm, 'urdf').notes(is_rigid=True)
+
+
+def test_what_is_not_determined_or_unfit_is_said(arm: CalibratedArm) -> None:
+    free = np.zeros((12, 2))
+    free[NAMES.index('p_ee'), 0] = free[NAMES.index('l1'), 1] = 1.0
+    made = facts(replace(arm, undetermined=free, grade='unfit'), 'urdf')
+    unfit, rigid = made.notes(is_rigid=True)
+    assert 'unfit for use' in unfit
+    assert 'do not determine l1:' in rigid
+    assert 'do not determine l1, p_ee:' in made.notes(is_rigid=False)[1]

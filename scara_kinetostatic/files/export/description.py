@@ -5,13 +5,12 @@ from __future__ import annotations
 from xml.sax.saxutils import escape, quoteattr
 
 from scara_kinetostatic.compensation.arm import CalibratedArm
-from scara_kinetostatic.files.export.facts import ExportFacts
+from scara_kinetostatic.files.export.facts import RIGID, ExportFacts
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Arm, arm_urdf
 from scara_kinetostatic.model.parameters import UNITS
 
 ROBOT = 'scara'
 """Name of the robot where the cell description gives none."""
-_RIGID = ('x0', 'y0', 'theta1', 'l1', 'theta2', 'l2')
 _HEAD = '<?xml version="1.0"?>\n'
 
 
@@ -30,7 +29,7 @@ def xacro_text(arm: CalibratedArm, facts: ExportFacts) -> str:
     properties = '\n'.join(
         f'  <xacro:property name="scara_{name}" value="{getattr(p, name)!r}"/>  <!-- {UNITS[name]}, {std} -->'
         for name, std in zip(UNITS, facts.std, strict=True)
-        if name in _RIGID
+        if name in RIGID
     )
     first, second = (quoteattr('${prefix}' + name)[1:-1] for name in map(_literal, arm.cell.joint_names))
     return (

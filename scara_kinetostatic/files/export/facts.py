@@ -15,6 +15,9 @@ from scara_kinetostatic.model.parameters import NAMES
 
 _POSES = 24
 """Joint angles along each axis at which the rigid arm is compared with the model."""
+RIGID = ('x0', 'y0', 'theta1', 'l1', 'theta2', 'l2')
+"""The parameters of the rigid arm."""
+_FREE = 'not determined'
 _NO_MISS = 1e-9
 """A displacement of the tip that is none, m."""
 
@@ -37,12 +40,14 @@ class ExportFacts(NamedTuple):
         std: of each of the twelve parameters, words: ``u = 2e-06`` or ``not determined``.
         robot_effects: labels of the effects that act on the robot itself.
         rigid_miss: largest displacement of the tip without load by these effects, which a rigid arm leaves out, m.
+        reservations: what is to be known of the calibration, one sentence each.
     """
 
     lines: tuple[str, ...]
     std: tuple[str, ...]
     robot_effects: tuple[str, ...]
     rigid_miss: float
+    reservations: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, arm: CalibratedArm, source: str, content: str) -> ExportFacts:
@@ -66,15 +71,20 @@ class ExportFacts(NamedTuple):
         if miss:
             lines += (f'Up to {1e3 * miss:.3g} mm of the unloaded tip are by {", ".join(effects)}.',)
         cleaned = tuple(line.replace('*/', '* /').replace('--', '- -') for line in lines)
-        return cls(cleaned, _stds(arm), effects, miss)
+        return cls(cleaned, _stds(arm), effects, miss, arm.reservations)
 
     def notes(self, *, is_rigid: bool) -> list[str]:
         """What a reader must know besides, one sentence each; `is_rigid`: whether the file has the geometry alone."""
-        if not (is_rigid and self.rigid_miss):
-            return []
-        effects = ', '.join(self.robot_effects)
-        miss = f'{1e3 * self.rigid_miss:.3g} mm'
-        return [f'it cannot hold {effects}: the tip is up to {miss} elsewhere even without load; see `locate`']
+        found = list(self.reservations)
+        named = RIGID if is_rigid else NAMES
+        free = [name for name, std in zip(NAMES, self.std, strict=True) if std == _FREE and name in named]
+        if free:
+            found.append(f'the touches do not determine {", ".join(free)}: other values fit them as well')
+        if is_rigid and self.rigid_miss:
+            effects = ', '.join(self.robot_effects)
+            miss = f'{1e3 * self.rigid_miss:.3g} mm'
+            found.append(f'it cannot hold {effects}: the tip is up to {miss} elsewhere even without load; see `locate`')
+        return found
 
 
 def _is_of_robot(effect: EffectLaw) -> bool:
@@ -87,7 +97,7 @@ def _stds(arm: CalibratedArm) -> tuple[str, ...]:
     stds = np.sqrt(np.diag(arm.covariance))[: len(NAMES)]
     hidden = np.linalg.norm(arm.undetermined[: len(NAMES)], axis=1) > stds
     pairs = zip(hidden.tolist(), stds.tolist(), strict=True)
-    return tuple('not determined' if free else f'u = {std:.2g}' if std else 'fixed' for free, std in pairs)
+    return tuple(_FREE if free else f'u = {std:.2g}' if std else 'fixed' for free, std in pairs)
 
 
 def rigid_miss(arm: CalibratedArm) -> float:
