@@ -1,4 +1,4 @@
-"""Starts a whole cell: simulated robot, collector, calibrator, visualizer and, on request, compensator.
+"""Starts a whole cell: simulated robot, collector, calibrator, visualizer, on request compensator and monitor.
 
 For a real robot set `simulate:=false`, which leaves out the first, and `cell:=/path/to/cell.yaml`: its joint angles and
 forces make no sense with the example cell. Then calibrate by
@@ -58,6 +58,7 @@ def _arguments() -> list[DeclareLaunchArgument]:
         argument('calibrate', 'true', 'start the calibrator', *switch),
         argument('show', 'true', 'start the visualizer', *switch),
         argument('compensate', 'false', 'start the compensator', *switch),
+        argument('watch', 'false', 'start the monitor', *switch),
         argument('frames', 'true', 'start robot_state_publisher, where it is installed', *switch),
         argument('rviz', 'false', 'start RViz with the configuration of the package', *switch),
         argument('plan', '', 'simulator: plan of touches; empty: the default plan over all discs'),
@@ -68,7 +69,7 @@ def _arguments() -> list[DeclareLaunchArgument]:
         argument('recordings', 'recordings', 'collector: folder for the recordings'),
         argument('recording', '', 'calibrator: recording to calibrate from; empty: what the collector announces'),
         argument('output', '', 'calibrator: folder for the results; empty: beside the recording'),
-        argument('calibration', '', 'compensator: calibration.json to begin with; empty: wait for the calibrator'),
+        argument('calibration', '', 'compensator, monitor: calibration.json; empty: wait for the calibrator'),
         argument('enclaves', '/scara_kinetostatic', 'SROS 2: the enclave of each node is <this>/<its name>'),
     ]
 
@@ -104,8 +105,10 @@ class CellNodes:
     def _check(self) -> None:
         if not (self._on('simulate') or self._text('cell')) and self._on('record'):
             raise RuntimeError('simulate:=false needs the cell description of the robot: cell:=/path/to/cell.yaml')
-        if not any(map(self._on, ('simulate', 'record', 'calibrate', 'show', 'compensate'))):
-            raise RuntimeError('nothing to start: simulate, record, calibrate, show and compensate are all false')
+        if not any(map(self._on, ('simulate', 'record', 'calibrate', 'show', 'compensate', 'watch'))):
+            raise RuntimeError(
+                'nothing to start: simulate, record, calibrate, show, compensate and watch are all false'
+            )
         self._cell = _cell_description(self._text('cell'))
         if self._on('rviz') and not _is_installed('rviz2'):
             raise RuntimeError('rviz:=true, but rviz2 is not installed: apt install ros-jazzy-rviz2')
@@ -125,6 +128,8 @@ class CellNodes:
         if self._on('compensate'):
             calibration = {'calibration': self._typed('calibration', str), 'frame_prefix': self._prefix}
             yield self._node('compensator', calibration)
+        if self._on('watch'):
+            yield self._node('monitor', {'calibration': self._typed('calibration', str)})
 
     def _node(self, name: str, values: dict[str, Any], *files: str) -> Node:
         shared = {'cell': self._typed('cell', str), 'use_sim_time': self._on('use_sim_time')}
