@@ -7,7 +7,8 @@ from setuptools import find_packages, setup
 NAME = 'scara_kinetostatic'
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
 PHYSICS = ['mujoco>=3.13']  # first version with the integrator `discrete`; for the verb `mujoco` only
-TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML', 'xacro', *PHYSICS]
+CLUSTER = ['dask[distributed]']  # for `recalibrate --dask`
+TEST = ['pytest', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML', 'xacro', *PHYSICS, *CLUSTER]
 BENCH = [
     'casadi',
     'mcap-ros2-support',
@@ -15,7 +16,6 @@ BENCH = [
     'pin',
     *PHYSICS,
 ]  # the solvers and readers that `benchmark` compares with
-CLUSTER = ['dask[distributed]']  # for `recalibrate --dask`
 DOCS = ['sphinx>=7.2', 'myst-parser>=3', 'furo', 'latex2mathml']  # the documentation site in docs/
 README = Path('README.md')
 

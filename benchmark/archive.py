@@ -60,7 +60,7 @@ def by_cluster(jobs: int) -> Callable[[list[Task]], Iterable[Done]]:
     def work(tasks: list[Task]) -> Iterable[Done]:
         from distributed import LocalCluster
 
-        with LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None) as cluster:
+        with LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=':0') as cluster:
             yield from on_cluster(tasks, cluster.scheduler_address)
 
     return work

@@ -1,5 +1,5 @@
-"""Starts a whole cell: simulated robot, collector, calibrator, visualizer and, on request, compensator and contour
-tracker.
+"""Starts a whole cell: simulated robot, collector, calibrator, visualizer and, on request, compensator, contour
+tracker and monitor.
 
 For a real robot set `simulate:=false`, which leaves out the first, and `cell:=/path/to/cell.yaml`: its joint angles and
 forces make no sense with the example cell. Then calibrate by
@@ -60,6 +60,7 @@ def _arguments() -> list[DeclareLaunchArgument]:
         argument('show', 'true', 'start the visualizer', *switch),
         argument('compensate', 'false', 'start the compensator', *switch),
         argument('track', 'false', 'start the contour tracker', *switch),
+        argument('watch', 'false', 'start the monitor', *switch),
         argument('frames', 'true', 'start robot_state_publisher, where it is installed', *switch),
         argument('rviz', 'false', 'start RViz with the configuration of the package', *switch),
         argument('plan', '', 'simulator: plan of touches or slides; empty: the default plan over all discs'),
@@ -70,7 +71,7 @@ def _arguments() -> list[DeclareLaunchArgument]:
         argument('recordings', 'recordings', 'collector: folder for the recordings'),
         argument('recording', '', 'calibrator: recording to calibrate from; empty: what the collector announces'),
         argument('output', '', 'calibrator: folder for the results; empty: beside the recording'),
-        argument('calibration', '', 'compensator, contour tracker: calibration.json to begin with; empty: wait'),
+        argument('calibration', '', 'compensator, contour tracker, monitor: calibration.json; empty: wait for one'),
         argument('enclaves', '/scara_kinetostatic', 'SROS 2: the enclave of each node is <this>/<its name>'),
     ]
 
@@ -106,7 +107,7 @@ class CellNodes:
     def _check(self) -> None:
         if not (self._on('simulate') or self._text('cell')) and self._on('record'):
             raise RuntimeError('simulate:=false needs the cell description of the robot: cell:=/path/to/cell.yaml')
-        parts = ('simulate', 'record', 'calibrate', 'show', 'compensate', 'track')
+        parts = ('simulate', 'record', 'calibrate', 'show', 'compensate', 'track', 'watch')
         if not any(map(self._on, parts)):
             raise RuntimeError(f'nothing to start: {", ".join(parts[:-1])} and {parts[-1]} are all false')
         self._cell = _cell_description(self._text('cell'))
@@ -129,6 +130,8 @@ class CellNodes:
         for switch, name in (('compensate', 'compensator'), ('track', 'contour_tracker')):
             if self._on(switch):
                 yield self._node(name, calibration)
+        if self._on('watch'):
+            yield self._node('monitor', {'calibration': self._typed('calibration', str)})
 
     def _node(self, name: str, values: dict[str, Any], *files: str) -> Node:
         shared = {'cell': self._typed('cell', str), 'use_sim_time': self._on('use_sim_time')}

@@ -12,9 +12,12 @@ DESCRIPTION = """\
 Keeps the calibrations of robots in one SQLite file: robot, date, parameters with
 their covariance, assessment, and the whole calibration.json.
 
-  add   put calibrations into FILE, which is made if it does not exist
-  list  print them in the order of time, with what changed from one to the next
-  page  the same as a page with the trend of every parameter, history.html in DIR
+  add      put calibrations into FILE, which is made if it does not exist
+  list     print them in the order of their recordings, with what changed from one
+           to the next; of several by the same recordings, the last one
+  page     the same as a page with the trend of every parameter, history.html in DIR
+  extract  write the calibration.json of a NUMBER of the list into DIR
+  remove   take the calibrations of these NUMBERs out
 """
 EXAMPLE = """\
   scara-kinetostatic history add robots.sqlite result/calibration.json
@@ -27,38 +30,80 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     parser = add_verb(
         subparsers, 'history', 'keep calibrations in one file, with their trend', DESCRIPTION, EXAMPLE, run
     )
-    parser.add_argument('action', choices=('add', 'list', 'page'), help='what to do')
+    parser.add_argument('action', choices=('add', 'list', 'page', 'extract', 'remove'), help='what to do')
     parser.add_argument('file', type=Path, metavar='FILE', help='the SQLite file')
-    parser.add_argument('calibrations', nargs='*', type=Path, metavar='CALIBRATION.json', help='to add')
+    parser.add_argument(
+        'items', nargs='*', metavar='CALIBRATION.json', help='files to add; or numbers of those to extract or remove'
+    )
     parser.add_argument(
         '--robot', default='', metavar='NAME', help='name of the robot (default: as its cell description identifies it)'
     )
-    parser.add_argument('--out', type=Path, default=Path('history'), metavar='DIR', help='of page (default: history)')
+    parser.add_argument('--all', action='store_true', help='list also those that were calibrated again later')
+    parser.add_argument(
+        '--out', type=Path, default=Path('history'), metavar='DIR', help='of page and extract (default: history)'
+    )
     return parser
 
 
 def run(args: argparse.Namespace) -> int:
-    """Adds, lists, or writes the page.
+    """Adds, lists, writes the page or a calibration, or removes.
 
     Raises:
-        InputError: FILE is no history, a calibration cannot be read or is of another robot, or DIR cannot be written.
+        InputError: FILE is no history, a calibration cannot be read or is of another robot, there is none of a number,
+            or DIR cannot be written.
     """
+    takes = {'add': 'calibrations to add', 'extract': 'one number', 'remove': 'numbers'}
+    if (args.action in takes) != bool(args.items) or (args.action == 'extract' and len(args.items) > 1):
+        problem = f'expected {takes[args.action]}' if args.action in takes else f'{args.action} takes no calibrations'
+        raise InputError(f'history {args.action}', problem)
+    return {'add': _add, 'extract': _extract, 'remove': _remove}.get(args.action, _show)(args)
+
+
+def _add(args: argparse.Namespace) -> int:
+    from scara_kinetostatic.monitoring.history import History
+    from scara_kinetostatic.monitoring.record import CalibrationRecord
+
+    records = [CalibrationRecord.load(path) for path in args.items]
+    added = History(args.file, create=True).add(records, args.robot)
+    for path, is_new in zip(args.items, added, strict=True):
+        print(f'{path}: {"added" if is_new else "is in the history already"}')
+    return 0
+
+
+def _extract(args: argparse.Namespace) -> int:
+    from scara_kinetostatic.files.atomic import write_texts, writing
+    from scara_kinetostatic.monitoring.history import History
+    from scara_kinetostatic.report.document import NAME
+    from scara_kinetostatic.report.write import dated_names
+
+    document = History(args.file).document(*_numbers(args))
+    with writing(args.out):
+        kept = dated_names(args.out)
+    write_texts(args.out, {NAME: document}, kept)
+    print(f'written: {args.out / NAME}')
+    return 0
+
+
+def _remove(args: argparse.Namespace) -> int:
+    from scara_kinetostatic.monitoring.history import History
+
+    History(args.file).remove(_numbers(args))
+    print(f'removed: {" ".join(args.items)}')
+    return 0
+
+
+def _numbers(args: argparse.Namespace) -> list[int]:
+    if wrong := [item for item in args.items if not (item.isascii() and item.isdigit() and len(item) < 19)]:
+        raise InputError(f'history {args.action}', f'expected a number of the list, got {wrong[0]!r}')
+    return [int(item) for item in args.items]
+
+
+def _show(args: argparse.Namespace) -> int:
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.monitoring import history_report as report
     from scara_kinetostatic.monitoring.history import History, changes_of
-    from scara_kinetostatic.monitoring.record import CalibrationRecord
 
-    if (args.action == 'add') != bool(args.calibrations):
-        problem = 'expected calibrations to add' if args.action == 'add' else f'{args.action} takes no calibrations'
-        raise InputError(f'history {args.action}', problem)
-    if args.action == 'add':
-        records = [CalibrationRecord.load(path) for path in args.calibrations]
-        for path, is_new in zip(
-            args.calibrations, History(args.file, create=True).add(records, args.robot), strict=True
-        ):
-            print(f'{path}: {"added" if is_new else "is in the history already"}')
-        return 0
-    entries = History(args.file).entries(args.robot)
+    entries = History(args.file).entries(args.robot, replaced=args.all)
     if not entries:
         raise InputError(args.file, f'holds no calibration of {args.robot!r}' if args.robot else 'holds no calibration')
     changes = changes_of(entries)

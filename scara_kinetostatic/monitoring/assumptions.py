@@ -15,18 +15,8 @@ def of_stored_touches(record: CalibrationRecord) -> tuple[str, ...]:
     return tuple(found)
 
 
-def of_new_touches(record: CalibrationRecord, *, with_time: bool, with_history: bool) -> tuple[str, ...]:
-    """Of touches that the calibration has not seen.
-
-    Args:
-        record: the calibration.
-        with_time: whether their time counts from the start of their recording; else the end of the calibration counts.
-        with_history: whether the load before each is known.
-    """
-    predictor, found = Predictor(record.arm), []
-    if effects := predictor.effects_of('time'):
-        taken = 'from the start of the recording, as in the calibration' if with_time else 'as at its end'
-        found.append(f'{", ".join(effects)}: {taken}')
-    if not with_history and (effects := predictor.effects_of('history')):
-        found.append(f'{", ".join(effects)}: no load before')
-    return tuple(found)
+def of_new_recordings(record: CalibrationRecord) -> tuple[str, ...]:
+    """Of touches in recordings that the calibration has not seen."""
+    effects = Predictor(record.arm).effects_of('time')
+    taken = 'time counts from the start of each recording, as in the calibration'
+    return (f'{", ".join(effects)}: {taken}',) if effects else ()

@@ -31,6 +31,7 @@ from scara_kinetostatic.compensation.predictions import Predictor
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.monitoring.assumptions import of_stored_touches
 from scara_kinetostatic.monitoring.difference import Difference, ParameterChange
 from scara_kinetostatic.monitoring.extension import alone, is_comparable, with_common_effects
@@ -106,7 +107,7 @@ def compare_records(records: Sequence[CalibrationRecord]) -> list[Change]:
 def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
     """What changed from one calibration to the next; `check_same_robot` has found nothing."""
     one, other = with_common_effects(before, after)
-    names = tuple(name for name in one.arm.model.names if name in other.arm.model.names)
+    names = _common_names(one, other)
     difference = Difference.of(one, other, names)
     root, held = _whitening(difference)
     whitened = root @ difference.change
@@ -145,10 +146,19 @@ def _whitening(difference: Difference) -> tuple[Floats, bool]:
     return (vectors[:, large] / np.sqrt(values[large])).T @ kept, bool(held)
 
 
+def _common_names(one: CalibrationRecord, other: CalibrationRecord) -> tuple[str, ...]:
+    """Names of the values that two calibrations have, and that mean the same in both."""
+    cells = one.arm.cell, other.arm.cell
+    without = {e.label for e in other.arm.model.effects if not is_comparable(e, *cells)}
+    names = [name for name in one.arm.model.names if name in other.arm.model.names]
+    return tuple(name for name in names if name in NAMES or name.rpartition('.')[0] not in without)
+
+
 def _not_compared(before: CalibrationRecord, after: CalibrationRecord) -> tuple[str, ...]:
-    """Labels of effects that only one has and that mean nothing in the other's touches."""
-    effects = (*alone(before, after), *alone(after, before))
-    return tuple(dict.fromkeys(effect.label for effect in effects if not is_comparable(effect)))
+    """Labels of effects that mean nothing in the other's touches."""
+    cells = before.arm.cell, after.arm.cell
+    effects = (*before.arm.model.effects, *after.arm.model.effects)
+    return tuple(dict.fromkeys(effect.label for effect in effects if not is_comparable(effect, *cells)))
 
 
 def _evidence(root: Floats, change: Floats, names: Sequence[str], after: CalibrationRecord) -> tuple[Evidence, State]:
@@ -193,7 +203,8 @@ def _notes(before: CalibrationRecord, after: CalibrationRecord, held: bool, free
         )
     if before.fixed != after.fixed or held:
         notes.append('the calibrations hold other parameters fixed: a wrong fixed value looks like a change')
-    if others := {e.label for e in (*alone(before, after), *alone(after, before)) if is_comparable(e)}:
+    cells = before.arm.cell, after.arm.cell
+    if others := {e.label for e in (*alone(before, after), *alone(after, before)) if is_comparable(e, *cells)}:
         notes.append(
             f'{", ".join(sorted(others))}: also fitted to the touches of the one that lacks it, to first order'
         )

@@ -23,6 +23,7 @@ Basseville and Nikiforov, Detection of Abrupt Changes (1993), section 7.2.4; Hub
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -131,11 +132,15 @@ class DriftMonitor:
         self.statistic = 0.0
         self.last_distance = 0.0
         self.alarm: Alarm | None = None
-        self._objects: set[int] = set()
+        self._objects: frozenset[int] = frozenset()
         self._mean = np.zeros(size)
         self._covariance = self.state.covariance
         self._from_calibration = _Start(0, self._mean, self._covariance, np.zeros((size, size)), *np.zeros((2, size)))
         self._starts: list[_Start] = []
+
+    def copy(self) -> DriftMonitor:
+        """The monitor as it is now, such as before a touch that may be taken back."""
+        return copy(self)
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
@@ -163,7 +168,7 @@ class DriftMonitor:
 
     def add_measured(self, touch: Measured, disc: int) -> Alarm | None:
         """The same for one touch that has been linearised."""
-        self._objects.add(disc)
+        self._objects |= {disc}
         jacobian, residual = touch.jacobian[0], touch.residual[0]
         expected = jacobian @ self._mean
         spread = np.eye(2) + jacobian @ self._covariance @ jacobian.T

@@ -19,13 +19,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from scara_kinetostatic.files.effect_entry import effect_entry, read_effect
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.monitoring.fit import Fit
 from scara_kinetostatic.monitoring.linear import State, measure
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 
+_OF_THE_CELL = ('disc', 'discs', 'plate')
+"""Fields of an effect that say where in a cell its object is."""
 _SHOWN = 1e-9
 """Information on a combination of values, in the largest of all, below which the touches do not show it."""
 
@@ -37,11 +41,22 @@ def with_common_effects(
     return _extended(before, after), _extended(after, before)
 
 
-def is_comparable(effect: EffectLaw) -> bool:
-    """Whether an effect means the same in another recording: not what happened at a moment of one,
-    nor friction of a random angle, which has no value.
+def is_comparable(effect: EffectLaw, one: Cell, other: Cell) -> bool:
+    """Whether an effect means the same in the recordings of two cells.
+
+    Not what happened at a moment of one recording, nor friction of a random angle, which has no value, nor an error of
+    an object that the cells describe otherwise: a description may have been corrected.
     """
-    return not effect.is_stepwise and not effect.off_normal_std
+    if effect.is_stepwise or effect.off_normal_std:
+        return False
+    stated = [_stated(cell).get(getattr(effect, 'target', None)) for cell in (one, other)]
+    return stated[0] == stated[1]
+
+
+def _stated(cell: Cell) -> dict[str | None, tuple[float, ...]]:
+    """Place and, of a disc, radius of each object and plate by name."""
+    stated: dict[str | None, tuple[float, ...]] = {plate.name: (plate.x, plate.y) for plate in cell.plates}
+    return stated | {disc.name: (disc.x, disc.y, disc.radius) for disc in cell.discs}
 
 
 def alone(record: CalibrationRecord, other: CalibrationRecord) -> list[EffectLaw]:
@@ -51,11 +66,25 @@ def alone(record: CalibrationRecord, other: CalibrationRecord) -> list[EffectLaw
 
 
 def _extended(record: CalibrationRecord, other: CalibrationRecord) -> CalibrationRecord:
-    model = other.arm.model
+    cell, model = record.arm.cell, other.arm.model
+    own = {effect.label for effect in record.arm.model.effects}
     values = dict(zip((effect.label for effect in model.effects), model.effect_values, strict=True))
-    missing = [effect for effect in alone(other, record) if is_comparable(effect)]
-    missing = [effect for effect in missing if effect.label not in {e.label for e in record.arm.model.effects}]
-    return extended(record, missing, [values[effect.label] for effect in missing]) if missing else record
+    missing = [e for e in alone(other, record) if e.label not in own and is_comparable(e, cell, other.arm.cell)]
+    if not missing:
+        return record
+    effects = [_in_cell(effect, cell, other.source) for effect in missing]
+    return extended(record, effects, [values[effect.label] for effect in effects])
+
+
+def _in_cell(effect: EffectLaw, cell: Cell, where: str) -> EffectLaw:
+    """The same effect in a cell that may number its objects otherwise.
+
+    Raises:
+        CalibrationFileError: there is none.
+    """
+    entry = effect_entry(effect)
+    own = {name: value for name, value in entry['fields'].items() if name not in _OF_THE_CELL}
+    return read_effect(entry | {'fields': own}, cell, where)
 
 
 def extended(

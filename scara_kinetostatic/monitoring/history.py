@@ -1,10 +1,15 @@
 """A history of calibrations in one SQLite file.
 
-    calibration(id, robot, created, source, grade, verdict, reasons, covariance, document, checksum)
+    calibration(id, robot, measured, created, source, grade, verdict, reasons, covariance, document, checksum)
     parameter(calibration, name, value, std, std_noise, unit, status)
 
-`covariance` is JSON, {names, matrix} of the estimated parameters; `document` is the whole `calibration.json`; `created`
-is UTC, so that text sorts by time. A calibration is added once: its checksum is that of its document.
+`measured` is when the last recording of the calibration began, `created` when it was calculated, both UTC as text that
+sorts by time; a calibration of unknown recordings counts as measured when it was calculated. `covariance` is JSON,
+{names, matrix} of the estimated parameters; `document` is the whole `calibration.json`. A calibration is added once:
+its checksum is that of its document. One that was calculated again from the same recordings replaces the earlier one
+in lists, which stays in the file.
+
+Several processes may use the file at a time; what is written is written whole or not at all.
 """
 
 from __future__ import annotations
@@ -12,12 +17,12 @@ from __future__ import annotations
 import hashlib
 import json
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.errors import CalibrationFileError, InputError
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.monitoring.comparison import Change, compare
 from scara_kinetostatic.monitoring.record import CalibrationRecord
@@ -26,19 +31,28 @@ from scara_kinetostatic.render.json_file import json_text
 
 APPLICATION = 0x5C4A2A01
 """`application_id` of the file."""
-VERSION = 1
+VERSION = 2
 UNNAMED = 'robot'
 """Of a robot whose cell description does not identify it, and for which no name is given."""
-_TABLES = """
-CREATE TABLE calibration (
-    id INTEGER PRIMARY KEY, robot TEXT NOT NULL, created TEXT NOT NULL, source TEXT NOT NULL, grade TEXT NOT NULL,
-    verdict TEXT NOT NULL, reasons TEXT NOT NULL, covariance TEXT NOT NULL, document TEXT NOT NULL,
-    checksum TEXT NOT NULL UNIQUE);
-CREATE TABLE parameter (
+_PATIENCE = 30.0
+"""For another process that writes, s."""
+_TABLES = (
+    """CREATE TABLE calibration (
+    id INTEGER PRIMARY KEY, robot TEXT NOT NULL, measured TEXT NOT NULL, created TEXT NOT NULL, source TEXT NOT NULL,
+    grade TEXT NOT NULL, verdict TEXT NOT NULL, reasons TEXT NOT NULL, covariance TEXT NOT NULL, document TEXT NOT NULL,
+    checksum TEXT NOT NULL UNIQUE)""",
+    """CREATE TABLE parameter (
     calibration INTEGER NOT NULL REFERENCES calibration(id) ON DELETE CASCADE, name TEXT NOT NULL, value REAL NOT NULL,
-    std REAL, std_noise REAL, unit TEXT NOT NULL, status TEXT NOT NULL, PRIMARY KEY (calibration, name));
-CREATE INDEX by_robot ON calibration (robot, created);
-"""
+    std REAL, std_noise REAL, unit TEXT NOT NULL, status TEXT NOT NULL, PRIMARY KEY (calibration, name))""",
+    'CREATE INDEX by_robot ON calibration (robot, measured)',
+)
+_FROM_VERSION_1 = (
+    "ALTER TABLE calibration ADD COLUMN measured TEXT NOT NULL DEFAULT ''",
+    """UPDATE calibration SET measured = coalesce(
+    (SELECT max(json_extract(value, '$.start')) FROM json_each(document, '$.recordings')), created)""",
+    'DROP INDEX by_robot',
+    'CREATE INDEX by_robot ON calibration (robot, measured)',
+)
 
 
 class Entry(NamedTuple):
@@ -64,10 +78,16 @@ class Entry(NamedTuple):
         return self.record.created
 
     @property
+    def measured(self) -> str:
+        """When its last recording began, UTC."""
+        return self.record.measured
+
+    @property
     def worst_tip(self) -> float | None:
         """Largest expanded uncertainty of the tip in the workspace, m."""
-        worst = self.record.document.get('tip_uncertainty', {}).get('worst')
-        return None if worst is None else float(worst)
+        stated = self.record.document.get('tip_uncertainty')
+        worst = stated.get('worst') if isinstance(stated, Mapping) else None
+        return float(worst) if isinstance(worst, (int, float)) else None
 
 
 class History:
@@ -86,30 +106,52 @@ class History:
         if not create and not self.path.is_file():
             raise InputError(path, 'there is no such history', '`history add` makes one')
         with self._open() as connection:
-            tables = connection.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]
-            application, version = (
-                connection.execute(f'PRAGMA {name}').fetchone()[0] for name in ('application_id', 'user_version')
-            )
-            if tables and application != APPLICATION:
-                raise InputError(path, 'is a database of another program', 'give another file')
-            if tables and version != VERSION:
-                raise InputError(path, f'expected a history of version {VERSION}, got {version}')
-            if not tables:
-                connection.executescript(
-                    f'BEGIN; PRAGMA application_id = {APPLICATION}; PRAGMA user_version = {VERSION}; {_TABLES} COMMIT;'
-                )
+            version = self._version(connection, create)
+        if version != VERSION:
+            with self._open(write=True) as connection:
+                self._prepare(connection, self._version(connection, create))
+
+    def _version(self, connection: sqlite3.Connection, create: bool) -> int:
+        """Version of the file; 0 of an empty one, which may become a history.
+
+        Raises:
+            InputError: it is none, or of a later version.
+        """
+        tables = connection.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]
+        application, version = (
+            connection.execute(f'PRAGMA {name}').fetchone()[0] for name in ('application_id', 'user_version')
+        )
+        if not tables:
+            if not create:
+                raise InputError(self.path, 'is empty, and no history', '`history add` makes one')
+            return 0
+        if application != APPLICATION:
+            raise InputError(self.path, 'is a database of another program', 'give another file')
+        if not 1 <= version <= VERSION:
+            remedy = 'use the version of this package that wrote it'
+            raise InputError(self.path, f'expected a history of version 1 to {VERSION}, got {version}', remedy)
+        return int(version)
+
+    def _prepare(self, connection: sqlite3.Connection, version: int) -> None:
+        """Bring an empty file, or one of an earlier version, to this one."""
+        for statement in {0: _TABLES, 1: _FROM_VERSION_1}.get(version, ()):
+            connection.execute(statement)
+        connection.execute(f'PRAGMA application_id = {APPLICATION}')
+        connection.execute(f'PRAGMA user_version = {VERSION}')
 
     @contextmanager
-    def _open(self) -> Iterator[sqlite3.Connection]:
-        """A connection whose changes are made together or not at all.
+    def _open(self, *, write: bool = False) -> Iterator[sqlite3.Connection]:
+        """A connection whose changes are made together or not at all; one that writes has the file to itself.
 
         Raises:
             InputError: the file is no database, or cannot be read or written.
         """
         try:
-            with closing(sqlite3.connect(self.path)) as connection, connection:
+            with closing(sqlite3.connect(self.path, timeout=_PATIENCE, isolation_level=None)) as connection:
                 connection.execute('PRAGMA foreign_keys = ON')
-                yield connection
+                connection.execute('BEGIN IMMEDIATE' if write else 'BEGIN')
+                with connection:
+                    yield connection
         except sqlite3.Error as error:
             raise InputError(self.path, f'cannot be used as a history: {error}', 'check the file') from error
 
@@ -127,62 +169,122 @@ class History:
             InputError: one is of another robot than those of the same name, or the file cannot be written.
         """
         added = []
-        last: dict[str, CalibrationRecord] = {}
-        for record in records:
-            name = robot or record.robot or UNNAMED
-            if name not in last and (known := self.entries(name)):
-                last[name] = known[-1].record
-            if name in last:
-                check_same_robot(last[name], record)
-            last[name] = record
-        with self._open() as connection:
+        with self._open(write=True) as connection:
             for record in records:
-                added.append(_insert(connection, record, robot or record.robot or UNNAMED))
+                name = robot or record.robot or UNNAMED
+                if (last := self._last(connection, name)) is not None:
+                    _check_same(last, record, name)
+                added.append(_insert(connection, record, name))
         return added
+
+    def _last(self, connection: sqlite3.Connection, robot: str) -> CalibrationRecord | None:
+        """The last calibration of a robot."""
+        columns = 'SELECT id, source, document FROM calibration WHERE robot = ?'
+        row = connection.execute(f'{columns} ORDER BY measured DESC, id DESC LIMIT 1', (robot,)).fetchone()
+        return None if row is None else self._record(*row)
+
+    def _record(self, number: int, source: str, document: str) -> CalibrationRecord:
+        """A calibration of the file.
+
+        Raises:
+            InputError: it is damaged, or needs what is not installed here.
+        """
+        try:
+            return CalibrationRecord.of_document(json.loads(document), source)
+        except (ValueError, TypeError, RecursionError, InputError) as error:
+            remedy = f'`history remove {self.path} {number}` takes it out'
+            raise InputError(self.path, f'calibration {number} cannot be read: {error}', remedy) from error
 
     def robots(self) -> list[str]:
         """Names of all robots."""
         with self._open() as connection:
             return [row[0] for row in connection.execute('SELECT DISTINCT robot FROM calibration ORDER BY robot')]
 
-    def entries(self, robot: str = '') -> list[Entry]:
-        """Calibrations in the order of time, of one robot or of all."""
+    def entries(self, robot: str = '', *, replaced: bool = False) -> list[Entry]:
+        """Calibrations in the order in which they were measured, of one robot or of all.
+
+        Args:
+            robot: its name; empty for all.
+            replaced: whether to give also those that were calculated again from the same recordings.
+        """
         with self._open() as connection:
             rows = connection.execute(
                 "SELECT id, robot, source, grade, verdict, document FROM calibration WHERE ? IN (robot, '') "
-                'ORDER BY robot, created, id',
+                'ORDER BY robot, measured, created, id',
                 (robot,),
             ).fetchall()
-        return [
-            Entry(number, name, CalibrationRecord.of_document(json.loads(text), source), grade, verdict)
+        found = [
+            Entry(number, name, self._record(number, source, text), grade, verdict)
             for number, name, source, grade, verdict, text in rows
         ]
+        return found if replaced else _latest(found)
+
+    def document(self, number: int) -> str:
+        """The `calibration.json` of one calibration.
+
+        Raises:
+            InputError: there is none of that number.
+        """
+        with self._open() as connection:
+            row = connection.execute('SELECT document FROM calibration WHERE id = ?', (number,)).fetchone()
+        if row is None:
+            raise InputError(self.path, f'holds no calibration {number}', '`history list` shows the numbers')
+        return str(row[0])
+
+    def remove(self, numbers: Sequence[int]) -> None:
+        """Takes calibrations out, all or none.
+
+        Raises:
+            InputError: there is none of a number, or the file cannot be written.
+        """
+        with self._open(write=True) as connection:
+            for number in numbers:
+                if not connection.execute('DELETE FROM calibration WHERE id = ?', (number,)).rowcount:
+                    raise InputError(self.path, f'holds no calibration {number}', '`history list` shows the numbers')
+
+
+def _check_same(last: CalibrationRecord, record: CalibrationRecord, robot: str) -> None:
+    try:
+        check_same_robot(last, record)
+    except InputError as error:
+        remedy = f'it would be added to the calibrations of {robot!r}: give its own name by --robot'
+        raise InputError(error.where, error.problem, remedy) from error
+
+
+def _latest(entries: Sequence[Entry]) -> list[Entry]:
+    """Of those of a robot that were calculated from the same recordings, only the one that was calculated last."""
+    last = {(entry.robot, entry.record.checksums or entry.number): (entry.created, entry.number) for entry in entries}
+    for entry in entries:
+        key = entry.robot, entry.record.checksums or entry.number
+        last[key] = max(last[key], (entry.created, entry.number))
+    kept = {number for _, number in last.values()}
+    return [entry for entry in entries if entry.number in kept]
 
 
 def _insert(connection: sqlite3.Connection, record: CalibrationRecord, robot: str) -> bool:
     document = dict(record.document)
     text = json_text(document)
-    assessment = document.get('assessment', {})
-    row = (
-        robot,
-        record.created,
-        record.source,
-        str(assessment.get('grade', '')),
-        record.arm.verdict,
-        json.dumps(assessment.get('reasons', [])),
-        json.dumps(document.get('covariance', {})),
-        text,
-        hashlib.sha256(text.encode()).hexdigest(),
-    )
-    cursor = connection.execute(
-        'INSERT OR IGNORE INTO calibration (robot, created, source, grade, verdict, reasons, covariance, document, '
-        'checksum) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)',
-        row,
-    )
+    row = {
+        'robot': robot,
+        'measured': record.measured,
+        'created': record.created,
+        'source': record.source,
+        'grade': record.arm.grade,
+        'verdict': record.arm.verdict,
+        'reasons': json.dumps(document['assessment'].get('reasons', [])),
+        'covariance': json.dumps(document.get('covariance', {})),
+        'document': text,
+        'checksum': hashlib.sha256(text.encode()).hexdigest(),
+    }
+    columns, marks = ', '.join(row), ', '.join('?' * len(row))
+    cursor = connection.execute(f'INSERT OR IGNORE INTO calibration ({columns}) VALUES ({marks})', tuple(row.values()))
     if not cursor.rowcount:
         return False
     keys = ('value', 'std', 'std_noise', 'unit', 'status')
-    rows = [(cursor.lastrowid, name, *(document['parameters'][name][key] for key in keys)) for name in NAMES]
+    try:
+        rows = [(cursor.lastrowid, name, *(document['parameters'][name][key] for key in keys)) for name in NAMES]
+    except (KeyError, TypeError) as error:
+        raise CalibrationFileError(record.source, f'is damaged: {error!r} among the parameters') from error
     connection.executemany('INSERT INTO parameter VALUES (?, ?, ?, ?, ?, ?, ?)', rows)
     return True
 

@@ -8,6 +8,7 @@ from datetime import datetime
 import numpy as np
 from markupsafe import Markup
 
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.quantity import quantity
 from scara_kinetostatic.monitoring.comparison import LEVEL, Change
@@ -29,14 +30,14 @@ def history_table(entries: Sequence[Entry], changes: Sequence[Change | None]) ->
         (
             str(entry.number),
             entry.robot,
-            entry.created,
+            entry.measured,
             entry.grade,
             NOT_DETERMINED if entry.worst_tip is None else quantity(entry.worst_tip, 'm'),
             'first' if change is None else verdict(change),
         )
         for entry, change in zip(entries, changes, strict=True)
     ]
-    return Table(('', 'robot', 'calibrated', 'grade', 'tip, k = 2', 'since the one before'), ('',) * 6, tuple(rows))
+    return Table(('', 'robot', 'measured', 'grade', 'tip, k = 2', 'since the one before'), ('',) * 6, tuple(rows))
 
 
 def history_page(entries: Sequence[Entry], changes: Sequence[Change | None]) -> str:
@@ -60,8 +61,7 @@ def history_page(entries: Sequence[Entry], changes: Sequence[Change | None]) -> 
 
 def _trends(entries: Sequence[Entry], changes: Sequence[Change | None], name: str) -> Markup:
     figure, panels = new_figure(760, 760, 4, 3, sharex=True)
-    times = [datetime.strptime(entry.created, '%Y-%m-%dT%H:%M:%SZ') for entry in entries]
-    days = np.array([(time - times[0]).total_seconds() / 86400 for time in times])
+    days = _days([entry.measured for entry in entries])
     for axes, parameter in zip(panels, NAMES, strict=True):
         rows = [entry.record.document['parameters'][parameter] for entry in entries]
         changed = np.array([_has_changed(parameter, change) for change in changes])
@@ -76,6 +76,15 @@ def _trends(entries: Sequence[Entry], changes: Sequence[Change | None], name: st
     for axes in panels[-3:]:
         axes.set_xlabel('days since the first')
     return as_svg(figure, name, 'every parameter over time')
+
+
+def _days(dates: Sequence[str]) -> Floats:
+    """Days since the first date, (n,); numbers in turn where a date is not one."""
+    try:
+        times = [datetime.strptime(date, '%Y-%m-%dT%H:%M:%SZ') for date in dates]
+    except ValueError:
+        return np.arange(float(len(dates)))
+    return np.array([(time - times[0]).total_seconds() / 86400 for time in times])
 
 
 def _has_changed(parameter: str, change: Change | None) -> bool:

@@ -24,7 +24,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.quantity import quantity
 from scara_kinetostatic.model.touch import LATER, Rejection, TouchSet
-from scara_kinetostatic.monitoring.assumptions import of_new_touches
+from scara_kinetostatic.monitoring.assumptions import of_new_recordings
 from scara_kinetostatic.monitoring.hypotheses import Explanation, explanations, hypotheses_of, rivals
 from scara_kinetostatic.monitoring.linear import Evidence, Information, Measured, State, measure
 from scara_kinetostatic.monitoring.prediction_test import PredictionTest
@@ -180,7 +180,7 @@ def verify(
         seen=tuple(item.path for item in recordings if item.sha256 in record.checksums),
         tip_errors=measured.tip_error,
         expected_errors=test.expected,
-        warnings=(*detection.warnings, *of_new_touches(record, with_time=True, with_history=True)),
+        warnings=(*detection.warnings, *of_new_recordings(record)),
     )
     return found._replace(assessment=_assess(found, _magnitudes(detection, cell)))
 

@@ -2,8 +2,11 @@
 
 The touches are those that the collector judges, on `collector/touch`. The calibration is the file that the parameter
 `calibration` names or, if it is empty, the last result of the calibrator that is in its parameters. Touches that were
-part of the calibration do not count; one that is discarded is taken back. The state is on `/diagnostics` and, as JSON,
-on `~/drift`; `~/reset` begins anew.
+part of the calibration do not count, later ones of the same recording do; one that is discarded is taken back. The
+state is on `/diagnostics` and, as JSON, on `~/drift`; `~/reset` begins anew.
+
+`~/touch` does not say the load before a touch, and the time since the robot was switched on is not known: effects that
+depend on them are taken as `Predictor.assumptions` says, and the node says so.
 """
 
 from __future__ import annotations
@@ -20,15 +23,15 @@ from rclpy.node import Node
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from scara_kinetostatic.compensation.predictions import Predictor
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
-from scara_kinetostatic.model.kinematics import posture
-from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.drift import Alarm, DriftMonitor
 from scara_kinetostatic.monitoring.hypotheses import change_title
-from scara_kinetostatic.monitoring.linear import Measured, measure
+from scara_kinetostatic.monitoring.linear import Measured
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN, Condition, DiagnosticsPublisher
+from scara_kinetostatic.nodes.monitored_touch import touch_of, was_seen
 from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.stream_subscription import LATCHED, LATCHED_TOUCHES
 from scara_kinetostatic.render.quantities import shown
@@ -36,7 +39,7 @@ from scara_kinetostatic.report.document import NAME
 
 SCHEMA = 'scara_kinetostatic/drift/1'
 MOST_TOUCHES = 500
-"""So many touches are kept to take one back; an earlier one that is discarded stays in the sums."""
+"""So many touches are kept to take one back. Where it is not the last, all that are kept are counted anew."""
 
 
 class _Key(NamedTuple):
@@ -67,7 +70,10 @@ class Monitor(Node):
         named = declare.text(self, 'calibration', '', meaning)
         self._monitor: DriftMonitor | None = None
         self._problem = '' if named else 'no calibration yet: calibrate, or set the parameter calibration'
+        self._assumptions = ''
         self._kept: dict[_Key, _Kept] = {}
+        self._forgotten: dict[str, int] = {}
+        self._before_last: tuple[_Key, DriftMonitor] | None = None
         self._ignored = 0
         self._alarm: Alarm | None = None
         self._drift = self.create_publisher(String, '~/drift', LATCHED)
@@ -85,9 +91,15 @@ class Monitor(Node):
     def _take(self, record: CalibrationRecord) -> None:
         """Begins anew with a calibration."""
         self._monitor, self._problem = DriftMonitor(record), ''
-        self._kept, self._ignored, self._alarm = {}, 0, None
+        self._forget()
+        self._ignored, self._assumptions = 0, Predictor(record.arm).assumptions
+        if self._assumptions:
+            self.get_logger().warning(self._assumptions)
         self.get_logger().info(f'holding touches against {record.source}, calibrated {record.created}')
         self._tell()
+
+    def _forget(self) -> None:
+        self._kept, self._forgotten, self._before_last, self._alarm = {}, {}, None, None
 
     def _note_result(self, message: String) -> None:
         """Takes a new result of the calibrator; one that was not published leaves the former one."""
@@ -114,29 +126,36 @@ class Monitor(Node):
                 self._add(key, values)
             elif key in self._kept:
                 del self._kept[key]
-                self._start_over()
+                self._take_back(key)
         self._tell()
 
     def _add(self, key: _Key, values: Mapping[str, str]) -> None:
         """Counts a touch, unless it was part of the calibration or has been counted."""
         monitor = self._monitor
-        if monitor is None or key in self._kept:
+        if monitor is None or key in self._kept or self._is_forgotten(key):
             return
-        if key.recording in monitor.record.paths:
+        if was_seen(key.recording, key.number, monitor.record):
             self._ignored += 1
             return
         try:
-            touch = _touch(values, monitor.record)
-            kept = _Kept(measure(touch, monitor.record, monitor.state), int(touch.disc[0]))
+            touch = touch_of(values, monitor.record)
+            kept = _Kept(monitor.measure(touch), int(touch.disc[0]))
         except (KeyError, ValueError, ScaraKinetostaticError) as error:
             self._problem = f'touch {key.number} cannot be evaluated: {error}'
             self.get_logger().warning(self._problem)
             return
         self._problem = ''
+        self._before_last = key, monitor.copy()
         self._kept[key] = kept
         self._count(kept)
         while len(self._kept) > MOST_TOUCHES:
-            del self._kept[next(iter(self._kept))]
+            oldest = next(iter(self._kept))
+            del self._kept[oldest]
+            self._forgotten[oldest.recording] = max(int(oldest.number), self._forgotten.get(oldest.recording, -1))
+
+    def _is_forgotten(self, key: _Key) -> bool:
+        """Whether a touch has been counted and is no longer kept: latched messages may come again."""
+        return key.number.isdigit() and int(key.number) <= self._forgotten.get(key.recording, -1)
 
     def _count(self, kept: _Kept) -> None:
         assert self._monitor is not None
@@ -145,20 +164,25 @@ class Monitor(Node):
             self.get_logger().error(alarm_line(alarm))
         self._alarm = alarm
 
-    def _start_over(self) -> None:
-        """Counts all kept touches again, after one was taken back."""
-        if self._monitor is not None:
+    def _take_back(self, key: _Key) -> None:
+        """The last touch as if it had not been; for an earlier one all that are kept are counted again."""
+        if self._before_last is not None and self._before_last[0] == key:
+            self._monitor = self._before_last[1]
+            self._alarm = self._monitor.alarm
+        elif self._monitor is not None:
             self._monitor.reset()
             self._alarm = None
             for kept in self._kept.values():
                 self._count(kept)
+        self._before_last = None
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._monitor is None:
             response.message = self._problem
             return response
         self._monitor.reset()
-        self._kept, self._alarm, self._problem = {}, None, ''
+        self._forget()
+        self._problem = ''
         response.success, response.message = True, 'touches count anew from here'
         self._tell()
         return response
@@ -180,8 +204,8 @@ class Monitor(Node):
             a = self._alarm
             values |= {'changed': a.best.name, 'rivals': ', '.join(a.rivals) or 'none', 'since touch': str(a.since)}
             return Condition(ERROR, alarm_line(a), values)
-        if self._problem:
-            return Condition(WARN, self._problem, values)
+        if self._problem or self._assumptions:
+            return Condition(WARN, '; '.join(filter(None, (self._problem, self._assumptions))), values)
         return Condition(OK, f'{monitor.count} touches agree with the calibration', values)
 
     def _tell(self) -> None:
@@ -196,6 +220,7 @@ class Monitor(Node):
             'touches': monitor.count,
             'statistic': monitor.statistic,
             'threshold': monitor.threshold,
+            'assumptions': self._assumptions,
             'alarm': None if self._alarm is None else alarm_document(self._alarm),
         }
         self._drift.publish(String(data=json.dumps(document)))
@@ -225,26 +250,6 @@ def alarm_document(alarm: Alarm) -> dict[str, Any]:
         'rivals': list(alarm.rivals),
         'message': alarm_line(alarm),
     }
-
-
-def _touch(values: Mapping[str, str], record: CalibrationRecord) -> TouchSet:
-    """A touch of the message in the cell of the calibration.
-
-    Raises:
-        KeyError, ValueError: a value is missing or no number.
-        InputError: the object or the frame is not that of the calibration.
-    """
-    cell = record.arm.cell
-    names = [disc.name for disc in cell.discs]
-    if values['object'] not in names:
-        problem = f'the calibration knows no object {values["object"]!r}'
-        raise InputError('collector/touch', problem, 'calibrate with this cell description')
-    if values['frame'] != cell.sensor.frame.value:
-        raise InputError('collector/touch', f'the frame of the force is {values["frame"]}, not that of the calibration')
-    joints = np.array([[float(values['q1_rad']), float(values['q2_rad'])]])
-    force = np.array([[float(values['fx_N']), float(values['fy_N'])]])
-    disc = np.array([names.index(values['object'])])
-    return TouchSet(joints, force, disc, posture(record.arm.model.parameters, joints))
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -121,6 +121,19 @@ def _with_object_position(touches: TouchSet, cell: Cell) -> CalibrationRecord:
     return CalibrationRecord.of(calibrate(touches, cell, (find(cell, 'object_position[disc_2]'),)))
 
 
+def test_an_object_whose_description_was_corrected_has_not_moved() -> None:
+    true = 'object_position[disc_2]:x=1e-4,y=5e-5'
+    found = _with_object_position(touches_of(CELL, 1, effects=(true,), world=None), CELL)
+    discs = [disc._replace(x=disc.x + 1e-4, y=disc.y + 5e-5) if disc.name == 'disc_2' else disc for disc in CELL.discs]
+    corrected = record_of(replace(CELL, discs=(discs[2], discs[0], discs[1])), 2, world=None)
+    for change in (compare(found, corrected), compare(corrected, found)):
+        assert change.not_compared == ('object_position[disc_2]',) and change.p_value > 1e-3
+        assert change.degrees_of_freedom == 12
+    mixed = replace(CELL, discs=CELL.discs[::-1])
+    moved = compare(found, record_of(mixed, 2, world=None))
+    assert moved.ranking[0].name == 'object_position[disc_2]' and moved.degrees_of_freedom == 14
+
+
 def test_an_extension_is_what_the_fit_of_both_gives() -> None:
     touches = touches_of(CELL, 1, effects=('object_position[disc_2]:x=8e-6,y=4e-6',), world=None)
     fitted = _with_object_position(touches, CELL)

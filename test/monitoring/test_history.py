@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import sqlite3
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
+from threading import Barrier
 
 import pytest
 from cli.command import Run
@@ -13,7 +16,8 @@ from cli.conftest import recordings, run
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.errors import InputError
-from scara_kinetostatic.monitoring.archive import in_processes, on_cluster, tasks_of
+from scara_kinetostatic.monitoring import archive
+from scara_kinetostatic.monitoring.archive import Done, in_processes, on_cluster, recalibrate, tasks_of
 from scara_kinetostatic.monitoring.history import History, changes_of
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.render.json_file import json_text
@@ -22,9 +26,10 @@ from scara_kinetostatic.report.document import as_document
 assert recordings and run  # fixtures
 
 
-def later(outcome: Outcome, created: str, **changes: float) -> CalibrationRecord:
+def later(outcome: Outcome, created: str, start: str = '', sha256: str = '', **changes: float) -> CalibrationRecord:
     document = as_document(outcome)
     document['created'] = created
+    document['recordings'] = [{'path': 'a', 'sha256': sha256 or created, 'start': start or None}]
     for name, change in changes.items():
         place = document['model']['names'].index(name)
         document['model']['values'][place] += change
@@ -48,6 +53,63 @@ def test_it_keeps_calibrations_in_the_order_of_time(plain: Outcome, tmp_path: Pa
         (before,), (after,) = connection.execute(query).fetchall()
     connection.close()
     assert after - before == pytest.approx(1e-4)
+
+
+def test_time_is_that_of_the_recording_and_the_last_result_of_it_counts(plain: Outcome, tmp_path: Path) -> None:
+    history = History(tmp_path / 'a.sqlite', create=True)
+    monday, tuesday = '2025-01-06T08:00:00Z', '2025-01-07T08:00:00Z'
+    history.add([later(plain, '2026-05-01T00:00:00Z', tuesday, 'b'), later(plain, '2026-05-02T00:00:00Z', monday, 'a')])
+    assert [entry.measured for entry in history.entries()] == [monday, tuesday]
+    history.add([later(plain, '2026-05-03T00:00:00Z', monday, 'a')])
+    assert [(e.measured, e.created[:10]) for e in history.entries()] == [
+        (monday, '2026-05-03'),
+        (tuesday, '2026-05-01'),
+    ]
+    assert len(history.entries(replaced=True)) == 3
+
+
+def test_processes_that_write_at_a_time(plain: Outcome, tmp_path: Path) -> None:
+    records = [later(plain, f'2026-01-0{k}T00:00:00Z') for k in range(1, 7)]
+    begin = Barrier(len(records))
+
+    def add(record: CalibrationRecord) -> list[bool]:
+        begin.wait()
+        return History(tmp_path / 'a.sqlite', create=True).add([record])
+
+    with ThreadPoolExecutor(len(records)) as pool:
+        assert list(pool.map(add, records)) == [[True]] * len(records)
+    assert len(History(tmp_path / 'a.sqlite').entries()) == len(records)
+
+
+def test_files_of_other_versions_and_damaged_entries(run: Run, plain: Outcome, tmp_path: Path) -> None:
+    path, start = tmp_path / 'a.sqlite', '2025-01-06T08:00:00Z'
+    first, second = (later(plain, f'2026-0{k}-01T00:00:00Z', start if k == 2 else '') for k in (1, 2))
+    History(path, create=True).add([first, second])
+    with sqlite3.connect(path) as connection:
+        connection.execute('DROP INDEX by_robot')
+        connection.execute('ALTER TABLE calibration DROP COLUMN measured')
+        connection.execute('CREATE INDEX by_robot ON calibration (robot, created)')
+        connection.execute('PRAGMA user_version = 1')
+    connection.close()
+    assert [entry.measured for entry in History(path).entries()] == [start, '2026-01-01T00:00:00Z']
+    run('history', 'extract', path, '2')
+    assert json.loads(Path('history/calibration.json').read_text()) == json.loads(json_text(dict(second.document)))
+    with sqlite3.connect(path) as connection:
+        connection.execute("UPDATE calibration SET document = '{' WHERE id = 1")
+    connection.close()
+    wrong = run('history', 'list', path)
+    assert wrong.status == 2 and wrong.err.count('\n') == 1 and 'calibration 1 cannot be read' in wrong.err
+    assert run('history', 'remove', path, '1', '9').status == 2
+    assert run('history', 'remove', path, '1').status == 0
+    assert [entry.number for entry in History(path).entries()] == [2]
+    with sqlite3.connect(path) as connection:
+        connection.execute('PRAGMA user_version = 9')
+    connection.close()
+    with pytest.raises(InputError, match='got 9'):
+        History(path)
+    (tmp_path / 'empty').touch()
+    with pytest.raises(InputError, match='is empty'):
+        History(tmp_path / 'empty')
 
 
 def test_other_robots_and_other_files_are_refused(plain: Outcome, tmp_path: Path) -> None:
@@ -86,6 +148,8 @@ def test_the_command(run: Run, plain: Outcome, tmp_path: Path) -> None:
         ('list', 'none'),
         ('add', 'h.sqlite'),
         ('list', 'h.sqlite', '1.json'),
+        ('remove', 'h.sqlite', 'one'),
+        ('extract', 'h.sqlite'),
     ):
         wrong = run('history', *words)
         assert wrong.status == 2 and wrong.err.count('\n') == 1
@@ -100,10 +164,39 @@ def test_an_archive_by_command(run: Run, recordings: Path, tmp_path: Path) -> No
     assert run('recalibrate', recordings / 'plain', '--cell', cell, '--dask', 'nonsense').status == 2
 
 
+def test_an_archive_goes_on_where_it_was_interrupted(run: Run, recordings: Path, tmp_path: Path) -> None:
+    cell, good, plain = (recordings / name for name in ('cell.yaml', 'good', 'plain'))
+    assert run('recalibrate', good, '--cell', cell, '--out', 'a', '--no-report').status == 0
+    assert not (tmp_path / 'a/good/report.html').exists()
+    before = (tmp_path / 'a/good/calibration.json').read_bytes()
+    done = run('recalibrate', good, plain, '--cell', cell, '--out', 'a', '--no-report', '--resume')
+    assert 'good: fit, as before' in done.out and 'plain: fit\n' in done.out
+    assert (tmp_path / 'a/good/calibration.json').read_bytes() == before
+    task = tasks_of([good], cell, tmp_path / 'a', resume=True, report=False)[0]
+    assert recalibrate(task).earlier and not recalibrate(task._replace(recording=str(plain))).earlier
+
+
+def test_a_recording_that_ends_a_process_does_not_stop_the_others(
+    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise MemoryError('no room')
+
+    monkeypatch.setattr(archive, 'calibrate_recordings', fail)
+    (done,) = in_processes(tasks_of([recordings / 'good'], recordings / 'cell.yaml', tmp_path), 1)
+    assert done.problem == 'internal error, MemoryError: no room'
+
+    def lost() -> Done:
+        raise BrokenProcessPool
+
+    assert 'its process was lost, BrokenProcessPool' in archive._answer(done.task, lost).problem
+
+
 def test_processes_give_the_same_results(recordings: Path, tmp_path: Path) -> None:
     found = []
     for number in (1, 2):
-        tasks = tasks_of([recordings / 'good', recordings / 'plain'], recordings / 'cell.yaml', tmp_path / str(number))
+        paths, out = [recordings / 'good', recordings / 'plain'], tmp_path / str(number)
+        tasks = tasks_of(paths, recordings / 'cell.yaml', out, report=False)
         assert [done.problem for done in in_processes(tasks, number)] == ['', '']
         found.append([parameters(task.folder) for task in tasks])
     assert found[0] == found[1]
@@ -115,10 +208,15 @@ def parameters(folder: str) -> object:
     return json.loads((Path(folder) / 'calibration.json').read_text())['parameters']
 
 
-def test_a_cluster_gives_the_same_results(recordings: Path, tmp_path: Path) -> None:
+def test_a_cluster_gives_the_same_results(recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip('distributed')
-    tasks = tasks_of([recordings / 'good'], recordings / 'cell.yaml', tmp_path)
-    with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster:
+    paths, cell = [recordings / 'good'], recordings / 'cell.yaml'
+    tasks = tasks_of(paths, cell, tmp_path, report=False)
+    with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=':0') as cluster:
+        with monkeypatch.context() as patch, pytest.raises(InputError, match='has no worker'):
+            patch.setattr(archive, '_PATIENCE', 0.1)
+            list(on_cluster(tasks, cluster.scheduler_address))
+        cluster.scale(1)
         assert [done.problem for done in on_cluster(tasks, cluster.scheduler_address)] == ['']
-    (here,) = in_processes(tasks_of([recordings / 'good'], recordings / 'cell.yaml', tmp_path / 'here'), 1)
+    (here,) = in_processes(tasks_of(paths, cell, tmp_path / 'here', report=False), 1)
     assert parameters(tasks[0].folder) == parameters(here.task.folder)

@@ -101,6 +101,7 @@ def test_everything_starts_by_default(launched: Launched) -> None:
     ({'simulate': 'false', 'record': 'false', 'cell': CELL}, ['calibrator', 'visualizer']),
     ({'show': 'false', 'compensate': 'true', 'calibration': 'calibration.json'}, [*ALL[:3], 'compensator']),
     ({'show': 'false', 'track': 'true'}, [*ALL[:3], 'contour_tracker']),
+    ({'show': 'false', 'watch': 'true', 'calibration': 'calibration.json'}, [*ALL[:3], 'monitor']),
 ])  # fmt: skip
 def test_parts_are_left_out(launched: Launched, arguments: dict[str, str], expected: list[str]) -> None:
     assert list(launched.nodes(**arguments)) == expected

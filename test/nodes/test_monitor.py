@@ -15,9 +15,11 @@ from std_srvs.srv import Trigger
 
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN
 from scara_kinetostatic.nodes.judged_touch import JudgedTouch
 from scara_kinetostatic.nodes.monitor import Monitor, String
+from scara_kinetostatic.nodes.monitored_touch import touch_of, was_seen
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.render.json_file import json_text
 from scara_kinetostatic.report.document import as_document
@@ -27,7 +29,8 @@ from scara_kinetostatic.report.document import as_document
 def calibration(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp('result') / 'calibration.json'
     document = as_document(calibrate_touches(touches_of(CELL, 0, world=None), CELL))
-    document['recordings'] = [{'path': '/seen', 'sha256': 'ab', 'start': None}]
+    document['recordings'] = [{'path': 'bags/seen', 'sha256': 'ab', 'start': None}]
+    document['touches']['found'] = 40
     path.write_text(json_text(document))
     return path
 
@@ -53,7 +56,8 @@ def test_a_change_is_raised_and_reset(spin: Callable[..., Node], calibration: Pa
     condition = node._report()
     assert condition.level == OK and condition.message == '30 touches agree with the calibration'
     feed(node, touches_of(CELL, 1, world=None).select(np.arange(30)), '/monday')  # latched messages come again
-    feed(node, touches_of(CELL, 3, world=None).select(np.arange(5)), '/seen')
+    seen = touches_of(CELL, 3, world=None).select(np.arange(5))
+    feed(node, seen, '/data/bags/seen')
     assert node._report().values['touches'] == '30'
     assert node._report().values['touches of the calibration'] == '5'
     changed = touches_of(CELL, 2, TRUTH.replace(l1=TRUTH.l1 + 1e-4), world=None).select(np.arange(20))
@@ -65,6 +69,37 @@ def test_a_change_is_raised_and_reset(spin: Callable[..., Node], calibration: Pa
     assert node._report().level == OK and node._report().values['touches'] == '30'
     assert node._reset(Trigger.Request(), Trigger.Response()).success
     assert node._report().values['touches'] == '0'
+
+
+def test_later_touches_of_the_recording_count_and_the_last_is_taken_back(
+    spin: Callable[..., Node], calibration: Path
+) -> None:
+    node = spin(Monitor, '--ros-args', '-p', f'calibration:={calibration}')
+    touches = touches_of(CELL, 1, world=None).select(np.arange(4))
+    for number, message in enumerate(messages(touches, '/data/bags/seen'), 38):
+        status = message.status[0]
+        next(item for item in status.values if item.key == 'touch').value = str(number)
+        node._note_touch(message)
+        if number == 40:
+            statistic = node._monitor.statistic
+    assert node._report().values['touches'] == '2'
+    next(item for item in status.values if item.key == 'accepted').value = 'false'
+    node._note_touch(message)
+    assert node._monitor.count == 1 and node._monitor.statistic == statistic
+    assert not was_seen('/data/other/seen', '0', node._monitor.record)
+
+
+def test_the_direction_of_approach_is_taken_over(calibration: Path) -> None:
+    (message,) = messages(touches_of(CELL, 1, world=None).select([0]), '/a', approach=(0.1, -0.2, 0.01, -0.02))
+    touch = touch_of({item.key: item.value for item in message.status[0].values}, CalibrationRecord.load(calibration))
+    assert touch.approach.tolist() == [[0.1, -0.2]] and touch.press.tolist() == [[0.01, -0.02]]
+
+
+def test_what_the_topic_does_not_say_is_assumed_and_said(spin: Callable[..., Node], tmp_path: Path) -> None:
+    touches = touches_of(CELL, 0, effects=('thermal_drift:rate=1e-6',), world=None)
+    (tmp_path / 'c.json').write_text(json_text(as_document(calibrate_touches(touches, CELL))))
+    node = spin(Monitor, '--ros-args', '-p', f'calibration:={tmp_path / "c.json"}')
+    assert node._report().level == WARN and 'as at the end of the calibration' in node._report().message
 
 
 def test_bad_touches_are_said_and_survived(spin: Callable[..., Node], calibration: Path) -> None:
