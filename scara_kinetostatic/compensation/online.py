@@ -31,7 +31,7 @@ from scara_kinetostatic.model.sensor_error import has_sensor_error
 
 WIDTH = 2.0
 """Of the hysteresis, standard deviations of a component of the force."""
-_MOVED = 2e-3
+_MOVED = 4e-3
 """Change of a joint angle, rad, beyond which the covariance is worked out anew."""
 _PUSHED = 4.0
 """The same of a component of the force, standard deviations."""
@@ -123,11 +123,12 @@ class OnlineArm:
         self._gaps, self._free_gaps = spread.gaps(self._p), spread.undetermined_gaps
         exact = self.arm.sensor == (0.0, 0.0) and not has_sensor_error(self._law.model)
         self._is_sensor_exact = exact and arm.cell.sensor.frame is SensorFrame.BASE
+        self._levels = self.arm.noise.force_rms, self.arm.noise.growth
         self._held = (0.0, 0.0)
         self._shift = (0.0, 0.0, 0.0, 0.0)
         self._by_effects = np.zeros((len(self._law.model.names) - len(NAMES), 4))
         self._deflection = (0.0, 0.0)
-        self._key: tuple[float, ...] = ()
+        self._key = (nan,) * 7
         self._known = np.full((3, 3), nan)
 
     def follow_on(self, other: OnlineArm) -> None:
@@ -185,16 +186,17 @@ class OnlineArm:
 
     def _has_moved(self, q1: float, q2: float, load: _Load, force: _Force) -> bool:
         """Whether the covariance of before does not hold any more."""
-        key = (q1, q2, load.s1, load.s2, force.place, force.x, force.y)
-        most = (_MOVED, _MOVED, _CROSSED, _CROSSED, _CROSSED, _PUSHED * force.std, _PUSHED * force.std)
-        if self._key and all(abs(new - old) < limit for new, old, limit in zip(key, self._key, most, strict=True)):
+        pushed, (old1, old2, s1, s2, place, fx, fy) = _PUSHED * force.std, self._key
+        near = abs(q1 - old1) < _MOVED and abs(q2 - old2) < _MOVED
+        near = near and abs(force.x - fx) < pushed and abs(force.y - fy) < pushed
+        if near and max(abs(load.s1 - s1), abs(load.s2 - s2), abs(force.place - place)) < _CROSSED:
             return False
-        self._key = key
+        self._key = (q1, q2, load.s1, load.s2, force.place, force.x, force.y)
         return True
 
     def _force(self, fx: float, fy: float) -> _Force:
-        noise, size = self.arm.noise, hypot(fx, fy)
-        std = hypot(noise.force_rms, noise.growth * size)
+        size, (level, growth) = hypot(fx, fy), self._levels
+        std = hypot(level, growth * size)
         hx, hy = self._held
         away = hypot(fx - hx, fy - hy)
         if away > WIDTH * std:

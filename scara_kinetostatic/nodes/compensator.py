@@ -15,9 +15,9 @@ is said on `/diagnostics`; without a recent force, or without a calibration that
 
 from __future__ import annotations
 
-import gc
 import sys
 from collections.abc import Sequence
+from itertools import islice
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped, WrenchStamped
 from rclpy.node import Node
@@ -138,10 +138,13 @@ class Compensator(Node):
         return self.create_subscription(kind, topic, _ignore, profile, callback_group=self._group, raw=True)
 
     def poll(self) -> None:
-        """Takes what has come: wrenches first, so that each joint state goes with the last force before it."""
+        """Takes what has come: wrenches first, so that a joint state goes with the last force before it.
+
+        One joint state: where more have come, the next wait ends at once.
+        """
         for message in waiting(self._wrenches):
             self._take_wrench(message)
-        for message in waiting(self.awaited):
+        for message in islice(waiting(self.awaited), 1):
             try:
                 sample = joint_sample(message, self._tip.cell.joint_names)
                 self._joints_heard.accept(sample.stamp_ns, (sample.first, sample.second))
@@ -258,7 +261,6 @@ def _ignore(_: bytes) -> None:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Runs the node; see `runtime.run` for the exit status."""
-    gc.freeze()  # what has been imported stays: no search for garbage in it, which takes milliseconds
     return run(Compensator, args, PollingExecutor)
 
 
