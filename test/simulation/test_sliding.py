@@ -69,6 +69,17 @@ def test_outlines_have_their_lengths():
         polygon(SQUARE, 0.06)
 
 
+@pytest.mark.parametrize('outline', [polygon(SQUARE), polygon(SQUARE[:2], closed=False)], ids=['closed', 'open'])
+def test_the_end_of_an_outline_is_not_its_begin(outline):
+    track = Track.along(outline, 0.005)
+    count = len(outline.pieces)
+    expected = outline.at(np.array([0.0, count * (1 - 1e-15)])).point
+    np.testing.assert_allclose(outline.at(track.place(np.array([0.0, track.length]))).point, expected, atol=1e-9)
+    if outline.closed:
+        around = track.place(track.length * np.array([-0.3, 0.7, 1.7, 2.0]))
+        np.testing.assert_allclose(around - around[1], [-count, 0.0, count, 2 * count - around[1]], atol=1e-6)
+
+
 def test_streams_repeat_with_the_seed_and_have_the_noise_of_the_cell():
     slide = Slide(circle((0.2, 0.4), 0.045), 15, 0.1, 0.02, end=0.5)
     streams = [simulate_slides(CELL, PAPER_ACTUAL, [slide], seed=seed) for seed in (0, 0, 1)]

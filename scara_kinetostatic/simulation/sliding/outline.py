@@ -167,9 +167,11 @@ class Track(NamedTuple):
 
     def place(self, travelled: Floats) -> Floats:
         """The places after lengths of the path, (k,), m; a closed outline goes on behind its end."""
-        turns = np.floor_divide(travelled, self.length)
+        turns = (
+            np.ceil(travelled / self.length) - 1
+        )  # the end belongs to its turn: that of an open one is not its begin
         within = np.interp(travelled - turns * self.length, self.travelled, self.places)
-        return np.asarray(np.where((travelled < 0) | (travelled > self.length), turns * self.places[-1], 0.0) + within)
+        return np.asarray(turns * self.places[-1] + within)
 
 
 def circle(center: tuple[float, float], radius: float) -> Outline:
