@@ -9,6 +9,8 @@ from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real
 from scara_kinetostatic.cli.output import print_result
 from scara_kinetostatic.errors import InputError
 
+LARGEST_TIP = 0.1
+"""Largest radius of a tip, m: more is one in millimetres."""
 DESCRIPTION = """\
 Measures the outline of an object whose shape nobody told, from a recording in
 which the tip slides along it under force. Deflection and backlash of the arm
@@ -47,7 +49,10 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     )
     parser.add_argument('--out', type=Path, required=True, metavar='DIR', help='folder for the results')
     parser.add_argument(
-        '--tip-radius', type=real(0), metavar='M', help='radius of the tip, m (default: as the cell states it)'
+        '--tip-radius',
+        type=real(0, LARGEST_TIP),
+        metavar='M',
+        help='radius of the tip, m (default: as the cell states it)',
     )
     parser.add_argument(
         '--fit',

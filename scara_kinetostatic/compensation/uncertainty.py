@@ -236,14 +236,9 @@ def with_dead_bands(by_model: Symmetric, spread: Spread, law: Law, found: Equili
     return Symmetric(*(np.where(unknown, np.nan, part) for part in total))
 
 
-def measurement_covariance(law: Law, found: Equilibrium, force: Force, jacobian: Jacobian) -> Symmetric:
-    """Covariance of the tip by the noise of one measurement of Q and F, m².
-
-    ∂S/∂F = ∓p_ee I - g_ee s / f (I - n nᵀ) - G diag(k) Jᵀ.
-    """
+def by_force(law: Law, found: Equilibrium, force: Force, jacobian: Jacobian) -> Jacobian:
+    """∂S/∂F at fixed Q = ∓p_ee I - g_ee s / f (I - n nᵀ) - G diag(k) Jᵀ, m/N."""
     p, a, g = law.model.parameters, found.loading, jacobian
-    q1, q2 = (std**2 for std in law.noise.joint_levels)
-    by_joints = Symmetric(g.xx**2 * q1 + g.xy**2 * q2, g.yx**2 * q1 + g.yy**2 * q2, g.xx * g.yx * q1 + g.xy * g.yy * q2)
     along = law.gripper.factor * p.p_ee
     aside = p.g_ee * force.place / np.where(force.size > 0, force.size, 1.0)
     j1x, j1y = -(a.y1 + a.y2), a.x1 + a.x2
@@ -251,5 +246,21 @@ def measurement_covariance(law: Law, found: Equilibrium, force: Force, jacobian:
     xy = aside * force.nx * force.ny - (g.xx * a.k1 * j1y + g.xy * a.k2 * a.x2)
     yx = aside * force.nx * force.ny - (g.yx * a.k1 * j1x - g.yy * a.k2 * a.y2)
     yy = along - aside * force.nx**2 - (g.yx * a.k1 * j1y + g.yy * a.k2 * a.x2)
+    return Jacobian(xx, xy, yx, yy)
+
+
+def by_noise(law: Law, found: Equilibrium, force: Force, jacobian: Jacobian) -> Floats:
+    """Change of the tip by one standard deviation of the noise of q1, q2, F_x and F_y, (n, 2, 4), m."""
+    f, (q1, q2) = by_force(law, found, force, jacobian), law.noise.joint_levels
+    x = (jacobian.xx * q1, jacobian.xy * q2, f.xx * force.std, f.xy * force.std)
+    y = (jacobian.yx * q1, jacobian.yy * q2, f.yx * force.std, f.yy * force.std)
+    return np.stack([np.stack(x, axis=-1), np.stack(y, axis=-1)], axis=1)
+
+
+def measurement_covariance(law: Law, found: Equilibrium, force: Force, jacobian: Jacobian) -> Symmetric:
+    """Covariance of the tip by the noise of one measurement of Q and F, m²."""
+    g, (q1, q2) = jacobian, (std**2 for std in law.noise.joint_levels)
+    by_joints = Symmetric(g.xx**2 * q1 + g.xy**2 * q2, g.yx**2 * q1 + g.yy**2 * q2, g.xx * g.yx * q1 + g.xy * g.yy * q2)
     variance = force.std**2
-    return by_joints.plus(Symmetric(variance, variance, np.zeros_like(variance)).mapped(Jacobian(xx, xy, yx, yy)))
+    isotropic = Symmetric(variance, variance, np.zeros_like(variance))
+    return by_joints.plus(isotropic.mapped(by_force(law, found, force, jacobian)))

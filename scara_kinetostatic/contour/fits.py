@@ -1,9 +1,14 @@
 """Circle, arc and line through the surface points of an outline, with residuals and uncertainty.
 
 The residual e of a point is its distance along the normal; least squares over the parameters a, e = A a. The covariance
-of a has two parts: A⁺ D Σ Dᵀ A⁺ᵀ by the calibration, which is common to all points, and τ σ² (AᵀA)⁻¹ by the noise, with
-σ the noise of a point and τ the number of neighbouring points whose errors are alike, from the correlation of the
-residuals along the passes.
+of a has three parts:
+
+- by the calibration, A⁺ D Σ Dᵀ A⁺ᵀ, common to all points;
+- by noise that changes along the slide, τ σ² (AᵀA)⁻¹ with σ the noise of a point and τ the number of neighbouring
+  points whose errors are alike, from the correlation of the residuals along the passes;
+- by noise that does not change, κ A⁺ B Bᵀ A⁺ᵀ with B the change of the points by one standard deviation of each
+  measured quantity. The noise of a touch is a repeatability: how fast it changes along a slide is not known. The part κ
+  of it that the residuals do not show, 1 - rms(e)² / mean(σ²), is taken as common to all points.
 """
 
 from __future__ import annotations
@@ -14,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.compensation.arm import CalibratedArm
+from scara_kinetostatic.compensation.uncertainty import DEPENDS
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, rms
@@ -33,7 +39,8 @@ class FittedValue(NamedTuple):
     Attributes:
         name: such as ``radius``.
         value: in its unit.
-        std: its standard uncertainty.
+        std: its standard uncertainty; NaN where the touches of the calibration do not determine it, and of what the
+            begin and the end of the slide decide: the length of a line, the ends of an arc.
         unit: ``m`` or ``rad``.
     """
 
@@ -109,12 +116,19 @@ def _circle(contour: Contour, arm: CalibratedArm, points: Mask, outline: int) ->
 
 def _arc(contour: Contour, arm: CalibratedArm, points: Mask, outline: int) -> ShapeFit:
     fit = _round(contour, arm, points, outline, 'arc')
-    center = np.array([fit.value('center_x').value, fit.value('center_y').value])
-    offset = contour.surface[points] - center
-    angle = np.unwrap(np.arctan2(offset[:, 1], offset[:, 0])[np.argsort(contour.time[points])])
-    std = float(np.nanmedian(contour.std_normal[points])) / fit.value('radius').value
-    ends = (FittedValue('begin', float(angle.min()), std, 'rad'), FittedValue('end', float(angle.max()), std, 'rad'))
+    offset = contour.surface[points] - (fit.value('center_x').value, fit.value('center_y').value)
+    begin, end = _extent(np.arctan2(offset[:, 1], offset[:, 0]))
+    ends = (FittedValue('begin', begin, np.nan, 'rad'), FittedValue('end', end, np.nan, 'rad'))
     return fit._replace(values=(*fit.values, *ends))
+
+
+def _extent(angle: Floats) -> tuple[float, float]:
+    """The shortest arc that holds all angles, counter-clockwise from its begin, -π to π, rad."""
+    ordered = np.sort(angle)
+    gaps = np.diff(np.append(ordered, ordered[0] + 2 * np.pi))
+    last = int(gaps.argmax())
+    begin = float(ordered[(last + 1) % len(ordered)])
+    return begin, begin + 2 * np.pi - float(gaps[last])
 
 
 def _round(contour: Contour, arm: CalibratedArm, points: Mask, outline: int, shape: str) -> ShapeFit:
@@ -165,7 +179,7 @@ def _line(contour: Contour, arm: CalibratedArm, points: Mask, outline: int) -> S
         FittedValue('x', float(origin[0]), float(std[0] * abs(normal[0])), 'm'),
         FittedValue('y', float(origin[1]), float(std[0] * abs(normal[1])), 'm'),
         FittedValue('normal_angle', angle, float(std[1]), 'rad'),
-        FittedValue('length', float(np.ptp(distance)), float(np.nanmedian(contour.std_normal[points])), 'm'),
+        FittedValue('length', float(np.ptp(distance)), np.nan, 'm'),
     )
     return ShapeFit('line', outline, values, residual, points, _misfit(contour, points, residual))
 
@@ -177,15 +191,25 @@ def _misfit(contour: Contour, points: Mask, residual: Floats) -> float:
 
 
 def _stds(contour: Contour, arm: CalibratedArm, points: Mask, design: Floats, residual: Floats) -> Floats:
-    """Standard uncertainties of the parameters of a fit with a design matrix, (k,)."""
+    """Standard uncertainties of the parameters of a fit with a design matrix, (k,); NaN where one is not determined."""
     inverse = np.linalg.pinv(design)
     by_model = inverse @ contour.by_model[points]
     systematic = np.einsum('ij,jk,ik->i', by_model, arm.covariance, by_model)
+    free = ((by_model @ arm.undetermined) ** 2).sum(axis=1)
+    systematic[free > DEPENDS**2 * systematic] = np.nan
     common = arm.cell.uncertainty.radius * inverse.sum(axis=1)
-    variance = contour.std_noise[points] ** 2
+    constant = inverse @ contour.by_noise[points]
+    hidden = _constant_part(contour.by_noise[points], residual)
     alike = _correlated_points(residual, contour.passes[points])
-    noise = alike * np.einsum('ij,j,ij->i', inverse, variance, inverse)
+    changing = alike * np.einsum('ij,j,ij->i', inverse, contour.std_noise[points] ** 2, inverse)
+    noise = changing + hidden * (constant**2).sum(axis=1)
     return np.asarray(np.sqrt(systematic + common**2 + noise))
+
+
+def _constant_part(by_noise: Floats, residual: Floats) -> float:
+    """The part of the variance of the noise that residuals do not show, 0 to 1."""
+    expected = float((by_noise**2).sum(axis=1).mean())
+    return float(np.clip(1.0 - rms(residual) ** 2 / expected, 0.0, 1.0)) if expected > 0 else 0.0
 
 
 def _correlated_points(residual: Floats, passes: Indices) -> float:

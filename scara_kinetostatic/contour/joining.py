@@ -278,11 +278,11 @@ def _closed(course: _Course, passes: tuple[int, ...]) -> _Part:
 
 def _return(course: _Course) -> int | None:
     """Where a course comes back to its begin for the first time, an index; None where it does not."""
-    apart = np.hypot(*(course.points - course.points[0]).T)
-    left = np.flatnonzero(apart > 2 * _LONGEST_GAP)
+    apart, alike = np.hypot(*(course.points - course.points[0]).T), course.normals @ course.normals[0]
+    left = np.flatnonzero((apart > 2 * _LONGEST_GAP) | (alike < -_SAME_NORMAL))  # round a thin pin: its other side
     if not len(left):
         return None
-    back = (apart < _LONGEST_GAP) & (course.normals @ course.normals[0] > _SAME_NORMAL)
+    back = (apart < _LONGEST_GAP) & (alike > _SAME_NORMAL)
     back[: left[0]] = False
     there = np.flatnonzero(back)
     if not len(there):

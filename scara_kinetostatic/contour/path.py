@@ -20,6 +20,9 @@ WINDOWS = (4e-3, 2e-3, 1e-3, 0.5e-3)
 """Half lengths of the windows along the path, m."""
 FEWEST = 4
 """Samples on each side, at least."""
+_SPARSE = 2
+"""Samples on each side of a further window where `FEWEST` samples are farther than the second window: how its direction
+differs tells how far that of the others may be wrong."""
 _MOST = 400
 """Samples on each side, at most."""
 _AGREE = 3.0
@@ -43,14 +46,17 @@ class Direction(NamedTuple):
         along: unit vectors, (n, 2).
         std: standard uncertainty of the angle, (n,), rad.
         place: the places smoothed by the same fit, (n, 2), m.
-        curvature: the largest of the path within the shortest window, less three standard deviations, (n,), 1/m.
+        left: the largest curvature of the path to the left within the shortest window, less three standard deviations,
+            not below 0, (n,), 1/m.
+        right: that to the right.
         white_noise: standard deviation of one component of a place without smoothing, m.
     """
 
     along: Floats
     std: Floats
     place: Floats
-    curvature: Floats
+    left: Floats
+    right: Floats
     white_noise: float
 
 
@@ -122,8 +128,8 @@ def direction_along(time: Floats, places: Floats) -> Direction:
     period = float(np.median(steps))
     clock = np.append(0.0, np.cumsum(np.minimum(steps, 3 * period)))
     length = float(np.hypot(*np.diff(places, axis=0).T).sum()) / max(len(places) - 1, 1)
-    halves = [int(np.clip(round(half / max(length, 1e-9)), FEWEST, _MOST)) for half in WINDOWS]
-    fits = [_local_fit(clock, places, min(half, (len(places) - 1) // 2)) for half in dict.fromkeys(halves)]
+    halves = _halves(length)
+    fits = [_local_fit(clock, places, min(half, (len(places) - 1) // 2)) for half in halves]
     noise = 1.4826 * float(np.median(np.abs(fits[-1].residual)))
     angle, std, place = fits[-1].angle, fits[-1].slope_std * noise, fits[-1].place
     agreed, doubt = np.ones(len(places), dtype=bool), np.zeros(len(places))
@@ -134,10 +140,22 @@ def direction_along(time: Floats, places: Floats) -> Direction:
         angle, std = np.where(agreed, fit.angle, angle), np.where(agreed, fit.slope_std * noise, std)
         place = np.where(agreed[:, None], fit.place, place)
     along = np.column_stack([np.cos(angle), np.sin(angle)])
-    sure = np.maximum(fits[-1].curvature - _AGREE * noise * fits[-1].curvature_std, 0.0)
+    left, right = (_sure_curvature(fits[-1], side, noise, halves[-1]) for side in (1.0, -1.0))
+    return Direction(along, np.hypot(std, doubt), place, left, right, noise)
+
+
+def _halves(length: float) -> list[int]:
+    """Samples on each side of the windows, the longest first, for samples so far apart, m."""
+    halves = [int(np.clip(round(half / max(length, 1e-9)), FEWEST, _MOST)) for half in WINDOWS]
+    sparse = [_SPARSE] if FEWEST * length > WINDOWS[1] else []
+    return list(dict.fromkeys(halves + sparse))
+
+
+def _sure_curvature(fit: _LocalFit, side: float, noise: float, half: int) -> Floats:
+    """The largest curvature to the left (side 1) or right (-1) near each place, less its uncertainty, (n,), 1/m."""
+    sure = np.maximum(side * fit.curvature - _AGREE * noise * fit.curvature_std, 0.0)
     sure[:FEWEST], sure[-FEWEST:] = sure[FEWEST], sure[-FEWEST - 1]  # at the ends the windows are one-sided
-    curvature = _largest_near(sure, min(halves[-1], (len(places) - 1) // 2))
-    return Direction(along, np.hypot(std, doubt), place, curvature, noise)
+    return _largest_near(sure, min(half, (len(sure) - 1) // 2))
 
 
 def _largest_near(values: Floats, half: int) -> Floats:
@@ -152,7 +170,7 @@ class _LocalFit(NamedTuple):
         angle: of the derivative, (n,), rad.
         slope_std: standard deviation of that angle per metre of white noise, (n,), rad/m.
         place: value of the fit, (n, 2), m.
-        curvature: (n,), 1/m.
+        curvature: positive to the left, (n,), 1/m.
         curvature_std: standard deviation of it per metre of white noise, (n,), 1/m².
         residual: of the places across the path, (n,), m.
     """
@@ -203,7 +221,7 @@ def _fit_part(clock: Floats, places: Floats, rows: Indices, half: int) -> _Local
     leverage = np.clip(1.0 - inverse[:, 0, 0], 0.1, 1.0)
     residual = -(value[:, 0] * across).sum(axis=1) / np.sqrt(leverage)
     angle, slope_std = np.arctan2(slope[:, 1], slope[:, 0]), np.sqrt(inverse[:, 1, 1]) / speed
-    curvature = 2.0 * np.abs((value[:, 2] * across).sum(axis=1)) / speed**2
+    curvature = 2.0 * (value[:, 2] * across).sum(axis=1) / speed**2
     curvature_std = 2.0 * np.sqrt(inverse[:, 2, 2]) / speed**2
     return _LocalFit(angle, slope_std, center + value[:, 0], curvature, curvature_std, residual)
 

@@ -29,8 +29,11 @@ class Contour:
         tip: centre of the tip, (n, 2), m.
         passes: number of the pass, (n,).
         by_model: change along the normal by each value of the model, (n, 12 + k).
+        by_noise: change along the normal by one standard deviation of the noise of q1, q2, F_x and F_y, (n, 4), m.
         friction: what the forces say of friction.
         off_normal: angle from the inward normal to the force, towards the direction of travel, (n,), rad.
+        inner_corner: whether the surface is hollow there and hardly wider than the tip, (n,): the tip touches on both
+            sides, and the outline has its radius.
         tip_radius: m.
         zero: what the sensor reports without force, as it was taken for the last contact, (2,), N.
         lost: time without contact between the first and the last contact, s.
@@ -58,8 +61,10 @@ class Contour:
     tip: Floats
     passes: Indices
     by_model: Floats
+    by_noise: Floats
     friction: Friction
     off_normal: Floats
+    inner_corner: Mask
     tip_radius: float
     zero: Floats
     lost: float

@@ -17,6 +17,7 @@ from scara_kinetostatic.compensation.uncertainty import (
     Jacobian,
     Spread,
     band_covariance,
+    by_noise,
     measurement_covariance,
     tip_derivative,
     with_dead_bands,
@@ -63,12 +64,14 @@ class TipPlaces(NamedTuple):
             joint is in a dead band of undetermined size.
         noise: covariance by the noise of joint angles and force and by the place of joints in their dead bands,
             (n, 2, 2), m².
+        by_noise: change by one standard deviation of the noise of q1, q2, F_x and F_y, (n, 2, 4), m.
     """
 
     center: Floats
     by_model: Floats
     systematic: Floats
     noise: Floats
+    by_noise: Floats
 
 
 def tip_places(arm: CalibratedArm, joints: Floats, force: Floats) -> TipPlaces:
@@ -89,4 +92,5 @@ def tip_places(arm: CalibratedArm, joints: Floats, force: Floats) -> TipPlaces:
     systematic = spread.tip(by_model)
     known = np.isfinite(with_dead_bands(systematic, spread, law, found, f).xx)
     covariance = np.where(known[:, None, None], systematic.matrices, np.nan)
-    return TipPlaces(found.tip, by_model.transpose(2, 1, 0), covariance, noise.matrices)
+    loadings = by_noise(law, found, f, jacobian)
+    return TipPlaces(found.tip, by_model.transpose(2, 1, 0), covariance, noise.matrices, loadings)

@@ -6,6 +6,8 @@ the force, does not turn the normal; the force tells on which side the object is
 local fit (`path`). An error δ of the normal's angle moves P along the surface by r δ, and along the normal by
 r δ²/2 only; at an edge, where the surface turns by more than that, the first counts, too.
 
+An error along the surface by the noise of joint angles and force counts there in the same way.
+
 The standard uncertainty of P along n has three parts: the calibration's, nᵀ D Σ Dᵀ n with D = ∂S/∂L̄; the noise of a
 touch, which does not average out along a slide, and the white noise of the samples; that of the normal and the tip's
 radius.
@@ -36,6 +38,8 @@ LARGEST_ANGLE = 1.2
 """Largest angle between force and normal of a contact, rad: beyond, the path is not that of a tip on a surface."""
 END_SAMPLES = 3
 """Instants left out at both ends of a pass, where the tip comes or goes and its direction is known from one side."""
+INNER_CORNER = 0.25
+"""In an inner corner the path has a radius below this part of the tip's: the surface is hollow, and hardly wider."""
 _JUMP = 1e-3
 """The tip jumps where it moves from one joint state to the next by more than this, m,"""
 _JUMP_FACTOR = 8.0
@@ -159,7 +163,8 @@ class _Course(NamedTuple):
         normal: outward unit vectors, (n, 2).
         along: direction of travel, unit vectors, (n, 2).
         angle_std: standard uncertainty of their angle, (n,), rad.
-        curvature: of the path, (n,), 1/m.
+        convex: curvature of the path about the object, (n,), 1/m.
+        hollow: curvature of the path away from it, as in a hole, (n,), 1/m.
         white: standard deviation of the white noise of a place, (n,), m.
         end: whether it is the begin or the end of a pass, (n,).
     """
@@ -167,7 +172,8 @@ class _Course(NamedTuple):
     normal: Floats
     along: Floats
     angle_std: Floats
-    curvature: Floats
+    convex: Floats
+    hollow: Floats
     white: Floats
     end: Mask
 
@@ -176,17 +182,18 @@ def _course(samples: ContactSamples, center: Floats, force: Floats, number: Indi
     """The course, pass by pass; the force tells on which side of the path the object is."""
     count = len(samples.time)
     normal, along = np.zeros((count, 2)), np.zeros((count, 2))
-    angle_std, curvature, white = np.zeros(count), np.zeros(count), np.zeros(count)
+    angle_std, convex, hollow, white = np.zeros((4, count))
     end = np.zeros(count, dtype=bool)
     for k in range(number.max() + 1):
         here = np.flatnonzero(number == k)
         found = direction_along(samples.time[here], center[here])
         along[here], angle_std[here], white[here] = found.along, found.std, found.white_noise
-        curvature[here] = found.curvature
         left = quarter_turn(found.along)
-        normal[here] = -np.sign(np.median((force[here] * left).sum(axis=1))) * left
+        is_left = np.median((force[here] * left).sum(axis=1)) > 0
+        normal[here] = -left if is_left else left
+        convex[here], hollow[here] = (found.left, found.right) if is_left else (found.right, found.left)
         end[here[:END_SAMPLES]] = end[here[-END_SAMPLES:]] = True
-    return _Course(normal, along, angle_std, curvature, white, end)
+    return _Course(normal, along, angle_std, convex, hollow, white, end)
 
 
 def _usable(course: _Course, force: Floats, number: Indices, source: str) -> tuple[Mask, int]:
@@ -217,8 +224,11 @@ def _surface(
     """The surface at the instants that are used."""
     n, along, force = course.normal[used], course.along[used], force[used]
     passes = np.unique(number[used], return_inverse=True)[1]
-    by_normal = _error_by_normal(course.angle_std[used], course.curvature[used], radius)
-    noise = _along(places.noise[used], n) + course.white[used] ** 2 + by_normal**2
+    across, aside = (_along(places.noise[used], way) + course.white[used] ** 2 for way in (n, along))
+    angle_std = course.angle_std[used]
+    aside = np.sqrt(aside + (radius * angle_std) ** 2)
+    by_normal = _error_by_normal(angle_std, aside, course.convex[used], course.hollow[used], radius)
+    noise = across + by_normal**2
     common = _along(places.systematic[used], n) + arm.cell.uncertainty.radius**2
     force_std = arm.noise.force_at(size := float(np.median(np.hypot(*force.T)))) / size
     return Contour(
@@ -233,8 +243,10 @@ def _surface(
         tip=places.center[used],
         passes=passes,
         by_model=np.einsum('ni,nik->nk', n, places.by_model[used]),
+        by_noise=np.einsum('ni,nik->nk', n, places.by_noise[used]),
         friction=estimate_friction(force, n, along, passes, force_std, arm.cell.uncertainty.force_rotation),
         off_normal=off_normal_angle(force, n, along),
+        inner_corner=_is_inner_corner(course.hollow[used], radius),
         tip_radius=radius,
         zero=samples.zero,
         lost=samples.lost,
@@ -243,16 +255,22 @@ def _surface(
     )
 
 
-def _error_by_normal(angle_std: Floats, curvature: Floats, radius: float) -> Floats:
-    """Standard uncertainty across the surface by that of the normal, δ, (n,), m.
+def _error_by_normal(angle_std: Floats, aside: Floats, convex: Floats, hollow: Floats, radius: float) -> Floats:
+    """Standard uncertainty across the surface by that of the normal, δ, and along the surface, t, (n,), m.
 
-    P moves by r δ²/√2 against the normal, and by t = r δ along the surface, which leaves a surface of radius
-    ρ = 1/κ - r by t²/(2 ρ), and a sharp edge by t: here t²/(2 ρ + t).
+    P moves by r δ²/√2 against the normal. Along the surface it moves by t, of which r δ is a part; this leaves a
+    surface of radius ρ by t²/(2 ρ), and a sharp edge by t: here t²/(2 ρ + t), with ρ = 1/κ - r about the object and
+    1/κ + r in a hollow. In an inner corner the tip touches on both sides and turns on the spot: ρ = 0.
     """
-    aside = radius * angle_std
-    surface = np.maximum(1.0 / np.maximum(curvature, 1e-9) - radius, 0.0)
-    across = aside**2 / np.maximum(2.0 * surface + aside, 1e-12)
+    about = np.maximum(1.0 / np.maximum(convex, 1e-9) - radius, 0.0)
+    within = np.where(_is_inner_corner(hollow, radius), 0.0, 1.0 / np.maximum(hollow, 1e-9) + radius)
+    across = aside**2 / np.maximum(2.0 * np.minimum(about, within) + aside, 1e-12)
     return np.hypot(radius * angle_std**2 / np.sqrt(2.0), across)
+
+
+def _is_inner_corner(hollow: Floats, radius: float) -> Mask:
+    """Where the path turns away from the object within less than a part of the tip's radius, (n,)."""
+    return np.asarray(hollow * INNER_CORNER * radius > 1.0)
 
 
 def _along(covariance: Floats, normal: Floats) -> Floats:

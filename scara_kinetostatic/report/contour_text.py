@@ -115,7 +115,7 @@ def document(contour: Contour, fits: Sequence[ShapeFit]) -> Document:
             {
                 'shape': fit.shape,
                 'outline': fit.outline,
-                'values': {v.name: {'value': v.value, 'std': v.std, 'unit': v.unit} for v in fit.values},
+                'values': {v.name: {'value': v.value, 'std': _number(v.std), 'unit': v.unit} for v in fit.values},
                 'residual': {'rms': fit.rms, 'largest': fit.largest},
                 'misfit': fit.misfit,
                 'fits': fit.fits,

@@ -77,3 +77,10 @@ def test_wrong_files(folder: Path, run: Run, bag: str, calibration: str, status:
     assert len(result.err.splitlines()) == 1
     assert message in result.err
     assert not Path('made').exists()
+
+
+def test_a_tip_in_millimetres_is_refused(folder: Path, run: Run) -> None:
+    calibration = folder / 'result' / 'calibration.json'
+    result = run('contour', folder / 'slide', '--calibration', calibration, '--out', 'made', '--tip-radius', '5')
+    assert result.status == 2
+    assert 'expected at most 0.1, got 5' in result.err

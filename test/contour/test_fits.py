@@ -15,10 +15,12 @@ from scara_kinetostatic.contour.files import COLUMNS, csv_text, dxf_text, svg_te
 from scara_kinetostatic.contour.fits import fit_shape
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import rms
+from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.report.contour_text import text
 from scara_kinetostatic.simulation.sliding.outline import polygon
-from scara_kinetostatic.simulation.sliding.slide import Slide
+from scara_kinetostatic.simulation.sliding.slide import Slide, SlideTiming
 from scara_kinetostatic.simulation.sliding.streams import simulate_slides
 
 
@@ -59,6 +61,36 @@ def test_arc_and_line():
     assert abs(offset @ (np.cos(true), np.sin(true))) < 4e-5
     with pytest.raises(UnsupportedDataError, match='on no circle'):
         fit_shape(_exact_line(straight), arm(), 'circle')
+
+
+@pytest.mark.parametrize('variation_time', [0.5, 1e3])
+def test_noise_that_does_not_change_along_the_slide_is_covered(variation_time):
+    exact = replace(arm(), model=ExtendedModel(PAPER_ACTUAL), covariance=np.zeros_like(arm().covariance))
+    timing = SlideTiming(variation_time=variation_time)
+    deviations = []
+    for seed in range(8):
+        streams = simulate_slides(CELL, PAPER_ACTUAL, [Slide(DISC, 15, 0.1, 0.05, end=1.05)], timing=timing, seed=seed)
+        fit = fit_shape(trace_contour(streams, exact), exact, 'circle')
+        truth = (('center_x', 0.2), ('center_y', 0.3), ('radius', 0.06))
+        deviations += [(fit.value(name).value - true) / fit.value(name).std for name, true in truth]
+    assert 0.5 < rms(np.array(deviations)) < 1.5
+
+
+def test_ends_of_an_arc_in_several_passes(contour):
+    slides = [Slide(DISC, 15, 0.1, 0.05, begin=a, end=b) for a, b in ((0.05, 0.85), (0.85, 0.05), (0.5, 0.85))]
+    fit = fit_shape(trace_contour(simulate_slides(CELL, PAPER_ACTUAL, slides), arm()), arm(), 'arc')
+    begin, end = fit.value('begin').value, fit.value('end').value
+    assert (begin, end) == pytest.approx((0.05 * 2 * np.pi, 0.85 * 2 * np.pi), abs=0.03)
+    whole = fit_shape(contour, arm(), 'arc')
+    assert whole.value('end').value - whole.value('begin').value == pytest.approx(2 * np.pi, abs=0.03)
+
+
+def test_what_the_slide_or_nothing_decides_has_no_uncertainty(contour):
+    assert np.isnan(fit_shape(contour, arm(), 'arc').value('end').std)
+    open_arm = replace(arm(), undetermined=np.eye(12)[:, :1] * 1e-3)
+    fit = fit_shape(contour, open_arm, 'circle')
+    assert np.isnan(fit.value('center_x').std)
+    assert np.isfinite(fit.value('radius').std)
 
 
 def _exact_line(contour):

@@ -11,12 +11,12 @@ RADIUS, STEP, NOISE = 0.06, 2.5e-4, 5e-6
 TURN = 2 * np.pi * RADIUS
 
 
-def stretch(begin: float, end: float, seed: int = 0) -> Stretch:
+def stretch(begin: float, end: float, seed: int = 0, radius: float = RADIUS) -> Stretch:
     """A pass along a disc, from one part of a turn to another."""
-    count = round(abs(end - begin) * TURN / STEP)
+    count = round(abs(end - begin) * 2 * np.pi * radius / STEP)
     angle = 2 * np.pi * np.linspace(begin, end, count)
     normal = np.column_stack([np.cos(angle), np.sin(angle)])
-    away = RADIUS + np.random.default_rng([seed, count]).normal(0, NOISE, count)
+    away = radius + np.random.default_rng([seed, count]).normal(0, NOISE, count)
     return Stretch(away[:, None] * normal, normal, np.full(count, 2 * NOISE), np.full(count, NOISE))
 
 
@@ -26,6 +26,13 @@ def check(outlines: tuple[Outline, ...], closed: bool, turns: float) -> None:
     assert outline.length == pytest.approx(turns * TURN, rel=2e-3)
     assert np.abs(np.hypot(*outline.points.T) - RADIUS).max() < 4 * NOISE
     assert len(outline.points) < outline.length / 4e-4
+
+
+@pytest.mark.parametrize('turns', [0.95, 1.05, 2.05])
+def test_a_pin_that_is_thinner_than_a_gap_is_closed(turns: float) -> None:
+    (outline,) = join_passes([stretch(0.0, turns, radius=0.002)])
+    assert outline.closed
+    assert outline.length == pytest.approx(2 * np.pi * 0.002, rel=0.02)
 
 
 @pytest.mark.parametrize(

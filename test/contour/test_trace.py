@@ -9,6 +9,7 @@ import pytest
 from contour.slides import CELL, DISC, OBJECTS, SQUARE, arm
 
 from scara_kinetostatic.contour.comparison import shifts_along_normal, surfaces_of
+from scara_kinetostatic.contour.fits import fit_shape
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import rms
@@ -16,7 +17,7 @@ from scara_kinetostatic.model.cell import SensorFrame, SensorSign
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.sensors import SensorModel
-from scara_kinetostatic.simulation.sliding.outline import circle, polygon
+from scara_kinetostatic.simulation.sliding.outline import Arc, Outline, circle, polygon
 from scara_kinetostatic.simulation.sliding.slide import Slide
 from scara_kinetostatic.simulation.sliding.streams import simulate_slides
 
@@ -73,6 +74,51 @@ def test_the_uncertainty_covers_the_error_at_sharp_edges(speed):
     assert inside[edge].mean() > 0.85
     assert contour.std_normal[edge].max() > 5e-5
     assert np.median(contour.std_normal[~edge]) < 8e-6
+
+
+def test_the_uncertainty_covers_joint_states_far_apart():
+    sparse = replace(SensorModel(), joint_rate=10.0)
+    contour = trace_contour(slide_along(SQUARE, speed=0.02, end=1.02, sensors=sparse), arm())
+    error = np.abs(SQUARE.normal_error(contour.surface)) / contour.std_normal
+    assert error.max() < 4
+    assert np.mean(error < 1.96) > 0.9
+    assert any('mm apart: what lies between is not seen' in warning for warning in contour.warnings)
+
+
+@pytest.mark.parametrize(('radius', 'speed'), [(0.04, 0.05), (0.0075, 0.01)])
+def test_inside_of_a_hole(radius, speed):
+    hole = Outline((Arc((0.2, 0.3), (-radius, -radius), np.pi, 0.0, -2 * np.pi),), closed=True)
+    contour = trace_contour(slide_along(hole, speed=speed, end=1.05), arm())
+    error = hole.normal_error(contour.surface)
+    assert rms(error) < 1e-5
+    assert np.median(contour.std_normal) < 1e-5
+    assert np.all(((contour.surface - (0.2, 0.3)) * contour.normal).sum(axis=1) < 0)
+    assert contour.friction.coefficient == pytest.approx(0.1, abs=3 * contour.friction.std)
+    (joined,) = contour.outlines
+    assert joined.closed
+    fit = fit_shape(contour, arm(), 'circle').value('radius')
+    assert fit.value == pytest.approx(radius, abs=4 * fit.std)
+    assert not contour.warnings
+
+
+def test_an_inner_corner_hardly_wider_than_the_tip_is_said():
+    corner = polygon([[0.10, 0.36], [0.18, 0.36], [0.18, 0.28]], 0.0051, closed=False)
+    contour = trace_contour(slide_along(corner, speed=0.03), arm())
+    assert contour.warnings == (
+        'an inner corner hardly wider than the tip: there the outline has the radius of the tip, the object may be '
+        'sharper',
+    )
+    assert np.all(np.hypot(*(contour.surface[contour.inner_corner] - (0.18, 0.36)).T) < 8e-3)
+    error = np.abs(corner.normal_error(contour.surface))
+    assert np.all(error < 4 * contour.std_normal)
+
+
+def test_a_tip_that_is_too_large_for_its_path_is_said():
+    streams = slide_along(SQUARE)
+    contour = trace_contour(streams, arm(), tip_radius=0.02)
+    assert any('check its radius' in warning for warning in contour.warnings)
+    sharp = polygon([[0.10, 0.30], [0.20, 0.30], [0.20, 0.40], [0.10, 0.40]])
+    assert not trace_contour(slide_along(sharp), arm()).warnings
 
 
 def test_surfaces_of_less_complete_models():
