@@ -8,7 +8,7 @@ place and 5 µm in radius, the tip's radius to 5 µm, gain of the force sensor t
 all that is exactly known, noise alone; *nominal values*: as declared, and l1, theta1 and p_ee trusted to 5 µm, 20 µrad
 and 0.2 µm/N, the true ones drawn from that; *noise estimated*: from the residuals. Every calibration has its own errors
 of the cell, and its touches of production are made in that cell. A change is one of 5 standard uncertainties of the
-parameter, up or down at random.
+parameter, up or down at random. A *bad touch* is one of 2 %, its joint angles off by 0.1, 0.3 or 1 mrad.
 
 *Bound* is what no monitor can exceed: the power of the one-sided test that knows which parameter changed, in which
 sense and when, at the rate of false alarms of 1 in 1000, given the calibration.
@@ -58,6 +58,10 @@ BEFORE = 30
 """Touches of production before the change in half of the runs; none in the others."""
 RATE = 1e-3
 """Accepted rate of false alarms per touch."""
+BAD = 0.02
+"""Part of the touches that are bad."""
+OFF = (1e-4, 3e-4, 1e-3)
+"""By what, rad."""
 
 
 def touches_of(cell: Cell, seed: int, world: int, count: int, truth: Parameters = PAPER_ACTUAL) -> TouchSet:
@@ -72,6 +76,13 @@ def touches_of(cell: Cell, seed: int, world: int, count: int, truth: Parameters 
 def record_of(cell: Cell, seed: int, world: int) -> CalibrationRecord:
     """A calibration."""
     return CalibrationRecord.of(calibrate(simulate(cell, PAPER_ACTUAL, seed=seed, drawn=world), cell))
+
+
+def with_bad(touches: TouchSet, seed: int) -> TouchSet:
+    """The same, some of them bad."""
+    random = np.random.default_rng(seed)
+    off = random.choice([-1, 1], (len(touches), 2)) * random.choice(OFF, (len(touches), 1))
+    return touches.replace(joints=touches.joints + off * (random.random((len(touches), 1)) < BAD))
 
 
 @dataclass(frozen=True)
@@ -99,8 +110,9 @@ def run(job: Job) -> Any:
     """One job."""
     cell = (CELLS | ESTIMATED | TRUSTED)[job.cell]
     record = record_of(cell, job.seed, job.seed)
-    if job.section == 'alarms':
-        return _alarms(record, touches_of(cell, 1_000_000 + job.seed, job.seed, job.touches))
+    if job.section in ('alarms', 'bad'):
+        touches = touches_of(cell, 1_000_000 + job.seed, job.seed, job.touches)
+        return _alarms(record, touches if job.section == 'alarms' else with_bad(touches, job.seed))
     if job.section == 'compare':
         return compare(record, record_of(cell, 2_000_000 + job.seed, job.seed)).p_value
     if job.section == 'verify':
@@ -158,10 +170,10 @@ def main() -> int:
     made.add_argument('--calibrations', type=int, default=100, metavar='N', help='of alarms and changes')
     made.add_argument('--alarm-touches', type=int, default=500, metavar='N', help='per calibration without a change')
     made.add_argument('--pairs', type=int, default=200, metavar='N', help='of compare and verify')
-    made.add_argument('--only', nargs='+', choices=('alarms', 'changes', 'compare', 'verify'), metavar='SECTION')
+    made.add_argument('--only', nargs='+', choices=('alarms', 'bad', 'changes', 'compare', 'verify'), metavar='SECTION')
     made.add_argument('--jobs', type=int, default=1, metavar='N')
     args = made.parse_args()
-    sections = args.only or ['compare', 'verify', 'changes', 'alarms']
+    sections = args.only or ['compare', 'verify', 'changes', 'alarms', 'bad']
     figures: dict[str, Any] = {}
     for section in sections:
         cells = CELLS | {'compare': ESTIMATED | TRUSTED, 'verify': ESTIMATED | TRUSTED, 'alarms': ESTIMATED}.get(
@@ -177,7 +189,7 @@ def main() -> int:
 
 
 def _summary(section: str, found: Sequence[Any], touches: int) -> dict[str, Any]:
-    if section == 'alarms':
+    if section in ('alarms', 'bad'):
         return {
             'touches': touches * len(found),
             'alarms': sum(found),

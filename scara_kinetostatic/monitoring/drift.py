@@ -39,8 +39,12 @@ THRESHOLD = 20.0
 """Of G: false alarms at most one in 1000 touches. Source: `benchmark/drift.py`."""
 WINDOW = 40
 """A change is sought among the last so many touches."""
-LARGEST_RESIDUAL = 4.0
-"""Length of the whitened residual of a touch, less what was expected, beyond which it is shortened to this."""
+LARGEST_RESIDUAL = 3.0
+"""Length of the whitened residual of a touch, less what was expected, beyond which it is shortened to this.
+
+A bad touch adds at most 9 to G. Source: `benchmark/drift.py`, false alarms with bad touches: with 4, one bad touch in
+four raised an alarm together with the chance of its neighbours.
+"""
 FEWEST = 2
 """So many touches after a change are needed for an alarm: one alone may be a bad touch."""
 MEMORY = 500
