@@ -224,8 +224,8 @@ def _arm(document: Mapping[str, Any], where: str | Path) -> CalibratedArm:
     return CalibratedArm(
         cell=cell,
         model=model,
-        covariance=_covariance(entry['covariance'], size),
-        undetermined=_numbers(directions, (len(directions), size)).T,
+        covariance=stored_covariance(entry['covariance'], size),
+        undetermined=stored_numbers(directions, (len(directions), size)).T,
         noise=_noise(entry['noise']),
         sensor=_sensor(entry['sensor']),
         used=_used(entry['used']),
@@ -259,7 +259,7 @@ def _model(entry: Mapping[str, Any], cell: Cell, where: str | Path) -> ExtendedM
     if list(start.names) != entry['names']:
         problem = 'the effects of this calibration have other parameters here'
         raise CalibrationFileError(where, problem, 'use the version of this package that wrote it')
-    model = start.with_array(_numbers(entry['values'], (len(start.names),)))
+    model = start.with_array(stored_numbers(entry['values'], (len(start.names),)))
     if not min(model.parameters.l1, model.parameters.l2) > 0:
         raise ValueError('a link has no length')
     return model
@@ -279,13 +279,13 @@ def _check_agreement(stated: Any, key: str, model: ExtendedModel, where: str | P
             raise CalibrationFileError(where, problem, remedy)
 
 
-def _covariance(rows: Any, size: int) -> Floats:
-    """A covariance, (size, size).
+def stored_covariance(rows: Any, size: int) -> Floats:
+    """A covariance of a file, (size, size).
 
     Raises:
         ValueError, TypeError: it is none.
     """
-    found = _numbers(rows, (size, size))
+    found = stored_numbers(rows, (size, size))
     variance = np.diag(found)
     if (variance < 0).any():
         raise ValueError('a variance is negative')
@@ -320,7 +320,7 @@ def _used(entry: Mapping[str, Any]) -> UsedRange:
     return UsedRange(lowest, highest, duration, postures)
 
 
-def _numbers(values: Any, shape: tuple[int, ...]) -> Floats:
+def stored_numbers(values: Any, shape: tuple[int, ...]) -> Floats:
     """An array of finite numbers of a shape.
 
     Raises:

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.prediction import base_force, observe
 from scara_kinetostatic.calibration.propagation import joint_covariance
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.errors import CalibrationFileError
-from scara_kinetostatic.files.calibration_file import read_arm
+from scara_kinetostatic.files.calibration_file import read_arm, stored_covariance, stored_numbers
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import SensorFrame, Uncertainty
 from scara_kinetostatic.model.effect_law import TouchMetadata
@@ -31,6 +32,8 @@ from scara_kinetostatic.report.document import as_document
 _REMEDY = 'calibrate again with this version'
 _ROW = ('joints', 'posture', 'index', 'order', 'time', 'approach', 'press', 'history')
 """Columns of a touch that are stored as they are."""
+_ROUNDED = 1e-6
+"""Of an eigenvalue of a correlation matrix, by rounding."""
 MAX_BYTES = 1 << 28
 """Larger files are refused."""
 
@@ -115,18 +118,13 @@ class CalibrationRecord:
         """
         arm = read_arm(document, where)
         try:
-            entry = document['covariance_with_cell']
-            names, values = tuple(map(str, entry['names'])), np.array(entry['values'], dtype=float)
-            covariance = np.array(entry['matrix'], dtype=float)
-            size = len(names)
-            if values.shape != (size,) or covariance.shape != (size, size) or not np.isfinite(covariance).all():
-                raise ValueError('covariance_with_cell: sizes differ')
-            if names[: len(arm.model.names)] != arm.model.names:
-                raise ValueError('covariance_with_cell: names differ from those of the model')
-        except (KeyError, TypeError, ValueError) as error:
+            record = cls(str(where), document, arm, *_joint(document['covariance_with_cell'], arm))
+            if not (1 <= record.enlargement < np.inf and record.noise_freedoms > 0):
+                raise ValueError('fit: expected an enlargement from 1 on and degrees of freedom')
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
             reason = f'there is no {error}' if isinstance(error, KeyError) else f'{error}'
             raise CalibrationFileError(where, f'is damaged or old: {reason:.200}', _REMEDY) from error
-        return cls(str(where), document, arm, names, values, covariance)
+        return record
 
     @property
     def created(self) -> str:
@@ -163,9 +161,8 @@ class CalibrationRecord:
     @property
     def noise_freedoms(self) -> float:
         """Degrees of freedom of the noise: infinite where it was given and covers the residuals."""
-        fit = self.document.get('fit', {})
         estimated = self.document.get('noise', {}).get('source') == 'estimated' or self.enlargement > 1
-        return float(fit.get('degrees_of_freedom', np.inf)) if estimated else np.inf
+        return float(self.document['fit']['degrees_of_freedom']) if estimated else np.inf
 
     @property
     def enlargement(self) -> float:
@@ -213,6 +210,27 @@ class CalibrationRecord:
         """Standard uncertainty of a value of the model or an error of the cell by name, SI; 0 where it is fixed."""
         place = self.place(name)
         return float(np.sqrt(max(self.covariance[place, place], 0.0)))
+
+
+def _joint(entry: Mapping[str, Any], arm: CalibratedArm) -> tuple[tuple[str, ...], Floats, Floats]:
+    """Names, values and covariance of the model and of the declared errors of the cell.
+
+    Raises:
+        KeyError, TypeError, ValueError: they are damaged, or not those of the model.
+    """
+    names, size = tuple(map(str, entry['names'])), len(arm.model.names)
+    declared = DeclaredErrors.of(arm.cell)
+    if names != (*arm.model.names, *(declared.names if declared else ())):
+        raise ValueError('covariance_with_cell: names differ from those of the model and the cell')
+    values = stored_numbers(entry['values'], (len(names),))
+    covariance = stored_covariance(entry['matrix'], len(names))
+    if not np.allclose(values[:size], arm.model.as_array(), rtol=1e-9, atol=0):
+        raise ValueError('covariance_with_cell: values differ from those of the model')
+    scale = np.sqrt(np.diag(covariance))
+    scale[scale == 0] = 1.0
+    if np.linalg.eigvalsh(covariance / np.outer(scale, scale))[0] < -_ROUNDED:
+        raise ValueError('covariance_with_cell: is no covariance')
+    return names, values, covariance
 
 
 def stored_touches(rows: Sequence[Mapping[str, Any]], arm: CalibratedArm) -> TouchSet:

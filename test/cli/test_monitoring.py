@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 
 import pytest
@@ -65,11 +67,24 @@ def test_compare(run: Run, results: Path) -> None:
         ({'schema': 'scara_kinetostatic/calibration/9'}, 'schema'),
         ({'covariance_with_cell': {'names': ['x0'], 'values': [0.0], 'matrix': [[0.0]]}}, 'covariance_with_cell'),
         ({'covariance_with_cell': None}, 'damaged'),
+        ({'covariance_with_cell.matrix.0.0': -1.0}, 'a variance is negative'),
+        ({'covariance_with_cell.matrix.0.1': 1e9}, 'not that of anything'),
+        ({'covariance_with_cell.values.3': float('nan')}, 'finite numbers'),
+        ({'covariance_with_cell.values.3': 0.34}, 'differ from those of the model'),
+        ({'covariance_with_cell.names.3': 'l7'}, 'differ from those of the model'),
+        ({'fit': []}, 'damaged'),
+        ({'fit.enlargement': 'much'}, 'damaged'),
+        ({'fit.enlargement': 0.0}, 'enlargement'),
+        ({'noise.source': 'estimated', 'fit.degrees_of_freedom': None}, 'damaged'),
     ],
 )
 def test_bad_files_are_one_line(run: Run, recordings: Path, results: Path, change: dict, words: str) -> None:
     good = results / 'a' / 'calibration.json'
-    Path('bad.json').write_text(json.dumps(json.loads(good.read_text()) | change))
+    document = json.loads(good.read_text())
+    for place, value in change.items():
+        *parents, last = (int(key) if key.isdigit() else key for key in place.split('.'))
+        reduce(getitem, parents, document)[last] = value
+    Path('bad.json').write_text(json.dumps(document))
     for arguments in (('compare', good, 'bad.json'), ('verify', recordings / 'plain', '--calibration', 'bad.json')):
         done = run(*arguments)
         assert done.status == 2 and done.out == '' and done.err.count('\n') == 1
