@@ -66,8 +66,8 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         type=real(0),
         action='append',
         metavar='N',
-        help='force in eight directions, 0 for none; may be given several times (default: 0, and the mean force of the '
-        'touches)',
+        help='force in eight directions, 0 for none; may be given several times (default: 0, and the middle of the '
+        'forces of the touches)',
     )
     return parser
 
@@ -113,5 +113,7 @@ def _exported(arm: CalibratedArm, args: argparse.Namespace) -> tuple[str, list[s
         return denavit_hartenberg.dh_text(arm, facts, args.convention), notes
     if args.format == 'header':
         return header.header_text(arm, facts), notes
-    forces = tuple(args.force) if args.force else (0.0, (arm.used.lowest_force + arm.used.highest_force) / 2)
-    return corrections.correction_text(arm, facts, corrections.Grid(args.step, forces)), notes
+    middle = float(f'{(arm.used.lowest_force + arm.used.highest_force) / 2:.2g}')
+    forces = tuple(dict.fromkeys(args.force)) if args.force else (0.0, middle)
+    table = corrections.correction_file(arm, facts, corrections.Grid(args.step, forces))
+    return table.text, [*notes, *table.notes]

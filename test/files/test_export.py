@@ -19,7 +19,7 @@ from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.compensation.predictions import Predictor
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.files.export.corrections import Grid, correction_text
+from scara_kinetostatic.files.export.corrections import Grid, correction_file
 from scara_kinetostatic.files.export.denavit_hartenberg import CONVENTIONS, dh_text
 from scara_kinetostatic.files.export.description import urdf_text, xacro_text
 from scara_kinetostatic.files.export.facts import CONTENT, ExportFacts
@@ -28,7 +28,7 @@ from scara_kinetostatic.files.urdf import TOOL_FRAME
 from scara_kinetostatic.interface import simulate
 from scara_kinetostatic.model.cell import PAPER_CELL, GripperSign
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.kinematics import forward, inverse
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 
 JOINTS = np.random.default_rng(0).uniform(-np.pi, np.pi, (30, 2))
@@ -139,7 +139,7 @@ def test_the_header_gives_the_tip_and_the_joint_angles(sign: GripperSign, tmp_pa
 
 def test_the_corrections_bring_the_nominal_arm_to_the_place(arm: CalibratedArm) -> None:
     arm = replace(arm, model=ExtendedModel(PAPER_ACTUAL))
-    text = correction_text(arm, facts(arm, 'csv'), Grid(0.2, (0.0, 30.0)))
+    text = correction_file(arm, facts(arm, 'csv'), Grid(0.2, (0.0, 30.0))).text
     rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith('#')))
     assert {row['elbow'] for row in rows} == {'left', 'right'} and len(rows) > 100
 
@@ -155,6 +155,34 @@ def test_the_corrections_bring_the_nominal_arm_to_the_place(arm: CalibratedArm) 
     assert loaded.sum() > 50
     miss = np.linalg.norm(nominal - tip, axis=1)
     np.testing.assert_allclose(miss[loaded], column('miss_m')[loaded, 0], rtol=0, atol=2e-5)  # in the dead bands
+
+
+def test_the_error_between_the_places_of_a_correction_table_is_stated(arm: CalibratedArm) -> None:
+    made = correction_file(arm, facts(arm, 'csv'), Grid(0.1, (20.0,)))
+    rows = list(csv.DictReader(line for line in made.text.splitlines() if not line.startswith('#')))
+    found: dict[tuple[float, ...], np.ndarray] = {}
+    for row in rows:
+        where = tuple(round(float(row[name]), 6) for name in ('x_m', 'y_m', 'fx_N', 'fy_N'))
+        if row['elbow'] == 'left':
+            found[where] = np.array([float(row['dq1_rad']), float(row['dq2_rad'])])
+    errors = []
+    for (x, y, fx, fy), change in found.items():
+        square = [
+            found.get((round(x + dx, 6), round(y + dy, 6), fx, fy)) for dx, dy in ((0.1, 0), (0, 0.1), (0.1, 0.1))
+        ]
+        if all(corner is not None for corner in square):
+            middle = np.array([[x + 0.05, y + 0.05]])
+            joints = inverse(arm.cell.nominal, middle, 1) + np.mean([change, *square], axis=0)
+            tip = Predictor(arm).locate(joints, np.array([[fx, fy]])).position
+            errors.append(float(np.linalg.norm(tip - middle)))
+    assert len(errors) > 100
+    stated, _ = made.notes[0].split(' mm, in 95 %')
+    largest = 1e-3 * float(stated.rsplit(' ', 1)[1])
+    assert largest >= 0.99 * max(errors) > 1e-5
+    assert f'# {made.notes[0][0].upper()}' in made.text
+    assert len(made.notes) == 1
+    beyond = correction_file(arm, facts(arm, 'csv'), Grid(0.2, (500.0,))).notes[1]
+    assert '500 N is outside of the forces of the calibration' in beyond
 
 
 def test_what_a_format_cannot_hold_is_refused_or_said(arm: CalibratedArm) -> None:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.tip_uncertainty import NEARLY_STRETCHED
 from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.compensation.predictions import Predictor
 from scara_kinetostatic.files.export.facts import ExportFacts
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.kinematics import inverse, wrap
 
 _DIRECTIONS = 8
@@ -31,55 +32,138 @@ class Grid(NamedTuple):
     forces: tuple[float, ...]
 
 
-def correction_text(arm: CalibratedArm, facts: ExportFacts, grid: Grid) -> str:
+class _Table(NamedTuple):
+    """The rows of one elbow posture: p places by f forces.
+
+    Attributes:
+        posture: +1 left, -1 right.
+        nominal: joint angles of the nominal rigid arm, (p, 2), rad.
+        change: what to add, (p, f, 2), rad; NaN where one of the arms does not reach.
+        miss: error of the tip without it, (p, f), m.
+        std: standard uncertainty of the tip, (p, f), m.
+        status: (p, f).
+    """
+
+    posture: int
+    nominal: Floats
+    change: Floats
+    miss: Floats
+    std: Floats
+    status: NDArray[Any]
+
+
+class CorrectionFile(NamedTuple):
+    """A correction table.
+
+    Attributes:
+        text: CSV.
+        notes: what a reader must know of it, one sentence each.
+    """
+
+    text: str
+    notes: tuple[str, ...]
+
+
+def correction_file(arm: CalibratedArm, facts: ExportFacts, grid: Grid) -> CorrectionFile:
     """The correction table as CSV: what to add to the joint angles of the nominal arm.
 
     A row has the place of the tip, the force, the elbow, the joint angles by the nominal rigid arm, the correction of
     each, the error of the tip without it, and the standard uncertainty of the tip along the force, in the worst
-    direction without one. Places out of reach of either arm are left out.
+    direction without one. Places out of reach of either arm are left out. The head states the error of the tip halfway
+    between places, by bilinear interpolation.
     """
+    cells, forces = _cells(arm, grid.step), _forces(grid.forces)
+    places = _places(arm, grid.step, cells)
+    tables = [_table(arm, places, forces, posture) for posture in arm.used.postures]
+    between = _between(arm, grid, cells, forces, tables)
     lines = [
         *(f'# {line}' for line in facts.lines),
         '# Command q1_nominal_rad + dq1_rad and q2_nominal_rad + dq2_rad to have the tip at x_m, y_m under the force.',
+        f'# {between[0].upper()}{between[1:]}.',
         'x_m,y_m,fx_N,fy_N,elbow,q1_nominal_rad,q2_nominal_rad,dq1_rad,dq2_rad,miss_m,std_normal_m,status',
     ]
-    return '\n'.join([*lines, *(_row(row) for row in _corrections(arm, grid))]) + '\n'
+    rows = (_row(row) for table in tables for row in _rows(table, places, forces))
+    return CorrectionFile('\n'.join([*lines, *rows]) + '\n', tuple(filter(None, (between, _beyond(arm, grid)))))
+
+
+def _beyond(arm: CalibratedArm, grid: Grid) -> str:
+    """That a force is not one of those that were touched with; empty where all are."""
+    low, high = arm.used.lowest_force, arm.used.highest_force
+    beyond = [f'{size:g}' for size in grid.forces if size > high or 0 < size < low]
+    if not beyond:
+        return ''
+    return f'{", ".join(beyond)} N is outside of the forces of the calibration, {low:.3g} to {high:.3g} N: extrapolated'
 
 
 def _row(values: tuple[object, ...]) -> str:
     return ','.join(value if isinstance(value, str) else f'{value:.10g}' for value in values)
 
 
-def _corrections(arm: CalibratedArm, grid: Grid) -> Iterator[tuple[object, ...]]:
-    places, forces = _places(arm, grid.step), _forces(grid.forces)
-    tip, force = np.repeat(places, len(forces), axis=0), np.tile(forces, (len(places), 1))
-    predictor = Predictor(arm)
-    for posture in arm.used.postures:
-        nominal = inverse(arm.cell.nominal, tip, posture)
-        found = predictor.compensate(tip, force, np.full(len(tip), posture))
-        change = wrap(found.joints - nominal)
-        miss = np.linalg.norm(predictor.locate(nominal, force).position - tip, axis=1)
-        for k in np.flatnonzero(np.isfinite(change).all(axis=1)):
-            std = found.std_normal[k]
-            yield (
-                *tip[k].tolist(), *force[k].tolist(), _ELBOWS[posture], *nominal[k].tolist(), *change[k].tolist(),
-                float(miss[k]), float(std) if np.isfinite(std) else '', str(found.status[k]),
-            )  # fmt: skip
+def _table(arm: CalibratedArm, places: Floats, forces: Floats, posture: int) -> _Table:
+    count = len(forces)
+    tip, force = np.repeat(places, count, axis=0), np.tile(forces, (len(places), 1))
+    nominal, predictor = inverse(arm.cell.nominal, places, posture), Predictor(arm)
+    rigid = np.repeat(nominal, count, axis=0)
+    found = predictor.compensate(tip, force, np.full(len(tip), posture))
+    miss = np.linalg.norm(predictor.locate(rigid, force).position - tip, axis=1)
+    per_force = (miss.reshape(-1, count), found.std_normal.reshape(-1, count), found.status.reshape(-1, count))
+    return _Table(posture, nominal, wrap(found.joints - rigid).reshape(-1, count, 2), *per_force)
 
 
-def _places(arm: CalibratedArm, step: float) -> Floats:
-    """Places of a grid through the base that the nominal arm reaches, (n, 2), m."""
+def _rows(table: _Table, places: Floats, forces: Floats) -> Iterator[tuple[object, ...]]:
+    for k, j in np.argwhere(np.isfinite(table.change).all(axis=2)).tolist():
+        std = table.std[k, j]
+        yield (
+            *places[k].tolist(), *forces[j].tolist(), _ELBOWS[table.posture], *table.nominal[k].tolist(),
+            *table.change[k, j].tolist(), float(table.miss[k, j]), float(std) if np.isfinite(std) else '',
+            str(table.status[k, j]),
+        )  # fmt: skip
+
+
+def _between(arm: CalibratedArm, grid: Grid, cells: Indices, forces: Floats, tables: Sequence[_Table]) -> str:
+    """How far interpolated corrections miss the tip in the middle between four places, a sentence."""
+    number = {cell: k for k, cell in enumerate(map(tuple, cells.tolist()))}
+    square = ((0, 0), (1, 0), (0, 1), (1, 1))
+    corners = [[number.get((x + dx, y + dy), -1) for dx, dy in square] for x, y in cells.tolist()]
+    whole = np.array(corners, dtype=np.intp).reshape(-1, 4)
+    whole = whole[(whole >= 0).all(axis=1)]
+    middle = np.repeat(_places(arm, grid.step, cells)[whole[:, 0]] + grid.step / 2, len(forces), axis=0)
+    force, predictor, missed = np.tile(forces, (len(whole), 1)), Predictor(arm), [np.zeros(0)]
+    for table in tables:
+        change = table.change[whole].mean(axis=1).reshape(-1, 2)
+        joints = inverse(arm.cell.nominal, middle, table.posture) + change
+        known = np.isfinite(joints).all(axis=1)
+        found = predictor.locate(joints[known], force[known]).position
+        missed.append(np.linalg.norm(found - middle[known], axis=1))
+    errors = np.concatenate(missed)
+    errors = errors[np.isfinite(errors)]
+    if not len(errors):
+        return 'the places are too far apart to interpolate between them'
+    largest, most = (f'{1e3 * value:.2g}' for value in (errors.max(), np.quantile(errors, 0.95)))
+    return (
+        f'halfway between places, bilinear interpolation of dq misses the tip by up to {largest} mm, in 95 % of the '
+        f'cells by less than {most} mm'
+    )
+
+
+def _cells(arm: CalibratedArm, step: float) -> Indices:
+    """The places of a grid through the base that the nominal arm reaches, in steps, (n, 2)."""
     p = arm.cell.nominal
     longest = NEARLY_STRETCHED * (p.l1 + p.l2)
     shortest = abs(p.l1 - p.l2) + (1 - NEARLY_STRETCHED) * (p.l1 + p.l2)
     number = int(longest / step)
-    line = step * np.arange(-number, number + 1)
-    offsets = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    distance = np.hypot(*offsets.T)
-    return np.asarray((p.x0, p.y0) + offsets[(distance <= longest) & (distance >= shortest)])
+    line = np.arange(-number, number + 1)
+    cells = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    distance = step * np.hypot(*cells.T)
+    return cells[(distance <= longest) & (distance >= shortest)]
+
+
+def _places(arm: CalibratedArm, step: float, cells: Indices) -> Floats:
+    """The tip at cells, (n, 2), m."""
+    return np.asarray((arm.cell.nominal.x0, arm.cell.nominal.y0) + step * cells)
 
 
 def _forces(magnitudes: tuple[float, ...]) -> Floats:
     angles = 2 * np.pi / _DIRECTIONS * np.arange(_DIRECTIONS)
-    unit = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    unit = np.stack([np.cos(angles), np.sin(angles)], axis=1).round(15) + 0.0
     return np.concatenate([np.zeros((1, 2)) if size == 0 else size * unit for size in magnitudes])
