@@ -19,6 +19,7 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import NAMES
 
 DRAWN = ('small', 'large', 'plate')
@@ -58,6 +59,19 @@ def tasks(first: int, count: int, kinds: Sequence[str], at_once: int = 10) -> li
 def run_task(task: Task) -> list[dict[str, Any]]:
     """The recordings of a task."""
     return [_run(task, seed) for seed in task.seeds]
+
+
+def run_fits(task: Task) -> list[dict[str, Any]]:
+    """The recordings of a task that are calibrated and not diagnosed."""
+    return [_fit(task, seed) for seed in task.seeds]
+
+
+def _fit(task: Task, seed: int) -> dict[str, Any]:
+    setup = declared_setup(task.cell, task.kind)
+    _, robot, touches = drawn(setup, seed, task.cell, task.kind)
+    base = calibrate(touches, setup.cell if task.noise == 'given' else replace(setup.cell, noise=None))
+    z = (base.parameters.as_array() - robot.as_array()) / base.std
+    return {**task._asdict(), 'seeds': seed, 'z': z.tolist()}
 
 
 def _run(task: Task, seed: int) -> dict[str, Any]:
@@ -108,6 +122,38 @@ def is_named(record: dict[str, Any], discs: Sequence[str]) -> bool:
     return label in record.get('found', ()) or any(label in group for group in record.get('rivals', ()))
 
 
+def summarise_fits(records: Sequence[dict[str, Any]]) -> tuple[list[str], list[tuple[str, bool]]]:
+    """A line for each cell, kind and noise; the targets."""
+    lines, rms, largest = [], [1.0], 0.0
+    for cell, kind, noise in dict.fromkeys((r['cell'], r['kind'], r['noise']) for r in records):
+        z = np.array([r['z'] for r in records if (r['cell'], r['kind'], r['noise']) == (cell, kind, noise)])
+        of_each = np.sqrt(np.nanmean(z**2, axis=0))
+        rms += of_each.tolist()
+        largest = max(largest, float(np.nanmax(np.abs(z))))
+        lines.append(
+            f'{cell:6} {kind:10} {noise:9} {len(z)} recordings, {_of_z(z, of_each)}, '
+            f'without value {int(np.isnan(z).sum())}'
+        )
+    return lines, _targets_of_z(rms, largest)
+
+
+def _of_z(z: Floats, of_each: Floats) -> str:
+    return (
+        f'rms z {of_each.min():.2f} ({NAMES[int(of_each.argmin())]}) to {of_each.max():.2f} '
+        f'({NAMES[int(of_each.argmax())]}), largest {np.nanmax(np.abs(z)):.1f}'
+    )
+
+
+def _targets_of_z(rms: Sequence[float], largest: float) -> list[tuple[str, bool]]:
+    return [
+        (
+            f'rms z of each parameter {LEAST_RMS} to {LARGEST_RMS}: {min(rms):.2f} to {max(rms):.2f}',
+            min(rms) >= LEAST_RMS and max(rms) <= LARGEST_RMS,
+        ),
+        (f'none beyond {LARGEST_Z:g}: {largest:.1f}', largest <= LARGEST_Z),
+    ]
+
+
 def summarise(records: Sequence[dict[str, Any]]) -> tuple[list[str], list[tuple[str, bool]]]:
     """A line for each cell, kind and noise, and for what is displaced there; what is odd; the targets."""
     lines, odd = [], []
@@ -134,19 +180,14 @@ def summarise(records: Sequence[dict[str, Any]]) -> tuple[list[str], list[tuple[
         largest = max(largest, float(np.nanmax(np.abs(z))))
         none.append(verdicts.get('none', 0) / len(group))
         lines.append(
-            f'{name} {verdicts}, rms z {of_each.min():.2f} ({NAMES[int(of_each.argmin())]}) to {of_each.max():.2f} '
-            f'({NAMES[int(of_each.argmax())]}), largest {np.nanmax(np.abs(z)):.1f}, '
+            f'{name} {verdicts}, {_of_z(z, of_each)}, '
             f'without value {int(np.isnan(z).sum())}, '
             f'{1e3 * np.mean([record["fit_seconds"] for record in good]):.0f} and '
             f'{1e3 * np.mean([record["seconds"] for record in good]):.0f} ms'
         )
         odd += [r for r in group if r.get('verdict') != 'none' or np.nanmax(np.abs(r['z'])) > LARGEST_Z]
     targets = [
-        (
-            f'rms z of each parameter {LEAST_RMS} to {LARGEST_RMS}: {min(rms):.2f} to {max(rms):.2f}',
-            min(rms) >= LEAST_RMS and max(rms) <= LARGEST_RMS,
-        ),
-        (f'none beyond {LARGEST_Z:g}: {largest:.1f}', largest <= LARGEST_Z),
+        *_targets_of_z(rms, largest),
         (f'verdict none in {100 * LEAST_NONE:.0f} %: {100 * min(none):.1f} %', min(none) >= LEAST_NONE),
         (f'displaced object named in {100 * LEAST_NAMED:.0f} %: {100 * min(named):.1f} %', min(named) >= LEAST_NAMED),
     ]

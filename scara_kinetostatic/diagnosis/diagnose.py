@@ -28,7 +28,7 @@ from scara_kinetostatic.diagnosis.contact_angle import (
     with_free_off_normal_angles,
 )
 from scara_kinetostatic.diagnosis.discriminating_touches import discriminating_touches
-from scara_kinetostatic.diagnosis.effort import MOST_STEPS, Effort
+from scara_kinetostatic.diagnosis.effort import MOST_STEPS, WITH_OTHER_NOISE, Effort
 from scara_kinetostatic.diagnosis.hypotheses import select_hypothesis
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence, find_dependences
 from scara_kinetostatic.diagnosis.linear_problem import Problem, pose_problem
@@ -106,9 +106,10 @@ def _shares(c: Calibration) -> int:
 
 def _diagnose_noise_and_effects(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
     """The diagnosis with the noise as stated or estimated, or with the components that the touches ask for."""
-    effort = Effort(MOST_STEPS - calibration.iterations)
+    left = MOST_STEPS - calibration.iterations
+    effort = Effort(left - WITH_OTHER_NOISE)
     found = _diagnose_within(effort, calibration, known)
-    effort = Effort(min(MOST_STEPS // 3, effort.most - effort.steps))
+    effort = Effort(min(MOST_STEPS // 3, max(left - effort.steps, WITH_OTHER_NOISE)))
     refitted = noise_candidate(calibration, found, effort)
     if refitted is None:
         return found

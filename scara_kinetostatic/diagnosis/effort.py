@@ -19,9 +19,10 @@ from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.touch import TouchSet
 
-MOST_STEPS = 850
-"""Of a fit and its diagnosis, before the alternatives of what it found are left out; a diagnosis with other noise has
-what is left of them, a third at most."""
+MOST_STEPS = 900
+"""Of a fit and its diagnosis, before the alternatives of what it found are left out."""
+WITH_OTHER_NOISE = 150
+"""Of them, for a diagnosis with other noise, at least; a third of them at most."""
 SEARCH = 0.7
 """Part of them that the search for effects may take; the rest is for rivals and alternatives."""
 _STEPS_OF_REFUSAL = 20

@@ -112,7 +112,7 @@ def _open_kinds(c: Calibration) -> list[str]:
 
 def _noise_of(c: Calibration, suspicious: bool, effort: Effort) -> Noise | None:
     """The noise of a fit with the components that its residuals ask for, one after the other; None where none is."""
-    if not _is_significant(c, _HINT if suspicious else STRICT_SIGNIFICANCE):
+    if not _is_asked_for(c, suspicious):
         return None
     needed = _PENALTY if suspicious else CREDIBLE
     best, least, kinds = c, penalised_deviance(c, 0.0, 1.0), _open_kinds(c)
@@ -130,6 +130,15 @@ def _noise_of(c: Calibration, suspicious: bool, effort: Effort) -> Noise | None:
     if suspicious and _depends_on_something(best):
         return None
     return best.noise
+
+
+def _is_asked_for(c: Calibration, suspicious: bool) -> bool:
+    """Whether the scatter asks for a component: by the score test, or since it is larger than stated and depends on
+    nothing; then the levels are as stated, and the score test, which leaves them free, sees little.
+    """
+    if not suspicious:
+        return _is_significant(c, STRICT_SIGNIFICANCE)
+    return _is_significant(c, _HINT) or (c.cell.noise is not None and not _depends_on_something(c))
 
 
 def _is_significant(c: Calibration, level: float) -> bool:
