@@ -14,7 +14,8 @@ their covariance, assessment, and the whole calibration.json.
 
   add      put calibrations into FILE, which is made if it does not exist
   list     print them in the order of their recordings, with what changed from one
-           to the next; of several by the same recordings, the last one
+           to the next, and slowly since the last change; of several by the same
+           recordings, the last one
   page     the same as a page with the trend of every parameter, history.html in DIR
   extract  write the calibration.json of a NUMBER of the list into DIR
   remove   take the calibrations of these NUMBERs out
@@ -101,14 +102,15 @@ def _numbers(args: argparse.Namespace) -> list[int]:
 def _show(args: argparse.Namespace) -> int:
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.monitoring import history_report as report
-    from scara_kinetostatic.monitoring.history import History, changes_of
+    from scara_kinetostatic.monitoring.history import History
+    from scara_kinetostatic.monitoring.trend import trends_of
 
     entries = History(args.file).entries(args.robot, replaced=args.all)
     if not entries:
         raise InputError(args.file, f'holds no calibration of {args.robot!r}' if args.robot else 'holds no calibration')
-    changes = changes_of(entries)
-    print(report.history_table(entries, changes).text())
+    trends = trends_of(entries)
+    print(report.history_text(trends))
     if args.action == 'page':
-        write_texts(args.out, {report.PAGE_NAME: report.history_page(entries, changes)})
+        write_texts(args.out, {report.PAGE_NAME: report.history_page(trends)})
         print(f'\nwritten: {args.out / report.PAGE_NAME}')
     return 0

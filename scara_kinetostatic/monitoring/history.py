@@ -24,7 +24,6 @@ from typing import NamedTuple
 
 from scara_kinetostatic.errors import CalibrationFileError, InputError
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.monitoring.comparison import Change, compare
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.same_robot import check_same_robot
 from scara_kinetostatic.render.json_file import json_text
@@ -166,9 +165,12 @@ class History:
             Whether each was new.
 
         Raises:
-            InputError: one is of another robot than those of the same name, or the file cannot be written.
+            InputError: one is of another robot than those of the same name or has no touches, or the file cannot be
+                written.
         """
         added = []
+        for record in records:
+            record.check_touches()
         with self._open(write=True) as connection:
             for record in records:
                 name = robot or record.robot or UNNAMED
@@ -190,7 +192,9 @@ class History:
             InputError: it is damaged, or needs what is not installed here.
         """
         try:
-            return CalibrationRecord.of_document(json.loads(document), source)
+            record = CalibrationRecord.of_document(json.loads(document), source)
+            record.check_touches()
+            return record
         except (ValueError, TypeError, RecursionError, InputError) as error:
             remedy = f'`history remove {self.path} {number}` takes it out'
             raise InputError(self.path, f'calibration {number} cannot be read: {error}', remedy) from error
@@ -287,12 +291,3 @@ def _insert(connection: sqlite3.Connection, record: CalibrationRecord, robot: st
         raise CalibrationFileError(record.source, f'is damaged: {error!r} among the parameters') from error
     connection.executemany('INSERT INTO parameter VALUES (?, ?, ?, ?, ?, ?, ?)', rows)
     return True
-
-
-def changes_of(entries: Sequence[Entry]) -> list[Change | None]:
-    """For each calibration what changed since the one before of the same robot; None for its first."""
-    found: list[Change | None] = []
-    for k, entry in enumerate(entries):
-        before = entries[k - 1] if k and entries[k - 1].robot == entry.robot else None
-        found.append(None if before is None else compare(before.record, entry.record))
-    return found

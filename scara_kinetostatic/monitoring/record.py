@@ -175,6 +175,14 @@ class CalibrationRecord:
         entries = self.document.get('parameters', {})
         return frozenset(name for name in NAMES if entries.get(name, {}).get('status') == 'fixed')
 
+    def check_touches(self) -> None:
+        """Check that the touches are there: a comparison needs them.
+
+        Raises:
+            CalibrationFileError: they are damaged, or there is none.
+        """
+        _ = self.touches
+
     @cached_property
     def touches(self) -> TouchSet:
         """The used touches of the calibration as its sensor reported them, but for the declared errors of the sensor.

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import signal
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from threading import Barrier
+from typing import Any
 
 import pytest
 from cli.command import Run
@@ -18,8 +21,10 @@ from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.monitoring import archive
 from scara_kinetostatic.monitoring.archive import Done, in_processes, on_cluster, recalibrate, tasks_of
-from scara_kinetostatic.monitoring.history import History, changes_of
+from scara_kinetostatic.monitoring.history import History
+from scara_kinetostatic.monitoring.history_report import _axis
 from scara_kinetostatic.monitoring.record import CalibrationRecord
+from scara_kinetostatic.monitoring.trend import trends_of
 from scara_kinetostatic.render.json_file import json_text
 from scara_kinetostatic.report.document import as_document
 
@@ -46,8 +51,9 @@ def test_it_keeps_calibrations_in_the_order_of_time(plain: Outcome, tmp_path: Pa
     entries = History(tmp_path / 'a.sqlite').entries()
     assert [entry.created[:7] for entry in entries] == ['2026-01', '2026-02']
     assert entries[0].record.document == first.document and entries[0].grade == first.arm.grade
-    none, change = changes_of(entries)
-    assert none is None and change is not None and change.ranking[0].name == 'l1'
+    (trend,) = trends_of(entries)
+    none, change = trend.changes
+    assert none is None and trend.slow is None and change is not None and change.ranking[0].name == 'l1'
     with sqlite3.connect(tmp_path / 'a.sqlite') as connection:
         query = "SELECT value FROM parameter JOIN calibration ON id = calibration WHERE name = 'l1' ORDER BY created"
         (before,), (after,) = connection.execute(query).fetchall()
@@ -66,6 +72,38 @@ def test_time_is_that_of_the_recording_and_the_last_result_of_it_counts(plain: O
         (tuesday, '2026-05-01'),
     ]
     assert len(history.entries(replaced=True)) == 3
+
+
+def test_small_steps_add_up(run: Run, plain: Outcome, tmp_path: Path) -> None:
+    records = [later(plain, f'2026-0{k}-01T00:00:00Z', l1=3e-6 * k) for k in range(1, 8)]
+    history = History(tmp_path / 'a.sqlite', create=True)
+    history.add(records)
+    (trend,) = trends_of(history.entries())
+    assert trend.changed == [] and trend.has_crept
+    assert trend.slow is not None and trend.slow.ranking[0].name == 'l1' and trend.since == 1
+    page = run('history', 'page', 'a.sqlite')
+    assert 'from number 1 to number 7: changed' in page.out and 'link 1 changed its length' in page.out
+    text = Path('history/history.html').read_text()
+    assert 'class="verdict caution"' in text and 'but a slow one' in text
+    history.add([later(plain, f'2026-1{k}-01T00:00:00Z', l1=5e-4) for k in range(3)])
+    (trend,) = trends_of(history.entries())
+    assert len(trend.changed) == 1 and not trend.has_crept and trend.since == 8
+
+
+def test_calibrations_at_one_time_are_shown_in_turn() -> None:
+    same, label = _axis(['2026-01-01T00:00:00Z'] * 3)
+    assert same.tolist() == [1, 2, 3] and label == 'calibrations in turn'
+    assert _axis(['2026-01-01T00:00:00Z', 'x'])[1] == label
+    days, label = _axis(['2026-01-01T00:00:00Z', '2026-01-02T12:00:00Z'])
+    assert days.tolist() == [0, 1.5] and label == 'days since the first'
+
+
+def test_a_calibration_without_touches_is_refused(plain: Outcome, tmp_path: Path) -> None:
+    history, good = History(tmp_path / 'a.sqlite', create=True), later(plain, '2026-01-01T00:00:00Z')
+    bad = CalibrationRecord.of_document({**good.document, 'touches': {}}, 'bad.json')
+    with pytest.raises(InputError, match='its touches are damaged'):
+        history.add([good, bad])
+    assert history.entries() == []
 
 
 def test_processes_that_write_at_a_time(plain: Outcome, tmp_path: Path) -> None:
@@ -159,7 +197,7 @@ def test_an_archive_by_command(run: Run, recordings: Path, tmp_path: Path) -> No
     cell = recordings / 'cell.yaml'
     done = run('recalibrate', recordings / 'plain', recordings / 'few', '--cell', cell, '--history', 'h.sqlite')
     assert done.status == 3 and done.err.count('\n') == 1 and '1 of 2' in done.err
-    assert 'plain: fit' in done.out and 'few: ' in done.out and '1 results added' in done.out
+    assert 'plain: fit' in done.out and 'few: 3 touches' in done.out and '1 results added' in done.out
     assert len(History(tmp_path / 'h.sqlite').entries()) == 1
     assert run('recalibrate', recordings / 'plain', '--cell', cell, '--dask', 'nonsense').status == 2
 
@@ -190,6 +228,13 @@ def test_a_recording_that_ends_a_process_does_not_stop_the_others(
         raise BrokenProcessPool
 
     assert 'its process was lost, BrokenProcessPool' in archive._answer(done.task, lost).problem
+
+
+def test_processes_leave_interrupts_to_the_first_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(archive, 'recalibrate', partial(signal.pthread_sigmask, signal.SIG_BLOCK))
+    nothing: Any = ()
+    assert [signal.SIGINT in blocked for blocked in in_processes([nothing, nothing], 2)] == [True, True]
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
 def test_processes_give_the_same_results(recordings: Path, tmp_path: Path) -> None:
