@@ -105,7 +105,7 @@ def recalibrate(task: Task) -> Done:
         outcome = calibrate_recordings([task.recording], cell)
         write_results(outcome, task.folder, report=task.report)
     except ScaraKinetostaticError as error:
-        return Done(task, '', str(error))
+        return Done(task, '', str(error).removeprefix(f'{task.recording}: '))
     except Exception as error:  # one recording does not stop the others
         reason = ' '.join(str(error).split())
         return Done(task, '', f'internal error, {type(error).__name__}: {reason:.200}')
@@ -139,9 +139,10 @@ def in_processes(tasks: Sequence[Task], number: int) -> Iterator[Done]:
         return
     context = multiprocessing.get_context('spawn')
     with _one_thread():
-        pool = ProcessPoolExecutor(min(number, max(len(tasks), 1)), mp_context=context, initializer=_leave_interrupts)
+        pool = ProcessPoolExecutor(min(number, max(len(tasks), 1)), mp_context=context)
         try:
-            futures = [pool.submit(recalibrate, task) for task in tasks]
+            with _interrupts_held():
+                futures = [pool.submit(recalibrate, task) for task in tasks]
             for task, future in zip(tasks, futures, strict=True):
                 yield _answer(task, future.result)
         finally:
@@ -157,9 +158,14 @@ def _answer(task: Task, result: Callable[[], Done]) -> Done:
         return Done(task, '', f'{lost}; repeat with --resume and fewer processes')
 
 
-def _leave_interrupts() -> None:
-    """Ctrl-C goes to all processes of a terminal: the first one sees to it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Ctrl-C goes to all processes of a terminal: those that are started inside never see it, this one afterwards."""
+    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, former)
 
 
 @contextmanager
