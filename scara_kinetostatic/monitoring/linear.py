@@ -36,7 +36,7 @@ from scara_kinetostatic.calibration.prediction import observe
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.diagnosis.comparison import whitened_normal
 from scara_kinetostatic.errors import InputError
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Cell, Uncertainty
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.model.touch import TouchSet
@@ -161,7 +161,7 @@ class Measured(NamedTuple):
         """Distance of the predicted tip from the circle that it touches, (n,), m."""
         return np.asarray((self.residual * self.normal).sum(axis=1))
 
-    def select(self, which: Floats | slice) -> Measured:
+    def select(self, which: Mask | slice) -> Measured:
         """Some of the touches."""
         return Measured(self.residual[which], self.jacobian[which], self.normal[which])
 

@@ -15,11 +15,12 @@ import numpy as np
 
 from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark
 from scara_kinetostatic.assessment.outcome import Recording
+from scara_kinetostatic.assessment.thresholds import NOISE_OVERSTATED
 from scara_kinetostatic.calibration.prediction import base_force, observe
 from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.touch_table import is_touch_table
-from scara_kinetostatic.model.arrays import Floats, rms
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, rms
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.quantity import quantity
@@ -42,6 +43,8 @@ FEWEST = 6
 """Fewer touches say little: caution. Source: twelve numbers for twelve parameters."""
 MOST_OUTLYING = 0.1
 """Part of the touches that may outlie in a sound calibration. Source: `assessment.thresholds.MOST_REJECTED`."""
+MOST_FORCE = 1.5
+"""Force, in the largest of the calibration, from which on its compliances are extrapolated."""
 LARGE = 2.0
 """Tip error, in what was expected, from which on a contradicted calibration is unfit, where no tolerance is stated.
 Source: the systematic part is then 1.7 times all that is random.
@@ -69,6 +72,7 @@ class Verification(NamedTuple):
 
     Attributes:
         record: the calibration.
+        cell: in which the touches were made.
         recordings: what was verified with.
         assessment: grade, reasons, actions.
         touches: how many.
@@ -80,16 +84,20 @@ class Verification(NamedTuple):
         tip_error: rms distance of the predicted tip from the circle of contact, m.
         expected: the same expected from noise and the uncertainty of the calibration, m.
         nominal_tip_error: the same of the nominal parameters, m.
+        others_p_value: the p-value without the touches that outlie, where these are few; else `p_value`.
+        others_tip_error: their tip error, m.
         outlying: single touches that contradict the prediction.
         ranking: what may have changed, the best first; empty where nothing contradicts.
         rivals: names of those that explain the touches about as well as the first.
         seen: recordings that were part of the calibration.
+        numbers: of the touches in the recordings, (n,).
         tip_errors: of each touch, (n,), m.
         expected_errors: standard deviation expected of each, (n,), m.
         warnings: irregularities of the recordings.
     """
 
     record: CalibrationRecord
+    cell: Cell
     recordings: tuple[Recording, ...]
     assessment: Assessment
     touches: int
@@ -101,13 +109,26 @@ class Verification(NamedTuple):
     tip_error: float
     expected: float
     nominal_tip_error: float
+    others_p_value: float
+    others_tip_error: float
     outlying: tuple[Outlying, ...]
     ranking: tuple[Explanation, ...]
     rivals: tuple[str, ...]
     seen: tuple[str, ...]
+    numbers: Indices
     tip_errors: Floats
     expected_errors: Floats
     warnings: tuple[str, ...]
+
+    @property
+    def few_outlie(self) -> bool:
+        """Whether some touches outlie, but no more than in a sound calibration."""
+        return 0 < len(self.outlying) <= MOST_OUTLYING * self.touches
+
+    @property
+    def tolerance(self) -> float | None:
+        """Of the tip, m: that of the cell in which the touches were made, or of the calibration."""
+        return self.cell.tolerance or self.record.arm.cell.tolerance
 
 
 def verify_recordings(paths: Sequence[str | Path], record: CalibrationRecord, cell: Cell | None = None) -> Verification:
@@ -158,11 +179,16 @@ def verify(
     state = State.of(record, cell)
     measured = measure(touches, record, state)
     test = PredictionTest.of(measured, state.covariance, record.noise_freedoms)
-    evidence = Evidence.of(Information.of(measured), state.covariance)
+    outlying = test.p_values < OUTLYING / len(touches)
+    few = 0 < outlying.sum() <= MOST_OUTLYING * len(touches)
+    others = measured.select(~outlying) if few else measured
+    others_p_value = PredictionTest.of(others, state.covariance, record.noise_freedoms).p_value if few else test.p_value
+    evidence = Evidence.of(Information.of(others), state.covariance)
     hypotheses = hypotheses_of(state, len(record.arm.model.names), np.unique(touches.disc).tolist())
-    ranking = explanations(evidence, state, hypotheses) if test.p_value < LEVEL else []
+    ranking = explanations(evidence, state, hypotheses) if others_p_value < LEVEL else []
     found = Verification(
         record=record,
+        cell=cell,
         recordings=tuple(recordings),
         assessment=Assessment(Grade.FIT, (), ()),
         touches=len(touches),
@@ -174,10 +200,13 @@ def verify(
         tip_error=rms(measured.tip_error),
         expected=rms(test.expected),
         nominal_tip_error=_nominal_tip_error(detection, cell),
-        outlying=_outlying(test, measured, touches, cell),
+        others_p_value=others_p_value,
+        others_tip_error=rms(others.tip_error),
+        outlying=_outlying(outlying, test, measured, touches, cell),
         ranking=tuple(ranking),
         rivals=tuple(rivals(ranking, evidence)),
         seen=tuple(item.path for item in recordings if item.sha256 in record.checksums),
+        numbers=touches.index,
         tip_errors=measured.tip_error,
         expected_errors=test.expected,
         warnings=(*detection.warnings, *of_new_recordings(record)),
@@ -185,9 +214,11 @@ def verify(
     return found._replace(assessment=_assess(found, _magnitudes(detection, cell)))
 
 
-def _outlying(test: PredictionTest, measured: Measured, touches: TouchSet, cell: Cell) -> tuple[Outlying, ...]:
+def _outlying(
+    outlying: Mask, test: PredictionTest, measured: Measured, touches: TouchSet, cell: Cell
+) -> tuple[Outlying, ...]:
     """The touches that their prediction does not explain."""
-    which = np.flatnonzero(test.p_values < OUTLYING / len(touches)).tolist()
+    which = np.flatnonzero(outlying).tolist()
     columns = (touches.index, touches.disc, test.distances, measured.tip_error)
     rows = zip(*(column[which].tolist() for column in columns), strict=True)
     return tuple(Outlying(index, cell.discs[disc].name, distance, error) for index, disc, distance, error in rows)
@@ -206,36 +237,55 @@ def _nominal_tip_error(detection: Detection, cell: Cell) -> float:
 
 
 def _assess(v: Verification, magnitudes: Floats) -> Assessment:
-    remarks, notes = [], []
-    size = f'the error of the tip is {quantity(v.tip_error, "m")} (rms), {quantity(v.expected, "m")} are expected'
-    tolerance = v.record.arm.cell.tolerance
-    if v.p_value < LEVEL:
-        excess = np.sqrt(max(v.tip_error**2 - v.expected**2, 0.0))
-        beyond = 2 * excess > tolerance if tolerance else v.tip_error > LARGE * v.expected
-        what = f'; most likely {v.ranking[0].hypothesis.title}' if v.ranking else ''
-        if len(v.outlying) and len(v.outlying) <= MOST_OUTLYING * v.touches:
-            what += f'; {len(v.outlying)} of {v.touches} touches outlie'
-        reason = f'the touches contradict the calibration: {size}{what}'
-        action = 'calibrate again' if not v.outlying else 'look at the touches that outlie, and calibrate again'
-        remarks.append(Remark(Grade.UNFIT if beyond else Grade.CAUTION, reason, action))
-    elif v.outlying:
-        action = 'look at these touches'
-        remarks.append(Remark(Grade.CAUTION, f'{len(v.outlying)} of {v.touches} touches outlie', action))
-    if v.seen:
-        reason = f'{", ".join(v.seen)} was part of the calibration: touches that it has seen verify nothing'
-        remarks.append(Remark(Grade.CAUTION, reason, 'verify with touches made after the calibration'))
-    if v.touches < FEWEST:
-        remarks.append(Remark(Grade.CAUTION, f'{v.touches} touches say little', f'make {FEWEST} or more, all round'))
-    used = v.record.arm.used
-    largest = float(magnitudes.max())
-    if largest > 1.5 * used.highest_force:
-        reason = f'forces of up to {largest:.3g} N, and the calibration had {used.highest_force:.3g} N at most'
-        remarks.append(Remark(Grade.CAUTION, reason, 'calibrate with the forces of the use'))
+    remarks = [*_contradiction(v), *_limits(v, float(magnitudes.max()))]
     if v.record.arm.grade in (Grade.CAUTION.value, Grade.UNFIT.value):
         reason = f'the calibration itself was graded {v.record.arm.grade}'
         remarks.append(Remark(Grade(v.record.arm.grade), reason, 'see its report'))
-    if not remarks:
-        notes.append(f'{v.touches} touches agree with the calibration (p = {v.p_value:.2g}): {size}')
-    elif v.p_value >= LEVEL:
-        notes.append(f'the touches agree with the calibration (p = {v.p_value:.2g}): {size}')
-    return Assessment.of(remarks, notes)
+    agree = f'{v.touches} touches' if not remarks else 'the touches'
+    note = f'{agree} agree with the calibration (p = {v.p_value:.2g}): {_size(v)}'
+    return Assessment.of(remarks, [note] if v.p_value >= LEVEL else [])
+
+
+def _size(v: Verification) -> str:
+    error, expected = (quantity(value, 'm') for value in (v.others_tip_error, v.expected))
+    return f'the error of the tip is {error} (rms), {expected} are expected'
+
+
+def _contradiction(v: Verification) -> list[Remark]:
+    """What the touches have against the calibration."""
+    found = []
+    if v.others_p_value < LEVEL:
+        excess = np.sqrt(max(v.others_tip_error**2 - v.expected**2, 0.0))
+        beyond = 2 * excess > v.tolerance if v.tolerance else v.others_tip_error > LARGE * v.expected
+        what = f'; most likely {v.ranking[0].hypothesis.title}' if v.ranking else ''
+        reason = f'the touches contradict the calibration: {_size(v)}{what}'
+        found.append(Remark(Grade.UNFIT if beyond else Grade.CAUTION, reason, 'calibrate again'))
+    if v.few_outlie:
+        reason = f'{len(v.outlying)} of {v.touches} touches outlie'
+        if v.others_p_value >= LEVEL:
+            reason += f'; the others agree with the calibration (p = {v.others_p_value:.2g}): {_size(v)}'
+        found.append(Remark(Grade.CAUTION, reason, 'look at the touches that outlie'))
+    return found
+
+
+def _limits(v: Verification, largest_force: float) -> list[Remark]:
+    """Why agreement would say little."""
+    found = []
+    if v.seen:
+        reason = f'{", ".join(v.seen)} was part of the calibration: touches that it has seen verify nothing'
+        found.append(Remark(Grade.CAUTION, reason, 'verify with touches made after the calibration'))
+    if v.touches < FEWEST:
+        found.append(Remark(Grade.CAUTION, f'{v.touches} touches say little', f'make {FEWEST} or more, all round'))
+    if v.tolerance and 2 * v.expected > v.tolerance:
+        errors = f'twice the expected error of the tip is {quantity(2 * v.expected, "m")}'
+        reason = f'these touches cannot show a tolerance of {quantity(v.tolerance, "m")}: {errors}'
+        found.append(Remark(Grade.CAUTION, reason, 'verify with objects whose places are known better, or less noise'))
+    scatter = float(np.sqrt(v.chi_square / v.degrees_of_freedom))
+    if v.p_value > 1 - LEVEL and scatter < NOISE_OVERSTATED:
+        reason = f'the residuals are {scatter:.2g} times what is expected: a change may hide below the stated noise'
+        found.append(Remark(Grade.CAUTION, reason, 'state noise and uncertainties as they are'))
+    if largest_force > MOST_FORCE * v.record.arm.used.highest_force:
+        highest = v.record.arm.used.highest_force
+        reason = f'forces of up to {largest_force:.3g} N, and the calibration had {highest:.3g} N at most'
+        found.append(Remark(Grade.CAUTION, reason, 'calibrate with the forces of the use'))
+    return found

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from markupsafe import Markup
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.model.quantity import quantity
@@ -18,6 +21,8 @@ from scara_kinetostatic.render.table import Table
 from scara_kinetostatic.report.document import utc
 from scara_kinetostatic.report.messages import ANSWERS, sentence
 
+_LISTED = 20
+"""Touches that outlie on the page."""
 NAME, PAGE_NAME = 'verification.json', 'verification.html'
 SCHEMA = 'scara_kinetostatic/verification/1'
 
@@ -44,6 +49,7 @@ def verification_document(v: Verification) -> Document:
         'expected': v.expected,
         'nominal_tip_error': v.nominal_tip_error,
         'p_value': v.p_value,
+        'without_outlying': {'p_value': v.others_p_value, 'tip_error': v.others_tip_error} if v.few_outlie else None,
         'chi_square': {
             'value': v.chi_square,
             'degrees_of_freedom': v.degrees_of_freedom,
@@ -54,6 +60,7 @@ def verification_document(v: Verification) -> Document:
             'used': v.touches,
             'rejected': [{'index': item.index, 'reason': item.reason} for item in v.rejected],
             'outlying': [_outlying(item) for item in v.outlying],
+            'index': v.numbers.tolist(),
             'tip_error': v.tip_errors.tolist(),
             'expected': v.expected_errors.tolist(),
         },
@@ -89,7 +96,8 @@ def summary_table(v: Verification) -> Table:
         ('with the nominal parameters', quantity(v.nominal_tip_error, 'm')),
         ('chi-square', f'{v.chi_square:.1f}, {v.degrees_of_freedom} degrees of freedom'),
         (f'its {100 * QUANTILE:.0f} % quantile', f'{v.quantile:.1f}'),
-        ('p-value', p_equals(v.p_value)),
+        ('p-value', p_equals(v.p_value).removeprefix('p = ').removeprefix('p ')),
+        *((('without the touches that outlie', p_equals(v.others_p_value)),) if v.few_outlie else ()),
     )
     return Table(('', ''), ('', ''), rows)
 
@@ -99,28 +107,38 @@ def verification_page(v: Verification) -> str:
     a = v.assessment
     texts = [*(sentence(reason) for reason in a.reasons[1:]), *(f'To do: {action}.' for action in a.actions)]
     tables = [('Numbers', summary_table(v), 'The error of the tip: distance of the predicted tip from the circle.')]
-    if v.outlying:
-        rows = tuple((str(o.touch), o.object, f'{o.distance:.1f}', f'{MICRO * o.tip_error:.0f}') for o in v.outlying)
-        tables.append(
-            ('Touches that outlie', Table(('touch', 'object', 'distance', 'tip'), ('', '', 'σ', 'µm'), rows), '')
-        )
     if v.ranking:
         tables.append(('What may have changed', explanation_table(v.ranking, v.rivals), ''))
-    with style():
-        figure, (axes,) = new_figure(640, 260)
-        touches = np.arange(v.touches)
-        axes.fill_between(
-            touches, -2e6 * v.expected_errors, 2e6 * v.expected_errors, color=FAINT, alpha=0.2, linewidth=0, step='mid'
-        )
-        outlies = np.abs(v.tip_errors) > 3 * v.expected_errors
-        axes.plot(touches[~outlies], MICRO * v.tip_errors[~outlies], 'o', color=INK, markersize=3)
-        axes.plot(touches[outlies], MICRO * v.tip_errors[outlies], 'o', color=WARN, markersize=4)
-        axes.set_xlabel('touch')
-        axes.set_ylabel('error of the tip [µm]')
-        picture = as_svg(figure, 'tip_error', 'error of the predicted tip, touch by touch')
-    figures = (
-        (picture, 'Error of the predicted tip along the contact normal; grey: two standard deviations expected.'),
+    if v.outlying:
+        tables.append(_outlying_table(v.outlying))
+    caption = (
+        'Error of the predicted tip along the contact normal; grey: two standard deviations expected. '
+        'Red: touches that outlie, which may be by the direction of the force.'
     )
+    figures = ((_figure(v), caption),)
     part = Part('', f'{ANSWERS[a.grade]}: {a.reasons[0]}.', LEVELS[a.grade.value], tuple(texts), tuple(tables), figures)
     source = f'{v.record.source}, verified with {", ".join(item.path for item in v.recordings)}'
     return html_page('Verification of a calibration', source, [part], NAME)
+
+
+def _outlying_table(outlying: Sequence[Outlying]) -> tuple[str, Table, str]:
+    """The touches that outlie, those farthest from their prediction."""
+    worst = sorted(sorted(outlying, key=lambda o: -o.distance)[:_LISTED])
+    rows = tuple((str(o.touch), o.object, f'{o.distance:.1f}', f'{MICRO * o.tip_error:.0f}') for o in worst)
+    note = f'The {_LISTED} farthest of {len(outlying)}.' if len(outlying) > _LISTED else ''
+    return 'Touches that outlie', Table(('touch', 'object', 'distance', 'tip'), ('', '', 'σ', 'µm'), rows), note
+
+
+def _figure(v: Verification) -> Markup:
+    """Error of the predicted tip, touch by touch, by their numbers in the recordings."""
+    order = np.argsort(v.numbers, kind='stable')
+    touches, errors, expected = v.numbers[order], MICRO * v.tip_errors[order], MICRO * v.expected_errors[order]
+    outlies = np.isin(touches, [item.touch for item in v.outlying])
+    with style():
+        figure, (axes,) = new_figure(640, 260)
+        axes.fill_between(touches, -2 * expected, 2 * expected, color=FAINT, alpha=0.2, linewidth=0, step='mid')
+        axes.plot(touches[~outlies], errors[~outlies], 'o', color=INK, markersize=3)
+        axes.plot(touches[outlies], errors[outlies], 'o', color=WARN, markersize=4)
+        axes.set_xlabel('touch')
+        axes.set_ylabel('error of the tip [µm]')
+        return as_svg(figure, 'tip_error', 'error of the predicted tip, touch by touch')

@@ -13,9 +13,11 @@ from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.assessment.outcome import Recording
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Disc
+from scara_kinetostatic.model.noise import Noise
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.verification import verify
+from scara_kinetostatic.monitoring.verification_report import verification_document
 from scara_kinetostatic.touches.detection import Detection
 
 
@@ -62,13 +64,41 @@ def test_a_change_is_refused_and_named(record: CalibrationRecord) -> None:
     assert verify(detected(touches), tolerant).assessment.grade is Grade.CAUTION
 
 
-def test_a_bad_touch_is_named(record: CalibrationRecord) -> None:
+@pytest.mark.parametrize('off', [3e-4, 1e-2])
+def test_a_bad_touch_is_named_and_the_others_agree(record: CalibrationRecord, off: float) -> None:
     touches = touches_of(DECLARED, 1)
     joints = touches.joints.copy()
-    joints[7] += 3e-4
+    joints[7] += off
     found = verify(detected(replace(touches, joints=joints)), record)
     assert [item.touch for item in found.outlying] == [touches.index[7]]
-    assert found.assessment.grade is not Grade.FIT
+    assert found.assessment.grade is Grade.CAUTION and found.ranking == ()
+    assert 'the others agree' in found.assessment.reasons[0]
+    assert found.p_value < 1e-6 and found.others_p_value > 0.01 and found.others_tip_error < 2 * found.expected
+    document = verification_document(found)
+    place = document['touches']['index'].index(found.outlying[0].touch)
+    assert document['touches']['tip_error'][place] == document['touches']['outlying'][0]['tip_error']
+    assert document['without_outlying']['p_value'] == found.others_p_value
+
+
+def test_a_change_with_a_bad_touch(record: CalibrationRecord) -> None:
+    touches = touches_of(DECLARED, 1, TRUTH.replace(g1=TRUTH.g1 + 5e-5))
+    joints = touches.joints.copy()
+    joints[7] += 1e-2
+    found = verify(detected(replace(touches, joints=joints)), record)
+    assert found.few_outlie and found.others_p_value < 1e-3
+    assert 'the backlash of joint 1 changed' in found.assessment.reasons[0]
+
+
+def test_what_touches_cannot_show_is_said(record: CalibrationRecord) -> None:
+    tight = replace(DECLARED, tolerance=1e-5)
+    found = verify(detected(touches_of(DECLARED, 1)), record, tight)
+    assert found.assessment.grade is Grade.CAUTION
+    assert 'cannot show a tolerance of 10 µm' in found.assessment.reasons[0]
+    wide = verify(detected(touches_of(DECLARED, 1)), record, replace(tight, tolerance=2e-5))
+    assert wide.assessment.grade is Grade.FIT
+    calm = touches_of(replace(CELL, noise=Noise(1e-6, 0.03)), 1)
+    quiet = verify(detected(calm), record_of(CELL, 0))
+    assert quiet.assessment.grade is Grade.CAUTION and 'a change may hide' in quiet.assessment.reasons[0]
 
 
 def test_touches_that_were_seen_or_are_few(record: CalibrationRecord) -> None:
