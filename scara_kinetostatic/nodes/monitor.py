@@ -13,11 +13,10 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from std_msgs.msg import String
@@ -26,7 +25,7 @@ from std_srvs.srv import Trigger
 from scara_kinetostatic.compensation.predictions import Predictor
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
 from scara_kinetostatic.monitoring.drift import Alarm, DriftMonitor
-from scara_kinetostatic.monitoring.hypotheses import change_title
+from scara_kinetostatic.monitoring.drift_report import SinceTouch, alarm_line, drift_document
 from scara_kinetostatic.monitoring.linear import Measured
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.nodes import declare
@@ -34,12 +33,14 @@ from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN, Condition, Dia
 from scara_kinetostatic.nodes.monitored_touch import touch_of, was_seen
 from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.stream_subscription import LATCHED, LATCHED_TOUCHES
-from scara_kinetostatic.render.quantities import shown
+from scara_kinetostatic.render.quantities import count
 from scara_kinetostatic.report.document import NAME
 
-SCHEMA = 'scara_kinetostatic/drift/1'
+TOUCHES = 'collector/touch'
 MOST_TOUCHES = 500
 """So many touches are kept to take one back. Where it is not the last, all that are kept are counted anew."""
+MOST_REJECTED = 3
+"""So many rejected touches in a row are said: what drifted far is no longer recognised as a touch of an object."""
 
 
 class _Key(NamedTuple):
@@ -70,18 +71,19 @@ class Monitor(Node):
         named = declare.text(self, 'calibration', '', meaning)
         self._monitor: DriftMonitor | None = None
         self._problem = '' if named else 'no calibration yet: calibrate, or set the parameter calibration'
-        self._assumptions = ''
+        self._refused = self._assumptions = ''
         self._kept: dict[_Key, _Kept] = {}
         self._forgotten: dict[str, int] = {}
         self._before_last: tuple[_Key, DriftMonitor] | None = None
-        self._ignored = 0
+        self._ignored = self._rejected = 0
+        self._rejection = ''
         self._alarm: Alarm | None = None
         self._drift = self.create_publisher(String, '~/drift', LATCHED)
         if named:
             self._take(CalibrationRecord.load(declare.place('calibration', named)))
         else:
             self.create_subscription(String, 'calibrator/result', self._note_result, LATCHED)
-        self.create_subscription(DiagnosticArray, 'collector/touch', self._note_touch, LATCHED_TOUCHES)
+        self.create_subscription(DiagnosticArray, TOUCHES, self._note_touch, LATCHED_TOUCHES)
         self.create_service(Trigger, '~/reset', self._reset)
         DiagnosticsPublisher(self, 'drift', self._report)
 
@@ -90,7 +92,7 @@ class Monitor(Node):
 
     def _take(self, record: CalibrationRecord) -> None:
         """Begins anew with a calibration."""
-        self._monitor, self._problem = DriftMonitor(record), ''
+        self._monitor, self._problem, self._refused = DriftMonitor(record), '', ''
         self._forget()
         self._ignored, self._assumptions = 0, Predictor(record.arm).assumptions
         if self._assumptions:
@@ -115,16 +117,19 @@ class Monitor(Node):
                 raise InputError(record.source, f'is of another result, {record.created}')
             self._take(record)
         except (ValueError, LookupError, TypeError, AttributeError, ScaraKinetostaticError) as error:
-            self._problem = f'the result of the calibrator cannot be used: {error}'
-            self.get_logger().warning(self._problem)
+            self._refused = f'the result of the calibrator cannot be used: {error}'
+            self.get_logger().warning(self._refused)
 
     def _note_touch(self, message: DiagnosticArray) -> None:
         for status in message.status:
             values = {item.key: item.value for item in status.values}
             key = _Key(values.get('recording', ''), values.get('touch', ''))
             if values.get('accepted') == 'true':
+                self._rejected = 0
                 self._add(key, values)
-            elif key in self._kept:
+            elif values.get('discarded') != 'true':
+                self._rejected, self._rejection = self._rejected + 1, values.get('reason', '')
+            if values.get('accepted') != 'true' and key in self._kept:
                 del self._kept[key]
                 self._take_back(key)
         self._tell()
@@ -137,17 +142,22 @@ class Monitor(Node):
         if was_seen(key.recording, key.number, monitor.record):
             self._ignored += 1
             return
+        before = monitor.copy()
         try:
+            int(key.number)
             touch = touch_of(values, monitor.record)
             kept = _Kept(monitor.measure(touch), int(touch.disc[0]))
-        except (KeyError, ValueError, ScaraKinetostaticError) as error:
-            self._problem = f'touch {key.number} cannot be evaluated: {error}'
+            alarm = monitor.add_measured(*kept)
+        except (KeyError, ValueError, ArithmeticError, ScaraKinetostaticError) as error:  # LinAlgError is a ValueError
+            self._monitor, self._problem = before, f'touch {key.number} cannot be evaluated: {error}'
             self.get_logger().warning(self._problem)
             return
         self._problem = ''
-        self._before_last = key, monitor.copy()
+        self._before_last = key, before
         self._kept[key] = kept
-        self._count(kept)
+        if alarm is not None and self._alarm is None:
+            self.get_logger().error(alarm_line(alarm, self._since(alarm)))
+        self._alarm = alarm
         while len(self._kept) > MOST_TOUCHES:
             oldest = next(iter(self._kept))
             del self._kept[oldest]
@@ -157,12 +167,11 @@ class Monitor(Node):
         """Whether a touch has been counted and is no longer kept: latched messages may come again."""
         return key.number.isdigit() and int(key.number) <= self._forgotten.get(key.recording, -1)
 
-    def _count(self, kept: _Kept) -> None:
+    def _since(self, alarm: Alarm) -> SinceTouch | None:
+        """The touch since which an alarm says that the calibration does not hold; None where it is no longer kept."""
         assert self._monitor is not None
-        alarm = self._monitor.add_measured(*kept)
-        if alarm is not None and self._alarm is None:
-            self.get_logger().error(alarm_line(alarm))
-        self._alarm = alarm
+        place = alarm.since - (self._monitor.count - len(self._kept))
+        return SinceTouch(*list(self._kept)[place]) if 0 <= place < len(self._kept) else None
 
     def _take_back(self, key: _Key) -> None:
         """The last touch as if it had not been; for an earlier one all that are kept are counted again."""
@@ -173,12 +182,12 @@ class Monitor(Node):
             self._monitor.reset()
             self._alarm = None
             for kept in self._kept.values():
-                self._count(kept)
+                self._alarm = self._monitor.add_measured(*kept)
         self._before_last = None
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._monitor is None:
-            response.message = self._problem
+            response.message = self._refused or self._problem
             return response
         self._monitor.reset()
         self._forget()
@@ -190,66 +199,46 @@ class Monitor(Node):
     def _report(self) -> Condition:
         monitor = self._monitor
         if monitor is None:
-            return Condition(WARN, self._problem, {})
+            return Condition(WARN, self._refused or self._problem, {})
         values = {
             'calibration': monitor.record.source,
             'created': monitor.record.created,
             'touches': str(monitor.count),
             'touches of the calibration': str(self._ignored),
+            'rejected touches in a row': str(self._rejected),
             'statistic': f'{monitor.statistic:.1f}',
             'threshold': f'{monitor.threshold:.1f}',
             'last touch [standard deviations]': f'{monitor.last_distance:.1f}',
         }
+        complaints = list(self._complaints(monitor.record))
         if self._alarm is not None:
             a = self._alarm
             values |= {'changed': a.best.name, 'rivals': ', '.join(a.rivals) or 'none', 'since touch': str(a.since)}
-            return Condition(ERROR, alarm_line(a), values)
-        if self._problem or self._assumptions:
-            return Condition(WARN, '; '.join(filter(None, (self._problem, self._assumptions))), values)
-        return Condition(OK, f'{monitor.count} touches agree with the calibration', values)
+            return Condition(ERROR, '; '.join((alarm_line(a, self._since(a)), *complaints)), values)
+        if complaints:
+            return Condition(WARN, '; '.join(complaints), values)
+        agree = f'{count(monitor.count, "touch agrees", "touches agree")} with the calibration'
+        good = agree if monitor.count else 'no touch yet'
+        return Condition(OK, good, values)
+
+    def _complaints(self, record: CalibrationRecord) -> Iterator[str]:
+        """Why nothing, or not all, is watched."""
+        if not self.count_publishers(TOUCHES):
+            yield f'nobody publishes {self.resolve_topic_name(TOUCHES)}: no touch is watched'
+        if record.arm.grade == 'unfit':
+            yield 'the calibration is unfit for use'
+        if self._rejected >= MOST_REJECTED:
+            yield f'the last {self._rejected} touches were rejected, the last one: {self._rejection}'
+        yield from filter(None, (self._refused, self._problem, self._assumptions))
 
     def _tell(self) -> None:
         """Publishes the state on `~/drift`."""
         monitor = self._monitor
         if monitor is None:
             return
-        document: dict[str, Any] = {
-            'schema': SCHEMA,
-            'calibration': monitor.record.source,
-            'created': monitor.record.created,
-            'touches': monitor.count,
-            'statistic': monitor.statistic,
-            'threshold': monitor.threshold,
-            'assumptions': self._assumptions,
-            'alarm': None if self._alarm is None else alarm_document(self._alarm),
-        }
+        since = None if self._alarm is None else self._since(self._alarm)
+        document = drift_document(monitor, self._assumptions, self._alarm, since)
         self._drift.publish(String(data=json.dumps(document)))
-
-
-def alarm_line(alarm: Alarm) -> str:
-    """An alarm in one line."""
-    best = alarm.best
-    pairs = zip(best.change, best.std, best.hypothesis.units, strict=True)
-    change = ', '.join(shown(value, std, unit).text for value, std, unit in pairs)
-    others = f'; or {"; ".join(change_title(name) for name in alarm.rivals[:3])}' if alarm.rivals else ''
-    return f'the calibration no longer holds, since touch {alarm.since}: {best.hypothesis.title} ({change}){others}'
-
-
-def alarm_document(alarm: Alarm) -> dict[str, Any]:
-    """An alarm as plain JSON values, SI units; None for what is not determined."""
-    best = alarm.best
-    stds = [std if np.isfinite(std) else None for std in best.std]
-    return {
-        'touch': alarm.touch,
-        'since': alarm.since,
-        'statistic': alarm.statistic,
-        'changed': best.name,
-        'change': list(best.change),
-        'std': stds,
-        'units': list(best.hypothesis.units),
-        'rivals': list(alarm.rivals),
-        'message': alarm_line(alarm),
-    }
 
 
 def main(args: Sequence[str] | None = None) -> int:

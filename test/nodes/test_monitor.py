@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from monitoring.simulated import CELL, TRUTH, touches_of
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.monitoring.drift import DriftMonitor
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN
 from scara_kinetostatic.nodes.judged_touch import JudgedTouch
-from scara_kinetostatic.nodes.monitor import Monitor, String
+from scara_kinetostatic.nodes.monitor import TOUCHES, Monitor, String
 from scara_kinetostatic.nodes.monitored_touch import touch_of, was_seen
+from scara_kinetostatic.nodes.stream_subscription import LATCHED_TOUCHES
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.render.json_file import json_text
 from scara_kinetostatic.report.document import as_document
+from scara_kinetostatic.touches.detection import DISCARDED
 
 
 @pytest.fixture(scope='module')
@@ -45,13 +50,25 @@ def messages(touches: TouchSet, recording: str, **changes: Any) -> list[Any]:
     return [touch.message('/collector', recording, CELL.sensor.frame.value) for touch in judged]
 
 
+@pytest.fixture
+def watching(spin: Callable[..., Node]) -> Callable[..., Node]:
+    """A monitor of touches that somebody publishes."""
+
+    def start(*args: str) -> Node:
+        node = spin(Monitor, *args)
+        node.create_publisher(DiagnosticArray, TOUCHES, LATCHED_TOUCHES)
+        return node
+
+    return start
+
+
 def feed(node: Node, touches: TouchSet, recording: str, **changes: Any) -> None:
     for message in messages(touches, recording, **changes):
         node._note_touch(message)
 
 
-def test_a_change_is_raised_and_reset(spin: Callable[..., Node], calibration: Path) -> None:
-    node = spin(Monitor, '--ros-args', '-p', f'calibration:={calibration}')
+def test_a_change_is_raised_and_reset(watching: Callable[..., Node], calibration: Path) -> None:
+    node = watching('--ros-args', '-p', f'calibration:={calibration}')
     feed(node, touches_of(CELL, 1, world=None).select(np.arange(30)), '/monday')
     condition = node._report()
     assert condition.level == OK and condition.message == '30 touches agree with the calibration'
@@ -65,16 +82,18 @@ def test_a_change_is_raised_and_reset(spin: Callable[..., Node], calibration: Pa
     condition = node._report()
     assert condition.level == ERROR and 'link 1 changed its length' in condition.message
     assert condition.values['changed'] == 'l1'
-    feed(node, changed, '/tuesday', reason='discarded')
+    assert re.search('since touch [0-3] of tuesday', condition.message)
+    assert node._report().values['rejected touches in a row'] == '0'
+    feed(node, changed, '/tuesday', reason=DISCARDED)
     assert node._report().level == OK and node._report().values['touches'] == '30'
     assert node._reset(Trigger.Request(), Trigger.Response()).success
     assert node._report().values['touches'] == '0'
 
 
 def test_later_touches_of_the_recording_count_and_the_last_is_taken_back(
-    spin: Callable[..., Node], calibration: Path
+    watching: Callable[..., Node], calibration: Path
 ) -> None:
-    node = spin(Monitor, '--ros-args', '-p', f'calibration:={calibration}')
+    node = watching('--ros-args', '-p', f'calibration:={calibration}')
     touches = touches_of(CELL, 1, world=None).select(np.arange(4))
     for number, message in enumerate(messages(touches, '/data/bags/seen'), 38):
         status = message.status[0]
@@ -95,15 +114,15 @@ def test_the_direction_of_approach_is_taken_over(calibration: Path) -> None:
     assert touch.approach.tolist() == [[0.1, -0.2]] and touch.press.tolist() == [[0.01, -0.02]]
 
 
-def test_what_the_topic_does_not_say_is_assumed_and_said(spin: Callable[..., Node], tmp_path: Path) -> None:
+def test_what_the_topic_does_not_say_is_assumed_and_said(watching: Callable[..., Node], tmp_path: Path) -> None:
     touches = touches_of(CELL, 0, effects=('thermal_drift:rate=1e-6',), world=None)
     (tmp_path / 'c.json').write_text(json_text(as_document(calibrate_touches(touches, CELL))))
-    node = spin(Monitor, '--ros-args', '-p', f'calibration:={tmp_path / "c.json"}')
+    node = watching('--ros-args', '-p', f'calibration:={tmp_path / "c.json"}')
     assert node._report().level == WARN and 'as at the end of the calibration' in node._report().message
 
 
-def test_bad_touches_are_said_and_survived(spin: Callable[..., Node], calibration: Path) -> None:
-    node = spin(Monitor, '--ros-args', '-p', f'calibration:={calibration}')
+def test_bad_touches_are_said_and_survived(watching: Callable[..., Node], calibration: Path) -> None:
+    node = watching('--ros-args', '-p', f'calibration:={calibration}')
     touch = touches_of(CELL, 1, world=None).select([0])
     for change in ({'object': 'nothing'}, {'force': ()}, {'joints': (float('nan'), 0.0)}):
         feed(node, touch, '/a', **change)
@@ -112,8 +131,50 @@ def test_bad_touches_are_said_and_survived(spin: Callable[..., Node], calibratio
     assert node._report().level == OK
 
 
-def test_the_calibration_of_the_calibrator(spin: Callable[..., Node], calibration: Path) -> None:
-    node = spin(Monitor)
+def test_a_touch_without_a_number_or_a_failing_update_is_survived(
+    watching: Callable[..., Node], calibration: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = watching('--ros-args', '-p', f'calibration:={calibration}')
+    (message,) = messages(touches_of(CELL, 1, world=None).select([0]), '/a')
+    next(item for item in message.status[0].values if item.key == 'touch').value = 'x'
+    node._note_touch(message)
+    assert node._report().level == WARN and 'touch x cannot be evaluated' in node._report().message
+
+    def fail(*_: object) -> None:
+        raise np.linalg.LinAlgError('not positive definite')
+
+    with monkeypatch.context() as patch:
+        patch.setattr(DriftMonitor, '_evaluate', fail)
+        feed(node, touches_of(CELL, 1, world=None).select([0]), '/a')
+    assert node._report().level == WARN and node._monitor.count == 0
+    feed(node, touches_of(CELL, 1, world=None).select([0]), '/a')
+    assert node._report().level == OK and node._report().message == '1 touch agrees with the calibration'
+
+
+def test_what_is_not_watched_is_said(spin: Callable[..., Node], calibration: Path, tmp_path: Path) -> None:
+    document = json.loads(calibration.read_text())
+    document['assessment']['grade'] = 'unfit'
+    (tmp_path / 'unfit.json').write_text(json.dumps(document))
+    node = spin(Monitor, '--ros-args', '-p', f'calibration:={tmp_path / "unfit.json"}')
+    said = node._report()
+    assert said.level == WARN and 'nobody publishes /collector/touch' in said.message and 'unfit' in said.message
+
+
+def test_touches_that_are_rejected_one_after_the_other(watching: Callable[..., Node], calibration: Path) -> None:
+    node = watching('--ros-args', '-p', f'calibration:={calibration}')
+    touches = touches_of(CELL, 1, world=None)
+    assert node._report().message == 'no touch yet'
+    feed(node, touches.select([0, 1]), '/a', reason='no object there')
+    assert node._report().level == OK
+    feed(node, touches.select([2]), '/a', reason='no object there')
+    assert node._report().level == WARN and 'the last 3 touches were rejected' in node._report().message
+    feed(node, touches.select([3]), '/a', reason=DISCARDED)
+    feed(node, touches.select([4]), '/b')
+    assert node._report().level == OK
+
+
+def test_the_calibration_of_the_calibrator(watching: Callable[..., Node], calibration: Path) -> None:
+    node = watching()
     assert node._report().level == WARN and 'no calibration yet' in node._report().message
     assert not node._reset(Trigger.Request(), Trigger.Response()).success
     created = json.loads(calibration.read_text())['created']
@@ -123,6 +184,9 @@ def test_the_calibration_of_the_calibrator(spin: Callable[..., Node], calibratio
         assert node._report().level == WARN and 'cannot be used' in node._report().message
     node._note_result(String(data=json.dumps(said)))
     assert node._report().level == OK
+    node._note_result(String(data='{'))
+    feed(node, touches_of(CELL, 1, world=None).select([0]), '/a')
+    assert node._report().level == WARN and 'cannot be used' in node._report().message
 
 
 def test_a_wrong_file_ends_the_start(spin: Callable[..., Node], tmp_path: Path) -> None:
