@@ -62,13 +62,16 @@ def _parameter(p: ParameterChange) -> Document:
 
 def explanation_document(item: Explanation) -> Document:
     """A hypothesis with its evidence."""
-    rows = zip(item.change, item.std, item.hypothesis.units, strict=True)
+    h = item.hypothesis
+    rows = zip(h.values, item.change, item.std, h.units, strict=True)
     return {
         'name': item.name,
-        'title': item.hypothesis.title,
+        'title': h.title,
         'statistic': item.statistic,
         'score': item.score,
-        'change': [{'value': value, 'std': _or_none(std), 'unit': unit} for value, std, unit in rows],
+        'change': [
+            {'name': name, 'value': value, 'std': _or_none(std), 'unit': unit} for name, value, std, unit in rows
+        ],
     }
 
 

@@ -10,7 +10,6 @@ import numpy as np
 from scara_kinetostatic.monitoring.drift import Alarm, DriftMonitor
 from scara_kinetostatic.monitoring.hypotheses import change_title
 from scara_kinetostatic.render.json_file import Document
-from scara_kinetostatic.render.quantities import shown
 
 SCHEMA = 'scara_kinetostatic/drift/1'
 
@@ -35,15 +34,13 @@ def alarm_line(alarm: Alarm, since: SinceTouch | None) -> str:
         since: its first touch, where it is known.
     """
     best = alarm.best
-    pairs = zip(best.change, best.std, best.hypothesis.units, strict=True)
-    change = ', '.join(shown(value, std, unit).text for value, std, unit in pairs)
     others = f'; or {"; ".join(change_title(name) for name in alarm.rivals[:3])}' if alarm.rivals else ''
     when = 'from the first touch on'
     if since is not None and alarm.since:
         when = f'since touch {since.number} of {PurePath(since.recording).name}'
     elif alarm.since:
         when = f'after {alarm.since} touches'
-    return f'the calibration no longer holds, {when}: {best.hypothesis.title} ({change}){others}'
+    return f'the calibration no longer holds, {when}: {best.hypothesis.title} ({best.text}){others}'
 
 
 def drift_document(monitor: DriftMonitor, assumptions: str, alarm: Alarm | None, since: SinceTouch | None) -> Document:
@@ -71,6 +68,7 @@ def _alarm(alarm: Alarm, since: SinceTouch | None) -> Document:
         'changed': best.name,
         'change': list(best.change),
         'std': [std if np.isfinite(std) else None for std in best.std],
+        'values': list(best.hypothesis.values),
         'units': list(best.hypothesis.units),
         'rivals': list(alarm.rivals),
         'message': alarm_line(alarm, since),

@@ -15,6 +15,7 @@ import numpy as np
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.monitoring.linear import Evidence, State
+from scara_kinetostatic.render.quantities import shown
 
 PENALTY = 4.0
 """Of each changed value, as Schwarz's criterion log n for about fifty measured numbers."""
@@ -63,11 +64,13 @@ class Hypothesis(NamedTuple):
     Attributes:
         name: a parameter, a part, a source of the cell (``object_position[disc_1]``) or an effect.
         places: of its values in the state.
+        values: names of these within it, such as ``x`` of an object's position.
         units: of these values.
     """
 
     name: str
     places: tuple[int, ...]
+    values: tuple[str, ...]
     units: tuple[str, ...]
 
     @property
@@ -101,7 +104,8 @@ def hypotheses_of(state: State, values: int, objects: Sequence[int] | None = Non
 
 
 def _hypothesis(name: str, places: tuple[int, ...], state: State) -> Hypothesis:
-    return Hypothesis(name, places, tuple(state.units[place] for place in places))
+    values = tuple(state.names[place].removeprefix(f'{name}.') for place in places)
+    return Hypothesis(name, places, values, tuple(state.units[place] for place in places))
 
 
 def _by_label(names: Sequence[str], where: Iterable[int]) -> dict[str, tuple[int, ...]]:
@@ -141,6 +145,15 @@ class Explanation(NamedTuple):
     def name(self) -> str:
         """Of the hypothesis."""
         return self.hypothesis.name
+
+    @property
+    def text(self) -> str:
+        """The change with its standard uncertainty; several values with their names."""
+        h = self.hypothesis
+        changes = [shown(*row).text for row in zip(self.change, self.std, h.units, strict=True)]
+        if len(changes) == 1:
+            return changes[0]
+        return ', '.join(f'{name} {change}' for name, change in zip(h.values, changes, strict=True))
 
     @property
     def score(self) -> float:

@@ -11,7 +11,6 @@ from markupsafe import Markup
 from scara_kinetostatic import __version__
 from scara_kinetostatic.monitoring.hypotheses import Explanation
 from scara_kinetostatic.render.page import page_template
-from scara_kinetostatic.render.quantities import shown
 from scara_kinetostatic.render.table import NOT_DETERMINED, Table
 
 _TEMPLATE = Path(__file__).with_name('page.html.j2')
@@ -58,10 +57,8 @@ def explanation_table(ranking: Sequence[Explanation], rivals: Sequence[str]) -> 
     """The hypotheses of what changed, the best first."""
     rows = []
     for number, item in enumerate(ranking[:_SHOWN]):
-        triples = zip(item.change, item.std, item.hypothesis.units, strict=True)
-        change = ', '.join(shown(value, std, unit).text for value, std, unit in triples)
         remark = 'best' if number == 0 else 'rival' if item.name in rivals else ''
-        rows.append((item.hypothesis.title, f'{item.statistic:.1f}', str(len(item.change)), change, remark))
+        rows.append((item.hypothesis.title, f'{item.statistic:.1f}', str(len(item.change)), item.text, remark))
     return Table(('what changed', 'explains', 'values', 'by', ''), ('', 'chi-square', '', '', ''), tuple(rows))
 
 

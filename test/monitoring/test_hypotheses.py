@@ -11,7 +11,7 @@ from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.model.cell import Plate
 from scara_kinetostatic.monitoring.comparison import compare
-from scara_kinetostatic.monitoring.hypotheses import change_title, hypotheses_of
+from scara_kinetostatic.monitoring.hypotheses import Explanation, change_title, hypotheses_of
 from scara_kinetostatic.monitoring.linear import State
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.verification import verify
@@ -37,6 +37,9 @@ def test_names_and_units() -> None:
     assert everything['object_position[disc_3]'].units == ('m', 'm')
     assert everything['plate_position[a]'].units == ('m', 'm') and everything['plate_angle[a]'].units == ('rad',)
     assert everything['force_gain'].units == ('1',)
+    assert everything['tool'].values == ('theta2', 'l2') and everything['object_position[disc_3]'].values == ('x', 'y')
+    tool = Explanation(everything['tool'], 1.0, (1e-4, 2e-5), (1e-5, 1e-6))
+    assert tool.text == 'theta2 100 ± 10 µrad, l2 20.0 ± 1.0 µm'
     touched = {h.name for h in hypotheses_of(state, 12, [1])}
     gone = {f'object_{what}[disc_{k}]' for what in ('position', 'radius') for k in (1, 3)}
     assert everything.keys() - touched == gone | {'plate_position[a]', 'plate_angle[a]'}
