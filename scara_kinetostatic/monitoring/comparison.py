@@ -133,7 +133,7 @@ def compare(before: CalibrationRecord, after: CalibrationRecord) -> Change:
         only_before=tuple(effect.label for effect in alone(before, after)),
         only_after=tuple(effect.label for effect in alone(after, before)),
         not_compared=_not_compared(before, after),
-        notes=tuple(_notes(before, after, held, freedoms)),
+        notes=tuple(_notes(before, after, held, difference.parameters, freedoms)),
     )
 
 
@@ -193,10 +193,18 @@ def _tip_change(before: CalibrationRecord, after: CalibrationRecord) -> Floats:
     return np.asarray(np.linalg.norm(tips[1] - tips[0], axis=1))
 
 
-def _notes(before: CalibrationRecord, after: CalibrationRecord, held: bool, freedoms: int) -> list[str]:
+def _notes(
+    before: CalibrationRecord,
+    after: CalibrationRecord,
+    held: bool,
+    parameters: Sequence[ParameterChange],
+    freedoms: int,
+) -> list[str]:
     notes = []
     if not freedoms:
         notes.append('there is nothing that both calibrations determine: nothing is compared')
+    elif single := [p.name for p in parameters if np.isnan(p.std)]:
+        notes.append(f'{", ".join(single)}: not determined each by itself; compared only in combination, if at all')
     if before.checksums & after.checksums:
         notes.append(
             'both calibrations contain the same recording: they are not independent, and the p-value is not valid'

@@ -31,6 +31,7 @@ from scara_kinetostatic.monitoring.linear import Evidence, Information, Measured
 from scara_kinetostatic.monitoring.prediction_test import PredictionTest
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.same_robot import check_same_arm
+from scara_kinetostatic.monitoring.sensitivity import Detectable, detectable_changes
 from scara_kinetostatic.pipeline import gather_touches, recording_of
 from scara_kinetostatic.touches.detection import Detection
 from scara_kinetostatic.touches.table import cell_of_files
@@ -89,6 +90,7 @@ class Verification(NamedTuple):
         outlying: single touches that contradict the prediction.
         ranking: what may have changed, the best first; empty where nothing contradicts.
         rivals: names of those that explain the touches about as well as the first.
+        detectable: the smallest change of each parameter that the touches show, that which moves the tip most first.
         seen: recordings that were part of the calibration.
         numbers: of the touches in the recordings, (n,).
         tip_errors: of each touch, (n,), m.
@@ -114,6 +116,7 @@ class Verification(NamedTuple):
     outlying: tuple[Outlying, ...]
     ranking: tuple[Explanation, ...]
     rivals: tuple[str, ...]
+    detectable: tuple[Detectable, ...]
     seen: tuple[str, ...]
     numbers: Indices
     tip_errors: Floats
@@ -205,6 +208,7 @@ def verify(
         outlying=_outlying(outlying, test, measured, touches, cell),
         ranking=tuple(ranking),
         rivals=tuple(rivals(ranking, evidence)),
+        detectable=tuple(detectable_changes(record, state, evidence, others.residual.size, LEVEL)),
         seen=tuple(item.path for item in recordings if item.sha256 in record.checksums),
         numbers=touches.index,
         tip_errors=measured.tip_error,
@@ -279,7 +283,11 @@ def _limits(v: Verification, largest_force: float) -> list[Remark]:
     if v.tolerance and 2 * v.expected > v.tolerance:
         errors = f'twice the expected error of the tip is {quantity(2 * v.expected, "m")}'
         reason = f'these touches cannot show a tolerance of {quantity(v.tolerance, "m")}: {errors}'
-        found.append(Remark(Grade.CAUTION, reason, 'verify with objects whose places are known better, or less noise'))
+        action = 'reduce the largest of noise, uncertainty of the objects and uncertainty of the calibration'
+        found.append(Remark(Grade.CAUTION, reason, action))
+    if v.tolerance and v.detectable and v.detectable[0].tip > v.tolerance:
+        reason = f'the touches do not show a change of {v.detectable[0].text}, which is beyond the tolerance'
+        found.append(Remark(Grade.CAUTION, reason, 'make more touches, all round all objects, at several forces'))
     scatter = float(np.sqrt(v.chi_square / v.degrees_of_freedom))
     if v.p_value > 1 - LEVEL and scatter < NOISE_OVERSTATED:
         reason = f'the residuals are {scatter:.2g} times what is expected: a change may hide below the stated noise'

@@ -13,11 +13,12 @@ from scara_kinetostatic.monitoring.comparison_report import explanation_document
 from scara_kinetostatic.monitoring.hypotheses import change_title
 from scara_kinetostatic.monitoring.page import LEVELS, Part, explanation_table, html_page
 from scara_kinetostatic.monitoring.prediction_test import QUANTILE
+from scara_kinetostatic.monitoring.sensitivity import POWER, Detectable
 from scara_kinetostatic.monitoring.verification import Outlying, Verification
 from scara_kinetostatic.render.figure import FAINT, INK, MICRO, WARN, as_svg, new_figure, style
 from scara_kinetostatic.render.json_file import Document
 from scara_kinetostatic.render.quantities import p_equals
-from scara_kinetostatic.render.table import Table
+from scara_kinetostatic.render.table import NOT_DETERMINED, Table
 from scara_kinetostatic.report.document import utc
 from scara_kinetostatic.report.messages import ANSWERS, sentence
 
@@ -64,12 +65,18 @@ def verification_document(v: Verification) -> Document:
             'tip_error': v.tip_errors.tolist(),
             'expected': v.expected_errors.tolist(),
         },
+        'detectable': {d.name: _detectable(d) for d in v.detectable},
         'independent': not v.seen,
         'part': explanation_document(v.ranking[0]) if v.ranking else None,
         'rivals': list(v.rivals),
         'candidates': [explanation_document(item) for item in v.ranking],
         'warnings': list(v.warnings),
     }
+
+
+def _detectable(item: Detectable) -> Document:
+    seen = np.isfinite(item.change)
+    return {'change': item.change if seen else None, 'unit': item.unit, 'tip': item.tip if seen else None}
 
 
 def _outlying(item: Outlying) -> Document:
@@ -97,6 +104,7 @@ def summary_table(v: Verification) -> Table:
         ('chi-square', f'{v.chi_square:.1f}, {v.degrees_of_freedom} degrees of freedom'),
         (f'its {100 * QUANTILE:.0f} % quantile', f'{v.quantile:.1f}'),
         ('p-value', p_equals(v.p_value).removeprefix('p = ').removeprefix('p ')),
+        *((('largest change not seen', v.detectable[0].text),) if v.detectable else ()),
         *((('without the touches that outlie', p_equals(v.others_p_value)),) if v.few_outlie else ()),
     )
     return Table(('', ''), ('', ''), rows)
@@ -111,6 +119,7 @@ def verification_page(v: Verification) -> str:
         tables.append(('What may have changed', explanation_table(v.ranking, v.rivals), ''))
     if v.outlying:
         tables.append(_outlying_table(v.outlying))
+    tables.append(('What these touches show', _detectable_table(v.detectable), _SHOWN_NOTE))
     caption = (
         'Error of the predicted tip along the contact normal; grey: two standard deviations expected. '
         'Red: touches that outlie, which may be by the direction of the force.'
@@ -119,6 +128,21 @@ def verification_page(v: Verification) -> str:
     part = Part('', f'{ANSWERS[a.grade]}: {a.reasons[0]}.', LEVELS[a.grade.value], tuple(texts), tuple(tables), figures)
     source = f'{v.record.source}, verified with {", ".join(item.path for item in v.recordings)}'
     return html_page('Verification of a calibration', source, [part], NAME)
+
+
+_SHOWN_NOTE = (
+    f'The smallest change of each parameter by itself that these touches show with {100 * POWER:.0f} % probability, '
+    'and by how much it moves the tip at the touches of the calibration. Smaller changes may go unseen.'
+)
+
+
+def _detectable_table(found: Sequence[Detectable]) -> Table:
+    rows = []
+    for item in found:
+        seen = np.isfinite(item.change)
+        numbers = (quantity(item.change, item.unit), quantity(item.tip, 'm')) if seen else (NOT_DETERMINED,) * 2
+        rows.append((item.name, *numbers))
+    return Table(('parameter', 'change', 'tip, rms'), ('',) * 3, tuple(rows))
 
 
 def _outlying_table(outlying: Sequence[Outlying]) -> tuple[str, Table, str]:

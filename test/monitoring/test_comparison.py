@@ -74,6 +74,7 @@ def test_what_is_not_determined_is_not_compared() -> None:
     found = compare(*one_level)
     stds = {p.name: p.std for p in found.parameters}
     assert np.isnan(stds['p_ee']) and np.isnan(stds['g_ee']) and stds['l1'] > 0
+    assert 'p_ee, g_ee: not determined each by itself; compared only in combination, if at all' in found.notes
     assert found.degrees_of_freedom in (10, 11)  # each leaves out one combination, nearly the same
     mixed = compare(one_level[0], record_of(CELL, 5, world=None))
     assert mixed.degrees_of_freedom == 11 and mixed.p_value > 1e-3

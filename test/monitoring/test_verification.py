@@ -14,10 +14,11 @@ from scara_kinetostatic.assessment.outcome import Recording
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.model.noise import Noise
+from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.verification import verify
-from scara_kinetostatic.monitoring.verification_report import verification_document
+from scara_kinetostatic.monitoring.verification_report import verification_document, verification_page
 from scara_kinetostatic.touches.detection import Detection
 
 
@@ -99,6 +100,31 @@ def test_what_touches_cannot_show_is_said(record: CalibrationRecord) -> None:
     calm = touches_of(replace(CELL, noise=Noise(1e-6, 0.03)), 1)
     quiet = verify(detected(calm), record_of(CELL, 0))
     assert quiet.assessment.grade is Grade.CAUTION and 'a change may hide' in quiet.assessment.reasons[0]
+
+
+def test_a_change_of_the_size_that_is_stated_is_seen(record: CalibrationRecord) -> None:
+    stated = {item.name: item for item in verify(detected(touches_of(DECLARED, 1)), record).detectable}
+    assert max(stated.values(), key=lambda item: item.tip) is next(iter(stated.values()))
+    for name in ('theta2', 'p1'):
+        sizes = stated[name].change, stated[name].change / 3
+        made = [[touches_of(DECLARED, seed, changed(name, size)) for seed in range(2, 8)] for size in sizes]
+        seen = [[verify(detected(touches), record).p_value < 1e-3 for touches in part] for part in made]
+        assert sum(seen[0]) >= 5 and sum(seen[1]) <= 1, name
+
+
+def changed(name: str, by: float) -> Parameters:
+    return TRUTH.replace(**{name: getattr(TRUTH, name) + by})
+
+
+def test_few_touches_on_one_object_cannot_show_the_tolerance(record: CalibrationRecord) -> None:
+    touches = touches_of(DECLARED, 1)
+    one_side = touches.select(np.flatnonzero(touches.disc == 2)[:6])
+    found = verify(detected(one_side), record, replace(DECLARED, tolerance=2e-5))
+    assert found.assessment.grade is Grade.CAUTION
+    assert 'do not show a change of' in ' '.join(found.assessment.reasons)
+    document = verification_document(found)
+    assert document['detectable']['l1']['change'] > 0 and document['detectable']['p_ee']['unit'] == 'm/N'
+    assert 'What these touches show' in verification_page(found)
 
 
 def test_touches_that_were_seen_or_are_few(record: CalibrationRecord) -> None:
