@@ -9,129 +9,35 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark
+from scara_kinetostatic.assessment.grade import Assessment, Grade
 from scara_kinetostatic.assessment.outcome import Recording
-from scara_kinetostatic.assessment.thresholds import NOISE_OVERSTATED
 from scara_kinetostatic.calibration.prediction import base_force, observe
 from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.touch_table import is_touch_table
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask, rms
+from scara_kinetostatic.model.arrays import Floats, Mask, rms
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.quantity import quantity
-from scara_kinetostatic.model.touch import LATER, Rejection, TouchSet
+from scara_kinetostatic.model.touch import LATER, TouchSet
+from scara_kinetostatic.monitoring.acceptance import LEVEL, MOST_OUTLYING, Outlying, Verification, assess
 from scara_kinetostatic.monitoring.assumptions import of_new_recordings
-from scara_kinetostatic.monitoring.hypotheses import Explanation, explanations, hypotheses_of, rivals
+from scara_kinetostatic.monitoring.hypotheses import explanations, hypotheses_of, rivals
 from scara_kinetostatic.monitoring.linear import Evidence, Information, Measured, State, measure
 from scara_kinetostatic.monitoring.prediction_test import PredictionTest
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.same_robot import check_same_arm
-from scara_kinetostatic.monitoring.sensitivity import Detectable, detectable_changes
+from scara_kinetostatic.monitoring.sensitivity import detectable_changes
 from scara_kinetostatic.pipeline import gather_touches, recording_of
 from scara_kinetostatic.touches.detection import Detection
 from scara_kinetostatic.touches.table import cell_of_files
 
-LEVEL = 1e-3
-"""p-value below which the touches contradict the calibration. Source: of a thousand sound ones, one is refused."""
 OUTLYING = 1e-3
 """The same for the largest of all touches (Bonferroni)."""
-FEWEST = 6
-"""Fewer touches say little: caution. Source: twelve numbers for twelve parameters."""
-MOST_OUTLYING = 0.1
-"""Part of the touches that may outlie in a sound calibration. Source: `assessment.thresholds.MOST_REJECTED`."""
-MOST_FORCE = 1.5
-"""Force, in the largest of the calibration, from which on its compliances are extrapolated."""
-LARGE = 2.0
-"""Tip error, in what was expected, from which on a contradicted calibration is unfit, where no tolerance is stated.
-Source: the systematic part is then 1.7 times all that is random.
-"""
-
-
-class Outlying(NamedTuple):
-    """A touch that the prediction does not explain.
-
-    Attributes:
-        touch: its number in the recordings.
-        object: name of the object.
-        distance: from the prediction, in standard deviations.
-        tip_error: distance of the predicted tip from the circle of contact, m.
-    """
-
-    touch: int
-    object: str
-    distance: float
-    tip_error: float
-
-
-class Verification(NamedTuple):
-    """The outcome of a verification.
-
-    Attributes:
-        record: the calibration.
-        cell: in which the touches were made.
-        recordings: what was verified with.
-        assessment: grade, reasons, actions.
-        touches: how many.
-        rejected: touches that the detection rejected.
-        chi_square: of all touches.
-        degrees_of_freedom: two per touch.
-        quantile: of the distribution of `chi_square` at `prediction_test.QUANTILE`.
-        p_value: of the calibration being right.
-        tip_error: rms distance of the predicted tip from the circle of contact, m.
-        expected: the same expected from noise and the uncertainty of the calibration, m.
-        nominal_tip_error: the same of the nominal parameters, m.
-        others_p_value: the p-value without the touches that outlie, where these are few; else `p_value`.
-        others_tip_error: their tip error, m.
-        outlying: single touches that contradict the prediction.
-        ranking: what may have changed, the best first; empty where nothing contradicts.
-        rivals: names of those that explain the touches about as well as the first.
-        detectable: the smallest change of each parameter that the touches show, that which moves the tip most first.
-        seen: recordings that were part of the calibration.
-        numbers: of the touches in the recordings, (n,).
-        tip_errors: of each touch, (n,), m.
-        expected_errors: standard deviation expected of each, (n,), m.
-        warnings: irregularities of the recordings.
-    """
-
-    record: CalibrationRecord
-    cell: Cell
-    recordings: tuple[Recording, ...]
-    assessment: Assessment
-    touches: int
-    rejected: tuple[Rejection, ...]
-    chi_square: float
-    degrees_of_freedom: int
-    quantile: float
-    p_value: float
-    tip_error: float
-    expected: float
-    nominal_tip_error: float
-    others_p_value: float
-    others_tip_error: float
-    outlying: tuple[Outlying, ...]
-    ranking: tuple[Explanation, ...]
-    rivals: tuple[str, ...]
-    detectable: tuple[Detectable, ...]
-    seen: tuple[str, ...]
-    numbers: Indices
-    tip_errors: Floats
-    expected_errors: Floats
-    warnings: tuple[str, ...]
-
-    @property
-    def few_outlie(self) -> bool:
-        """Whether some touches outlie, but no more than in a sound calibration."""
-        return 0 < len(self.outlying) <= MOST_OUTLYING * self.touches
-
-    @property
-    def tolerance(self) -> float | None:
-        """Of the tip, m: that of the cell in which the touches were made, or of the calibration."""
-        return self.cell.tolerance or self.record.arm.cell.tolerance
+_SAME = 1e-6
+"""Difference of joint angles, rad, and forces, N, by rounding in a table: two touches never agree so well."""
 
 
 def verify_recordings(paths: Sequence[str | Path], record: CalibrationRecord, cell: Cell | None = None) -> Verification:
@@ -210,12 +116,13 @@ def verify(
         rivals=tuple(rivals(ranking, evidence)),
         detectable=tuple(detectable_changes(record, state, evidence, others.residual.size, LEVEL)),
         seen=tuple(item.path for item in recordings if item.sha256 in record.checksums),
+        repeated=_repeated(touches, record, state),
         numbers=touches.index,
         tip_errors=measured.tip_error,
         expected_errors=test.expected,
         warnings=(*detection.warnings, *of_new_recordings(record)),
     )
-    return found._replace(assessment=_assess(found, _magnitudes(detection, cell)))
+    return found._replace(assessment=assess(found, float(_magnitudes(detection, cell).max())))
 
 
 def _outlying(
@@ -228,6 +135,16 @@ def _outlying(
     return tuple(Outlying(index, cell.discs[disc].name, distance, error) for index, disc, distance, error in rows)
 
 
+def _repeated(touches: TouchSet, record: CalibrationRecord, state: State) -> int:
+    """How many touches are those of the calibration, their forces as reported or as it has corrected them."""
+    own, found = np.hstack([record.touches.joints, record.forces]), np.zeros(len(touches), dtype=bool)
+    for errors in (state.errors, 0.0 * state.errors):
+        force = base_force(observe(touches, state.cell, errors), record.arm.model)
+        off = np.abs(np.hstack([touches.joints, force])[:, None] - own).max(axis=2)
+        found |= (off < _SAME).any(axis=1)
+    return int(found.sum())
+
+
 def _magnitudes(detection: Detection, cell: Cell) -> Floats:
     force = base_force(observe(detection.touches, cell), ExtendedModel(cell.nominal))
     return np.hypot(force[:, 0], force[:, 1])
@@ -238,62 +155,3 @@ def _nominal_tip_error(detection: Detection, cell: Cell) -> float:
     o, nominal = observe(detection.touches, cell), ExtendedModel(cell.nominal)
     tip, _ = tip_under_force(nominal, o.joints, base_force(o, nominal), o.gripper)
     return rms(np.linalg.norm(tip - o.centers, axis=1) - o.radii)
-
-
-def _assess(v: Verification, magnitudes: Floats) -> Assessment:
-    remarks = [*_contradiction(v), *_limits(v, float(magnitudes.max()))]
-    if v.record.arm.grade in (Grade.CAUTION.value, Grade.UNFIT.value):
-        reason = f'the calibration itself was graded {v.record.arm.grade}'
-        remarks.append(Remark(Grade(v.record.arm.grade), reason, 'see its report'))
-    agree = f'{v.touches} touches' if not remarks else 'the touches'
-    note = f'{agree} agree with the calibration (p = {v.p_value:.2g}): {_size(v)}'
-    return Assessment.of(remarks, [note] if v.p_value >= LEVEL else [])
-
-
-def _size(v: Verification) -> str:
-    error, expected = (quantity(value, 'm') for value in (v.others_tip_error, v.expected))
-    return f'the error of the tip is {error} (rms), {expected} are expected'
-
-
-def _contradiction(v: Verification) -> list[Remark]:
-    """What the touches have against the calibration."""
-    found = []
-    if v.others_p_value < LEVEL:
-        excess = np.sqrt(max(v.others_tip_error**2 - v.expected**2, 0.0))
-        beyond = 2 * excess > v.tolerance if v.tolerance else v.others_tip_error > LARGE * v.expected
-        what = f'; most likely {v.ranking[0].hypothesis.title}' if v.ranking else ''
-        reason = f'the touches contradict the calibration: {_size(v)}{what}'
-        found.append(Remark(Grade.UNFIT if beyond else Grade.CAUTION, reason, 'calibrate again'))
-    if v.few_outlie:
-        reason = f'{len(v.outlying)} of {v.touches} touches outlie'
-        if v.others_p_value >= LEVEL:
-            reason += f'; the others agree with the calibration (p = {v.others_p_value:.2g}): {_size(v)}'
-        found.append(Remark(Grade.CAUTION, reason, 'look at the touches that outlie'))
-    return found
-
-
-def _limits(v: Verification, largest_force: float) -> list[Remark]:
-    """Why agreement would say little."""
-    found = []
-    if v.seen:
-        reason = f'{", ".join(v.seen)} was part of the calibration: touches that it has seen verify nothing'
-        found.append(Remark(Grade.CAUTION, reason, 'verify with touches made after the calibration'))
-    if v.touches < FEWEST:
-        found.append(Remark(Grade.CAUTION, f'{v.touches} touches say little', f'make {FEWEST} or more, all round'))
-    if v.tolerance and 2 * v.expected > v.tolerance:
-        errors = f'twice the expected error of the tip is {quantity(2 * v.expected, "m")}'
-        reason = f'these touches cannot show a tolerance of {quantity(v.tolerance, "m")}: {errors}'
-        action = 'reduce the largest of noise, uncertainty of the objects and uncertainty of the calibration'
-        found.append(Remark(Grade.CAUTION, reason, action))
-    if v.tolerance and v.detectable and v.detectable[0].tip > v.tolerance:
-        reason = f'the touches do not show a change of {v.detectable[0].text}, which is beyond the tolerance'
-        found.append(Remark(Grade.CAUTION, reason, 'make more touches, all round all objects, at several forces'))
-    scatter = float(np.sqrt(v.chi_square / v.degrees_of_freedom))
-    if v.p_value > 1 - LEVEL and scatter < NOISE_OVERSTATED:
-        reason = f'the residuals are {scatter:.2g} times what is expected: a change may hide below the stated noise'
-        found.append(Remark(Grade.CAUTION, reason, 'state noise and uncertainties as they are'))
-    if largest_force > MOST_FORCE * v.record.arm.used.highest_force:
-        highest = v.record.arm.used.highest_force
-        reason = f'forces of up to {largest_force:.3g} N, and the calibration had {highest:.3g} N at most'
-        found.append(Remark(Grade.CAUTION, reason, 'calibrate with the forces of the use'))
-    return found

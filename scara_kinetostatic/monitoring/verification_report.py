@@ -9,12 +9,12 @@ from markupsafe import Markup
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.model.quantity import quantity
+from scara_kinetostatic.monitoring.acceptance import Outlying, Verification
 from scara_kinetostatic.monitoring.comparison_report import explanation_document
 from scara_kinetostatic.monitoring.hypotheses import change_title
 from scara_kinetostatic.monitoring.page import LEVELS, Part, explanation_table, html_page
 from scara_kinetostatic.monitoring.prediction_test import QUANTILE
 from scara_kinetostatic.monitoring.sensitivity import POWER, Detectable
-from scara_kinetostatic.monitoring.verification import Outlying, Verification
 from scara_kinetostatic.render.figure import FAINT, INK, MICRO, WARN, as_svg, new_figure, style
 from scara_kinetostatic.render.json_file import Document
 from scara_kinetostatic.render.quantities import p_equals
@@ -59,6 +59,7 @@ def verification_document(v: Verification) -> Document:
         },
         'touches': {
             'used': v.touches,
+            'of_the_calibration': v.repeated,
             'rejected': [{'index': item.index, 'reason': item.reason} for item in v.rejected],
             'outlying': [_outlying(item) for item in v.outlying],
             'index': v.numbers.tolist(),
@@ -66,7 +67,7 @@ def verification_document(v: Verification) -> Document:
             'expected': v.expected_errors.tolist(),
         },
         'detectable': {d.name: _detectable(d) for d in v.detectable},
-        'independent': not v.seen,
+        'independent': not v.seen and not v.repeated,
         'part': explanation_document(v.ranking[0]) if v.ranking else None,
         'rivals': list(v.rivals),
         'candidates': [explanation_document(item) for item in v.ranking],
