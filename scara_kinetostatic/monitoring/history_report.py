@@ -7,6 +7,7 @@ from datetime import datetime
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import NAMES, UNITS
@@ -82,6 +83,9 @@ _CAPTION = (
 )
 
 
+_IN_TURN = 'calibrations in turn'
+
+
 def _figure(trend: Trend, name: str) -> Markup:
     figure, panels = new_figure(760, 760, 4, 3, sharex=True)
     days, label = _axis([entry.measured for entry in trend.entries])
@@ -98,6 +102,7 @@ def _figure(trend: Trend, name: str) -> Markup:
         axes.set_title(f'{parameter} [µ{unit}]')
     for axes in panels[-3:]:
         axes.set_xlabel(label)
+        axes.xaxis.set_major_locator(MaxNLocator(4, integer=label == _IN_TURN))
     return as_svg(figure, name, 'every parameter over time')
 
 
@@ -108,7 +113,7 @@ def _axis(dates: Sequence[str]) -> tuple[Floats, str]:
     except ValueError:
         times = []
     if len(set(times)) < 2:
-        return np.arange(1.0, len(dates) + 1), 'calibrations in turn'
+        return np.arange(1.0, len(dates) + 1), _IN_TURN
     return np.array([(time - times[0]).total_seconds() / 86400 for time in times]), 'days since the first'
 
 

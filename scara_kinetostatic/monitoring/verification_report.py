@@ -89,7 +89,7 @@ def verification_text(v: Verification) -> str:
     a = v.assessment
     lines = [f'{ANSWERS[a.grade]}: {a.reasons[0]}.', *(f'  - {sentence(reason)}' for reason in a.reasons[1:])]
     lines += [f'  To do: {action}.' for action in a.actions]
-    lines += ['', summary_table(v).text()]
+    lines += ['', *summary_table(v).lines()[1:]]  # there is no heading
     if v.rivals:
         lines += ['', f'About as likely: {"; ".join(change_title(name) for name in v.rivals)}.']
     return '\n'.join([*lines, *(f'note: {warning}' for warning in v.warnings)])

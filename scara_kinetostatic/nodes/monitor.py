@@ -1,7 +1,7 @@
 """Node `monitor`: holds every touch of production against the calibration and says when it has gone stale.
 
 The touches are those that the collector judges, on `collector/touch`. The calibration is the file that the parameter
-`calibration` names or, if it is empty, the last result of the calibrator that is in its parameters. Touches that were
+`calibration` names and, with `follow`, each newer result of the calibrator that is in its parameters. Touches that were
 part of the calibration do not count, later ones of the same recording do; one that is discarded is taken back. The
 state is on `/diagnostics` and, as JSON, on `~/drift`; `~/reset` begins anew.
 
@@ -67,8 +67,9 @@ class Monitor(Node):
 
     def __init__(self) -> None:
         super().__init__('monitor')
-        meaning = 'calibration.json to hold touches against; empty: the last result of the calibrator'
+        meaning = 'calibration.json to hold touches against; empty: wait for a result of the calibrator'
         named = declare.text(self, 'calibration', '', meaning)
+        follow = declare.switch(self, 'follow', True, 'take each newer result that the calibrator publishes')
         self._monitor: DriftMonitor | None = None
         self._problem = '' if named else 'no calibration yet: calibrate, or set the parameter calibration'
         self._refused = self._assumptions = ''
@@ -81,7 +82,7 @@ class Monitor(Node):
         self._drift = self.create_publisher(String, '~/drift', LATCHED)
         if named:
             self._take(CalibrationRecord.load(declare.place('calibration', named)))
-        else:
+        if follow or not named:
             self.create_subscription(String, 'calibrator/result', self._note_result, LATCHED)
         self.create_subscription(DiagnosticArray, TOUCHES, self._note_touch, LATCHED_TOUCHES)
         self.create_service(Trigger, '~/reset', self._reset)
@@ -104,10 +105,10 @@ class Monitor(Node):
         self._kept, self._forgotten, self._before_last, self._alarm = {}, {}, None, None
 
     def _note_result(self, message: String) -> None:
-        """Takes a new result of the calibrator; one that was not published leaves the former one."""
+        """Takes a newer result of the calibrator; one that was not published leaves the former one."""
         try:
             said = json.loads(message.data)
-            if not said.get('published', True):
+            if not said.get('published', True) or not self._is_newer(str(said['created'])):
                 return
             folder = str(said['files']['folder'])
             if not folder:
@@ -119,6 +120,10 @@ class Monitor(Node):
         except (ValueError, LookupError, TypeError, AttributeError, ScaraKinetostaticError) as error:
             self._refused = f'the result of the calibrator cannot be used: {error}'
             self.get_logger().warning(self._refused)
+
+    def _is_newer(self, created: str) -> bool:
+        """Whether a result is newer than the calibration in use: latched messages come again."""
+        return self._monitor is None or created > self._monitor.record.created
 
     def _note_touch(self, message: DiagnosticArray) -> None:
         for status in message.status:

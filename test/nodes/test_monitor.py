@@ -131,6 +131,18 @@ def test_bad_touches_are_said_and_survived(watching: Callable[..., Node], calibr
     assert node._report().level == OK
 
 
+def test_only_newer_results_are_taken(watching: Callable[..., Node], calibration: Path, tmp_path: Path) -> None:
+    node = watching('--ros-args', '-p', f'calibration:={calibration}')
+    feed(node, touches_of(CELL, 1, world=None).select([0, 1]), '/a')
+    for created, count in (('2000-01-01T00:00:00Z', 2), (node._monitor.record.created, 2), ('2100-01-01T00:00:00Z', 0)):
+        document = json.loads(calibration.read_text()) | {'created': created}
+        (tmp_path / 'calibration.json').write_text(json.dumps(document))
+        said = {'published': True, 'created': created, 'files': {'folder': str(tmp_path)}}
+        node._note_result(String(data=json.dumps(said)))
+        assert node._monitor.count == count and node._report().level == OK
+    assert node.get_subscriptions_info_by_topic('/calibrator/result')
+
+
 def test_a_touch_without_a_number_or_a_failing_update_is_survived(
     watching: Callable[..., Node], calibration: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
