@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from scara_kinetostatic.assessment.grade import Assessment, Grade
 from scara_kinetostatic.assessment.outcome import Recording
@@ -137,11 +138,10 @@ def _outlying(
 
 def _repeated(touches: TouchSet, record: CalibrationRecord, state: State) -> int:
     """How many touches are those of the calibration, their forces as reported or as it has corrected them."""
-    own, found = np.hstack([record.touches.joints, record.forces]), np.zeros(len(touches), dtype=bool)
+    own, found = cKDTree(np.hstack([record.touches.joints, record.forces])), np.zeros(len(touches), dtype=bool)
     for errors in (state.errors, 0.0 * state.errors):
         force = base_force(observe(touches, state.cell, errors), record.arm.model)
-        off = np.abs(np.hstack([touches.joints, force])[:, None] - own).max(axis=2)
-        found |= (off < _SAME).any(axis=1)
+        found |= np.isfinite(own.query(np.hstack([touches.joints, force]), p=np.inf, distance_upper_bound=_SAME)[0])
     return int(found.sum())
 
 
