@@ -43,7 +43,7 @@ LARGEST_RESIDUAL = 3.0
 """Length of the whitened residual of a touch, less what was expected, beyond which it is shortened to this.
 
 A bad touch adds at most 9 to G. Source: `benchmark/drift.py`, false alarms with bad touches: with 4, one bad touch in
-four raised an alarm together with the chance of its neighbours.
+six raised an alarm together with the chance of its neighbours.
 """
 FEWEST = 2
 """So many touches after a change are needed for an alarm: one alone may be a bad touch."""
