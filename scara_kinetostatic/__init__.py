@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from scara_kinetostatic.compensation.arm import CalibratedArm
     from scara_kinetostatic.compensation.predictions import JointAngles, TipPosition
     from scara_kinetostatic.contour.fits import fit_shape as fit_shape
+    from scara_kinetostatic.contour.pieces import fit_pieces as fit_pieces
     from scara_kinetostatic.contour.result import Contour
     from scara_kinetostatic.diagnosis.result import Diagnosis as Diagnosis
     from scara_kinetostatic.effects.base import Effect
@@ -135,6 +136,7 @@ _FORMER = {
     'as_document': 'report.document',
     'calibrate_recordings': 'pipeline',
     'find_touches': 'touches.detection',
+    'fit_pieces': 'contour.pieces',
     'fit_shape': 'contour.fits',
     'read_streams': 'bags.reader',
 }

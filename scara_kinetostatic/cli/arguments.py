@@ -74,10 +74,8 @@ def add_verb(
     return parser
 
 
-def real(
-    lowest: float = float('-inf'), highest: float = float('inf'), *, above: bool = False
-) -> Callable[[str], float]:
-    """A type for `add_argument`: a finite number from `lowest`, or, with `above`, above it, to `highest`."""
+def real(lowest: float = float('-inf'), *, above: bool = False) -> Callable[[str], float]:
+    """A type for `add_argument`: a finite number of `lowest` or more, or, with `above`, above it."""
 
     def convert(text: str) -> float:
         try:
@@ -87,8 +85,6 @@ def real(
         if not lowest <= value < float('inf') or (above and value == lowest):
             wanted = 'a finite number' if lowest == float('-inf') else f'{"above" if above else "at least"} {lowest:g}'
             raise argparse.ArgumentTypeError(f'expected {wanted}, got {text}')
-        if value > highest:
-            raise argparse.ArgumentTypeError(f'expected at most {highest:g}, got {text}')
         return value
 
     return convert

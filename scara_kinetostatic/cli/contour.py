@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real
 from scara_kinetostatic.cli.output import print_result
-from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.errors import InputError, UnsupportedDataError
 
-LARGEST_TIP = 0.1
-"""Largest radius of a tip, m: more is one in millimetres."""
+if TYPE_CHECKING:
+    from scara_kinetostatic.compensation.arm import CalibratedArm
+    from scara_kinetostatic.contour.fits import ShapeFit
+    from scara_kinetostatic.contour.result import Contour
+
 DESCRIPTION = """\
 Measures the outline of an object whose shape nobody told, from a recording in
 which the tip slides along it under force. Deflection and backlash of the arm
@@ -29,6 +34,7 @@ The recording begins and ends with free motion: it gives the force zero.
 EXAMPLE = """\
   scara-kinetostatic contour slide --calibration result/calibration.json --out contour
   scara-kinetostatic contour slide --calibration result/calibration.json --cell cell.yaml --fit circle --out contour
+  scara-kinetostatic contour slide --calibration result/calibration.json --fit pieces --out contour
 """
 
 
@@ -50,16 +56,17 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     parser.add_argument('--out', type=Path, required=True, metavar='DIR', help='folder for the results')
     parser.add_argument(
         '--tip-radius',
-        type=real(0, LARGEST_TIP),
+        type=real(0),
         metavar='M',
         help='radius of the tip, m (default: as the cell states it)',
     )
     parser.add_argument(
         '--fit',
-        choices=('circle', 'arc', 'line'),
+        choices=('pieces', 'circle', 'arc', 'line'),
         action='append',
         default=[],
-        help='fit this shape to every outline; may be given several times',
+        help='pieces: split every outline into lines and arcs and fit each; else fit this shape to every outline as a '
+        'whole; may be given several times',
     )
     parser.add_argument('--json', action='store_true', help='print JSON instead of text')
     return parser
@@ -74,7 +81,6 @@ def run(args: argparse.Namespace) -> int:
     """
     from scara_kinetostatic.bags.reader import read_streams
     from scara_kinetostatic.contour.files import CSV, DXF, SVG, csv_text, dxf_text, svg_text
-    from scara_kinetostatic.contour.fits import fit_shape
     from scara_kinetostatic.contour.trace import trace_contour
     from scara_kinetostatic.files.calibration_file import load_calibration
     from scara_kinetostatic.files.cell_file import load_cell
@@ -86,9 +92,8 @@ def run(args: argparse.Namespace) -> int:
         raise InputError(args.out, 'is the recording', 'choose another folder for --out')
     radius = cell.tip_radius if args.tip_radius is None else args.tip_radius
     contour = trace_contour(read_streams(args.bag, cell), arm, cell.sensor, radius)
-    fits = [
-        fit_shape(contour, arm, shape, k) for shape in dict.fromkeys(args.fit) for k in range(len(contour.outlines))
-    ]
+    fits, failed = _fits(contour, arm, tuple(dict.fromkeys(args.fit)))
+    contour = replace(contour, warnings=(*contour.warnings, *failed))
     files = {
         CSV: csv_text(contour),
         SVG: svg_text(contour.outlines),
@@ -97,3 +102,21 @@ def run(args: argparse.Namespace) -> int:
     }
     print_result(contour_text.text(contour, fits), contour_text.document(contour, fits), args.json, args.out, files)
     return 0
+
+
+def _fits(contour: Contour, arm: CalibratedArm, shapes: tuple[str, ...]) -> tuple[list[ShapeFit], list[str]]:
+    """The shapes through every outline, and why some are not possible."""
+    from scara_kinetostatic.contour.fits import fit_shape
+    from scara_kinetostatic.contour.pieces import fit_pieces
+
+    fits: list[ShapeFit] = []
+    failed = []
+    for shape in shapes:
+        for number in range(len(contour.outlines)):
+            try:
+                fits += (
+                    fit_pieces(contour, arm, number) if shape == 'pieces' else [fit_shape(contour, arm, shape, number)]
+                )
+            except UnsupportedDataError as error:
+                failed.append(f'no {shape} through outline {number + 1}: {error.problem}')
+    return fits, failed

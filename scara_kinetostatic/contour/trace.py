@@ -27,7 +27,7 @@ from scara_kinetostatic.contour.path import direction_along, moving, passes_of, 
 from scara_kinetostatic.contour.remarks import NO_RADIUS, remarks_on
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.contour.tip import TipPlaces, measured_force, tip_places
-from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Sensor
 from scara_kinetostatic.model.kinematics import quarter_turn
@@ -38,6 +38,8 @@ LARGEST_ANGLE = 1.2
 """Largest angle between force and normal of a contact, rad: beyond, the path is not that of a tip on a surface."""
 END_SAMPLES = 3
 """Instants left out at both ends of a pass, where the tip comes or goes and its direction is known from one side."""
+LARGEST_TIP = 0.1
+"""Largest radius of a tip, m; more is one in millimetres."""
 INNER_CORNER = 0.25
 """In an inner corner the path has a radius below this part of the tip's: the surface is hollow, and hardly wider."""
 _JUMP = 1e-3
@@ -62,13 +64,16 @@ def trace_contour(
         tip_radius: m; None: as the calibration's cell has it.
 
     Raises:
+        ParameterError: the radius is not one of a tip.
         UnsupportedDataError: the tip touches nothing, does not slide, or jumps; the calibration does not determine
             where it is.
     """
+    radius = arm.cell.tip_radius if tip_radius is None else tip_radius
+    if radius is not None and not 0 <= radius <= LARGEST_TIP:
+        raise ParameterError('radius of the tip', f'expected 0 to {LARGEST_TIP:g} m, got {radius:g}', 'it is in metres')
     signals = as_signals(streams, arm.cell)
     if signals is None:
         raise UnsupportedDataError(f'{streams.source}: fewer than two samples of a topic', 'record a whole slide')
-    radius = arm.cell.tip_radius if tip_radius is None else tip_radius
     contour = trace_signals(signals, streams.source, arm, sensor or arm.cell.sensor, radius or 0.0)
     remarks = remarks_on(contour, arm) if radius is not None else (NO_RADIUS, *remarks_on(contour, arm))
     return replace(contour, warnings=(*streams.warnings, *contour.warnings, *remarks))

@@ -30,6 +30,7 @@ from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.contour.joining import Outline
 from scara_kinetostatic.contour.online import SECOND, OnlineContour
 from scara_kinetostatic.contour.remarks import NO_RADIUS, remarks_on
+from scara_kinetostatic.contour.trace import LARGEST_TIP
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.urdf import BASE_FRAME
 from scara_kinetostatic.nodes import declare
@@ -66,7 +67,7 @@ class ContourTracker(Node):
         self._calibration = FollowedCalibration(self, self._use)
         self._cell = cell = self._calibration.cell
         radius = declare.number(
-            self, 'tip_radius', 0.0, 'radius of the tip, m; 0: as the calibration has it', Range(0, 1)
+            self, 'tip_radius', 0.0, 'radius of the tip, m; 0: as the calibration has it', Range(0, LARGEST_TIP)
         )
         self._radius = radius or cell.tip_radius
         period = declare.number(self, 'period', 0.5, 'between two evaluations, s', Range(0.05, 10))

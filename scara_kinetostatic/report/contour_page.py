@@ -49,11 +49,11 @@ def html_text(contour: Contour, arm: CalibratedArm, fits: Sequence[ShapeFit], ca
             tip_radius=1e3 * contour.tip_radius,
             fits=[
                 (
-                    f'{fit.shape.capitalize()} through outline {fit.outline + 1}',
-                    text.fit_table(fit),
-                    text.fit_remarks(fit),
-                    figures.residual_picture(contour, fit, f'fit{number}'),
+                    section.title,
+                    section.table,
+                    section.remarks,
+                    figures.residual_picture(contour, section.fit, f'fit{number}'),
                 )
-                for number, fit in enumerate(fits)
+                for number, section in enumerate(text.fit_sections(fits))
             ],
         )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.contour.fits import ShapeFit
+from scara_kinetostatic.contour.fits import ShapeFit, joined_residuals
 from scara_kinetostatic.contour.friction import Friction
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.render.json_file import Document
@@ -57,6 +58,38 @@ def friction_sentence(friction: Friction) -> str:
     )
 
 
+class FitSection(NamedTuple):
+    """What is shown of one fit, or of all lines or arcs of an outline.
+
+    Attributes:
+        title: what was fitted.
+        table: its values.
+        remarks: one sentence each.
+        fit: with the residuals of all its points.
+    """
+
+    title: str
+    table: Table
+    remarks: list[str]
+    fit: ShapeFit
+
+
+def fit_sections(fits: Sequence[ShapeFit]) -> list[FitSection]:
+    """The fits, those of pieces of the same kind and outline together."""
+    alone = [fit for fit in fits if fit.piece is None or fit.shape == 'circle']
+    sections = [
+        FitSection(f'{fit.shape.capitalize()} through outline {fit.outline + 1}', fit_table(fit), fit_remarks(fit), fit)
+        for fit in alone
+    ]
+    pieces = [fit for fit in fits if fit.piece is not None and fit.shape != 'circle']
+    for outline, shape in dict.fromkeys((fit.outline, fit.shape) for fit in pieces):
+        own = [fit for fit in pieces if (fit.outline, fit.shape) == (outline, shape)]
+        remarks = [remark for fit in own for remark in fit_remarks(fit)]
+        title = f'{shape.capitalize()}s of outline {outline + 1}'
+        sections.append(FitSection(title, piece_table(own), remarks, joined_residuals(own)))
+    return sections
+
+
 def fit_table(fit: ShapeFit) -> Table:
     """The parameters of a fit."""
     rows = []
@@ -68,12 +101,30 @@ def fit_table(fit: ShapeFit) -> Table:
     return Table(('quantity', 'value', 'unit'), ('',) * 3, tuple(rows))
 
 
+def piece_table(fits: Sequence[ShapeFit]) -> Table:
+    """The parameters of pieces of one shape, a row for each."""
+    names = [item.name for item in fits[0].values]
+    scale = [PAGE_UNITS[item.unit].unit for item in fits[0].values]
+    rows = []
+    for fit in fits:
+        cells = [shown(item.value, item.std, item.unit, PAGE_UNITS) for item in fit.values]
+        values = [f'{value} ± {std}' if std else f'{value}' for value, std, _ in cells]
+        rows.append((_piece(fit), *values, f'{_MICRO * fit.rms:.1f}', f'{_MICRO * fit.largest:.1f}'))
+    heading = ('piece', *(name.replace('_', ' ') for name in names), 'rms', 'largest')
+    return Table(heading, ('', *scale, 'µm', 'µm'), tuple(rows))
+
+
+def _piece(fit: ShapeFit) -> str:
+    return '' if fit.piece is None else str(fit.piece + 1)
+
+
 def fit_remarks(fit: ShapeFit) -> list[str]:
     """That the points are not on the shape; empty where they are."""
     if fit.fits:
         return []
+    what = 'the outline' if fit.piece is None else f'piece {fit.piece + 1}'
     return [
-        f'the outline is no {fit.shape}: the residuals are {fit.misfit:.0f} times the uncertainty of the points (rms); '
+        f'{what} is no {fit.shape}: the residuals are {fit.misfit:.0f} times the uncertainty of the points (rms); '
         'the parameters and their uncertainties do not describe it'
     ]
 
@@ -81,9 +132,9 @@ def fit_remarks(fit: ShapeFit) -> list[str]:
 def text(contour: Contour, fits: Sequence[ShapeFit]) -> str:
     """The contour for a terminal."""
     parts = [headline(contour), *sentences(contour), *(f'Remark: {warning}' for warning in contour.warnings)]
-    for fit in fits:
-        parts += ['', f'{fit.shape.capitalize()} through outline {fit.outline + 1}', *fit_table(fit).lines()]
-        parts += [f'Remark: {remark}.' for remark in fit_remarks(fit)]
+    for section in fit_sections(fits):
+        parts += ['', section.title, *section.table.lines()]
+        parts += [f'Remark: {remark}.' for remark in section.remarks]
     return '\n'.join(parts)
 
 
@@ -115,6 +166,7 @@ def document(contour: Contour, fits: Sequence[ShapeFit]) -> Document:
             {
                 'shape': fit.shape,
                 'outline': fit.outline,
+                'piece': fit.piece,
                 'values': {v.name: {'value': v.value, 'std': _number(v.std), 'unit': v.unit} for v in fit.values},
                 'residual': {'rms': fit.rms, 'largest': fit.largest},
                 'misfit': fit.misfit,

@@ -83,4 +83,22 @@ def test_a_tip_in_millimetres_is_refused(folder: Path, run: Run) -> None:
     calibration = folder / 'result' / 'calibration.json'
     result = run('contour', folder / 'slide', '--calibration', calibration, '--out', 'made', '--tip-radius', '5')
     assert result.status == 2
-    assert 'expected at most 0.1, got 5' in result.err
+    assert 'radius of the tip: expected 0 to 0.1 m, got 5' in result.err
+
+
+def test_pieces_and_a_fit_that_is_not_possible(folder: Path, run: Run) -> None:
+    (folder / 'two.yaml').write_text(
+        '- {slide: {outline: [[0.10, 0.30], [0.20, 0.30], [0.20, 0.40]], closed: false}, speed: 0.05}\n'
+        '- {slide: {outline: [[-0.20, 0.40], [-0.20, 0.3965]], closed: false}, speed: 0.03}\n'
+    )
+    cell = ['--cell', folder / 'cell.yaml']
+    assert run('simulate', '--plan', folder / 'two.yaml', '--out', 'two', *cell).status == 0
+    more = ['--fit', 'pieces', '--fit', 'line', '--out', 'made']
+    result = run('contour', 'two', '--calibration', folder / 'result' / 'calibration.json', *more, '--json')
+    assert result.status == 0
+    document = json.loads(result.out)
+    assert [(fit['shape'], fit['piece']) for fit in document['fits'][:2]] == [('line', 0), ('line', 1)]
+    assert document['fits'][0]['values']['length']['std'] is None
+    assert len(document['outlines']) == 2
+    assert any('no line through outline 2' in warning for warning in document['warnings'])
+    assert 'Lines of outline 1' in Path('made/contour.html').read_text()
