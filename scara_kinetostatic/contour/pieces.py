@@ -8,8 +8,8 @@ is least, with e the distance of a node from the line or the circle of its piece
 `TOLERANCE` and λ the penalty of a piece. The least sum for the first k nodes follows from those for fewer nodes
 (dynamic programming, Bellman 1961); the sums of a stretch are differences of cumulative moments, about its own mean,
 for a circle with the algebraic distance (‖p - c‖² - R²) / (2 R) (Kåsa 1976). The division says which points belong
-together; the shapes and their uncertainties are those of `fits` through these points, without those close to the ends of a piece,
-which may belong to the next.
+together; the shapes and their uncertainties are those of `fits` through these points, without those close to the
+ends of a piece, which may belong to the next.
 """
 
 from __future__ import annotations
