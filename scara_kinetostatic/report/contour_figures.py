@@ -85,11 +85,12 @@ def residual_picture(contour: Contour, fit: ShapeFit, name: str) -> Markup:
     """Residuals of a fit along the path."""
     figure, (axes,) = new_figure(_WIDTH, 240, margins=Margins())
     along = _MILLI * distance_along(contour)[fit.points]
-    passes = contour.passes[fit.points]
+    index = np.flatnonzero(fit.points)
+    runs = np.cumsum(np.append(0, (np.diff(index) > 1) | (np.diff(contour.passes[index]) != 0)))
     shown = np.linspace(0, len(along) - 1, min(_MOST_POINTS, len(along))).astype(int)
     band = 2 * MICRO * contour.std_normal[fit.points][shown]
     axes.fill_between(along[shown], -band, band, color=FAINT, alpha=0.16, lw=0)
-    _curve(axes, along[shown], MICRO * fit.residual[shown], passes[shown], SERIES[0], '')
+    _curve(axes, along[shown], MICRO * fit.residual[shown], runs[shown], SERIES[0], '')
     axes.set(xlabel='distance along the slide  [mm]', ylabel='residual  [µm]')
     return as_svg(figure, name, f'residuals of the {fit.shape}')
 

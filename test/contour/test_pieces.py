@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from contour.slides import CELL, DISC, SQUARE, arm
@@ -12,6 +14,8 @@ from scara_kinetostatic.contour.pieces import divided, fit_pieces
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
+from scara_kinetostatic.render.figure import style
+from scara_kinetostatic.report.contour_figures import residual_picture
 from scara_kinetostatic.report.contour_text import fit_sections
 from scara_kinetostatic.simulation.sliding.outline import polygon
 from scara_kinetostatic.simulation.sliding.slide import Slide
@@ -59,6 +63,13 @@ def test_points_belong_to_one_piece_at_most(square):
     assert (lines.title, arcs.title) == ('Lines of outline 1', 'Arcs of outline 1')
     assert [row[0] for row in lines.table.rows] == ['1', '3', '5', '7']
     assert lines.fit.points.sum() == sum(fit.points.sum() for fit in fits[::2]) == len(lines.fit.residual)
+
+
+def test_residuals_of_pieces_are_not_joined_across_the_others(square):
+    lines, _ = fit_sections(fit_pieces(square, arm()))
+    with style():
+        picture = str(residual_picture(square, lines.fit, 'fit'))
+    assert max(path.count('M') for path in re.findall(r' d="([^"]*)"', picture)) >= 4
 
 
 def test_one_shape_alone():
