@@ -7,7 +7,6 @@ from datetime import datetime
 
 import numpy as np
 from markupsafe import Markup
-from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import NAMES, UNITS
@@ -102,7 +101,8 @@ def _figure(trend: Trend, name: str) -> Markup:
         axes.set_title(f'{parameter} [µ{unit}]')
     for axes in panels[-3:]:
         axes.set_xlabel(label)
-        axes.xaxis.set_major_locator(MaxNLocator(4, integer=label == _IN_TURN))
+        if label == _IN_TURN:
+            axes.set_xticks(days[:: -(-len(days) // 6)])
     return as_svg(figure, name, 'every parameter over time')
 
 
