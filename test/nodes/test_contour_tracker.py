@@ -87,8 +87,10 @@ class Bench:
             self._executor.spin_once(timeout_sec=0.01)
             assert monotonic() < end, [(s.level, s.message) for s in self.statuses[-1:]]
 
-    def play(self, streams: Streams, start: int = 10**18) -> None:
-        """A recording as messages, each batch as soon as the node has taken the one before."""
+    def play(self, streams: Streams, halfway: Callable[[], Any] = lambda: True, start: int = 10**18) -> None:
+        """A recording as messages, each batch as soon as the node has taken the one before; `halfway` is awaited in
+        the middle.
+        """
         self.wait(lambda: self.joints.get_subscription_count() and self.force.get_subscription_count())
         playback, elapsed, sent = Playback(streams, start), 0.0, self.heard()
         while not playback.finished:
@@ -100,6 +102,8 @@ class Bench:
                 else:
                     self.joints.publish(joint_state(sample, CELL.joint_names))
             self.wait(lambda: self.heard() >= sent)  # noqa: B023
+            if elapsed > 0.5e-9 * streams.joints.stamp[-1]:
+                self.wait(halfway)
             sleep(0.1 / SPEED)
 
     def heard(self) -> int:
@@ -153,7 +157,7 @@ def groups(message: MarkerArray) -> dict[str, int]:
 
 def test_a_slide_is_traced_while_it_is_played(bench: Callable[..., Bench], slide: Streams) -> None:
     b = bench()
-    b.play(slide)
+    b.play(slide, lambda: any(message.poses for message in b.paths))
     b.wait(lambda: len(b.paths) and np.hypot(*(places(b.paths[-1])[[0, -1]].T @ [1, -1])) < 1e-9)
     found = places(b.paths[-1])
     assert rms(DISC.normal_error(found)) < 1.2e-5

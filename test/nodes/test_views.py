@@ -133,5 +133,5 @@ def test_the_groups_are_those_of_the_markers() -> None:
 
 
 def test_they_are_installed() -> None:
-    assert "('yaml', 'rviz', 'json')" in (CONFIG.parent / 'setup.py').read_text()
+    assert "('yaml', 'rviz', 'json', 'csv')" in (CONFIG.parent / 'setup.py').read_text()
     assert '*.rviz *.json' in (CONFIG.parent / 'MANIFEST.in').read_text()
