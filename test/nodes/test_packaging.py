@@ -46,6 +46,11 @@ def test_no_dependency_is_installed_by_pip() -> None:
     assert f'pip install --user --break-system-packages {" ".join(PYPI)}' in page
 
 
+def test_pip_builds_a_wheel_whatever_its_version() -> None:
+    """`setup.py install`, of pip before 23.1, would put the command where setup.cfg has the executables of ROS 2."""
+    assert 'build-backend = "setuptools.build_meta"' in (ROOT / 'pyproject.toml').read_text().splitlines()
+
+
 def test_a_missing_package_is_named(tmp_path: Path) -> None:
     code = f'import sys; sys.path.insert(0, {str(ROOT)!r}); sys.modules["mcap"] = None; import scara_kinetostatic.bags'
     ended = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, cwd=tmp_path)
