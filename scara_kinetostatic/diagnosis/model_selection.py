@@ -19,6 +19,7 @@ those that replace each other are rivals.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -184,7 +185,7 @@ class _SubsetScorer:
         """
         gram, projected = self.gram[at[:, :, None], at[:, None, :]], self.projected[at]
         explained, rank = np.empty(len(at)), np.full(len(at), at.shape[1])
-        doubtful = np.linalg.det(gram) < np.e * _PARALLEL
+        doubtful = np.linalg.det(gram) < math.e * _PARALLEL
         explained[doubtful], rank[doubtful] = _explained_by_independent(gram[doubtful], projected[doubtful])
         gram, projected = gram[~doubtful], projected[~doubtful]
         coefficients = np.linalg.solve(gram, projected[:, :, None])[:, :, 0]
