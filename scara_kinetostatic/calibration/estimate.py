@@ -35,6 +35,8 @@ _WARM_ITERATIONS = 30
 """Steps of a run with a warm start at most; one that converges takes ten or less, mostly."""
 _MOST_LIMITS = 2
 """Such runs in a row that do not converge, after which the fit is given up."""
+_MOST_WARM_ITERATIONS = 240
+"""Steps of all its runs, after which a fit with a warm start is given up: its noise levels and outliers alternate."""
 _SAME_DIRECTION = 1e-3
 """Largest component outside the former directions with which a direction is one of them."""
 _NOISE_TOLERANCE = 1e-3
@@ -51,12 +53,14 @@ class WarmStart(NamedTuple):
         noise: σ_q and σ_f.
         used: touches that took part, (n,).
         errors: declared errors of the cell, (m,); None to begin without.
+        most: steps of all runs together after which the fit is given up.
     """
 
     model: ExtendedModel
     noise: Noise
     used: Mask
     errors: Floats | None = None
+    most: int = _MOST_WARM_ITERATIONS
 
 
 class Estimation(NamedTuple):
@@ -150,9 +154,10 @@ def estimate(
         if limits == _MOST_LIMITS:
             break
         following = _next_round(observations, cell, everything, free, now, fit, distance, number)
-        if number == _ROUNDS and not now.is_nearly_followed_by_itself(following):
+        is_last = number == _ROUNDS or (warm_start is not None and iterations > warm_start.most)
+        if is_last and not now.is_nearly_followed_by_itself(following):
             fit = fit._replace(termination=Termination.ITERATION_LIMIT)
-        if number == _ROUNDS or now.is_followed_by_itself(following):
+        if is_last or now.is_followed_by_itself(following):
             break
         if following.subspace is not now.subspace:
             _check_rank(following.unidentifiable)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import accumulate, repeat
 from typing import ClassVar
 
 import numpy as np
@@ -159,9 +160,10 @@ class Unnamed(LinearEffect):
         value = _variable(at, self.variable)
         z = np.clip((value - self.middle) / self.half, -BEYOND, BEYOND)
         if self.waves:
-            slope = [z] if self.variable in JOINTS else []
-            return slope + [wave(k * value) for k in self._orders() for wave in (np.cos, np.sin)]
-        return [z**k for k in range(1, (self.powers or POWERS) + 1)]
+            angles = np.multiply.outer(self._orders(), value)
+            waves = [wave for pair in zip(np.cos(angles), np.sin(angles), strict=True) for wave in pair]
+            return [z, *waves] if self.variable in JOINTS else waves
+        return list(accumulate(repeat(z, self.powers or POWERS), np.multiply))
 
     def undetermined_constant(self, at: TouchState, values: Floats) -> tuple[str, float] | None:
         """A curve may be raised by a constant: in a joint that is its offset, along the force the gripper's backlash.

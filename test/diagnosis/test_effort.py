@@ -15,11 +15,14 @@ def test_steps_are_counted_and_allow_no_more_than_their_part():
     effort, touches = Effort(most=10), simulate(seed=0)
     assert effort.allows(0.5)
     fit = effort.fit(touches, CELL)
-    assert effort.steps == fit.iterations
-    assert effort.allows(2.0 * fit.iterations / 10)
+    assert effort.steps == pytest.approx(fit.iterations / 2)
+    assert effort.allows(fit.iterations / 10)
     assert not effort.has_left_out
-    assert not effort.allows(fit.iterations / 10)
+    assert not effort.allows(fit.iterations / 20)
     assert effort.has_left_out
+    fit_with_two = Effort(most=10)
+    steps = fit_with_two.fit(touches, CELL, [effect for effect, _ in TWO]).iterations
+    assert fit_with_two.steps == pytest.approx(steps)
 
 
 @pytest.mark.parametrize('most', [1, 20])
