@@ -13,7 +13,7 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis import advice, noise_advice
 from scara_kinetostatic.diagnosis.adequacy import examine_base_model
 from scara_kinetostatic.diagnosis.contact_angle import growing_p_value
-from scara_kinetostatic.diagnosis.effort import MOST_STEPS, WITH_OTHER_NOISE, Effort
+from scara_kinetostatic.diagnosis.effort import MOST_STEPS, WITH_OTHER_NOISE, Effort, steps_of
 from scara_kinetostatic.diagnosis.hypotheses import select_hypothesis
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.noise_structure import likelier, noise_candidate
@@ -80,10 +80,10 @@ def _with_trusted_tested(calibration: Calibration, first: Diagnosis, known: tupl
 
 def _diagnose_noise_and_effects(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
     """The diagnosis with the noise as stated or estimated, or with the components that the touches ask for."""
-    left = MOST_STEPS - calibration.iterations
+    left = MOST_STEPS - steps_of(calibration)
     effort = Effort(left - WITH_OTHER_NOISE)
     found = _diagnose_within(effort, calibration, known)
-    effort = Effort(min(MOST_STEPS // 3, max(left - effort.steps, WITH_OTHER_NOISE)))
+    effort = Effort(min(MOST_STEPS / 3, max(left - effort.steps, WITH_OTHER_NOISE)))
     refitted = noise_candidate(calibration, found, effort)
     if refitted is None:
         return found

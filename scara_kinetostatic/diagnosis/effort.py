@@ -20,9 +20,9 @@ from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.touch import TouchSet
 
-MOST_STEPS = 800
+MOST_STEPS = 850
 """Of a fit and its diagnosis, before the alternatives of what it found are left out."""
-WITH_OTHER_NOISE = 150
+WITH_OTHER_NOISE = 130
 """Of them, for a diagnosis with other noise, at least; a third of them at most."""
 SEARCH = 0.7
 """Part of them that the search for effects may take; the rest is for rivals and alternatives."""
@@ -73,7 +73,7 @@ class Effort:
         Raises:
             UnsupportedDataError: as `calibrate`.
         """
-        step = _STEP + _STEP_PER_EFFECT * len(effects)
+        step = _cost_of_step(len(effects))
         if warm_start is not None:
             left = max(int((self.most - self.steps) / step), _FEWEST)
             warm_start = warm_start._replace(most=min(warm_start.most, left))
@@ -82,6 +82,15 @@ class Effort:
         except UnsupportedDataError:
             self.steps += _STEPS_OF_REFUSAL
             raise
-        self.steps += found.iterations * step
+        self.steps += steps_of(found)
         self.has_left_out |= self.steps > self.most and found.termination is Termination.ITERATION_LIMIT
         return found
+
+
+def steps_of(fit: Calibration) -> float:
+    """The steps of a fit, in those of a model with two effects."""
+    return fit.iterations * _cost_of_step(len(fit.model.effects))
+
+
+def _cost_of_step(effects: int) -> float:
+    return _STEP + _STEP_PER_EFFECT * effects
