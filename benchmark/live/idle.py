@@ -160,6 +160,8 @@ def main() -> int:
     options_of.add_argument('--rate', type=float, default=1000.0)
     options_of.add_argument('--folder', type=Path, metavar='DIR', help='where to record (default: a temporary folder)')
     options = options_of.parse_args()
+    if options.folder:
+        options.folder.mkdir(parents=True, exist_ok=True)
     folder = Path(tempfile.mkdtemp(prefix='idle_', dir=options.folder))
     try:
         figures = run(options.hours, options.rate, folder)
