@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from scara_kinetostatic.contour.result import Contour
 
 DESCRIPTION = """\
-Measures the outline of an object whose shape nobody told, from a recording in
-which the tip slides along it under force. Deflection and backlash of the arm
+Measures the outline of an object of unknown shape, from a recording in which
+the tip slides along it under force. Deflection and backlash of the arm
 are taken out by the calibrated model, the radius of the tip along the measured
 normal; friction, lost contact and stick are considered; several passes are
 joined and closed outlines closed. Writes into DIR

@@ -37,7 +37,9 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     )
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='recordings, or touch tables (.csv)')
     add_cell(parser, recorded=True)
-    parser.add_argument('--out', type=Path, default=Path('recalibrated'), metavar='DIR', help='(default: recalibrated)')
+    parser.add_argument(
+        '--out', type=Path, default=Path('recalibrated'), metavar='DIR', help='results (default: recalibrated)'
+    )
     parser.add_argument('--jobs', type=whole(1), default=1, metavar='N', help='parallel processes (default: 1)')
     parser.add_argument('--dask', default='', metavar='ADDRESS', help='of the scheduler of a Dask cluster')
     parser.add_argument(
