@@ -22,7 +22,7 @@ from scara_kinetostatic.monitoring.sensitivity import Detectable
 LEVEL = 1e-3
 """p-value below which the touches contradict the calibration. Source: of a thousand sound ones, one is refused."""
 MOST_OUTLYING = 0.1
-"""Part of the touches that may outlie in a sound calibration. Source: `assessment.thresholds.MOST_REJECTED`."""
+"""Part of the touches that may be outliers in a sound calibration. Source: `assessment.thresholds.MOST_REJECTED`."""
 FEWEST = 6
 """Fewer touches say little: caution. Source: twelve numbers for twelve parameters."""
 MOST_FORCE = 1.5
@@ -66,7 +66,7 @@ class Verification(NamedTuple):
         tip_error: rms distance of the predicted tip from the circle of contact, m.
         expected: the same expected from noise and the uncertainty of the calibration, m.
         nominal_tip_error: the same of the nominal parameters, m.
-        others_p_value: the p-value without the touches that outlie, where these are few; else `p_value`.
+        others_p_value: the p-value without the outliers, where these are few; else `p_value`.
         others_tip_error: their tip error, m.
         outlying: single touches that contradict the prediction.
         ranking: what may have changed, the best first; empty where nothing contradicts.
@@ -108,7 +108,7 @@ class Verification(NamedTuple):
 
     @property
     def few_outlie(self) -> bool:
-        """Whether some touches outlie, but no more than in a sound calibration."""
+        """Whether some touches are outliers, but no more than in a sound calibration."""
         return 0 < len(self.outlying) <= MOST_OUTLYING * self.touches
 
     @property
@@ -148,10 +148,10 @@ def _contradiction(v: Verification) -> list[Remark]:
         reason = f'the touches contradict the calibration: {_size(v)}{what}'
         found.append(Remark(Grade.UNFIT if beyond else Grade.CAUTION, reason, 'calibrate again'))
     if v.few_outlie:
-        reason = f'{len(v.outlying)} of {v.touches} touches outlie'
+        reason = f'{len(v.outlying)} of {v.touches} touches are outliers'
         if v.others_p_value >= LEVEL:
             reason += f'; the others agree with the calibration (p = {v.others_p_value:.2g}): {_size(v)}'
-        found.append(Remark(Grade.CAUTION, reason, 'look at the touches that outlie'))
+        found.append(Remark(Grade.CAUTION, reason, 'look at the outliers'))
     return found
 
 

@@ -12,8 +12,9 @@ from scara_kinetostatic.monitoring.difference import ParameterChange
 from scara_kinetostatic.monitoring.hypotheses import Explanation, change_title
 from scara_kinetostatic.monitoring.page import Part, explanation_table, html_page, number
 from scara_kinetostatic.render.json_file import Document
-from scara_kinetostatic.render.quantities import p_equals, shown
+from scara_kinetostatic.render.quantities import chance, p_equals, shown
 from scara_kinetostatic.render.table import Table
+from scara_kinetostatic.report.messages import sentence
 
 NAME, PAGE_NAME = 'comparison.json', 'comparison.html'
 SCHEMA = 'scara_kinetostatic/comparison/1'
@@ -112,7 +113,11 @@ def sentences(change: Change) -> list[str]:
     for effects, which in ((change.only_before, 'first'), (change.only_after, 'second')):
         if effects:
             found.append(f'Only the {which} calibration has {", ".join(effects)}')
-    return found + [note[0].upper() + note[1:] for note in change.notes]
+    return found + [sentence(note).rstrip('.') for note in change.notes]
+
+
+def _p_value(p_value: float) -> str:
+    return chance(p_value) if p_value < 1 else number(p_value, '.2g')
 
 
 def parameter_table(change: Change) -> Table:
@@ -122,7 +127,7 @@ def parameter_table(change: Change) -> Table:
         difference = shown(p.change, p.std, p.unit)
         before, after = (shown(value, p.std, p.unit) for value in (p.before, p.after))
         values = (f'{item.value} {item.unit}' for item in (before, after))
-        rows.append((p.name, *values, difference.text, number(p.z, '+.1f'), number(p.p_value, '.2g')))
+        rows.append((p.name, *values, difference.text, number(p.z, '+.1f'), _p_value(p.p_value)))
     return Table(('', 'from', 'to', 'change ± 1 σ', 'z', 'p'), ('',) * 6, tuple(rows))
 
 

@@ -23,7 +23,7 @@ from scara_kinetostatic.report.document import utc
 from scara_kinetostatic.report.messages import ANSWERS, sentence
 
 _LISTED = 20
-"""Touches that outlie on the page."""
+"""Outliers on the page."""
 NAME, PAGE_NAME = 'verification.json', 'verification.html'
 SCHEMA = 'scara_kinetostatic/verification/1'
 
@@ -106,7 +106,7 @@ def summary_table(v: Verification) -> Table:
         (f'its {100 * QUANTILE:.0f} % quantile', f'{v.quantile:.1f}'),
         ('p-value', p_equals(v.p_value).removeprefix('p = ').removeprefix('p ')),
         *((('largest change not seen', v.detectable[0].text),) if v.detectable else ()),
-        *((('without the touches that outlie', p_equals(v.others_p_value)),) if v.few_outlie else ()),
+        *((('without the outliers', p_equals(v.others_p_value)),) if v.few_outlie else ()),
     )
     return Table(('', ''), ('', ''), rows)
 
@@ -123,7 +123,7 @@ def verification_page(v: Verification) -> str:
     tables.append(('What these touches show', _detectable_table(v.detectable), _SHOWN_NOTE))
     caption = (
         'Error of the predicted tip along the contact normal; grey: two standard deviations expected. '
-        'Red: touches that outlie, which may be by the direction of the force.'
+        'Red: outliers, which may be by the direction of the force.'
     )
     figures = ((_figure(v), caption),)
     part = Part('', f'{ANSWERS[a.grade]}: {a.reasons[0]}.', LEVELS[a.grade.value], tuple(texts), tuple(tables), figures)
@@ -147,11 +147,11 @@ def _detectable_table(found: Sequence[Detectable]) -> Table:
 
 
 def _outlying_table(outlying: Sequence[Outlying]) -> tuple[str, Table, str]:
-    """The touches that outlie, those farthest from their prediction."""
+    """The outliers, those farthest from their prediction."""
     worst = sorted(sorted(outlying, key=lambda o: -o.distance)[:_LISTED])
     rows = tuple((str(o.touch), o.object, f'{o.distance:.1f}', f'{MICRO * o.tip_error:.0f}') for o in worst)
     note = f'The {_LISTED} farthest of {len(outlying)}.' if len(outlying) > _LISTED else ''
-    return 'Touches that outlie', Table(('touch', 'object', 'distance', 'tip'), ('', '', 'σ', 'µm'), rows), note
+    return 'Outliers', Table(('touch', 'object', 'distance', 'tip'), ('', '', 'σ', 'µm'), rows), note
 
 
 def _figure(v: Verification) -> Markup:

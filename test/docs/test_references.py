@@ -20,9 +20,22 @@ from scara_kinetostatic.effects import catalogue
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.report.facts import FACTS
 
-NODES = ('contact_simulator', 'collector', 'calibrator', 'compensator', 'contour_tracker')
+NODES = ('contact_simulator', 'collector', 'calibrator', 'compensator', 'contour_tracker', 'monitor', 'visualizer')
 COMMON = {'parameter_events', 'rosout', 'clock'}
 """Topics that every node has."""
+OWN_SERVICES = {
+    f'~/{name}'
+    for name in (
+        'describe_parameters',
+        'get_parameter_types',
+        'get_parameters',
+        'get_type_description',
+        'list_parameters',
+        'set_parameters',
+        'set_parameters_atomically',
+    )
+}
+"""Services that every node has."""
 
 
 @cache
@@ -41,9 +54,9 @@ def test_topics_and_services_are_those_of_the_policy(node: str) -> None:
     allowed = {
         'publishes': {str(t.text).lstrip('/') for t in profile.iterfind("topics[@publish='ALLOW']/topic")} - COMMON,
         'subscribes': {str(t.text).lstrip('/') for t in profile.iterfind("topics[@subscribe='ALLOW']/topic")} - COMMON,
-        'service': {s.text for s in profile.iterfind('services/service') if 'parameter' not in str(s.text)},
+        'service': {s.text for s in profile.iterfind("services[@reply='ALLOW']/service")} - OWN_SERVICES,
+        'calls': {s.text for s in profile.iterfind("services[@request='ALLOW']/service")},
     }
-    allowed['service'] -= {'~/get_type_description'}
     found: dict[str, set[str]] = {role: set() for role in allowed}
     for one in declared()[node]['interfaces']:
         found[one['role']].add(one['name'].lstrip('/'))
