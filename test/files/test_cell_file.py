@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scara_kinetostatic.errors import CellError
@@ -95,6 +95,7 @@ small = st.floats(0, 1e-3)
 names = st.text(st.characters(exclude_categories=['Cc', 'Cs', 'Zs', 'Zl', 'Zp', 'Cn', 'Cf', 'Co']), min_size=1)
 
 
+@settings(deadline=None)
 @given(
     nominal=st.builds(
         Parameters, x0=small, y0=small, theta1=st.floats(-3, 3), p_ee=small, p1=small, p2=small, g_ee=small, g1=small
