@@ -110,8 +110,6 @@ _HOME = {
     'catalogue': 'effects.registry',
     'compensate': 'interface',
     'diagnose': 'interface',
-    'fit_pieces': 'contour.pieces',
-    'fit_shape': 'contour.fits',
     'load_calibration': 'files.calibration_file',
     'load_cell': 'files.cell_file',
     'locate': 'interface',
@@ -138,6 +136,8 @@ _FORMER = {
     'as_document': 'report.document',
     'calibrate_recordings': 'pipeline',
     'find_touches': 'touches.detection',
+    'fit_pieces': 'contour.pieces',
+    'fit_shape': 'contour.fits',
     'read_streams': 'bags.reader',
 }
 """Names of earlier versions and of parts of the above; they can be imported still."""
@@ -159,8 +159,6 @@ __all__ = [
     'catalogue',
     'compensate',
     'diagnose',
-    'fit_pieces',
-    'fit_shape',
     'load_calibration',
     'load_cell',
     'locate',
