@@ -36,7 +36,7 @@ from scara_kinetostatic.errors import CellError, RecordingError, one_line
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Sensor
-from scara_kinetostatic.touches import clock
+from scara_kinetostatic.touches import arrivals
 from scara_kinetostatic.touches.clock import Judgement, counted, judge_clocks
 from scara_kinetostatic.touches.interleaving import INTERLEAVED, interleaved_seconds
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
@@ -105,7 +105,7 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
         if interleaved_seconds(streams[names[0]].log_time, streams[names[0]].values):
             warnings.append(f'{names[0]}: {INTERLEAVED}')
         warnings += [f'{names[1]}: {said}' for name in contents.frame_ids if (said := frame.complaint(name))]
-        clocked = {topic: clock.Samples(*samples[:3]) for topic, samples in streams.items()}
+        clocked = {topic: arrivals.Samples(*samples[:3]) for topic, samples in streams.items()}
         judged = judge_clocks(str(path), clocked, warnings)
         joints, wrench = judged.topics
         return Streams(
@@ -174,11 +174,10 @@ def _on_that_clock(discard: _Discard, judged: Judgement, wrench: str) -> int:
 
     The collector may have judged the clocks before they stepped.
     """
-    if judged.by_log_time:
-        return discard.received
-    if samples := judged.joined.get(wrench):
-        return int(samples.stamp[np.argmin(np.abs(samples.log_time - discard.received))])
-    return discard.stamp
+    if judged.as_stamped:
+        return discard.stamp
+    samples = judged.arrived[wrench]
+    return int(samples.stamp[np.argmin(np.abs(samples.log_time - discard.received))])
 
 
 def _discarded(batch: Batch) -> list[_Discard]:

@@ -46,6 +46,8 @@ _LEAD = 3 * SECOND // 10
 """Samples that are kept before the points that are needed, ns: smoothing and the begin of a pass take some."""
 _OVERLAP = 3e-3
 """Of what is joined already, so much is joined with the next part of a pass, m: by it the two are found to be one."""
+_NEVER = -(1 << 62)
+"""Before all stamps, ns."""
 
 
 class OnlineContour:
@@ -82,7 +84,7 @@ class OnlineContour:
     def restart(self) -> None:
         """Drops samples and zero, as where forces are turned otherwise from here on; the outlines stay."""
         self._pair = StreamPair(self._topics, _MOST)
-        self._until = np.iinfo(np.int64).min
+        self._until = _NEVER
         self.zero: Floats | None = None
         self._is_tared = False
         self.contour: Contour | None = None
@@ -151,10 +153,9 @@ class OnlineContour:
         if any(len(buffer.samples.stamp) < 2 for buffer in self._pair.buffers):
             return None
         judged = self._pair.judged()
-        if judged is None or (judged.by_log_time and not self._pair.is_sure(judged)):
+        if judged is None or not self._pair.is_sure(judged):
             return None
-        if judged.by_log_time:
-            self._until = self._pair.joints.log_time_of(self._until)
+        self._until = self._pair.moved(self._until, self._pair.joints, judged)
         self._pair.correct(judged)
         joints, wrench = judged.topics
         streams = Streams(_SOURCE, JointStream(*joints), WrenchStream(*wrench), topics=self._topics)

@@ -8,10 +8,13 @@ import numpy as np
 
 from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.touches.clock import Judgement, Samples, judge_clocks
+from scara_kinetostatic.touches.arrivals import Samples
+from scara_kinetostatic.touches.clock import Judgement, KnownClocks, judge_clocks
 
 _SURE = 3_000_000_000
-"""After less than this time the difference of the clocks may be that of the first delays, ns."""
+"""After less than this time the difference of the clocks may be that of the first delays, ns;"""
+_SURE_IF_LATE = 15_000_000_000
+"""after less than this where messages were received late all the time, ns."""
 
 
 class SampleBuffer:
@@ -52,6 +55,12 @@ class SampleBuffer:
         latest = sorted(self.samples.stamp[-7:].tolist())
         return int(latest[len(latest) // 2]) if latest else 0
 
+    @property
+    def received(self) -> int:
+        """When the latest sample was received, ns; 0 where there is none."""
+        times = self.samples.log_time
+        return int(times[-1]) if len(times) else 0
+
     def fresh(self, before: int) -> Floats:
         """The values added since the last call, and so many before them, (k, 2); none where none were added."""
         values = self.samples.values
@@ -72,8 +81,15 @@ class SampleBuffer:
 
     def use_log_time(self) -> None:
         """Times of reception are the stamps from now on, those of the kept samples as well."""
+        if self._by_log_time:
+            return
         self.samples.stamp[:] = self.samples.log_time
         self._by_log_time, self._shift = True, 0
+
+    def shift(self, by: int) -> None:
+        """Adds to the stamps of the kept samples and of those to come, ns."""
+        self.samples.stamp[:] += by
+        self._shift += by
 
     def replace(self, samples: Samples) -> None:
         """Puts shifted samples in place of those kept; later ones are shifted like the last."""
@@ -138,6 +154,7 @@ class StreamPair:
         self._topics = topics
         self.joints, self.wrench = SampleBuffer(most), SampleBuffer(most)
         self.problem = ''
+        self._known = KnownClocks()
 
     @property
     def buffers(self) -> tuple[SampleBuffer, SampleBuffer]:
@@ -149,24 +166,39 @@ class StreamPair:
         warnings: list[str] = []
         samples = (self.joints.samples, self.wrench.samples)
         try:
-            judged = judge_clocks('online', dict(zip(self._topics, samples, strict=True)), warnings)
+            judged = judge_clocks('online', dict(zip(self._topics, samples, strict=True)), warnings, self._known)
         except RecordingError as error:
             self.problem = error.problem
             return None
-        stamps = judged.by_log_time or judged.joined
-        self.problem = next(text for text in warnings if 'header.stamp' in text) if stamps else ''
+        said = (text for text in warnings if 'header.stamp' in text)
+        if not self._known.by_log_time:
+            self.problem = next(said, '')
         return judged
 
     def is_sure(self, judged: Judgement) -> bool:
-        """Whether the times of reception may be used for good: after a short time they may be those of first delays."""
+        """Whether it may be relied upon: after a short time the lags may be those of first delays."""
+        changed = judged.known[:2] != self._known[:2]
+        if judged.joined or any(self._known.shifts) or (judged.on_time and not changed):
+            return True
         received = self.wrench.samples.log_time
-        return judged.at_one_rate and int(received[-1] - received[0]) > _SURE
-
-    def correct(self, judged: Judgement) -> bool:
-        """Puts the kept samples, and those to come, on the clock that was found valid; whether that changes them."""
+        kept = int(received[-1] - received[0])
         if judged.by_log_time:
-            for buffer in self.buffers:
+            return judged.at_one_rate and kept > _SURE
+        return kept > (_SURE if judged.on_time else _SURE_IF_LATE)
+
+    def moved(self, stamp: int, buffer: SampleBuffer, judged: Judgement) -> int:
+        """A stamp of one of the buffers by the clock that was found valid, before `correct`, ns."""
+        if judged.by_log_time:
+            return stamp if self._known.by_log_time else buffer.log_time_of(stamp)
+        return stamp + judged.shifts[self.buffers.index(buffer)]
+
+    def correct(self, judged: Judgement) -> None:
+        """Puts the kept samples, and those to come, on the clock that was found valid."""
+        for buffer, shift, samples in zip(self.buffers, judged.shifts, judged.arrived.values(), strict=True):
+            if judged.joined:
+                buffer.replace(samples)
+            elif judged.by_log_time:
                 buffer.use_log_time()
-        for buffer, samples in zip(self.buffers, judged.joined.values(), strict=bool(judged.joined)):
-            buffer.replace(samples)
-        return judged.by_log_time or bool(judged.joined)
+            else:
+                buffer.shift(shift)
+        self._known = judged.known

@@ -1,15 +1,16 @@
 """One clock for both topics: the header stamps where they are valid, else the recording times.
 
-Joint angles and forces are matched by their stamps, so both must come from one clock. Header stamps are not valid where
-they are zero or constant, where they step back by more than `_LARGEST_STEP_BACK` (a simulation restarted, a bag played
-in a loop), or where the clocks of the topics differ. The recording times (log times) then replace them in both topics,
-if these are valid. Where both step back, as when the computer's clock was set back, the parts between the steps are
-placed one after another. The same judgement serves recordings and the streams of a running cell.
+Joint angles and forces are matched by their stamps, so both must come from one clock. Where the clocks of the topics
+differ, by the messages that were least late (`arrivals`), the stamps of one topic are shifted. Header stamps are not
+valid where they are zero or constant, where they step back by more than `_LARGEST_STEP_BACK` (a simulation restarted, a
+bag played in a loop), or where the clocks drift apart. The recording times (log times) then replace them in both
+topics, if these are valid, and messages that were received late are dropped. Where both step back, as when the
+computer's clock was set back, the parts between the steps are placed one after another. The same judgement serves
+recordings and the streams of a running cell.
 """
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,15 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.touches.arrivals import (
+    LARGEST_OFFSET,
+    LeastLags,
+    Samples,
+    drift,
+    least_lags,
+    paused_share,
+    received_late,
+)
 
 _LARGEST_STEP_BACK = 1_000_000_000
 """Stamps that step back by more than this are from a clock that was set; by less, from messages out of order, ns."""
@@ -26,32 +36,10 @@ _LARGEST_OUTLIER_SHARE = 20
 """Outliers are dropped if they are at most one in so many stamps."""
 _PAUSE = 1_000_000_000
 """Time inserted between the parts of a recording whose clock was set back, ns: longer than a gap within a touch."""
-_LARGEST_OFFSET = 250_000_000
-"""Clocks that differ by more than this would assign forces to wrong joint angles, ns."""
-_MOSTLY = 0.6
-"""An offset that is the same in this part of the recording is one of the clocks; else messages wait or clocks drift."""
-_MOST_COMPARED = 5000
-"""At so many moments the lags of the topics are compared."""
-_INTERVAL, _FEWEST_INTERVALS, _MOST_INTERVALS = 2_000_000_000, 8, 200
-"""Offsets that vary are compared by intervals: shortest one, ns, fewest, most."""
-_LARGEST_SHARE_APART = 0.04
-"""A larger offset in at most this part of the intervals is accepted."""
-_SAME_RATE = 0.03
-"""Stamps and recording times run at the same rate if they differ by less over an interval; clocks drift far less."""
-
-
-class Samples(NamedTuple):
-    """The samples of one topic in the order of their arrival.
-
-    Attributes:
-        stamp: header stamps, (n,), ns.
-        log_time: when each was recorded, (n,), ns.
-        values: q1, q2 or fx, fy, (n, 2), rad or N.
-    """
-
-    stamp: NDArray[np.int64]
-    log_time: NDArray[np.int64]
-    values: NDArray[np.float64]
+_LARGEST_SHARE_PAUSED = 0.1
+"""Recording times are doubtful where nothing is received for a larger part of the time: what follows may be late."""
+_FINE = 1_000_000
+"""A smaller rest of a difference that was taken out stays, ns."""
 
 
 class Timed(NamedTuple):
@@ -61,53 +49,135 @@ class Timed(NamedTuple):
     values: NDArray[np.float64]
 
 
+class KnownClocks(NamedTuple):
+    """What is known of the clocks from samples that are kept no longer.
+
+    Attributes:
+        by_log_time: whether the stamps are recording times.
+        shifts: what was added to the stamps of each topic, ns.
+        least: least lag of each topic when the messages of both were least late, ns; or None.
+    """
+
+    by_log_time: bool = False
+    shifts: tuple[int, int] = (0, 0)
+    least: tuple[int, int] | None = None
+
+    @property
+    def apart(self) -> int:
+        """By how much the stamps of the first topic are ahead of those of the second, without the shifts, ns."""
+        if self.least is None:
+            return 0
+        return self.least[0] - self.least[1] - self.shifts[0] + self.shifts[1]
+
+
 class Judgement(NamedTuple):
     """Which clock is valid for both topics.
 
     Attributes:
         topics: the samples of each topic in the order given, on that clock.
-        by_log_time: whether it is that of the recording times.
-        joined: where parts between steps back were placed one after another: the samples so shifted, in the order of
-            arrival, by topic; else empty.
+        arrived: the same by topic, in the order of arrival.
+        known: what to hand to the next judgement of these streams.
+        shifts: what was added to the stamps of each topic, ns, beside the shifts known before.
+        joined: whether parts between steps back were placed one after another.
         at_one_rate: whether stamps and recording times run at the same rate.
+        on_time: where the clocks differ, whether messages of both topics were on time when that was found.
     """
 
     topics: list[Timed]
-    by_log_time: bool
-    joined: dict[str, Samples]
-    at_one_rate: bool
+    arrived: dict[str, Samples]
+    known: KnownClocks
+    shifts: tuple[int, int] = (0, 0)
+    joined: bool = False
+    at_one_rate: bool = True
+    on_time: bool = True
+
+    @property
+    def by_log_time(self) -> bool:
+        """Whether the clock is that of the recording times."""
+        return self.known.by_log_time
+
+    @property
+    def as_stamped(self) -> bool:
+        """Whether the clock is that of the header stamps as they are."""
+        return not (self.by_log_time or self.joined or any(self.known.shifts))
 
 
-def judge_clocks(source: str, streams: dict[str, Samples], warnings: list[str]) -> Judgement:
+def judge_clocks(
+    source: str, streams: dict[str, Samples], warnings: list[str], known: KnownClocks | None = None
+) -> Judgement:
     """Both topics sorted by time on one clock, and which that is.
 
     Args:
         source: the recording, for messages.
-        streams: by topic, at least one sample each.
+        streams: of both topics, at least one sample each.
         warnings: what was corrected is appended here.
+        known: from earlier samples of the same streams.
 
     Raises:
         RecordingError: neither the header stamps nor the recording times are valid.
     """
+    known = known or KnownClocks()
     streams = {topic: _without_outliers(topic, samples, warnings) for topic, samples in streams.items()}
-    problem = _problem(streams, 'stamp') or _clock_offset(streams)
-    use, in_turn, one_rate = 'stamp', False, True
-    if problem:
-        joined = _parts_in_turn(streams, 'stamp')
-        valid = not _problem(streams, 'log_time')
-        one_rate = _at_one_rate(streams)
-        if valid and (joined is None or one_rate):
-            use = 'log_time'
-            warnings.append(f'{problem}: the recording times were used instead')
-        elif (joined := joined or _parts_in_turn(streams, 'log_time')) is not None:
-            streams, in_turn = joined, True
-            why = 'the recording times run at another rate' if valid else 'so do the recording times'
-            warnings.append(f'{problem}, {why}: the parts were placed one after another')
+    if known.by_log_time:
+        return _as_received(streams, warnings)
+    problem, shifts, on_time = _problem(streams, 'stamp'), (0, 0), True
+    if not problem and not _problem(streams, 'log_time'):
+        lags = least_lags(*streams.values())
+        known = known._replace(least=max(filter(None, (lags.best, known.least)), key=sum, default=None))
+        problem = _drift(streams, lags, known)
+        if abs(known.apart) > LARGEST_OFFSET:
+            one_rate = _at_one_rate(streams)
+            on_time = one_rate and lags.is_on_time
+            shifts = _shifts(known) if one_rate or any(known.shifts) else shifts
         else:
-            remedy = 'record in one run, with stamps from one clock'
-            raise RecordingError(source, f'{problem}, and the recording times are not valid either', remedy)
-    topics = [_in_order(topic, getattr(samples, use), samples.values, warnings) for topic, samples in streams.items()]
-    return Judgement(topics, use == 'log_time', streams if in_turn else {}, one_rate)
+            shifts = -known.shifts[0], -known.shifts[1]
+    if problem:
+        return _without_stamps(source, streams, problem, warnings, known)
+    total = (known.shifts[0] + shifts[0], known.shifts[1] + shifts[1])
+    if any(total):
+        shifted = ' and '.join(topic for topic, shift in zip(streams, total, strict=True) if shift)
+        warnings.append(f'{_differ(streams, total[0] - total[1])}: the stamps of {shifted} were shifted')
+    least = known.least and (known.least[0] + shifts[0], known.least[1] + shifts[1])
+    moved = {
+        topic: samples._replace(stamp=samples.stamp + shift) if shift else samples
+        for (topic, samples), shift in zip(streams.items(), shifts, strict=True)
+    }
+    return Judgement(_all_in_order(moved, warnings), moved, KnownClocks(False, total, least), shifts, on_time=on_time)
+
+
+def _without_stamps(
+    source: str, streams: dict[str, Samples], problem: str, warnings: list[str], known: KnownClocks
+) -> Judgement:
+    """Both topics by their recording times, or with the parts between steps back in turn."""
+    joined = _parts_in_turn(streams, 'stamp')
+    valid = not _problem(streams, 'log_time')
+    one_rate = _at_one_rate(streams)
+    if valid and (joined is None or one_rate):
+        warnings.append(f'{problem}: the recording times were used instead')
+        paused = max(paused_share(samples) for samples in streams.values())
+        if paused > _LARGEST_SHARE_PAUSED:
+            doubt = f'nothing was received during {100 * paused:.0f} % of the time, and messages may have come late'
+            warnings.append(f'{doubt}: without valid stamps some forces may belong to other joint angles')
+        return _as_received(streams, warnings)._replace(at_one_rate=one_rate)
+    if (joined := joined or _parts_in_turn(streams, 'log_time')) is None:
+        remedy = 'record in one run, with stamps from one clock'
+        raise RecordingError(source, f'{problem}, and the recording times are not valid either', remedy)
+    why = 'the recording times run at another rate' if valid else 'so do the recording times'
+    warnings.append(f'{problem}, {why}: the parts were placed one after another')
+    known = known._replace(least=None)
+    return Judgement(_all_in_order(joined, warnings), joined, known, joined=True, at_one_rate=one_rate)
+
+
+def _as_received(streams: dict[str, Samples], warnings: list[str]) -> Judgement:
+    """Both topics by their recording times, without the messages that were received late."""
+    received = {}
+    for topic, samples in streams.items():
+        late = received_late(samples)
+        if late.any():
+            warnings.append(f'{topic}: {counted(int(late.sum()))} dropped that were received late')
+        stamp, values = samples.log_time[~late], samples.values[~late]
+        received[topic] = Samples(stamp, stamp, values)
+    return Judgement(_all_in_order(received, warnings), received, KnownClocks(by_log_time=True))
 
 
 def _without_outliers(topic: str, samples: Samples, warnings: list[str]) -> Samples:
@@ -139,88 +209,38 @@ def _problem(streams: dict[str, Samples], use: str) -> str:
     return ''
 
 
-def _clock_offset(streams: dict[str, Samples]) -> str:
-    """Why the stamps of the topics are not from one clock, by their lags behind the recording times; or empty.
-
-    The lags of both topics at the same moment are compared: what delays both, a busy recorder or a bag played at
-    another rate, cancels out.
-    """
-    if _problem(streams, 'log_time'):
-        return ''
-    between = _lags_apart(*streams.values())
-    low, middle, high = np.percentile(between, [5, 50, 95]).tolist()
-    steady = np.mean(np.abs(between - middle) < 0.5 * _LARGEST_OFFSET) > _MOSTLY
-    if abs(middle) < _LARGEST_OFFSET or not steady:
-        return _clock_drift(streams) if high - low > _LARGEST_OFFSET else ''
-    if not _at_one_rate(streams):
-        return ''
-    lags = [int(samples.stamp[0] - samples.log_time[0]) + _median_change(samples) for samples in streams.values()]
-    apart = abs(lags[0] - lags[1]) / 1e9
-    return f'`header.stamp` of {" and ".join(streams)} comes from clocks that differ by {apart:.3g} s'
-
-
-def _median_change(samples: Samples) -> int:
-    """Median change of the lag since the first sample, ns."""
-    lag = samples.stamp - samples.log_time
-    return int(np.median(lag - lag[0]))
-
-
-def _lags_apart(one: Samples, other: Samples) -> NDArray[np.float64]:
-    """Lag of one topic behind its recording times less that of the other, at moments of the one, (k,), ns."""
-    (time, lag), (others, other_lag) = (
-        (np.maximum.accumulate(samples.log_time), samples.stamp - samples.log_time) for samples in (one, other)
-    )
-    every = max(1, len(time) // _MOST_COMPARED)
-    start, base = int(others[0]), int(other_lag[0])
-    near = np.interp((time[::every] - start).astype(float), (others - start).astype(float), other_lag - base)
-    return np.asarray((lag[::every] - base) - near)
-
-
-def _clock_drift(streams: dict[str, Samples]) -> str:
-    """Why the stamps of the topics drift apart, by their lags in intervals; empty if they do not.
-
-    Only intervals count in which stamps and recording times run at the same rate. In others the recorder paused or
-    caught up, or a bag was played fast: there the stamps are the better clock.
-    """
-    samples = list(streams.values())
-    begin = max(int(one.log_time.min()) for one in samples)
-    end = min(int(one.log_time.max()) for one in samples)
-    number = min((end - begin) // _INTERVAL, _MOST_INTERVALS)
-    if number < _FEWEST_INTERVALS:
-        return ''
-    edges = np.linspace(begin, end, number + 1)
-    apart = []
-    for low, high in pairwise(edges):
-        lags = [_lag(one, low, high) for one in samples]
-        if not any(np.isnan(lags)):
-            apart.append(abs(lags[0] - lags[1]))
-    if len(apart) < _FEWEST_INTERVALS or np.mean(np.array(apart) > _LARGEST_OFFSET) < _LARGEST_SHARE_APART:
-        return ''
+def _drift(streams: dict[str, Samples], lags: LeastLags, known: KnownClocks) -> str:
+    """Why the stamps of the topics drift apart; empty if they do not."""
+    away = drift(lags, known.apart + known.shifts[0] - known.shifts[1])
     topics = ' and '.join(streams)
-    return f'`header.stamp` of {topics} comes from clocks that drift apart, by up to {max(apart) / 1e9:.3g} s'
+    return f'`header.stamp` of {topics} comes from clocks that drift apart, by up to {away / 1e9:.3g} s' if away else ''
 
 
-def _lag(samples: Samples, begin: float, end: float) -> float:
-    """Median of stamp - recording time in an interval, ns; NaN where the two run at different rates."""
-    first, last = np.searchsorted(samples.log_time, [begin, end])
-    stamp, recorded = samples.stamp[first:last].astype(float), samples.log_time[first:last].astype(float)
-    if len(stamp) < 3 or abs((recorded[-1] - recorded[0]) - (stamp[-1] - stamp[0])) > _SAME_RATE * (end - begin):
-        return np.nan
-    return float(np.median(stamp - recorded))
+def _shifts(known: KnownClocks) -> tuple[int, int]:
+    """What to add to the stamps of each topic whose clocks differ, ns: to those farther from reception."""
+    assert known.least is not None
+    apart = known.least[0] - known.least[1]
+    if abs(apart) < _FINE:
+        return 0, 0
+    first = known.shifts[0] if any(known.shifts) else abs(known.least[0]) > abs(known.least[1])
+    return (-apart, 0) if first else (0, apart)
+
+
+def _differ(streams: dict[str, Samples], apart: int) -> str:
+    return f'`header.stamp` of {" and ".join(streams)} comes from clocks that differ by {abs(apart) / 1e9:.3g} s'
 
 
 def _at_one_rate(streams: dict[str, Samples]) -> bool:
     """Whether stamps and recording times run at the same rate within a factor of 2, unlike in a bag played fast.
 
-    By the medians of differences over many samples, since a recorder may take several at a time.
+    By the whole time, without the steps of a clock: a recorder may take several messages at a time, or stand still.
     """
     for samples in streams.values():
-        apart = max(1, len(samples.stamp) // 64)
-        if len(samples.stamp) > 2:
-            stamped = float(np.median(samples.stamp[apart:] - samples.stamp[:-apart]))
-            recorded = float(np.median(samples.log_time[apart:] - samples.log_time[:-apart]))
-            if stamped > 0 and not 0.5 < recorded / stamped < 2.0:
-                return False
+        steps = np.diff(samples.stamp)
+        ordinary = (steps > -_LARGEST_STEP_BACK) & (steps < _OUTLIER)
+        stamped, recorded = (float(np.sum(np.diff(time)[ordinary])) for time in (samples.stamp, samples.log_time))
+        if stamped > 0 and not 0.5 < recorded / stamped < 2.0:
+            return False
     return True
 
 
@@ -239,6 +259,10 @@ def _parts_in_turn(streams: dict[str, Samples], use: str) -> dict[str, Samples] 
         for time, cut in zip(times, cuts, strict=True):
             time[cut[part] : cut[part + 1]] += end + _PAUSE - begin
     return {topic: samples._replace(stamp=time) for (topic, samples), time in zip(streams.items(), times, strict=True)}
+
+
+def _all_in_order(streams: dict[str, Samples], warnings: list[str]) -> list[Timed]:
+    return [_in_order(topic, samples.stamp, samples.values, warnings) for topic, samples in streams.items()]
 
 
 def _in_order(topic: str, stamp: NDArray[np.int64], values: NDArray[np.float64], warnings: list[str]) -> Timed:

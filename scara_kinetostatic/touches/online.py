@@ -6,7 +6,8 @@ returned, `find_touches` runs on all kept samples, and each contact that has end
 remember of the load is kept without a limit of time.
 
 Which clock is valid for both topics is judged as for a recording (`clock.judge_clocks`), by the samples kept: the
-header stamps, else the times at which the messages were received. Once these had to be used, they are used on.
+header stamps, shifted where the clocks differ, else the times at which the messages were received. Once these had to
+be used, they are used on.
 """
 
 from __future__ import annotations
@@ -112,10 +113,9 @@ class OnlineDetector:
         fresh = self._pair.wrench.fresh(self._width)
         if not len(fresh):
             return False
-        now = self._pair.wrench.now
         if self._searched == _NEVER:
-            self._searched = int(self._pair.wrench.samples.stamp[0])
-        waited = abs(now - self._searched)
+            self._searched = int(self._pair.wrench.samples.log_time[0])
+        waited = abs(self._pair.wrench.received - self._searched)
         if self._tare is None:
             return waited > _SHORTEST_WAIT
         smooth = moving_mean(median_of_three(fresh), self._width)
@@ -130,8 +130,8 @@ class OnlineDetector:
         if not (len(self._pair.joints.samples.stamp) and len(self._pair.wrench.samples.stamp)):
             return none
         judged = self._on_one_clock()
-        self._searched = self._pair.wrench.now
-        if judged is None or (judged.by_log_time and not open_too and not self._pair.is_sure(judged)):
+        self._searched = self._pair.wrench.received
+        if judged is None or not (open_too or self._pair.is_sure(judged)):
             self._forget()
             return none
         self._correct(judged)
@@ -150,19 +150,18 @@ class OnlineDetector:
     def _on_one_clock(self) -> Judgement | None:
         """Both topics on one clock; None where there is none, or not yet: one topic stepped, the other will."""
         judged = self._pair.judged()
-        if judged is None or judged.by_log_time or judged.joined:
+        if judged is None or self._pair.problem or any(judged.shifts):
             self.clock_warning = self._pair.problem
         return judged
 
     def _correct(self, judged: Judgement) -> None:
         """Puts the kept samples, and those to come, on the clock that was found valid."""
-        if judged.by_log_time:
-            if self._reported != _NEVER:
-                self._reported = self._pair.wrench.log_time_of(self._reported)
-            if self._memory.turns:
-                self._memory = self._memory._replace(stamp=self._pair.wrench.log_time_of(self._memory.stamp))
-        if self._pair.correct(judged):
-            self._searched = self._pair.wrench.now
+        wrench = self._pair.wrench
+        if self._reported != _NEVER:
+            self._reported = self._pair.moved(self._reported, wrench, judged)
+        if self._memory.turns:
+            self._memory = self._memory._replace(stamp=self._pair.moved(self._memory.stamp, wrench, judged))
+        self._pair.correct(judged)
 
     def _new(self, detection: Detection, latest: int) -> Detection:
         """The touches of a detection that have not been reported and whose contact had ended at `latest`, ns."""

@@ -138,10 +138,10 @@ def test_both_clocks_reset(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]
 def test_topics_on_different_clocks(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
     joints, wrench = stamps
     read = record(tmp_path, joints, wrench - T0 + 5 * SECOND, joints + 3, wrench + 4)
-    np.testing.assert_array_equal(read.joints.stamp, joints + 3)
-    np.testing.assert_array_equal(read.wrench.stamp, wrench + 4)
+    np.testing.assert_array_equal(read.joints.stamp, joints)
+    np.testing.assert_array_equal(read.wrench.stamp, wrench + 1)
     assert len(read.warnings) == 1
-    assert 'comes from clocks that differ by 1.7e+09 s' in read.warnings[0]
+    assert 'comes from clocks that differ by 1.7e+09 s: the stamps of /wrench were shifted' in read.warnings[0]
 
 
 def test_a_simulated_clock_is_fine(tmp_path: Path, stamps: tuple[np.ndarray, np.ndarray]) -> None:
@@ -240,5 +240,5 @@ def test_clocks_apart_are_seen_in_a_short_recording_of_a_busy_machine(
     assert read.warnings == ()
     (tmp_path / 'apart').mkdir()
     read = record(tmp_path / 'apart', joints, wrench + SECOND // 2, *late)
-    assert 'comes from clocks that differ by 0.' in read.warnings[0]
-    np.testing.assert_array_equal(read.wrench.stamp, late[1])
+    assert 'comes from clocks that differ by 0.5 s' in read.warnings[0]
+    np.testing.assert_allclose(read.wrench.stamp - joints[0], wrench - joints[0], rtol=0, atol=1_000_000)
