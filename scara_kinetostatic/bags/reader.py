@@ -174,8 +174,8 @@ def _on_that_clock(discard: _Discard, judged: Judgement, wrench: str) -> int:
 
     The collector may have judged the clocks before they stepped.
     """
-    if judged.as_stamped:
-        return discard.stamp
+    if judged.by_log_time or discard.received == discard.stamp:
+        return discard.received
     samples = judged.arrived[wrench]
     return int(samples.stamp[np.argmin(np.abs(samples.log_time - discard.received))])
 

@@ -98,6 +98,11 @@ class SampleBuffer:
         self._first, self._last = 0, len(samples.stamp)
         self._seen = self._last
 
+    def clear(self) -> None:
+        """Drops all samples; later ones are stamped as before."""
+        self._store()
+        self._first = self._seen = self._last
+
     def drop_before(self, stamp: int) -> None:
         """Drops the samples that came before the first one with this stamp or a later one."""
         stamps = self.samples.stamp
@@ -147,14 +152,19 @@ class StreamPair:
     Attributes:
         joints: joint angles, rad.
         wrench: forces as the sensor reports them, N.
-        problem: what had to be corrected in the stamps at the last judgement, or why there is none; or empty.
+        problem: what was corrected in the stamps the last time, or why they cannot be judged; or empty.
     """
 
     def __init__(self, topics: tuple[str, str], most: int) -> None:
         self._topics = topics
         self.joints, self.wrench = SampleBuffer(most), SampleBuffer(most)
-        self.problem = ''
+        self.problem = self._said = ''
         self._known = KnownClocks()
+
+    def restart(self) -> None:
+        """Drops all samples; what is known of the clocks stays."""
+        for buffer in self.buffers:
+            buffer.clear()
 
     @property
     def buffers(self) -> tuple[SampleBuffer, SampleBuffer]:
@@ -170,21 +180,19 @@ class StreamPair:
         except RecordingError as error:
             self.problem = error.problem
             return None
-        said = (text for text in warnings if 'header.stamp' in text)
-        if not self._known.by_log_time:
-            self.problem = next(said, '')
+        self._said = next((text for text in warnings if 'header.stamp' in text), '')
         return judged
 
     def is_sure(self, judged: Judgement) -> bool:
         """Whether it may be relied upon: after a short time the lags may be those of first delays."""
-        changed = judged.known[:2] != self._known[:2]
-        if judged.joined or any(self._known.shifts) or (judged.on_time and not changed):
+        unchanged = judged.known[:2] == self._known[:2]
+        if any(self._known.shifts) or (unchanged and (judged.on_time or judged.joined)):
             return True
-        received = self.wrench.samples.log_time
-        kept = int(received[-1] - received[0])
+        stamped, received, _ = self.wrench.samples
+        waited = int(received[-1] - received[0])
         if judged.by_log_time:
-            return judged.at_one_rate and kept > _SURE
-        return kept > (_SURE if judged.on_time else _SURE_IF_LATE)
+            return judged.at_one_rate and waited > _SURE
+        return max(waited, int(stamped[-1] - stamped[0])) > (_SURE if judged.on_time else _SURE_IF_LATE)
 
     def moved(self, stamp: int, buffer: SampleBuffer, judged: Judgement) -> int:
         """A stamp of one of the buffers by the clock that was found valid, before `correct`, ns."""
@@ -201,4 +209,6 @@ class StreamPair:
                 buffer.use_log_time()
             else:
                 buffer.shift(shift)
+        if not self._known.by_log_time:
+            self.problem = self._said
         self._known = judged.known

@@ -22,9 +22,9 @@ from scara_kinetostatic.touches.arrivals import (
     LARGEST_OFFSET,
     LeastLags,
     Samples,
-    drift,
     least_lags,
     paused_share,
+    rate,
     received_late,
 )
 
@@ -38,7 +38,7 @@ _PAUSE = 1_000_000_000
 """Time inserted between the parts of a recording whose clock was set back, ns: longer than a gap within a touch."""
 _LARGEST_SHARE_PAUSED = 0.1
 """Recording times are doubtful where nothing is received for a larger part of the time: what follows may be late."""
-_FINE = 1_000_000
+_FINE = 10_000_000
 """A smaller rest of a difference that was taken out stays, ns."""
 
 
@@ -55,19 +55,13 @@ class KnownClocks(NamedTuple):
     Attributes:
         by_log_time: whether the stamps are recording times.
         shifts: what was added to the stamps of each topic, ns.
-        least: least lag of each topic when the messages of both were least late, ns; or None.
+        apart: by how much the stamps of the first topic are ahead of those of the second, shifts left out, when both
+            were last received on time, ns; None where that is not known.
     """
 
     by_log_time: bool = False
     shifts: tuple[int, int] = (0, 0)
-    least: tuple[int, int] | None = None
-
-    @property
-    def apart(self) -> int:
-        """By how much the stamps of the first topic are ahead of those of the second, without the shifts, ns."""
-        if self.least is None:
-            return 0
-        return self.least[0] - self.least[1] - self.shifts[0] + self.shifts[1]
+    apart: int | None = None
 
 
 class Judgement(NamedTuple):
@@ -80,7 +74,7 @@ class Judgement(NamedTuple):
         shifts: what was added to the stamps of each topic, ns, beside the shifts known before.
         joined: whether parts between steps back were placed one after another.
         at_one_rate: whether stamps and recording times run at the same rate.
-        on_time: where the clocks differ, whether messages of both topics were on time when that was found.
+        on_time: whether both topics were on time when their clocks were last compared.
     """
 
     topics: list[Timed]
@@ -121,28 +115,29 @@ def judge_clocks(
     if known.by_log_time:
         return _as_received(streams, warnings)
     problem, shifts, on_time = _problem(streams, 'stamp'), (0, 0), True
-    if not problem and not _problem(streams, 'log_time'):
-        lags = least_lags(*streams.values())
-        known = known._replace(least=max(filter(None, (lags.best, known.least)), key=sum, default=None))
-        problem = _drift(streams, lags, known)
-        if abs(known.apart) > LARGEST_OFFSET:
-            one_rate = _at_one_rate(streams)
-            on_time = one_rate and lags.is_on_time
-            shifts = _shifts(known) if one_rate or any(known.shifts) else shifts
-        else:
-            shifts = -known.shifts[0], -known.shifts[1]
+    comparable = not (problem or _problem(streams, 'log_time'))
+    if comparable and not _at_one_rate(streams):
+        on_time = known.apart is not None
+    elif comparable:
+        lags, shifted = least_lags(*streams.values()), known.shifts[0] - known.shifts[1]
+        found = lags.difference()
+        known = known._replace(apart=known.apart if found is None else found - shifted)
+        on_time = known.apart is not None
+        apart = lags.guess() - shifted if known.apart is None else known.apart
+        problem = _drift(streams, lags.drift(apart + shifted))
+        shifts = _shifts(lags, apart, known.shifts)
     if problem:
         return _without_stamps(source, streams, problem, warnings, known)
     total = (known.shifts[0] + shifts[0], known.shifts[1] + shifts[1])
     if any(total):
-        shifted = ' and '.join(topic for topic, shift in zip(streams, total, strict=True) if shift)
-        warnings.append(f'{_differ(streams, total[0] - total[1])}: the stamps of {shifted} were shifted')
-    least = known.least and (known.least[0] + shifts[0], known.least[1] + shifts[1])
+        shifted_topics = ' and '.join(topic for topic, shift in zip(streams, total, strict=True) if shift)
+        warnings.append(f'{_differ(streams, total[0] - total[1])}: the stamps of {shifted_topics} were shifted')
     moved = {
         topic: samples._replace(stamp=samples.stamp + shift) if shift else samples
         for (topic, samples), shift in zip(streams.items(), shifts, strict=True)
     }
-    return Judgement(_all_in_order(moved, warnings), moved, KnownClocks(False, total, least), shifts, on_time=on_time)
+    known = known._replace(shifts=total)
+    return Judgement(_all_in_order(moved, warnings), moved, known, shifts, on_time=on_time)
 
 
 def _without_stamps(
@@ -154,17 +149,18 @@ def _without_stamps(
     one_rate = _at_one_rate(streams)
     if valid and (joined is None or one_rate):
         warnings.append(f'{problem}: the recording times were used instead')
-        paused = max(paused_share(samples) for samples in streams.values())
-        if paused > _LARGEST_SHARE_PAUSED:
-            doubt = f'nothing was received during {100 * paused:.0f} % of the time, and messages may have come late'
+        judged, paused = _as_received(streams, warnings), max(paused_share(samples) for samples in streams.values())
+        dropped = any(len(judged.arrived[topic].stamp) < len(samples.stamp) for topic, samples in streams.items())
+        if dropped and paused > _LARGEST_SHARE_PAUSED:
+            doubt = f'nothing was received during {100 * paused:.0f} % of the time, and messages came late'
             warnings.append(f'{doubt}: without valid stamps some forces may belong to other joint angles')
-        return _as_received(streams, warnings)._replace(at_one_rate=one_rate)
+        return judged._replace(at_one_rate=one_rate)
     if (joined := joined or _parts_in_turn(streams, 'log_time')) is None:
         remedy = 'record in one run, with stamps from one clock'
         raise RecordingError(source, f'{problem}, and the recording times are not valid either', remedy)
     why = 'the recording times run at another rate' if valid else 'so do the recording times'
     warnings.append(f'{problem}, {why}: the parts were placed one after another')
-    known = known._replace(least=None)
+    known = known._replace(apart=None)
     return Judgement(_all_in_order(joined, warnings), joined, known, joined=True, at_one_rate=one_rate)
 
 
@@ -209,21 +205,21 @@ def _problem(streams: dict[str, Samples], use: str) -> str:
     return ''
 
 
-def _drift(streams: dict[str, Samples], lags: LeastLags, known: KnownClocks) -> str:
-    """Why the stamps of the topics drift apart; empty if they do not."""
-    away = drift(lags, known.apart + known.shifts[0] - known.shifts[1])
+def _drift(streams: dict[str, Samples], away: int) -> str:
+    """Why the stamps of the topics drift apart, by `away` ns; empty if they do not."""
     topics = ' and '.join(streams)
     return f'`header.stamp` of {topics} comes from clocks that drift apart, by up to {away / 1e9:.3g} s' if away else ''
 
 
-def _shifts(known: KnownClocks) -> tuple[int, int]:
-    """What to add to the stamps of each topic whose clocks differ, ns: to those farther from reception."""
-    assert known.least is not None
-    apart = known.least[0] - known.least[1]
-    if abs(apart) < _FINE:
+def _shifts(lags: LeastLags, apart: int, known: tuple[int, int]) -> tuple[int, int]:
+    """What to add to the stamps of each topic, ns, beside what is known: to those farther from reception."""
+    if abs(apart) < LARGEST_OFFSET:
+        return -known[0], -known[1]
+    rest = apart + known[0] - known[1]
+    if abs(rest) < _FINE or not len(lags.lags):
         return 0, 0
-    first = known.shifts[0] if any(known.shifts) else abs(known.least[0]) > abs(known.least[1])
-    return (-apart, 0) if first else (0, apart)
+    first = known[0] != 0 if any(known) else np.subtract(*np.abs(lags.lags.max(axis=0))) > 0
+    return (-rest, 0) if first else (0, rest)
 
 
 def _differ(streams: dict[str, Samples], apart: int) -> str:
@@ -231,17 +227,8 @@ def _differ(streams: dict[str, Samples], apart: int) -> str:
 
 
 def _at_one_rate(streams: dict[str, Samples]) -> bool:
-    """Whether stamps and recording times run at the same rate within a factor of 2, unlike in a bag played fast.
-
-    By the whole time, without the steps of a clock: a recorder may take several messages at a time, or stand still.
-    """
-    for samples in streams.values():
-        steps = np.diff(samples.stamp)
-        ordinary = (steps > -_LARGEST_STEP_BACK) & (steps < _OUTLIER)
-        stamped, recorded = (float(np.sum(np.diff(time)[ordinary])) for time in (samples.stamp, samples.log_time))
-        if stamped > 0 and not 0.5 < recorded / stamped < 2.0:
-            return False
-    return True
+    """Whether stamps and recording times run at the same rate within a factor of 2, unlike in a bag played fast."""
+    return all(0.5 < rate(samples) < 2.0 for samples in streams.values())
 
 
 def _parts_in_turn(streams: dict[str, Samples], use: str) -> dict[str, Samples] | None:

@@ -65,7 +65,7 @@ class OnlineDetector:
         self._pair = StreamPair(self._topics, _MOST)
         self._tare: NDArray[np.float64] | None = None
         self._width = 1
-        self._reported = self._searched = _NEVER
+        self._reported = self._searched = self._searched_stamp = _NEVER
         self._in_contact = False
         self._memory = LoadMemory()
         self.clock_warning = ''
@@ -100,7 +100,7 @@ class OnlineDetector:
 
         What the joints remember of the load, and the numbers of the touches, go on.
         """
-        self._pair = StreamPair(self._topics, _MOST)
+        self._pair.restart()
         self._tare, self._in_contact = None, False
         self._reported = self._searched = _NEVER
 
@@ -114,8 +114,10 @@ class OnlineDetector:
         if not len(fresh):
             return False
         if self._searched == _NEVER:
-            self._searched = int(self._pair.wrench.samples.log_time[0])
-        waited = abs(self._pair.wrench.received - self._searched)
+            first = self._pair.wrench.samples
+            self._searched, self._searched_stamp = int(first.log_time[0]), int(first.stamp[0])
+        wrench = self._pair.wrench
+        waited = max(abs(wrench.received - self._searched), abs(wrench.now - self._searched_stamp))
         if self._tare is None:
             return waited > _SHORTEST_WAIT
         smooth = moving_mean(median_of_three(fresh), self._width)
@@ -129,12 +131,14 @@ class OnlineDetector:
         none = Detection(no_touches())
         if not (len(self._pair.joints.samples.stamp) and len(self._pair.wrench.samples.stamp)):
             return none
-        judged = self._on_one_clock()
-        self._searched = self._pair.wrench.received
+        judged = self._pair.judged()
         if judged is None or not (open_too or self._pair.is_sure(judged)):
+            self.clock_warning = self._pair.problem if judged is None else self.clock_warning
+            self._note_search()
             self._forget()
             return none
         self._correct(judged)
+        self._note_search()
         joints, wrench = judged.topics
         streams = Streams('online', JointStream(*joints), WrenchStream(*wrench), topics=self._topics)
         signals = as_signals(streams, self._cell)
@@ -147,13 +151,6 @@ class OnlineDetector:
         self._forget()
         return new
 
-    def _on_one_clock(self) -> Judgement | None:
-        """Both topics on one clock; None where there is none, or not yet: one topic stepped, the other will."""
-        judged = self._pair.judged()
-        if judged is None or self._pair.problem or any(judged.shifts):
-            self.clock_warning = self._pair.problem
-        return judged
-
     def _correct(self, judged: Judgement) -> None:
         """Puts the kept samples, and those to come, on the clock that was found valid."""
         wrench = self._pair.wrench
@@ -162,6 +159,12 @@ class OnlineDetector:
         if self._memory.turns:
             self._memory = self._memory._replace(stamp=self._pair.moved(self._memory.stamp, wrench, judged))
         self._pair.correct(judged)
+        if self._pair.problem or any(judged.shifts):
+            self.clock_warning = self._pair.problem
+
+    def _note_search(self) -> None:
+        """From here on it is counted how long the next search has waited."""
+        self._searched, self._searched_stamp = self._pair.wrench.received, self._pair.wrench.now
 
     def _new(self, detection: Detection, latest: int) -> Detection:
         """The touches of a detection that have not been reported and whose contact had ended at `latest`, ns."""

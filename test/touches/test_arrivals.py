@@ -9,7 +9,8 @@ from touches.scenes import CELL, START
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
-from scara_kinetostatic.touches.arrivals import Samples, drift, least_lags, received_late
+from scara_kinetostatic.touches.arrivals import Samples, least_lags, received_late
+from scara_kinetostatic.touches.buffer import StreamPair
 from scara_kinetostatic.touches.clock import KnownClocks, judge_clocks
 from scara_kinetostatic.touches.detection import find_touches
 from scara_kinetostatic.touches.online import OnlineDetector
@@ -171,9 +172,96 @@ def test_clocks_that_step_while_messages_are_on_time():
     values = np.zeros((6000, 2))
     stepped = np.where(np.arange(6000) > 4000, time + 9 * SECOND // 10, time)
     lags = least_lags(Samples(stepped, time, values), Samples(time, time, values))
-    assert drift(lags, 0) == 9 * SECOND // 10
+    assert lags.drift(0) == 9 * SECOND // 10
     late = received(time, np.random.default_rng(0), [(START + 10 * SECOND, START + 14 * SECOND)], 1.02)
-    assert drift(least_lags(Samples(time, late, values), Samples(time, time, values)), 0) == 0
+    assert least_lags(Samples(time, late, values), Samples(time, time, values)).drift(0) == 0
+
+
+HUNDRED = START + np.arange(6000) * SECOND // 100
+
+
+def judged(one: np.ndarray, other: np.ndarray, received_one: np.ndarray, received_other: np.ndarray):
+    values = np.zeros((len(one), 2))
+    warnings: list[str] = []
+    topics = {'a': Samples(one, received_one, values), 'b': Samples(other, received_other, values)}
+    return judge_clocks('x', topics, warnings), warnings
+
+
+@pytest.mark.parametrize('speed', [0.6, 0.9, 0.95, 1.0, 1.05, 1.5])
+@pytest.mark.parametrize('part', [slice(0, 1000), slice(5000, 6000), slice(2000, 4500)])
+def test_a_topic_that_is_late_for_a_while_is_no_other_clock(speed, part):
+    """Also where time is simulated, or a bag is played, faster or slower than recorded."""
+    received = START + ((HUNDRED - START) / speed).astype(np.int64)
+    late = received.copy()
+    late[part] += 6 * SECOND // 10
+    late = np.maximum.accumulate(late)
+    for one, other in ((received, late), (late, received)):
+        found, warnings = judged(HUNDRED, HUNDRED, one, other)
+        assert found.as_stamped
+        assert warnings == []
+
+
+@pytest.mark.parametrize('seconds', [12, 60, 3600])
+@pytest.mark.parametrize(('at', 'by'), [(0.2, -0.9), (0.5, 2.0), (0.8, 0.9)])
+def test_a_clock_that_steps_is_found_though_the_computer_hesitates(seconds, at, by):
+    time = START + np.arange(50 * seconds) * SECOND // 50
+    rng = np.random.default_rng(seconds)
+    received_at = time.copy()
+    for begin in rng.uniform(0, seconds, seconds // 5):
+        start = START + round(begin * SECOND)
+        waits = (received_at >= start) & (received_at < start + SECOND // 3)
+        received_at = np.where(waits, start + SECOND // 3, received_at)
+    stepped = np.where(np.arange(len(time)) > at * len(time), time + round(by * SECOND), time)
+    found, warnings = judged(stepped, time, received_at, received_at)
+    assert found.by_log_time
+    assert 'drift apart' in warnings[0]
+
+
+def test_a_clock_that_loses_is_followed_with_few_samples_kept():
+    pair = StreamPair(TOPICS, 100_000)
+    for number, time in enumerate(HUNDRED.tolist()):
+        pair.joints.append(time, time, (0.0, 0.0))
+        pair.wrench.append(time - (SECOND // 2 if number > 3000 else 0), time, (0.0, 0.0))
+        if number % 20 == 19:
+            found = pair.judged()
+            assert found is not None
+            if pair.is_sure(found):
+                pair.correct(found)
+            for buffer in pair.buffers:
+                buffer.drop_before(buffer.now - 3 * SECOND)
+    assert 'differ by 0.5 s: the stamps of /wrench were shifted' in pair.problem
+    assert pair.joints.now == pair.wrench.now
+
+
+def test_memory_of_the_load_and_clocks_outlive_a_restart():
+    joints = Samples(STREAMS.joints.stamp, STREAMS.joints.stamp, STREAMS.joints.position)
+    wrench = Samples(STREAMS.wrench.stamp - 20 * SECOND, STREAMS.wrench.stamp, STREAMS.wrench.force)
+    detector = OnlineDetector(CELL, topics=TOPICS)
+    half = [Samples(*(column[: len(column) // 2] for column in topic)) for topic in (joints, wrench)]
+    for topic, add in zip(half, (detector.add_joint_state, detector.add_wrench), strict=True):
+        for stamp, time, value in zip(*topic, strict=True):
+            add(int(stamp), value.tolist(), int(time))
+    assert detector.finish().found
+    moved = detector._memory.stamp
+    assert moved > START
+    detector.restart()
+    for topic, kept, add in zip((joints, wrench), half, (detector.add_joint_state, detector.add_wrench), strict=True):
+        for stamp, time, value in zip(*(column[len(kept.stamp) :] for column in topic), strict=True):
+            add(int(stamp), value.tolist(), int(time))
+    assert detector.finish().found
+    assert moved < detector._memory.stamp < START + 60 * SECOND
+    assert 'differ by 20 s' in detector.clock_warning
+
+
+def test_other_rates_without_stamps_are_not_late():
+    """A sleep loop that runs slower under load, two rates, batches of which some are lost."""
+    phases = np.concatenate([np.full(2000, period) for period in (0.0102, 0.0108) * 3])
+    rates = np.concatenate([np.full(6000, 0.01), np.full(7500, 0.008)])
+    batches = np.repeat(np.delete(np.arange(9, 6000, 10), slice(200, 206)), 10) * 0.01
+    irregular = np.cumsum(np.random.default_rng(0).exponential(0.01, 12_000))
+    for seconds in (np.cumsum(phases), np.cumsum(rates), batches, irregular):
+        time = START + (seconds * SECOND).astype(np.int64)
+        assert not received_late(Samples(time * 0, time, np.zeros((len(time), 2)))).any()
 
 
 def test_a_long_recording_without_stamps_of_the_forces_is_found_live():
