@@ -53,14 +53,14 @@ def part(streams: Streams, begin: int, end: int) -> Streams:
     )
 
 
-def feed(recording: Session, streams: Streams, ahead: int = 0) -> None:
+def feed(recording: Session, streams: Streams, ahead: int = 0, apart: int = 0) -> None:
     """Gives a recording all messages in the order of their stamps.
 
-    The clock of the driver is `ahead` of that of the collector, ns.
+    The clock of the driver is `ahead` of that of the collector, that of the sensor by `apart` more, ns.
     """
     joints, wrench = (
-        replace(topic, stamp=topic.stamp + ahead)  # type: ignore[type-var]
-        for topic in (streams.joints, streams.wrench)
+        replace(topic, stamp=topic.stamp + more)  # type: ignore[type-var]
+        for topic, more in ((streams.joints, ahead), (streams.wrench, ahead + apart))
     )
     messages = joint_state_messages(joints.stamp, joints.position, PAPER_CELL.joint_names)
     messages += wrench_messages(wrench.stamp, wrench.force, 'base')
@@ -92,10 +92,11 @@ def test_a_few_rejected_touches_are_no_warning(tmp_path: Path) -> None:
     assert (recording.touches, recording.rejected, recording.rejections()) == (4, 0, '')
 
 
-def test_discarded_touches_are_those_of_the_recording(tmp_path: Path) -> None:
-    """The last one first; the calibrator leaves the same ones out."""
+@pytest.mark.parametrize('apart', [0, 3 * SECOND])
+def test_discarded_touches_are_those_of_the_recording(tmp_path: Path, apart: int) -> None:
+    """The last one first; the calibrator leaves the same ones out, also where clocks differ."""
     recording = Session(tmp_path, PAPER_CELL, 1)
-    feed(recording, touches(4))
+    feed(recording, touches(4), apart=apart)
     recording.poll()
     accepted = recording.touches
     discarded = [recording.discard_last(10**18) for _ in range(2)]
