@@ -160,6 +160,7 @@ class StreamPair:
         self.joints, self.wrench = SampleBuffer(most), SampleBuffer(most)
         self.problem = self._said = ''
         self._known = KnownClocks()
+        self._since: tuple[int, int] | None = None
 
     def restart(self) -> None:
         """Drops all samples; what is known of the clocks stays."""
@@ -175,6 +176,7 @@ class StreamPair:
         """Both topics on one clock; None where there is none, or not yet: one topic stepped, the other will."""
         warnings: list[str] = []
         samples = (self.joints.samples, self.wrench.samples)
+        self._since = self._since or (int(samples[1].log_time[0]), int(samples[1].stamp[0]))
         try:
             judged = judge_clocks('online', dict(zip(self._topics, samples, strict=True)), warnings, self._known)
         except RecordingError as error:
@@ -185,14 +187,14 @@ class StreamPair:
 
     def is_sure(self, judged: Judgement) -> bool:
         """Whether it may be relied upon: after a short time the lags may be those of first delays."""
+        assert self._since is not None
         unchanged = judged.known[:2] == self._known[:2]
         if any(self._known.shifts) or (unchanged and (judged.on_time or judged.joined)):
             return True
-        stamped, received, _ = self.wrench.samples
-        waited = int(received[-1] - received[0])
+        waited, stamped = self.wrench.received - self._since[0], self.wrench.now - self._since[1]
         if judged.by_log_time:
             return judged.at_one_rate and waited > _SURE
-        return max(waited, int(stamped[-1] - stamped[0])) > (_SURE if judged.on_time else _SURE_IF_LATE)
+        return max(waited, stamped) > (_SURE if judged.on_time else _SURE_IF_LATE)
 
     def moved(self, stamp: int, buffer: SampleBuffer, judged: Judgement) -> int:
         """A stamp of one of the buffers by the clock that was found valid, before `correct`, ns."""

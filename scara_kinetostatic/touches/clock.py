@@ -117,7 +117,7 @@ def judge_clocks(
     problem, shifts, on_time = _problem(streams, 'stamp'), (0, 0), True
     comparable = not (problem or _problem(streams, 'log_time'))
     if comparable and not _at_one_rate(streams):
-        on_time = known.apart is not None
+        on_time = known.apart is not None or _paused(streams) < _LARGEST_SHARE_PAUSED
     elif comparable:
         lags, shifted = least_lags(*streams.values()), known.shifts[0] - known.shifts[1]
         found = lags.difference()
@@ -149,7 +149,7 @@ def _without_stamps(
     one_rate = _at_one_rate(streams)
     if valid and (joined is None or one_rate):
         warnings.append(f'{problem}: the recording times were used instead')
-        judged, paused = _as_received(streams, warnings), max(paused_share(samples) for samples in streams.values())
+        judged, paused = _as_received(streams, warnings), _paused(streams)
         dropped = any(len(judged.arrived[topic].stamp) < len(samples.stamp) for topic, samples in streams.items())
         if dropped and paused > _LARGEST_SHARE_PAUSED:
             doubt = f'nothing was received during {100 * paused:.0f} % of the time, and messages came late'
@@ -229,6 +229,11 @@ def _differ(streams: dict[str, Samples], apart: int) -> str:
 def _at_one_rate(streams: dict[str, Samples]) -> bool:
     """Whether stamps and recording times run at the same rate within a factor of 2, unlike in a bag played fast."""
     return all(0.5 < rate(samples) < 2.0 for samples in streams.values())
+
+
+def _paused(streams: dict[str, Samples]) -> float:
+    """The part of the time in which a topic pauses, by the recording times."""
+    return max(paused_share(samples) for samples in streams.values())
 
 
 def _parts_in_turn(streams: dict[str, Samples], use: str) -> dict[str, Samples] | None:
