@@ -11,6 +11,7 @@ free motion right before it, as in a recording.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -46,6 +47,8 @@ _LEAD = 3 * SECOND // 10
 """Samples that are kept before the points that are needed, ns: smoothing and the begin of a pass take some."""
 _OVERLAP = 3e-3
 """Of what is joined already, so much is joined with the next part of a pass, m: by it the two are found to be one."""
+_SAID = 30 * SECOND
+"""So long a jump of the tip is said, ns."""
 _NEVER = -(1 << 62)
 """Before all stamps, ns."""
 
@@ -63,7 +66,6 @@ class OnlineContour:
         arm: the calibrated arm.
         tip_radius: m.
         contour: what the last poll traced, the latest part of the slide; None without contact.
-        problem: why the last poll traced nothing although something is touched; or empty.
         zero: what the sensor reports without force, (2,), N; None as long as it is not known.
         forgotten: outlines that were forgotten as there were too many.
     """
@@ -88,11 +90,12 @@ class OnlineContour:
         self.zero: Floats | None = None
         self._is_tared = False
         self.contour: Contour | None = None
-        self.problem = ''
+        self._forget_problems()
 
     def clear(self) -> None:
         """Forgets the outlines; what comes begins new ones."""
         self._joined = self._shown = JoinedPasses()
+        self._forget_problems()
         self._present = self.forgotten = 0
         self._until = max(self._until, self._pair.joints.now)
 
@@ -121,6 +124,17 @@ class OnlineContour:
         return self._pair.joints.now
 
     @property
+    def problem(self) -> str:
+        """Why the last poll traced nothing although something is touched, or that the tip jumped; or empty."""
+        if self.now < self._jumped + _SAID:
+            return self._jump
+        return self._problem
+
+    def _forget_problems(self) -> None:
+        self._problem = self._jump = ''
+        self._jumped = _NEVER
+
+    @property
     def clock_problem(self) -> str:
         """What had to be corrected in the stamps; or empty."""
         return self._pair.problem
@@ -139,13 +153,17 @@ class OnlineContour:
 
     def poll(self) -> bool:
         """Traces what has come; whether the outlines have changed."""
-        before, self.problem, self.contour = self._shown, '', None
+        before, self._problem, self.contour = self._shown, '', None
         signals = self._signals()
         if signals is None:
             return False
-        touching = self._touching(signals)
-        if self._find_zero(signals, touching):
-            self._trace(signals, touching)
+        if self._find_zero(signals, self._touching(signals)):
+            touching = self._touching(signals)
+            try:
+                self._trace(signals, touching)
+                self._drop(self.now - (_LONGEST if touching else _FREE))
+            except JumpError as jump:
+                self._break(signals, jump)
         return self._shown is not before
 
     def _signals(self) -> Signals | None:
@@ -173,7 +191,7 @@ class OnlineContour:
         try:
             found, _ = force_zero(signals, _SOURCE)
         except UnsupportedDataError as error:
-            self.problem = '' if self.zero is not None else error.problem
+            self._problem = '' if self.zero is not None else error.problem
             return self.zero is not None
         if self.zero is None or not (self._is_tared or touching):
             self.zero = found
@@ -182,18 +200,26 @@ class OnlineContour:
         return True
 
     def _trace(self, signals: Signals, touching: bool) -> None:
-        """Traces the samples, joins what is new, and drops what is not needed any more."""
-        now = self._pair.joints.now
+        """Traces the samples, joins what is new, and drops what is joined for good.
+
+        Raises:
+            JumpError: the tip jumps.
+        """
         try:
             contour = trace_signals(signals, _SOURCE, self.arm, self._sensor, self.tip_radius, self.zero)
-        except JumpError as error:
-            self.problem = str(error)
-            self._drop(now)
+        except JumpError:
+            raise
         except UnsupportedDataError as error:
-            self.problem = error.problem if touching else ''
+            self._problem = error.problem if touching else ''
         else:
-            self._join(contour, signals.start, now, touching)
-        self._drop(now - (_LONGEST if touching else _FREE))
+            self._join(contour, signals.start, self.now, touching)
+
+    def _break(self, signals: Signals, jump: JumpError) -> None:
+        """Joins for good what was before a jump of the tip; the next poll goes on after the last jump."""
+        with suppress(JumpError):
+            self._trace(signals.before(jump.first), touching=False)
+        self._jump, self._jumped = f'the tip jumps by {1e3 * jump.size:.2g} mm in contact; {jump.remedy}', self.now
+        self._drop(signals.start + round(1e9 * jump.last))
 
     def _join(self, contour: Contour, start: int, now: int, touching: bool) -> None:
         """Joins the new points of a contour to the outlines, those for good that do not change any more."""

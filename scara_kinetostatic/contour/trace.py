@@ -49,7 +49,21 @@ _JUMP_FACTOR = 8.0
 
 
 class JumpError(UnsupportedDataError):
-    """The tip jumps while in contact."""
+    """The tip jumps while in contact.
+
+    Args:
+        source: the recording.
+        sizes: how far it jumps, (k,), m.
+        times: when it is there, since the start of the recording, (k,), s.
+    """
+
+    def __init__(self, source: str, sizes: Floats, times: Floats) -> None:
+        self.size, self.first, self.last = float(sizes[0]), float(times[0]), float(times[-1])
+        more = f' and {len(sizes) - 1} more times' if len(sizes) > 1 else ''
+        super().__init__(
+            f'{source}: the tip jumps by {1e3 * self.size:.2g} mm at {self.first:.2f} s{more}, in contact',
+            'check that the joint states are complete and stamped right, and slide without leaping over a gap',
+        )
 
 
 def trace_contour(
@@ -152,12 +166,7 @@ def _split_at_gaps(samples: ContactSamples, center: Floats, source: str, period:
     speed = step * period / np.maximum(elapsed, 0.2 * period)
     jumps = np.flatnonzero(same & ~pause & (speed > max(_JUMP, _JUMP_FACTOR * usual)))
     if len(jumps):
-        k = int(jumps[0])
-        more = f' and {len(jumps) - 1} more times' if len(jumps) > 1 else ''
-        raise JumpError(
-            f'{source}: the tip jumps by {1e3 * step[k]:.2g} mm at {samples.time[k + 1]:.2f} s{more}, in contact',
-            'check that the joint states are complete and stamped right, and slide without leaping over a gap',
-        )
+        raise JumpError(source, step[jumps], samples.time[jumps + 1])
     return samples.contact + np.append(0, np.cumsum(pause & same))
 
 

@@ -90,6 +90,15 @@ class Signals(NamedTuple):
     start: int
     warnings: tuple[str, ...]
 
+    def before(self, time: float) -> Signals:
+        """The part before a time, s."""
+        joints, wrench, filtered = (
+            topic._replace(time=topic.time[part], value=topic.value[part])
+            for topic in (self.joints, self.wrench, self.filtered)
+            for part in (topic.stretch(-np.inf, time),)
+        )
+        return self._replace(joints=joints, wrench=wrench, filtered=filtered)
+
     @property
     def window(self) -> float:
         """Time over which neighbouring means are taken, s: short, but with enough samples of either topic."""

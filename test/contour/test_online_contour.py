@@ -42,8 +42,8 @@ def polls(online: OnlineContour, streams: Streams, every: float = 0.5) -> Iterat
     yield online.poll()
 
 
-def fed(online: OnlineContour, streams: Streams) -> OnlineContour:
-    assert any([*polls(online, streams)])
+def fed(online: OnlineContour, streams: Streams, every: float = 0.5) -> OnlineContour:
+    assert any([*polls(online, streams, every)])
     return online
 
 
@@ -85,15 +85,28 @@ def test_outlines_are_forgotten_beyond_a_limit(monkeypatch: pytest.MonkeyPatch) 
     assert not online.outlines and online.forgotten == 0 and online.present is None
 
 
-def test_a_jump_is_said_and_the_trace_goes_on() -> None:
+@pytest.mark.parametrize('every', [0.5, 4.0, 100.0])
+def test_a_jump_is_said_and_the_trace_goes_on(every: float) -> None:
+    """However late it is found: nothing is lost but the points around it."""
     streams = slides((0.0, 0.6))
     position = streams.joints.position.copy()
     position[len(position) // 2 :] += 0.05
-    online, problems = OnlineContour(arm()), set[str]()
-    for _ in polls(online, replace(streams, joints=replace(streams.joints, position=position))):
-        problems.add(online.problem)
-    assert any('the tip jumps by' in problem for problem in problems)
-    assert len(online.outlines) == 2
+    online = OnlineContour(arm())
+    for _ in polls(online, replace(streams, joints=replace(streams.joints, position=position)), every):
+        pass
+    assert 'the tip jumps by' in online.problem
+    online.poll()
+    assert [outline.length for outline in online.outlines] == pytest.approx([0.3 * 2 * np.pi * 0.06] * 2, abs=8e-3)
+    assert 'the tip jumps by' in online.problem
+    online.clear()
+    assert not online.problem
+
+
+@pytest.mark.parametrize('every', [4.0, 100.0])
+def test_the_outline_is_complete_however_late_it_is_traced(every: float) -> None:
+    (joined,) = fed(OnlineContour(arm()), slides((0.0, 1.05)), every).outlines
+    assert joined.closed
+    assert joined.length == pytest.approx(2 * np.pi * 0.06, rel=2e-3)
 
 
 def rested(stamp: np.ndarray, values: np.ndarray, middle: int) -> tuple[np.ndarray, np.ndarray]:

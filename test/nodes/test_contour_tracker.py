@@ -189,7 +189,7 @@ def test_what_cannot_be_traced_is_said(bench: Callable[..., Bench], slide: Strea
     position = slide.joints.position.copy()
     position[len(position) // 2 :] += 0.05
     b.play(replace(slide, joints=replace(slide.joints, position=position)))
-    b.wait(lambda: any('the tip jumps by' in s.message for s in b.statuses) or b.value('outlines') == '2')
+    b.wait(lambda: any('the tip jumps by' in s.message for s in b.statuses) and b.value('outlines') == '2')
     assert b.call('tare').success
     assert b.value('zero of the force [N]') != 'not known'
 
