@@ -63,10 +63,12 @@ class LeastLags(NamedTuple):
     Attributes:
         lags: (k, 2), ns; intervals without messages of both topics are left out.
         waits: by how much one topic waited longer than the other, (k,), ns.
+        pace: unit of both per unit of the stamps: less than 1 in a bag played fast, where a delay is one of more time.
     """
 
     lags: NDArray[np.int64]
     waits: Floats
+    pace: float = 1.0
 
     @property
     def on_time(self) -> Mask:
@@ -76,7 +78,12 @@ class LeastLags(NamedTuple):
     @property
     def apart(self) -> NDArray[np.int64]:
         """Lag of the first topic less that of the second, (k,), ns: the difference of their clocks where on time."""
-        return np.asarray(self.lags[:, 0] - self.lags[:, 1])
+        return np.asarray((self.lags[:, 0] - self.lags[:, 1]) / self.pace).astype(np.int64)
+
+    @property
+    def limit(self) -> float:
+        """A larger difference is one of the clocks, ns."""
+        return LARGEST_OFFSET / self.pace
 
     def difference(self) -> int | None:
         """The difference of the clocks, ns: the median over the intervals on time; None where there are none."""
@@ -92,13 +99,18 @@ class LeastLags(NamedTuple):
     def drift(self, difference: int) -> int:
         """How far clocks get apart, by steps or by drift, that differ by `difference`, ns; 0 if they do not."""
         away = np.abs(self.apart - difference)[self.on_time]
-        if len(away) < _FEWEST_INTERVALS or np.mean(away > LARGEST_OFFSET) < _LARGEST_SHARE_APART:
+        if len(away) < _FEWEST_INTERVALS or np.mean(away > self.limit) < _LARGEST_SHARE_APART:
             return 0
         return int(np.ptp(self.apart[self.on_time]))
 
 
 def least_lags(one: Samples, other: Samples) -> LeastLags:
-    """The least lags of two topics; no intervals where they have no time in common."""
+    """The least lags of two topics; no intervals where they have no time in common.
+
+    Where time is simulated or a bag is played, by a factor of more than 2, the faster of recording times and stamps
+    are slowed to the pace of the others.
+    """
+    pace, (one, other) = _at_one_pace(one, other)
     times = [np.maximum.accumulate(samples.log_time) for samples in (one, other)]
     begin, end = max(int(time[0]) for time in times), min(int(time[-1]) for time in times)
     width = max(_INTERVAL, round(_FEWEST_MESSAGES * max(period(time) for time in times)))
@@ -110,7 +122,32 @@ def least_lags(one: Samples, other: Samples) -> LeastLags:
     _, in_first, in_second = np.intersect1d(first, second, assume_unique=True, return_indices=True)
     both = [first_rows[in_first], second_rows[in_second]]
     waits = np.max([np.abs(both[0][:, column] - both[1][:, column]) for column in (1, 2)], axis=0)
-    return LeastLags(np.column_stack([rows[:, 0] for rows in both]), waits.astype(float))
+    return LeastLags(np.column_stack([rows[:, 0] for rows in both]), waits.astype(float), pace)
+
+
+def _at_one_pace(one: Samples, other: Samples) -> tuple[float, tuple[Samples, Samples]]:
+    """The pace of the lags (`LeastLags.pace`), and both topics with stamps and recording times at one rate."""
+    speed, origin = _speed(one, other), int(one.log_time[0])
+    if _is_about_one(speed):
+        return 1.0, (one, other)
+
+    def slowed(time: NDArray[np.int64], pace: float) -> NDArray[np.int64]:
+        return origin + np.round(pace * (time - origin)).astype(np.int64) if pace < 1.0 else time
+
+    slow_one, slow_other = (
+        samples._replace(stamp=slowed(samples.stamp, speed), log_time=slowed(samples.log_time, 1.0 / speed))
+        for samples in (one, other)
+    )
+    return min(speed, 1.0), (slow_one, slow_other)
+
+
+def at_one_rate(*topics: Samples) -> bool:
+    """Whether stamps and recording times run at the same rate within a factor of 2, unlike in a bag played fast."""
+    return all(_is_about_one(rate(samples)) for samples in topics)
+
+
+def _is_about_one(rate: float) -> bool:
+    return 0.5 < rate < 2.0
 
 
 def _least(

@@ -18,15 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.touches.arrivals import (
-    LARGEST_OFFSET,
-    LeastLags,
-    Samples,
-    least_lags,
-    paused_share,
-    rate,
-    received_late,
-)
+from scara_kinetostatic.touches.arrivals import LeastLags, Samples, at_one_rate, least_lags, paused_share, received_late
 
 _LARGEST_STEP_BACK = 1_000_000_000
 """Stamps that step back by more than this are from a clock that was set; by less, from messages out of order, ns."""
@@ -90,11 +82,6 @@ class Judgement(NamedTuple):
         """Whether the clock is that of the recording times."""
         return self.known.by_log_time
 
-    @property
-    def as_stamped(self) -> bool:
-        """Whether the clock is that of the header stamps as they are."""
-        return not (self.by_log_time or self.joined or any(self.known.shifts))
-
 
 def judge_clocks(
     source: str, streams: dict[str, Samples], warnings: list[str], known: KnownClocks | None = None
@@ -115,10 +102,7 @@ def judge_clocks(
     if known.by_log_time:
         return _as_received(streams, warnings)
     problem, shifts, on_time = _problem(streams, 'stamp'), (0, 0), True
-    comparable = not (problem or _problem(streams, 'log_time'))
-    if comparable and not _at_one_rate(streams):
-        on_time = known.apart is not None or _paused(streams) < _LARGEST_SHARE_PAUSED
-    elif comparable:
+    if not (problem or _problem(streams, 'log_time')):
         lags, shifted = least_lags(*streams.values()), known.shifts[0] - known.shifts[1]
         found = lags.difference()
         known = known._replace(apart=known.apart if found is None else found - shifted)
@@ -146,7 +130,7 @@ def _without_stamps(
     """Both topics by their recording times, or with the parts between steps back in turn."""
     joined = _parts_in_turn(streams, 'stamp')
     valid = not _problem(streams, 'log_time')
-    one_rate = _at_one_rate(streams)
+    one_rate = at_one_rate(*streams.values())
     if valid and (joined is None or one_rate):
         warnings.append(f'{problem}: the recording times were used instead')
         judged, paused = _as_received(streams, warnings), _paused(streams)
@@ -213,7 +197,7 @@ def _drift(streams: dict[str, Samples], away: int) -> str:
 
 def _shifts(lags: LeastLags, apart: int, known: tuple[int, int]) -> tuple[int, int]:
     """What to add to the stamps of each topic, ns, beside what is known: to those farther from reception."""
-    if abs(apart) < LARGEST_OFFSET:
+    if abs(apart) < lags.limit:
         return -known[0], -known[1]
     rest = apart + known[0] - known[1]
     if abs(rest) < _FINE or not len(lags.lags):
@@ -224,11 +208,6 @@ def _shifts(lags: LeastLags, apart: int, known: tuple[int, int]) -> tuple[int, i
 
 def _differ(streams: dict[str, Samples], apart: int) -> str:
     return f'`header.stamp` of {" and ".join(streams)} comes from clocks that differ by {abs(apart) / 1e9:.3g} s'
-
-
-def _at_one_rate(streams: dict[str, Samples]) -> bool:
-    """Whether stamps and recording times run at the same rate within a factor of 2, unlike in a bag played fast."""
-    return all(0.5 < rate(samples) < 2.0 for samples in streams.values())
 
 
 def _paused(streams: dict[str, Samples]) -> float:
