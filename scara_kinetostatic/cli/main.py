@@ -64,6 +64,10 @@ with an effect that the base model lacks:
 """
 
 
+_AFTER_FINALIZER = 1e-3
+"""A signal that struck in a finalizer is sent again after so long, s."""
+
+
 class _TerminatedError(BaseException):
     """The process received SIGTERM."""
 
@@ -153,16 +157,30 @@ def _rare_collections() -> Iterator[None]:
 
 
 class _Termination:
-    """Makes SIGTERM unwind the stack, as Ctrl-C does, so that no half-written file is left. A context manager."""
+    """Makes SIGTERM unwind the stack, as Ctrl-C does, so that no half-written file is left. A context manager.
+
+    Python drops an exception of a finalizer: either signal that strikes in one is sent again.
+    """
 
     def __enter__(self) -> None:
         self._former = None
+        self._hook = sys.unraisablehook
         if threading.current_thread() is threading.main_thread():
             self._former = signal.signal(signal.SIGTERM, _terminate)
+            sys.unraisablehook = self._send_again
 
     def __exit__(self, *_: object) -> None:
         if self._former is not None:
             signal.signal(signal.SIGTERM, self._former)
+        sys.unraisablehook = self._hook
+
+    def _send_again(self, dropped: sys.UnraisableHookArgs) -> None:
+        number = {KeyboardInterrupt: signal.SIGINT, _TerminatedError: signal.SIGTERM}.get(dropped.exc_type)
+        if number is None:
+            self._hook(dropped)
+        else:
+            main = threading.main_thread().ident
+            threading.Timer(_AFTER_FINALIZER, signal.pthread_kill, [main, number]).start()
 
 
 def _terminate(number: int, frame: FrameType | None) -> NoReturn:

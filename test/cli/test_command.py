@@ -79,6 +79,36 @@ def test_interrupted(recordings: Path, tmp_path: Path, number: signal.Signals, s
     assert list(tmp_path.iterdir()) == []
 
 
+IN_A_FINALIZER = """
+import argparse, signal, sys, time
+from scara_kinetostatic.cli import main
+
+class Last:
+    def __del__(self):
+        signal.raise_signal(signal.Signals(int(sys.argv[1])))
+        time.sleep(0)
+
+def run(args):
+    Last()
+    time.sleep(20)
+    return 0
+
+parser = argparse.ArgumentParser()
+parser.set_defaults(verb='wait', debug=False, run=run)
+main.build_parser = lambda: parser
+sys.exit(main.main([]))
+"""
+
+
+@pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_interrupted_in_a_finalizer(number: signal.Signals, status: int) -> None:
+    """Where Python drops the exception."""
+    command = [sys.executable, '-c', IN_A_FINALIZER, str(int(number))]
+    process = subprocess.run(command, capture_output=True, env=ENVIRONMENT, check=False, text=True, timeout=15)
+    assert process.returncode == status
+    assert process.stderr.count('\n') == 1
+
+
 def test_a_reader_that_goes_away(recordings: Path) -> None:
     read, write = os.pipe()
     os.close(read)
