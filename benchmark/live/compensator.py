@@ -10,6 +10,7 @@ machine does not get, are stated: the delays are those of a machine with time to
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import sys
@@ -77,7 +78,7 @@ class Driver(Node):
         self._poses = self.create_subscription(
             PoseWithCovarianceStamped, '/compensator/pose', lambda _: None, RELIABLE_STREAM, raw=True
         )
-        self.heard = Delays([], [], [])
+        self._messages: list[tuple[bytes, dict[str, int]]] = []
 
     @property
     def ready(self) -> bool:
@@ -86,15 +87,22 @@ class Driver(Node):
         return all(p.get_subscription_count() for p in there) and self.count_publishers('/compensator/pose') > 0
 
     def take(self) -> None:
-        """Notes the poses that have come."""
+        """Keeps the poses that have come: few at a time, as the next one is received late meanwhile."""
         with self._poses.handle:
             while (taken := self._poses.handle.take_message(PoseWithCovarianceStamped, True)) is not None:
-                message = deserialize_message(taken[0], PoseWithCovarianceStamped)
-                stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-                place = message.pose.pose.position
-                self.heard.stamp.append(stamp)
-                self.heard.delay.append(1e-9 * (taken[1]['received_timestamp'] - stamp))
-                self.heard.place.append((place.x, place.y))
+                self._messages.append(taken)
+
+    def heard(self) -> Delays:
+        """What has been taken."""
+        found = Delays([], [], [])
+        for data, received in self._messages:
+            message = deserialize_message(data, PoseWithCovarianceStamped)
+            stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+            place = message.pose.pose.position
+            found.stamp.append(stamp)
+            found.delay.append(1e-9 * (received['received_timestamp'] - stamp))
+            found.place.append((place.x, place.y))
+        return found
 
 
 def arms(label: str) -> list[CalibratedArm]:
@@ -148,18 +156,20 @@ def run(seconds: float, rate: float, label: str, folder: Path) -> dict[str, Any]
         'CPU [% of one core]': round(used, 1),
     }
     found |= {'machine busy [%]': round(100 * busy / total), 'time stolen [%]': round(100 * stolen / total)}
-    return _figures(driver.heard, pair, joints, force, stamps, rate) | found
+    return _figures(driver.heard(), pair, joints, force, stamps, rate) | found
 
 
 def _drive(
     driver: Driver, joints: Floats, force: Floats, rate: float, texts: list[str], process: int
 ) -> tuple[float, list[int]]:
     """Publishes everything; the share of a core that the node needs, %, and the stamps."""
+    gc.disable()  # a search for garbage here would end in a burst of samples
     start, stamps, exchanged, number = monotonic(), [], 0.0, 0
     began, used = start, _cpu(process)
     for k in range(len(joints)):
         while monotonic() < start + k / rate:
             sleep(1e-4)
+        driver.take()
         now = time_ns()
         stamp = np.array([now])
         (wrench,) = wrench_messages(stamp, force[k : k + 1], 'base')
@@ -167,8 +177,6 @@ def _drive(
         driver.wrench.publish(wrench)
         driver.joints.publish(state)
         stamps.append(now)
-        if k % 20 == 0:
-            driver.take()
         if k / rate < WARM_UP:
             began, used = monotonic(), _cpu(process)
         elif k / rate - exchanged > EXCHANGE_EVERY:

@@ -29,6 +29,8 @@ _SAME_RATE = 0.02
 """Stamps and recording times run at one rate if they differ by less; else the bag was played, or time is simulated."""
 _WHOLE = 0.3
 """The difference of the rates may vary by this part of it between most of the time and the whole."""
+_SLOWEST = 0.05
+"""Played faster than by the inverse of this, a bag says nothing of its clocks."""
 _FASTEST_DRIFT = 0.005
 """Clocks run at the same rate within this."""
 _LARGEST_WAIT = 100_000_000
@@ -63,7 +65,7 @@ class LeastLags(NamedTuple):
     Attributes:
         lags: (k, 2), ns; intervals without messages of both topics are left out.
         waits: by how much one topic waited longer than the other, (k,), ns.
-        pace: unit of both per unit of the stamps: less than 1 in a bag played fast, where a delay is one of more time.
+        pace: of these times, per time by the stamps.
     """
 
     lags: NDArray[np.int64]
@@ -78,12 +80,7 @@ class LeastLags(NamedTuple):
     @property
     def apart(self) -> NDArray[np.int64]:
         """Lag of the first topic less that of the second, (k,), ns: the difference of their clocks where on time."""
-        return np.asarray((self.lags[:, 0] - self.lags[:, 1]) / self.pace).astype(np.int64)
-
-    @property
-    def limit(self) -> float:
-        """A larger difference is one of the clocks, ns."""
-        return LARGEST_OFFSET / self.pace
+        return np.asarray(self.lags[:, 0] - self.lags[:, 1])
 
     def difference(self) -> int | None:
         """The difference of the clocks, ns: the median over the intervals on time; None where there are none."""
@@ -99,18 +96,13 @@ class LeastLags(NamedTuple):
     def drift(self, difference: int) -> int:
         """How far clocks get apart, by steps or by drift, that differ by `difference`, ns; 0 if they do not."""
         away = np.abs(self.apart - difference)[self.on_time]
-        if len(away) < _FEWEST_INTERVALS or np.mean(away > self.limit) < _LARGEST_SHARE_APART:
+        if len(away) < _FEWEST_INTERVALS or np.mean(away > LARGEST_OFFSET) < _LARGEST_SHARE_APART:
             return 0
         return int(np.ptp(self.apart[self.on_time]))
 
 
 def least_lags(one: Samples, other: Samples) -> LeastLags:
-    """The least lags of two topics; no intervals where they have no time in common.
-
-    Where time is simulated or a bag is played, by a factor of more than 2, the faster of recording times and stamps
-    are slowed to the pace of the others.
-    """
-    pace, (one, other) = _at_one_pace(one, other)
+    """The least lags of two topics; no intervals where they have no time in common."""
     times = [np.maximum.accumulate(samples.log_time) for samples in (one, other)]
     begin, end = max(int(time[0]) for time in times), min(int(time[-1]) for time in times)
     width = max(_INTERVAL, round(_FEWEST_MESSAGES * max(period(time) for time in times)))
@@ -122,14 +114,17 @@ def least_lags(one: Samples, other: Samples) -> LeastLags:
     _, in_first, in_second = np.intersect1d(first, second, assume_unique=True, return_indices=True)
     both = [first_rows[in_first], second_rows[in_second]]
     waits = np.max([np.abs(both[0][:, column] - both[1][:, column]) for column in (1, 2)], axis=0)
-    return LeastLags(np.column_stack([rows[:, 0] for rows in both]), waits.astype(float), pace)
+    return LeastLags(np.column_stack([rows[:, 0] for rows in both]), waits.astype(float))
 
 
-def _at_one_pace(one: Samples, other: Samples) -> tuple[float, tuple[Samples, Samples]]:
-    """The pace of the lags (`LeastLags.pace`), and both topics with stamps and recording times at one rate."""
+def lags_at_pace(one: Samples, other: Samples) -> LeastLags | None:
+    """The least lags in real time where time is simulated or a bag was played; None where its speed is not steady.
+
+    Stamps are slowed to the pace of the recording times, or, where those are faster, these to that of the stamps.
+    """
     speed, origin = _speed(one, other), int(one.log_time[0])
-    if _is_about_one(speed):
-        return 1.0, (one, other)
+    if not _SLOWEST < speed < 1.0 / _SLOWEST or 0.5 < speed < 2.0:
+        return None
 
     def slowed(time: NDArray[np.int64], pace: float) -> NDArray[np.int64]:
         return origin + np.round(pace * (time - origin)).astype(np.int64) if pace < 1.0 else time
@@ -138,16 +133,8 @@ def _at_one_pace(one: Samples, other: Samples) -> tuple[float, tuple[Samples, Sa
         samples._replace(stamp=slowed(samples.stamp, speed), log_time=slowed(samples.log_time, 1.0 / speed))
         for samples in (one, other)
     )
-    return min(speed, 1.0), (slow_one, slow_other)
-
-
-def at_one_rate(*topics: Samples) -> bool:
-    """Whether stamps and recording times run at the same rate within a factor of 2, unlike in a bag played fast."""
-    return all(_is_about_one(rate(samples)) for samples in topics)
-
-
-def _is_about_one(rate: float) -> bool:
-    return 0.5 < rate < 2.0
+    lags = least_lags(slow_one, slow_other)
+    return lags._replace(pace=min(speed, 1.0)) if len(lags.lags) >= _FEWEST_INTERVALS else None
 
 
 def _least(

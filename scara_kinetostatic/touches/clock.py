@@ -18,7 +18,16 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.touches.arrivals import LeastLags, Samples, at_one_rate, least_lags, paused_share, received_late
+from scara_kinetostatic.touches.arrivals import (
+    LARGEST_OFFSET,
+    LeastLags,
+    Samples,
+    lags_at_pace,
+    least_lags,
+    paused_share,
+    rate,
+    received_late,
+)
 
 _LARGEST_STEP_BACK = 1_000_000_000
 """Stamps that step back by more than this are from a clock that was set; by less, from messages out of order, ns."""
@@ -92,17 +101,21 @@ def judge_clocks(
         source: the recording, for messages.
         streams: of both topics, at least one sample each.
         warnings: what was corrected is appended here.
-        known: from earlier samples of the same streams.
+        known: from earlier samples of the same streams; None for a whole recording.
 
     Raises:
         RecordingError: neither the header stamps nor the recording times are valid.
     """
-    known = known or KnownClocks()
+    is_whole, known = known is None, known or KnownClocks()
     streams = {topic: _without_outliers(topic, samples, warnings) for topic, samples in streams.items()}
     if known.by_log_time:
         return _as_received(streams, warnings)
     problem, shifts, on_time = _problem(streams, 'stamp'), (0, 0), True
-    if not (problem or _problem(streams, 'log_time')):
+    comparable = not (problem or _problem(streams, 'log_time'))
+    if comparable and not _at_one_rate(streams):
+        on_time = known.apart is not None or _paused(streams) < _LARGEST_SHARE_PAUSED
+        warnings += _doubt(streams) if is_whole else []
+    elif comparable:
         lags, shifted = least_lags(*streams.values()), known.shifts[0] - known.shifts[1]
         found = lags.difference()
         known = known._replace(apart=known.apart if found is None else found - shifted)
@@ -130,7 +143,7 @@ def _without_stamps(
     """Both topics by their recording times, or with the parts between steps back in turn."""
     joined = _parts_in_turn(streams, 'stamp')
     valid = not _problem(streams, 'log_time')
-    one_rate = at_one_rate(*streams.values())
+    one_rate = _at_one_rate(streams)
     if valid and (joined is None or one_rate):
         warnings.append(f'{problem}: the recording times were used instead')
         judged, paused = _as_received(streams, warnings), _paused(streams)
@@ -195,9 +208,24 @@ def _drift(streams: dict[str, Samples], away: int) -> str:
     return f'`header.stamp` of {topics} comes from clocks that drift apart, by up to {away / 1e9:.3g} s' if away else ''
 
 
+def _doubt(streams: dict[str, Samples]) -> list[str]:
+    """That clocks seem to differ in what was recorded while it was played fast or slowly; nothing is corrected there.
+
+    What is a short delay in real time is a long one by the stamps.
+    """
+    lags = lags_at_pace(*streams.values())
+    apart = None if lags is None else lags.difference()
+    if lags is None or apart is None or abs(apart) < LARGEST_OFFSET or lags.drift(apart):
+        return []
+    return [
+        f'{_differ(streams, round(apart / lags.pace))}, or one of them was late: they were recorded at another speed, '
+        'and nothing was shifted; forces may belong to other joint angles'
+    ]
+
+
 def _shifts(lags: LeastLags, apart: int, known: tuple[int, int]) -> tuple[int, int]:
     """What to add to the stamps of each topic, ns, beside what is known: to those farther from reception."""
-    if abs(apart) < lags.limit:
+    if abs(apart) < LARGEST_OFFSET:
         return -known[0], -known[1]
     rest = apart + known[0] - known[1]
     if abs(rest) < _FINE or not len(lags.lags):
@@ -208,6 +236,11 @@ def _shifts(lags: LeastLags, apart: int, known: tuple[int, int]) -> tuple[int, i
 
 def _differ(streams: dict[str, Samples], apart: int) -> str:
     return f'`header.stamp` of {" and ".join(streams)} comes from clocks that differ by {abs(apart) / 1e9:.3g} s'
+
+
+def _at_one_rate(streams: dict[str, Samples]) -> bool:
+    """Whether stamps and recording times run at the same rate within a factor of 2, unlike in a bag played fast."""
+    return all(0.5 < rate(samples) < 2.0 for samples in streams.values())
 
 
 def _paused(streams: dict[str, Samples]) -> float:
