@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from itertools import pairwise
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from scara_kinetostatic.touches.buffer import StreamPair
 from scara_kinetostatic.touches.segmentation import find_contacts
 from scara_kinetostatic.touches.signals import Signals, as_signals
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
+from scara_kinetostatic.touches.tare import AFTER_CONTACT
 
 MOST_NODES = 20_000
 """Nodes that are kept of all outlines, 10 m; beyond, the outline that was begun first is forgotten."""
@@ -47,6 +49,10 @@ _LEAD = 3 * SECOND // 10
 """Samples that are kept before the points that are needed, ns: smoothing and the begin of a pass take some."""
 _OVERLAP = 3e-3
 """Of what is joined already, so much is joined with the next part of a pass, m: by it the two are found to be one."""
+_SHORTEST = 0.2
+"""Between two jumps of the tip, a shorter slide is not traced, s."""
+_DOUBT = 'the force is steady and smaller than its zero: if something was touched at first, call tare in free motion'
+"""Said until then: at 2 N less a zero was taken in contact, or the zero of the sensor is large."""
 _SAID = 30 * SECOND
 """So long a jump of the tip is said, ns."""
 _NEVER = -(1 << 62)
@@ -126,12 +132,11 @@ class OnlineContour:
     @property
     def problem(self) -> str:
         """Why the last poll traced nothing although something is touched, or that the tip jumped; or empty."""
-        if self.now < self._jumped + _SAID:
-            return self._jump
-        return self._problem
+        jump = self._jump if self.now < self._jumped + _SAID else ''
+        return '; '.join(filter(None, (self._doubt, jump, self._problem)))
 
     def _forget_problems(self) -> None:
-        self._problem = self._jump = ''
+        self._problem = self._jump = self._doubt = ''
         self._jumped = _NEVER
 
     @property
@@ -148,7 +153,7 @@ class OnlineContour:
         recent = self._pair.wrench.latest(span)
         if not len(recent):
             raise UnsupportedDataError('there is no force yet')
-        self.zero, self._is_tared = recent.mean(axis=0), True
+        self.zero, self._is_tared, self._doubt = recent.mean(axis=0), True, ''
         return self.zero
 
     def poll(self) -> bool:
@@ -157,8 +162,8 @@ class OnlineContour:
         signals = self._signals()
         if signals is None:
             return False
-        if self._find_zero(signals, self._touching(signals)):
-            touching = self._touching(signals)
+        if self._find_zero(signals):
+            touching = _is_touching(self._last_contact(signals), signals)
             try:
                 self._trace(signals, touching)
                 self._drop(self.now - (_LONGEST if touching else _FREE))
@@ -174,29 +179,35 @@ class OnlineContour:
         if judged is None or not self._pair.is_sure(judged):
             return None
         self._until = self._pair.moved(self._until, self._pair.joints, judged)
+        self._jumped = self._pair.moved(self._jumped, self._pair.joints, judged)
         self._pair.correct(judged)
         joints, wrench = judged.topics
         streams = Streams(_SOURCE, JointStream(*joints), WrenchStream(*wrench), topics=self._topics)
         return as_signals(streams, self.arm.cell)
 
-    def _touching(self, signals: Signals) -> bool:
-        """Whether something is touched at the end of the samples."""
-        if self.zero is None:
-            return False
-        ends = find_contacts(signals, self.zero).end
-        return bool(len(ends)) and float(signals.wrench.time[-1] - ends[-1]) < _CLEAR
+    def _last_contact(self, signals: Signals) -> float:
+        """End of the last contact by the zero that is known, s; minus infinity where there is none."""
+        ends = np.empty(0) if self.zero is None else find_contacts(signals, self.zero).end
+        return float(ends[-1]) if len(ends) else -np.inf
 
-    def _find_zero(self, signals: Signals, touching: bool) -> bool:
-        """Follows the zero of the force; whether there is one."""
+    def _find_zero(self, signals: Signals) -> bool:
+        """Follows the zero of the force; whether there is one.
+
+        What comes after the last contact is free by the zero that is known; a light contact looks like a zero.
+        """
+        last = self._last_contact(signals)
+        touching = _is_touching(last, signals)
         try:
-            found, _ = force_zero(signals, _SOURCE)
+            found, doubts = force_zero(signals if touching else signals.stretch(last + AFTER_CONTACT, np.inf), _SOURCE)
         except UnsupportedDataError as error:
             self._problem = '' if self.zero is not None else error.problem
             return self.zero is not None
-        if self.zero is None or not (self._is_tared or touching):
+        if self.zero is None:
+            self.zero, self._doubt = found, _DOUBT if doubts else ''
+        elif not (self._is_tared or touching):
             self.zero = found
         elif not self._is_tared and np.hypot(*found) + LARGEST_ZERO < np.hypot(*self.zero):
-            self.zero = found  # the former one was taken while something was touched
+            self._doubt = _DOUBT
         return True
 
     def _trace(self, signals: Signals, touching: bool) -> None:
@@ -215,11 +226,15 @@ class OnlineContour:
             self._join(contour, signals.start, self.now, touching)
 
     def _break(self, signals: Signals, jump: JumpError) -> None:
-        """Joins for good what was before a jump of the tip; the next poll goes on after the last jump."""
-        with suppress(JumpError):
-            self._trace(signals.before(jump.first), touching=False)
-        self._jump, self._jumped = f'the tip jumps by {1e3 * jump.size:.2g} mm in contact; {jump.remedy}', self.now
-        self._drop(signals.start + round(1e9 * jump.last))
+        """Joins for good what was before the last jump of the tip; the next poll goes on after it."""
+        bounds = [-np.inf, *jump.times.tolist()]
+        for begin, end in pairwise(bounds):
+            part = signals.stretch(begin, end)
+            if end - begin > _SHORTEST and len(part.wrench.time) > 1:
+                with suppress(JumpError):
+                    self._trace(part, touching=False)
+        self._jump, self._jumped = f'{jump.what}; {jump.remedy}', self.now
+        self._drop(signals.start + round(1e9 * bounds[-1]))
 
     def _join(self, contour: Contour, start: int, now: int, touching: bool) -> None:
         """Joins the new points of a contour to the outlines, those for good that do not change any more."""
@@ -265,6 +280,16 @@ class OnlineContour:
         """Drops the samples before a stamp, ns."""
         for buffer in self._pair.buffers:
             buffer.drop_before(stamp)
+
+
+def _is_touching(last: float, signals: Signals) -> bool:
+    """Whether something is touched at the end of the samples.
+
+    Args:
+        last: end of the last contact, s.
+        signals: the samples.
+    """
+    return float(signals.wrench.time[-1]) - last < _CLEAR
 
 
 def _after(mask: Mask) -> int:

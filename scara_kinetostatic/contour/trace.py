@@ -55,13 +55,18 @@ class JumpError(UnsupportedDataError):
         source: the recording.
         sizes: how far it jumps, (k,), m.
         times: when it is there, since the start of the recording, (k,), s.
+
+    Attributes:
+        what: that it jumps, how far and how often.
     """
 
     def __init__(self, source: str, sizes: Floats, times: Floats) -> None:
-        self.size, self.first, self.last = float(sizes[0]), float(times[0]), float(times[-1])
+        self.times = times
         more = f' and {len(sizes) - 1} more times' if len(sizes) > 1 else ''
+        jumps = f'the tip jumps by {1e3 * sizes[0]:.2g} mm'
+        self.what = f'{jumps}{more}, in contact'
         super().__init__(
-            f'{source}: the tip jumps by {1e3 * self.size:.2g} mm at {self.first:.2f} s{more}, in contact',
+            f'{source}: {jumps} at {times[0]:.2f} s{more}, in contact',
             'check that the joint states are complete and stamped right, and slide without leaping over a gap',
         )
 

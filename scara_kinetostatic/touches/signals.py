@@ -90,12 +90,12 @@ class Signals(NamedTuple):
     start: int
     warnings: tuple[str, ...]
 
-    def before(self, time: float) -> Signals:
-        """The part before a time, s."""
+    def stretch(self, begin: float, end: float) -> Signals:
+        """The part from `begin` (included) to `end` (not included), s; a topic may have no samples there."""
         joints, wrench, filtered = (
             topic._replace(time=topic.time[part], value=topic.value[part])
             for topic in (self.joints, self.wrench, self.filtered)
-            for part in (topic.stretch(-np.inf, time),)
+            for part in (topic.stretch(begin, end),)
         )
         return self._replace(joints=joints, wrench=wrench, filtered=filtered)
 

@@ -102,6 +102,49 @@ def test_a_jump_is_said_and_the_trace_goes_on(every: float) -> None:
     assert not online.problem
 
 
+def test_between_two_jumps_that_are_found_together() -> None:
+    streams = slides((0.0, 0.6))
+    position = streams.joints.position.copy()
+    position[len(position) // 3 : 2 * len(position) // 3] += 0.05
+    online = fed(OnlineContour(arm()), replace(streams, joints=replace(streams.joints, position=position)), 100.0)
+    online.poll()
+    assert sum(outline.length for outline in online.outlines) == pytest.approx(0.6 * 2 * np.pi * 0.06, abs=0.02)
+    assert 'and 1 more times' in online.problem
+
+
+@pytest.mark.parametrize('force', [2.0, 2.5])
+def test_a_light_contact_is_not_taken_for_the_zero(force: float) -> None:
+    online = fed(OnlineContour(arm()), simulate_slides(CELL, PAPER_ACTUAL, [Slide(DISC, force, 0.1, 0.05, end=0.6)]))
+    (joined,) = online.outlines
+    assert joined.length == pytest.approx(0.6 * 2 * np.pi * 0.06, rel=0.01)
+    assert rms(DISC.normal_error(joined.points)) < 5e-5
+
+
+@pytest.mark.parametrize('bias', [(10.0, 0.0), (-8.0, -6.0)])
+def test_a_sensor_with_a_large_zero(bias: tuple[float, float]) -> None:
+    """Traced by the zero of the free motion at first; a tare ends the doubt about it."""
+    streams = slides((0.0, 0.6))
+    online = OnlineContour(arm())
+    biased = replace(streams, wrench=replace(streams.wrench, force=streams.wrench.force + np.array(bias)))
+    (joined,) = fed(online, biased).outlines
+    assert joined.length == pytest.approx(0.6 * 2 * np.pi * 0.06, rel=0.01)
+    assert rms(DISC.normal_error(joined.points)) < 2e-5
+    assert 'call tare in free motion' in online.problem
+    online.tare(10**9 // 2)
+    assert online.problem == ''
+
+
+def test_a_start_in_contact_is_said() -> None:
+    streams = slides((0.0, 0.6))
+    middle = int(streams.joints.stamp[0]) + 4 * 10**9
+    joints, wrench = streams.joints, streams.wrench
+    first, second = np.searchsorted(joints.stamp, middle), np.searchsorted(wrench.stamp, middle)
+    joints = replace(joints, stamp=joints.stamp[first:], position=joints.position[first:])
+    wrench = replace(wrench, stamp=wrench.stamp[second:], force=wrench.force[second:])
+    online = fed(OnlineContour(arm()), replace(streams, joints=joints, wrench=wrench))
+    assert 'call tare in free motion' in online.problem
+
+
 @pytest.mark.parametrize('every', [4.0, 100.0])
 def test_the_outline_is_complete_however_late_it_is_traced(every: float) -> None:
     (joined,) = fed(OnlineContour(arm()), slides((0.0, 1.05)), every).outlines
