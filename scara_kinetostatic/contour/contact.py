@@ -2,9 +2,9 @@
 
 The zero of the force sensor cannot be taken from where the arm moves most, as with touches: here it moves in contact.
 It is taken from the begin of the recording, where the arm is free unless the force is more than `LARGEST_ZERO` larger
-there than elsewhere, else from the smallest force that is steady for at least `SHORTEST_FREE`; each contact has the
-zero of the free motion right before it, where there is one. The force is taken to the stamps of the joint states by a
-mean over `SMOOTHING`.
+there than elsewhere, and not the same at the end; else from the smallest force that is steady for at least
+`SHORTEST_FREE`. Each contact has the zero of the free motion right before it, where there is one. The force is taken to
+the stamps of the joint states by a mean over `SMOOTHING`.
 """
 
 from __future__ import annotations
@@ -151,10 +151,18 @@ def force_zero(signals: Signals, source: str) -> tuple[Floats, tuple[str, ...]]:
         raise UnsupportedDataError(problem, 'begin and end the recording with free motion')
     size_of = np.hypot(*mean.T)
     least = int(np.flatnonzero(steady)[size_of[steady].argmin()])
-    if steady[0] and size_of[0] < size_of[least] + LARGEST_ZERO:
+    is_large = bool(steady[0]) and size_of[0] >= size_of[least] + LARGEST_ZERO
+    at_both_ends = bool(steady[0] and steady[-1]) and np.hypot(*(mean[0] - mean[-1])) < _SAME_ZERO
+    if steady[0] and (at_both_ends or not is_large):
         least = 0
     same = steady & (np.hypot(*(mean - mean[least]).T) < _SAME_ZERO)
     zero = np.median(mean[same], axis=0)
+    if is_large and at_both_ends:
+        size_there = float(np.hypot(*zero))
+        return zero, (
+            f'the zero of the force sensor is {size_there:.1f} N, the force at begin and end of the recording, and '
+            'smaller in between: nothing may be touched at begin and end',
+        )
     away = float(np.hypot(*(mean[0] - zero)))
     if steady[0] and away > _OTHER_ZERO:
         return zero, (

@@ -224,6 +224,30 @@ def test_a_force_beyond_the_calibration_is_said():
     assert any('extrapolated' in warning for warning in contour.warnings)
 
 
+@pytest.mark.parametrize('bias', [(10.0, 0.0), (-8.0, -6.0)])
+def test_a_sensor_with_a_large_zero(bias):
+    """Begin and end say that it is no contact; stated where a steady force is smaller."""
+    streams = slide_along(DISC)
+    biased = replace(streams, wrench=replace(streams.wrench, force=streams.wrench.force + np.array(bias)))
+    expected, contour = trace_contour(streams, arm()), trace_contour(biased, arm())
+    np.testing.assert_allclose(contour.zero - expected.zero, bias, atol=1e-9)
+    np.testing.assert_allclose(contour.surface, expected.surface, atol=1e-9)
+    assert bias[0] < 0 or 'nothing may be touched at begin and end' in contour.warnings[0]
+
+
+def test_a_recording_that_begins_in_contact():
+    """The zero is that of the end."""
+    streams = slide_along(DISC)
+    first = int(np.argmax(np.hypot(*(streams.wrench.force - streams.wrench.force[:40].mean(axis=0)).T) > 10)) + 200
+    start = streams.wrench.stamp[first]
+    wrench = replace(streams.wrench, stamp=streams.wrench.stamp[first:], force=streams.wrench.force[first:])
+    later = np.searchsorted(streams.joints.stamp, start)
+    joints = replace(streams.joints, stamp=streams.joints.stamp[later:], position=streams.joints.position[later:])
+    contour = trace_contour(replace(streams, joints=joints, wrench=wrench), arm())
+    np.testing.assert_allclose(contour.zero, trace_contour(streams, arm()).zero, atol=0.2)
+    assert rms(DISC.normal_error(contour.surface)) < 2e-5
+
+
 def test_what_is_no_slide_is_refused():
     streams = slide_along(DISC, end=0.3)
     free = replace(streams.wrench, force=streams.wrench.force[:40].mean(axis=0) + 0.0 * streams.wrench.force)
