@@ -64,8 +64,8 @@ with an effect that the base model lacks:
 """
 
 
-_AFTER_FINALIZER = 1e-3
-"""A signal that struck in a finalizer is sent again after so long, s."""
+_AFTER_FINALIZER = 0.02
+"""A signal that struck in a finalizer strikes again after so long, s."""
 
 
 class _TerminatedError(BaseException):
@@ -159,28 +159,41 @@ def _rare_collections() -> Iterator[None]:
 class _Termination:
     """Makes SIGTERM unwind the stack, as Ctrl-C does, so that no half-written file is left. A context manager.
 
-    Python drops an exception of a finalizer: either signal that strikes in one is sent again.
+    Python drops an exception of a finalizer: where either signal strikes in one, it strikes again a little later.
     """
 
+    def __init__(self) -> None:
+        self._dropped: type[BaseException] | None = None
+
     def __enter__(self) -> None:
-        self._former = None
-        self._hook = sys.unraisablehook
-        if threading.current_thread() is threading.main_thread():
-            self._former = signal.signal(signal.SIGTERM, _terminate)
-            sys.unraisablehook = self._send_again
+        self._is_main = threading.current_thread() is threading.main_thread()
+        if self._is_main:
+            self._former = [(each, signal.getsignal(each)) for each in (signal.SIGTERM, signal.SIGALRM)]
+            signal.signal(signal.SIGTERM, _terminate)
+            signal.signal(signal.SIGALRM, self._strike)
+            self._hook, sys.unraisablehook = sys.unraisablehook, self._note
 
-    def __exit__(self, *_: object) -> None:
-        if self._former is not None:
-            signal.signal(signal.SIGTERM, self._former)
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if not self._is_main:
+            return
+        signal.setitimer(signal.ITIMER_REAL, 0)
         sys.unraisablehook = self._hook
+        for number, handler in self._former:
+            signal.signal(number, handler or signal.SIG_DFL)
+        if self._dropped is not None and kind is None:
+            raise self._dropped
 
-    def _send_again(self, dropped: sys.UnraisableHookArgs) -> None:
-        number = {KeyboardInterrupt: signal.SIGINT, _TerminatedError: signal.SIGTERM}.get(dropped.exc_type)
-        if number is None:
-            self._hook(dropped)
+    def _note(self, dropped: sys.UnraisableHookArgs) -> None:
+        if issubclass(dropped.exc_type, KeyboardInterrupt | _TerminatedError):
+            self._dropped = dropped.exc_type
+            signal.setitimer(signal.ITIMER_REAL, _AFTER_FINALIZER)
         else:
-            main = threading.main_thread().ident
-            threading.Timer(_AFTER_FINALIZER, signal.pthread_kill, [main, number]).start()
+            self._hook(dropped)
+
+    def _strike(self, number: int, frame: FrameType | None) -> None:
+        dropped, self._dropped = self._dropped, None
+        if dropped is not None:
+            raise dropped
 
 
 def _terminate(number: int, frame: FrameType | None) -> NoReturn:

@@ -26,7 +26,13 @@ LARGEST_ZERO = 2.0
 _STEADY = 3.0
 """A mean force is steady where the scatter about it is at most this many times the white noise."""
 _SAME_ZERO = 0.5
-"""Steady forces that differ by less than this, N, are the same zero."""
+"""Steady forces that differ by less than this, N,"""
+_SAME_SIGMAS = 4.0
+"""or than this many standard deviations of the mean over `SHORTEST_FREE`, are the same zero."""
+_FREE_WAY = 5e-3
+"""Nothing that is touched lets the tip move so far, m, within 45° of a steady force."""
+_LEAST_STEP = 3e-4
+"""A shorter way within `SHORTEST_FREE` does not count for this, m: it may be noise."""
 _OTHER_ZERO = 1.0
 """A recording that begins with a steady force farther from the zero, N, begins in contact."""
 _MARGIN = 1.5 * SMOOTHING
@@ -140,22 +146,17 @@ def force_zero(signals: Signals, source: str) -> tuple[Floats, tuple[str, ...]]:
     Raises:
         UnsupportedDataError: no steady force lasts long enough.
     """
-    wrench = signals.filtered
-    size = max(5, round(SHORTEST_FREE / wrench.period))
-    count = len(wrench.time) // size
-    blocks = wrench.value[: count * size].reshape(count, size, 2)
-    mean, scatter = blocks.mean(axis=1), blocks.std(axis=1).max(axis=1)
-    steady = scatter <= _STEADY * white_noise(signals.wrench.value) + 1e-6
+    _, mean, steady, tolerance = _blocks(signals)
     if not steady.any():
         problem = f'{source}: the force is never steady for {SHORTEST_FREE:g} s: there is no zero of the force sensor'
         raise UnsupportedDataError(problem, 'begin and end the recording with free motion')
     size_of = np.hypot(*mean.T)
     least = int(np.flatnonzero(steady)[size_of[steady].argmin()])
     is_large = bool(steady[0]) and size_of[0] >= size_of[least] + LARGEST_ZERO
-    at_both_ends = bool(steady[0] and steady[-1]) and np.hypot(*(mean[0] - mean[-1])) < _SAME_ZERO
+    at_both_ends = bool(steady[0] and steady[-1]) and np.hypot(*(mean[0] - mean[-1])) < tolerance
     if steady[0] and (at_both_ends or not is_large):
         least = 0
-    same = steady & (np.hypot(*(mean - mean[least]).T) < _SAME_ZERO)
+    same = steady & (np.hypot(*(mean - mean[least]).T) < tolerance)
     zero = np.median(mean[same], axis=0)
     if is_large and at_both_ends:
         size_there = float(np.hypot(*zero))
@@ -170,3 +171,41 @@ def force_zero(signals: Signals, source: str) -> tuple[Floats, tuple[str, ...]]:
             'begin and end with free motion',
         )
     return zero, ()
+
+
+def zero_if_free(signals: Signals, zero: Floats, tip: Floats) -> Floats | None:
+    """The zero of a part at whose end nothing is touched, (2,), N, though by another zero something is; else None.
+
+    There the force stays, and the tip moves along the supposed force farther than anything rigid would let it.
+
+    Args:
+        signals: the part.
+        zero: by which something is touched, (2,), N.
+        tip: places of the tip at the stamps of the joint states, (n, 2), m; deflections do not matter.
+    """
+    time, mean, steady, tolerance = _blocks(signals)
+    if not len(mean):
+        return None
+    other = np.flatnonzero(~steady | (np.hypot(*(mean - mean[-1]).T) > tolerance))
+    first = int(other[-1]) + 1 if len(other) else 0
+    if first >= len(mean) - 1:
+        return None
+    found: Floats = np.median(mean[first:], axis=0)
+    way = np.diff(np.column_stack([np.interp(time[first:], signals.joints.time, column) for column in tip.T]), axis=0)
+    length, along = np.hypot(*way.T), np.abs(way @ (found - zero)) / max(float(np.hypot(*(found - zero))), 1e-9)
+    counts = (length > _LEAST_STEP) & (along > np.sqrt(0.5) * length)
+    return found if float(along[counts].sum()) > _FREE_WAY else None
+
+
+def _blocks(signals: Signals) -> tuple[Floats, Floats, Mask, float]:
+    """The middle of intervals of `SHORTEST_FREE`, (k,), s; the mean force in each, (k, 2), N; in which it is steady,
+    (k,); and the difference from which on means are not the same, N.
+    """
+    wrench, noise = signals.filtered, white_noise(signals.wrench.value)
+    size = max(5, round(SHORTEST_FREE / wrench.period))
+    count = len(wrench.time) // size
+    blocks = wrench.value[: count * size].reshape(count, size, 2)
+    scatter = blocks.std(axis=1).max(axis=1, initial=0.0)
+    time = wrench.time[: count * size].reshape(count, size).mean(axis=1)
+    steady = scatter <= _STEADY * noise + 1e-6
+    return time, blocks.mean(axis=1), steady, max(_SAME_ZERO, _SAME_SIGMAS * noise / float(np.sqrt(size)))

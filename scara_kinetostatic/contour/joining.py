@@ -222,7 +222,9 @@ def _adjoining(part: _Course, course: _Course) -> _Course | None:
     """The course with distances along a part, where one begins close to the end of the other; else None."""
     for first, second in ((part, course), (course, part)):
         chord = first.points[-1] - first.points[max(len(first.along) - 1 - _FEWEST_SAME, 0)]
-        along = chord / max(float(np.hypot(*chord)), 1e-12)
+        if not chord.any():  # of a single node
+            continue
+        along = chord / float(np.hypot(*chord))
         step = second.points[0] - first.points[-1]
         ahead, aside = float(step @ along), float(np.abs(quarter_turn(step) @ along))
         near = abs(ahead) < _LONGEST_GAP and aside < _SAME_DISTANCE + 0.5 * abs(ahead)
@@ -237,6 +239,8 @@ def _nearest(part: _Course, course: _Course, period: float) -> Floats:
     points = np.concatenate([part.points, part.points[:1]]) if period else part.points
     along = np.append(part.along, part.along[0] + period) if period else part.along
     begin, step = points[:-1], np.diff(points, axis=0)
+    if not len(begin):
+        return np.full(len(course.points), np.nan)
     square = np.maximum((step**2).sum(axis=1), 1e-30)
     found = np.full(len(course.points), np.nan)
     for first in range(0, len(found), _CHUNK):

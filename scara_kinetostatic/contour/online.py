@@ -4,8 +4,9 @@ The latest part of both streams is traced again and again, as a recording is (`t
 along the path than `_SETTLED` does not change any more: it is joined to the outlines for good, and its samples are
 dropped. So neither memory nor work grows with the length of a slide; of outlines, `MOST_NODES` nodes are kept.
 
-The zero of the force is that of the latest free motion, or the one that `tare` took; each contact has the zero of the
-free motion right before it, as in a recording.
+The zero of the force is that of the latest free motion, or the one that `tare` took since; each contact has the zero of
+the free motion right before it, as in a recording. A zero that was taken in contact, or that has drifted far, shows
+itself where the tip then moves along the supposed force (`zero_if_free`).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from itertools import pairwise
 import numpy as np
 
 from scara_kinetostatic.compensation.arm import CalibratedArm
-from scara_kinetostatic.contour.contact import LARGEST_ZERO, force_zero
+from scara_kinetostatic.contour.contact import LARGEST_ZERO, force_zero, zero_if_free
 from scara_kinetostatic.contour.joining import JoinedPasses, Outline
 from scara_kinetostatic.contour.path import WINDOWS
 from scara_kinetostatic.contour.result import Contour
@@ -25,6 +26,7 @@ from scara_kinetostatic.contour.trace import JumpError, trace_signals
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Sensor
+from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.touches.buffer import StreamPair
 from scara_kinetostatic.touches.segmentation import find_contacts
 from scara_kinetostatic.touches.signals import Signals, as_signals
@@ -51,10 +53,8 @@ _OVERLAP = 3e-3
 """Of what is joined already, so much is joined with the next part of a pass, m: by it the two are found to be one."""
 _SHORTEST = 0.2
 """Between two jumps of the tip, a shorter slide is not traced, s."""
-_DOUBT = 'the force is steady and smaller than its zero: if something was touched at first, call tare in free motion'
-"""Said until then: at 2 N less a zero was taken in contact, or the zero of the sensor is large."""
 _SAID = 30 * SECOND
-"""So long a jump of the tip is said, ns."""
+"""So long a jump of the tip, and a wrong zero, are said, ns."""
 _NEVER = -(1 << 62)
 """Before all stamps, ns."""
 
@@ -94,7 +94,6 @@ class OnlineContour:
         self._pair = StreamPair(self._topics, _MOST)
         self._until = _NEVER
         self.zero: Floats | None = None
-        self._is_tared = False
         self.contour: Contour | None = None
         self._forget_problems()
 
@@ -131,13 +130,17 @@ class OnlineContour:
 
     @property
     def problem(self) -> str:
-        """Why the last poll traced nothing although something is touched, or that the tip jumped; or empty."""
-        jump = self._jump if self.now < self._jumped + _SAID else ''
-        return '; '.join(filter(None, (self._doubt, jump, self._problem)))
+        """Why the last poll traced nothing although something is touched; a jump and a wrong zero for a while."""
+        event = self._event if self.now < self._happened + _SAID else ''
+        return '; '.join(filter(None, (event, self._problem)))
+
+    def _say(self, event: str) -> None:
+        """Says it for a while."""
+        self._event, self._happened = event, self.now
 
     def _forget_problems(self) -> None:
-        self._problem = self._jump = self._doubt = ''
-        self._jumped = _NEVER
+        self._problem = self._event = ''
+        self._happened = _NEVER
 
     @property
     def clock_problem(self) -> str:
@@ -153,7 +156,7 @@ class OnlineContour:
         recent = self._pair.wrench.latest(span)
         if not len(recent):
             raise UnsupportedDataError('there is no force yet')
-        self.zero, self._is_tared, self._doubt = recent.mean(axis=0), True, ''
+        self.zero = recent.mean(axis=0)
         return self.zero
 
     def poll(self) -> bool:
@@ -179,7 +182,7 @@ class OnlineContour:
         if judged is None or not self._pair.is_sure(judged):
             return None
         self._until = self._pair.moved(self._until, self._pair.joints, judged)
-        self._jumped = self._pair.moved(self._jumped, self._pair.joints, judged)
+        self._happened = self._pair.moved(self._happened, self._pair.joints, judged)
         self._pair.correct(judged)
         joints, wrench = judged.topics
         streams = Streams(_SOURCE, JointStream(*joints), WrenchStream(*wrench), topics=self._topics)
@@ -196,19 +199,28 @@ class OnlineContour:
         What comes after the last contact is free by the zero that is known; a light contact looks like a zero.
         """
         last = self._last_contact(signals)
-        touching = _is_touching(last, signals)
+        if self.zero is not None and _is_touching(last, signals):
+            self._heal_zero(signals)
+            return True
         try:
-            found, doubts = force_zero(signals if touching else signals.stretch(last + AFTER_CONTACT, np.inf), _SOURCE)
+            self.zero, _ = force_zero(signals.stretch(last + AFTER_CONTACT, np.inf), _SOURCE)
         except UnsupportedDataError as error:
             self._problem = '' if self.zero is not None else error.problem
-            return self.zero is not None
-        if self.zero is None:
-            self.zero, self._doubt = found, _DOUBT if doubts else ''
-        elif not (self._is_tared or touching):
-            self.zero = found
-        elif not self._is_tared and np.hypot(*found) + LARGEST_ZERO < np.hypot(*self.zero):
-            self._doubt = _DOUBT
-        return True
+        return self.zero is not None
+
+    def _heal_zero(self, signals: Signals) -> None:
+        """Corrects a zero that was taken in contact, or that has drifted, where nothing is touched."""
+        assert self.zero is not None
+        tip = forward(self.arm.model.parameters, signals.joints.value)
+        found = zero_if_free(signals, self.zero, tip)
+        if found is None:
+            return
+        wrong = float(np.hypot(*(found - self.zero)))
+        self.zero = found
+        if wrong > LARGEST_ZERO:
+            self._say(
+                f'the zero of the force was wrong by {wrong:.1f} N, and so is what was traced with it: call clear'
+            )
 
     def _trace(self, signals: Signals, touching: bool) -> None:
         """Traces the samples, joins what is new, and drops what is joined for good.
@@ -233,7 +245,7 @@ class OnlineContour:
             if end - begin > _SHORTEST and len(part.wrench.time) > 1:
                 with suppress(JumpError):
                     self._trace(part, touching=False)
-        self._jump, self._jumped = f'{jump.what}; {jump.remedy}', self.now
+        self._say(f'{jump.what}; {jump.remedy}')
         self._drop(signals.start + round(1e9 * bounds[-1]))
 
     def _join(self, contour: Contour, start: int, now: int, touching: bool) -> None:

@@ -99,9 +99,11 @@ class ContourTracker(Node):
         """Takes a calibration; with another one than before the outlines begin anew."""
         if self._online is not None and _is_same(arm, self._online.arm):
             return
-        if self._online is not None and self._online.outlines:
+        former = self._online
+        if former is not None and former.outlines:
             self.get_logger().warning('another calibration: the outlines begin anew')
         self._online = OnlineContour(arm, self._cell.sensor, self._radius, self._cell.sensor.topics)
+        self._online.zero = None if former is None else former.zero
         self._publish()
 
     def _turned(self, _: bytes, anew: bool) -> None:

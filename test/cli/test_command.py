@@ -90,7 +90,7 @@ class Last:
 
 def run(args):
     Last()
-    time.sleep(20)
+    time.sleep(float(sys.argv[2]))
     return 0
 
 parser = argparse.ArgumentParser()
@@ -100,10 +100,11 @@ sys.exit(main.main([]))
 """
 
 
+@pytest.mark.parametrize('rest', ['20', '0'])
 @pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_interrupted_in_a_finalizer(number: signal.Signals, status: int) -> None:
-    """Where Python drops the exception."""
-    command = [sys.executable, '-c', IN_A_FINALIZER, str(int(number))]
+def test_interrupted_in_a_finalizer(number: signal.Signals, status: int, rest: str) -> None:
+    """Where Python drops the exception, at any time or at the end of the work."""
+    command = [sys.executable, '-c', IN_A_FINALIZER, str(int(number)), rest]
     process = subprocess.run(command, capture_output=True, env=ENVIRONMENT, check=False, text=True, timeout=15)
     assert process.returncode == status
     assert process.stderr.count('\n') == 1

@@ -78,3 +78,10 @@ def test_a_place_of_unknown_uncertainty_stays_unknown() -> None:
 def test_a_pass_that_begins_close_to_the_end(begin: float) -> None:
     check(join_passes([stretch(0, 0.3), stretch(0.6, begin)]), closed=False, turns=0.6)
     assert len(join_passes([stretch(0, 0.3), stretch(0.32, 0.6)])) == 2
+
+
+def test_passes_of_one_node_stay_apart() -> None:
+    """Passes that are shorter than the distance of nodes."""
+    normals, std = np.array([[0.0, 1.0]] * 2), np.full(2, 1e-5)
+    passes = [Stretch(np.array([[x, 0.0], [x + 1e-4, 0.0]]), normals, std, std) for x in (0.0, 0.05)]
+    assert len(join_passes(passes)) == 2

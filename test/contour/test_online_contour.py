@@ -122,16 +122,38 @@ def test_a_light_contact_is_not_taken_for_the_zero(force: float) -> None:
 
 @pytest.mark.parametrize('bias', [(10.0, 0.0), (-8.0, -6.0)])
 def test_a_sensor_with_a_large_zero(bias: tuple[float, float]) -> None:
-    """Traced by the zero of the free motion at first; a tare ends the doubt about it."""
+    """Traced by the zero of the free motion at first, without a word."""
     streams = slides((0.0, 0.6))
     online = OnlineContour(arm())
     biased = replace(streams, wrench=replace(streams.wrench, force=streams.wrench.force + np.array(bias)))
     (joined,) = fed(online, biased).outlines
     assert joined.length == pytest.approx(0.6 * 2 * np.pi * 0.06, rel=0.01)
     assert rms(DISC.normal_error(joined.points)) < 2e-5
-    assert 'call tare in free motion' in online.problem
-    online.tare(10**9 // 2)
-    assert online.problem == ''
+    assert 'zero' not in online.problem
+
+
+@pytest.mark.parametrize('force', [3.0, 15.0])
+def test_a_zero_that_drifts_farther_than_a_contact_begins_at(force: float) -> None:
+    """By 2.4 N while the tip slides; the free motion after it is not taken for contact."""
+    planned = [Slide(DISC, force, 0.1, 0.01, begin=begin, end=begin + 0.2) for begin in (0.0, 0.3)]
+    streams = simulate_slides(CELL, PAPER_ACTUAL, planned)
+    stamp = streams.wrench.stamp
+    drift = np.interp(stamp, stamp[0] + np.array([5, 10]) * 10**9, [0.0, 2.4])[:, None] * [1, 0]
+    drifting = replace(streams, wrench=replace(streams.wrench, force=streams.wrench.force + drift))
+    online = fed(OnlineContour(arm()), drifting)
+    assert [outline.length for outline in online.outlines] == pytest.approx([0.2 * 2 * np.pi * 0.06] * 2, rel=0.02)
+    assert rms(DISC.normal_error(online.outlines[1].points)) < 5e-5
+
+
+def test_a_tare_in_contact_is_corrected_and_said() -> None:
+    online, problems = OnlineContour(arm()), set[str]()
+    for number, _ in enumerate(polls(online, slides((0.0, 0.3), (0.4, 0.7)))):
+        if number == 7:
+            assert online.contour is not None
+            online.tare(10**9 // 2)
+        problems.add(online.problem)
+    assert any('the zero of the force was wrong by 1' in problem for problem in problems)
+    assert rms(DISC.normal_error(online.outlines[-1].points)) < 2e-5
 
 
 def test_a_start_in_contact_is_said() -> None:
@@ -142,7 +164,8 @@ def test_a_start_in_contact_is_said() -> None:
     joints = replace(joints, stamp=joints.stamp[first:], position=joints.position[first:])
     wrench = replace(wrench, stamp=wrench.stamp[second:], force=wrench.force[second:])
     online = fed(OnlineContour(arm()), replace(streams, joints=joints, wrench=wrench))
-    assert 'call tare in free motion' in online.problem
+    assert 'the zero of the force was wrong by 14.7 N' in online.problem
+    np.testing.assert_allclose(online.zero, fed(OnlineContour(arm()), streams).zero, atol=0.1)
 
 
 @pytest.mark.parametrize('every', [4.0, 100.0])
