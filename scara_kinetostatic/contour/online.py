@@ -159,10 +159,15 @@ class OnlineContour:
         self.zero = recent.mean(axis=0)
         return self.zero
 
-    def poll(self) -> bool:
-        """Traces what has come; whether the outlines have changed."""
+    def poll(self, now: int = 0) -> bool:
+        """Traces what has come; whether the outlines have changed.
+
+        Args:
+            now: on the clock of the reception, ns: where messages were late at first, nothing is traced for 15 s; 0:
+                when the last was received.
+        """
         before, self._problem, self.contour = self._shown, '', None
-        signals = self._signals()
+        signals = self._signals(now)
         if signals is None:
             return False
         if self._find_zero(signals):
@@ -174,12 +179,12 @@ class OnlineContour:
                 self._break(signals, jump)
         return self._shown is not before
 
-    def _signals(self) -> Signals | None:
+    def _signals(self, now: int) -> Signals | None:
         """The samples that are kept, on one clock; None where there are too few."""
         if any(len(buffer.samples.stamp) < 2 for buffer in self._pair.buffers):
             return None
         judged = self._pair.judged()
-        if judged is None or not self._pair.is_sure(judged):
+        if judged is None or not self._pair.is_sure(judged, now):
             return None
         self._until = self._pair.moved(self._until, self._pair.joints, judged)
         self._happened = self._pair.moved(self._happened, self._pair.joints, judged)

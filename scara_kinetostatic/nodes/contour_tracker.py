@@ -136,7 +136,7 @@ class ContourTracker(Node):
         began = monotonic()
         if self._online is None or began < self._next:
             return
-        if self._online.poll():
+        if self._online.poll(time_ns()):
             self._publish()
         self._next = began + PAUSE * (monotonic() - began)
 

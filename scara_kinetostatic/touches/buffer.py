@@ -185,13 +185,19 @@ class StreamPair:
         self._said = next((text for text in warnings if 'header.stamp' in text), '')
         return judged
 
-    def is_sure(self, judged: Judgement) -> bool:
-        """Whether it may be relied upon: after a short time the lags may be those of first delays."""
+    def is_sure(self, judged: Judgement, now: int = 0) -> bool:
+        """Whether it may be relied upon: after a short time the lags may be those of first delays.
+
+        Args:
+            judged: what was found.
+            now: on the clock of the reception, ns, where nothing may come any more; 0: when the last was received.
+        """
         assert self._since is not None
         unchanged = judged.known[:2] == self._known[:2]
         if any(self._known.shifts) or (unchanged and (judged.on_time or judged.joined)):
             return True
-        waited, stamped = self.wrench.received - self._since[0], self.wrench.now - self._since[1]
+        waited = max(self.wrench.received, now) - self._since[0]
+        stamped = self.wrench.now - self._since[1]
         if judged.by_log_time:
             return judged.at_one_rate and waited > _SURE
         return max(waited, stamped) > (_SURE if judged.on_time else _SURE_IF_LATE)

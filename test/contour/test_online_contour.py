@@ -156,6 +156,27 @@ def test_a_tare_in_contact_is_corrected_and_said() -> None:
     assert rms(DISC.normal_error(online.outlines[-1].points)) < 2e-5
 
 
+def test_messages_that_are_late_until_they_end() -> None:
+    """The clocks cannot be compared on a computer that hesitates; after 15 s what has come is traced all the same."""
+    streams, online, rng = slides((0.0, 0.6)), OnlineContour(arm()), np.random.default_rng(0)
+    topics = ((streams.joints.stamp, streams.joints.position), (streams.wrench.stamp, streams.wrench.force))
+    samples = [
+        (stamp, number, values)
+        for number, (stamps, samples) in enumerate(topics)
+        for stamp, values in zip(stamps.tolist(), samples.tolist(), strict=True)
+    ]
+    begin = now = min(samples)[0]
+    for stamp, number, values in sorted(samples):
+        now += round(1e9 * (rng.exponential(2e-3) + (rng.random() < 2e-3) * rng.exponential(1.0)))
+        (online.add_wrench if number else online.add_joint_state)(stamp, values, now)
+    assert now < begin + 14 * 10**9
+    assert not online.poll()
+    assert not online.poll(begin + 14 * 10**9)
+    assert online.poll(begin + 16 * 10**9)
+    (joined,) = online.outlines
+    assert rms(DISC.normal_error(joined.points)) < 2e-5
+
+
 def test_a_start_in_contact_is_said() -> None:
     streams = slides((0.0, 0.6))
     middle = int(streams.joints.stamp[0]) + 4 * 10**9
