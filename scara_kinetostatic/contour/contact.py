@@ -4,7 +4,8 @@ The zero of the force sensor cannot be taken from where the arm moves most, as w
 It is taken from the begin of the recording, where the arm is free unless the force is more than `LARGEST_ZERO` larger
 there than elsewhere, and not the same at the end; else from the smallest force that is steady for at least
 `SHORTEST_FREE`. Each contact has the zero of the free motion right before it, where there is one. The force is taken to
-the stamps of the joint states by a mean over `SMOOTHING`.
+the stamps of the joint states by a mean over `SMOOTHING`. A slide lasts for longer than a touch: where the noise asks
+for it, contact is sought in a mean over up to `LONGEST_SMOOTHING`.
 """
 
 from __future__ import annotations
@@ -35,8 +36,10 @@ _LEAST_STEP = 3e-4
 """A shorter way within `SHORTEST_FREE` does not count for this, m: it may be noise."""
 _OTHER_ZERO = 1.0
 """A recording that begins with a steady force farther from the zero, N, begins in contact."""
-_MARGIN = 1.5 * SMOOTHING
-"""Left out at the begin and the end of a contact, s: there the smoothed force contains some of the free motion."""
+LONGEST_SMOOTHING = 0.25
+"""Of the force in which contact is sought, s."""
+_HARDLY_SEEN = 2.0
+"""A force below this many times that from which on contact is seen is worth a warning."""
 
 
 class ContactSamples(NamedTuple):
@@ -47,6 +50,7 @@ class ContactSamples(NamedTuple):
         joints: Q, (n, 2), rad.
         force: as the sensor reports it, less its zero, (n, 2), N.
         contact: number of the contact, (n,).
+        force_noise: standard deviation of the white noise of a component of the force, smoothed, N.
         lost: time that contact was lost between the first and the last contact, s.
         zero: that of the last contact.
         warnings: what is unusual, one sentence each.
@@ -56,6 +60,7 @@ class ContactSamples(NamedTuple):
     joints: Floats
     force: Floats
     contact: Indices
+    force_noise: float
     lost: float
     zero: Floats
     warnings: tuple[str, ...]
@@ -79,7 +84,7 @@ def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -
         UnsupportedDataError: the tip never touches anything, or is never free.
     """
     zero, warnings = force_zero(signals, source) if zero is None else (zero, ())
-    contacts = find_contacts(signals, zero)
+    contacts = contacts_of(signals, zero)
     if not len(contacts.begin):
         reach = float(np.hypot(*(signals.filtered.value - zero).T).max())
         raise UnsupportedDataError(
@@ -110,16 +115,41 @@ def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -
         joints[used],
         force[used],
         _renumbered(number, used),
+        force_noise=white_noise(signals.wrench.value) / float(np.sqrt(width)),
         lost=float(between.sum() * signals.joints.period),
         zero=own,
-        warnings=(*signals.warnings, *warnings),
+        warnings=(*signals.warnings, *warnings, *_hardly_seen(typical, contacts.threshold)),
+    )
+
+
+def contacts_of(signals: Signals, zero: Floats) -> Contacts:
+    """The contacts of a slide.
+
+    Args:
+        signals: the recording.
+        zero: what the sensor reports without force, (2,), N.
+    """
+    return find_contacts(signals, zero, LONGEST_SMOOTHING)
+
+
+def _hardly_seen(force: float, threshold: float) -> tuple[str, ...]:
+    """A warning where the force in contact is close to the one from which on contact is seen, N."""
+    if force > _HARDLY_SEEN * threshold:
+        return ()
+    return (
+        f'the force in contact, {force:.1f} N, is close to the {threshold:.1f} N from which on contact is seen: parts '
+        'may be missing or wrong; slide with more force',
     )
 
 
 def _number_of_contact(time: Floats, contacts: Contacts) -> Indices:
-    """Number of the contact at each time, -1 where there is none."""
-    number = np.searchsorted(contacts.begin + _MARGIN, time, side='right') - 1
-    ends = np.append(contacts.end - _MARGIN, -np.inf)[number]
+    """Number of the contact at each time, -1 where there is none.
+
+    The begin and the end of a contact are left out: there a smoothed force contains some of the free motion.
+    """
+    margin = 0.5 * contacts.smoothing + SMOOTHING
+    number = np.searchsorted(contacts.begin + margin, time, side='right') - 1
+    ends = np.append(contacts.end - margin, -np.inf)[number]
     return np.where(time <= ends, number, -1)
 
 

@@ -18,7 +18,7 @@ from itertools import pairwise
 import numpy as np
 
 from scara_kinetostatic.compensation.arm import CalibratedArm
-from scara_kinetostatic.contour.contact import LARGEST_ZERO, force_zero, zero_if_free
+from scara_kinetostatic.contour.contact import LARGEST_ZERO, contacts_of, force_zero, zero_if_free
 from scara_kinetostatic.contour.joining import JoinedPasses, Outline
 from scara_kinetostatic.contour.path import WINDOWS
 from scara_kinetostatic.contour.result import Contour
@@ -28,7 +28,6 @@ from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Sensor
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.touches.buffer import StreamPair
-from scara_kinetostatic.touches.segmentation import find_contacts
 from scara_kinetostatic.touches.signals import Signals, as_signals
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 from scara_kinetostatic.touches.tare import AFTER_CONTACT
@@ -54,7 +53,8 @@ _OVERLAP = 3e-3
 _SHORTEST = 0.2
 """Between two jumps of the tip, a shorter slide is not traced, s."""
 _SAID = 30 * SECOND
-"""So long a jump of the tip, and a wrong zero, are said, ns."""
+"""So long a jump of the tip is said, ns."""
+_LATE = 'messages came late at first: nothing is traced until it is sure that the clocks agree, for 15 s at most'
 _NEVER = -(1 << 62)
 """Before all stamps, ns."""
 
@@ -101,6 +101,7 @@ class OnlineContour:
         """Forgets the outlines; what comes begins new ones."""
         self._joined = self._shown = JoinedPasses()
         self._forget_problems()
+        self._doubt = ''
         self._present = self.forgotten = 0
         self._until = max(self._until, self._pair.joints.now)
 
@@ -130,9 +131,11 @@ class OnlineContour:
 
     @property
     def problem(self) -> str:
-        """Why the last poll traced nothing although something is touched; a jump and a wrong zero for a while."""
+        """Why the last poll traced nothing although something is touched; a jump for a while, and until the outlines
+        are forgotten that parts of them may be wrong.
+        """
         event = self._event if self.now < self._happened + _SAID else ''
-        return '; '.join(filter(None, (event, self._problem)))
+        return '; '.join(filter(None, (self._doubt, event, self._problem)))
 
     def _say(self, event: str) -> None:
         """Says it for a while."""
@@ -184,7 +187,10 @@ class OnlineContour:
         if any(len(buffer.samples.stamp) < 2 for buffer in self._pair.buffers):
             return None
         judged = self._pair.judged()
-        if judged is None or not self._pair.is_sure(judged, now):
+        if judged is None:
+            return None
+        if not self._pair.is_sure(judged, now):
+            self._problem = '' if judged.on_time else _LATE
             return None
         self._until = self._pair.moved(self._until, self._pair.joints, judged)
         self._happened = self._pair.moved(self._happened, self._pair.joints, judged)
@@ -195,7 +201,7 @@ class OnlineContour:
 
     def _last_contact(self, signals: Signals) -> float:
         """End of the last contact by the zero that is known, s; minus infinity where there is none."""
-        ends = np.empty(0) if self.zero is None else find_contacts(signals, self.zero).end
+        ends = np.empty(0) if self.zero is None else contacts_of(signals, self.zero).end
         return float(ends[-1]) if len(ends) else -np.inf
 
     def _find_zero(self, signals: Signals) -> bool:
@@ -223,7 +229,7 @@ class OnlineContour:
         wrong = float(np.hypot(*(found - self.zero)))
         self.zero = found
         if wrong > LARGEST_ZERO:
-            self._say(
+            self._doubt = (
                 f'the zero of the force was wrong by {wrong:.1f} N, and so is what was traced with it: call clear'
             )
 

@@ -63,7 +63,7 @@ class TipPlaces(NamedTuple):
         systematic: covariance of S by the calibration, (n, 2, 2), m²; NaN where the data do not determine it, or a
             joint is in a dead band of undetermined size.
         noise: covariance by the noise of joint angles and force and by the place of joints in their dead bands,
-            (n, 2, 2), m².
+            (n, 2, 2), m²; of the force it contains all noise.
         by_noise: change by one standard deviation of the noise of q1, q2, F_x and F_y, (n, 2, 4), m.
     """
 
@@ -74,13 +74,14 @@ class TipPlaces(NamedTuple):
     by_noise: Floats
 
 
-def tip_places(arm: CalibratedArm, joints: Floats, force: Floats) -> TipPlaces:
+def tip_places(arm: CalibratedArm, joints: Floats, force: Floats, force_noise: float = 0.0) -> TipPlaces:
     """S with its uncertainty for the calibrated model.
 
     Args:
         arm: the calibrated arm.
         joints: Q, (n, 2), rad.
         force: F on the object, base frame, (n, 2), N.
+        force_noise: standard deviation of a component of the force besides the noise of a touch, N.
     """
     law, f = Predictor(arm).law, Force.of(force, arm.noise)
     found = tip_under_load(law, joints, f, metadata_of(arm, joints))
@@ -93,4 +94,6 @@ def tip_places(arm: CalibratedArm, joints: Floats, force: Floats) -> TipPlaces:
     known = np.isfinite(with_dead_bands(systematic, spread, law, found, f).xx)
     covariance = np.where(known[:, None, None], systematic.matrices, np.nan)
     loadings = by_noise(law, found, f, jacobian)
-    return TipPlaces(found.tip, by_model.transpose(2, 1, 0), covariance, noise.matrices, loadings)
+    further = loadings[:, :, 2:] * (force_noise / np.maximum(f.std, 1e-12))[:, None, None]
+    total = noise.matrices + further @ further.transpose(0, 2, 1)
+    return TipPlaces(found.tip, by_model.transpose(2, 1, 0), covariance, total, loadings)

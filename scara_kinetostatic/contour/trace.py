@@ -9,8 +9,8 @@ r δ²/2 only; at an edge, where the surface turns by more than that, the first 
 An error along the surface by the noise of joint angles and force counts there in the same way.
 
 The standard uncertainty of P along n has three parts: the calibration's, nᵀ D Σ Dᵀ n with D = ∂S/∂L̄; the noise of a
-touch, which does not average out along a slide, and the white noise of the samples; that of the normal and the tip's
-radius.
+touch, which does not average out along a slide, to which that of the smoothed force is added, and the white noise of
+the places; that of the normal and the tip's radius.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def trace_signals(
     """
     samples = contact_samples(signals, source, zero)
     force = measured_force(arm, sensor, samples.joints, samples.force)
-    places = tip_places(arm, samples.joints, force)
+    places = tip_places(arm, samples.joints, force, samples.force_noise)
     if not np.isfinite(places.center).all():
         raise UnsupportedDataError(f'{source}: there is no place of the tip for its joint angles and forces')
     if np.isnan(places.systematic).all():
@@ -227,6 +227,10 @@ def _usable(course: _Course, force: Floats, number: Indices, source: str) -> tup
     if not across.any():
         problem = f'{source}: the force is nowhere across the motion of the tip'
         raise UnsupportedDataError(problem, 'check frame and sign of the force sensor in the cell description')
+    count = np.bincount(number[across], minlength=number.max() + 1)
+    across &= count[number] > 1  # a single point has no direction along the surface
+    if not across.any():
+        raise UnsupportedDataError(f'{source}: the force is across the motion of the tip at single points only')
     return across, int((inside & ~across).sum())
 
 

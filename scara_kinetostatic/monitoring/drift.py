@@ -35,7 +35,7 @@ from scara_kinetostatic.monitoring.hypotheses import Explanation, Hypothesis, ex
 from scara_kinetostatic.monitoring.linear import Evidence, Information, Measured, State, measure
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 
-THRESHOLD = 20.0
+THRESHOLD = 19.0
 """Of G: false alarms at most one in 1000 touches. Source: `benchmark/drift.py`."""
 WINDOW = 40
 """A change is sought among the last so many touches."""

@@ -186,7 +186,7 @@ class ContourTracker(Node):
             return self._calibration.condition(complaints, values, '')
         complaints += [online.problem, online.clock_problem, '' if self._radius else NO_RADIUS]
         if online.contour is not None:
-            complaints += remarks_on(online.contour, online.arm)
+            complaints += [*online.contour.warnings, *remarks_on(online.contour, online.arm)]
         if online.forgotten:
             complaints.append(f'{online.forgotten} outlines forgotten: there were too many; call ~/clear')
         return self._calibration.condition(complaints, values | _figures(online), 'tracing')

@@ -36,6 +36,8 @@ class Contacts(NamedTuple):
         peak: largest deviation from the coarse zero in each, (m,), N.
         travel: range of the joint that moves most in each, (m,), rad.
         spikes: number of deviations that were too short for a contact.
+        threshold: deviation at which a contact begins, N.
+        smoothing: time over which the force was smoothed for it, s.
     """
 
     begin: Floats
@@ -43,25 +45,32 @@ class Contacts(NamedTuple):
     peak: Floats
     travel: Floats
     spikes: int
+    threshold: float
+    smoothing: float
 
     def select(self, which: NDArray[np.bool_]) -> Contacts:
         """The contacts where a mask, (m,), is true."""
-        return Contacts(self.begin[which], self.end[which], self.peak[which], self.travel[which], self.spikes)
+        return self._replace(
+            begin=self.begin[which], end=self.end[which], peak=self.peak[which], travel=self.travel[which]
+        )
 
 
-def find_contacts(signals: Signals, zero: Floats | None = None) -> Contacts:
+def find_contacts(signals: Signals, zero: Floats | None = None, longest_smoothing: float = SMOOTHING) -> Contacts:
     """All contacts in the order of time.
 
     Args:
         signals: the recording.
         zero: of the force sensor where it is known, (2,), N; None to take it from where the arm moves most.
+        longest_smoothing: where the noise asks for it the force is smoothed for so long, s.
     """
-    wrench = signals.wrench
-    width = 2 * round(0.5 * SMOOTHING / wrench.period) + 1
+    wrench, noise = signals.wrench, white_noise(signals.wrench.value)
+    shortest, longest = (2 * round(0.5 * time / wrench.period) + 1 for time in (SMOOTHING, longest_smoothing))
+    needed = 2 * round(0.5 * (_CONTACT_SIGMAS * noise / CONTACT_FORCE) ** 2) + 1
+    width = int(np.clip(needed, shortest, longest))
     smooth = moving_mean(signals.filtered.value, width)
     smooth -= coarse_tare(signals) if zero is None else zero
     deviation = np.hypot(smooth[:, 0], smooth[:, 1])
-    on = max(CONTACT_FORCE, _CONTACT_SIGMAS * white_noise(wrench.value) / np.sqrt(width))
+    on = max(CONTACT_FORCE, _CONTACT_SIGMAS * noise / float(np.sqrt(width)))
     first, last = runs(_with_hysteresis(deviation, on, END_RATIO * on))
     begin, end = wrench.time[first], wrench.time[last]
     apart = begin[1:] - end[:-1] >= _LONGEST_BOUNCE
@@ -71,7 +80,8 @@ def find_contacts(signals: Signals, zero: Floats | None = None) -> Contacts:
     peak = [deviation[wrench.stretch(b, e)].max() for b, e in zip(begin, end, strict=True)]
     inside = [signals.joints.value[signals.joints.stretch(b, e)] for b, e in zip(begin, end, strict=True)]
     travel = [np.ptp(joints, axis=0).max() if len(joints) else 0.0 for joints in inside]
-    return Contacts(begin, end, np.array(peak), np.array(travel), int(np.sum(~lasting)))
+    smoothing = SMOOTHING if width == shortest else width * wrench.period
+    return Contacts(begin, end, np.array(peak), np.array(travel), int(np.sum(~lasting)), on, smoothing)
 
 
 def _with_hysteresis(deviation: Floats, on: float, off: float) -> NDArray[np.bool_]:

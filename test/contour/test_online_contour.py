@@ -14,6 +14,7 @@ from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.plan import default_plan
+from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.sliding.slide import Slide
 from scara_kinetostatic.simulation.sliding.streams import simulate_slides
 from scara_kinetostatic.simulation.streams import simulate_streams
@@ -146,14 +147,23 @@ def test_a_zero_that_drifts_farther_than_a_contact_begins_at(force: float) -> No
 
 
 def test_a_tare_in_contact_is_corrected_and_said() -> None:
-    online, problems = OnlineContour(arm()), set[str]()
+    online = OnlineContour(arm())
     for number, _ in enumerate(polls(online, slides((0.0, 0.3), (0.4, 0.7)))):
         if number == 7:
             assert online.contour is not None
             online.tare(10**9 // 2)
-        problems.add(online.problem)
-    assert any('the zero of the force was wrong by 1' in problem for problem in problems)
+    assert 'the zero of the force was wrong by 1' in online.problem
     assert rms(DISC.normal_error(online.outlines[-1].points)) < 2e-5
+    online.clear()
+    assert not online.problem
+
+
+def test_a_light_slide_under_a_noisy_sensor() -> None:
+    planned = [Slide(DISC, 3, 0.1, 0.05, end=0.6)]
+    streams = simulate_slides(CELL, PAPER_ACTUAL, planned, sensors=SensorModel(force_noise=1.0))
+    (joined,) = fed(OnlineContour(arm()), streams).outlines
+    assert joined.length == pytest.approx(0.6 * 2 * np.pi * 0.06, rel=0.02)
+    assert rms(DISC.normal_error(joined.points) / joined.std) < 1.3
 
 
 def test_messages_that_are_late_until_they_end() -> None:
@@ -172,7 +182,9 @@ def test_messages_that_are_late_until_they_end() -> None:
     assert now < begin + 14 * 10**9
     assert not online.poll()
     assert not online.poll(begin + 14 * 10**9)
+    assert 'came late' in online.problem
     assert online.poll(begin + 16 * 10**9)
+    assert not online.problem
     (joined,) = online.outlines
     assert rms(DISC.normal_error(joined.points)) < 2e-5
 

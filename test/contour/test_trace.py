@@ -224,6 +224,27 @@ def test_a_force_beyond_the_calibration_is_said():
     assert any('extrapolated' in warning for warning in contour.warnings)
 
 
+def test_a_light_slide_under_a_noisy_sensor():
+    """Three times the noise of a sample: one outline, as uncertain as it says."""
+    errors = []
+    for seed in range(3):
+        streams = slide_along(DISC, end=0.5, force=3, seed=seed, sensors=SensorModel(force_noise=1.0))
+        contour = trace_contour(streams, arm(seed))
+        assert len(contour.outlines) == 1
+        assert contour.lost < 0.1
+        errors.append(DISC.normal_error(contour.surface) / contour.std_normal)
+    assert 0.5 < rms(np.concatenate(errors)) < 1.3
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_a_force_that_is_hardly_seen_is_said(seed):
+    """Whatever is left of the outline: passes of single points, too."""
+    streams = slide_along(DISC, end=0.6, force=1.2, seed=seed, sensors=SensorModel(force_noise=1.0, wrench_rate=500))
+    contour = trace_contour(streams, arm())
+    assert any('from which on contact is seen' in warning for warning in contour.warnings)
+    assert sum(outline.length for outline in contour.outlines) > 0
+
+
 @pytest.mark.parametrize('bias', [(10.0, 0.0), (-8.0, -6.0)])
 def test_a_sensor_with_a_large_zero(bias):
     """Begin and end say that it is no contact; stated where a steady force is smaller."""
