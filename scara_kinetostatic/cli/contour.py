@@ -84,12 +84,16 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.contour.trace import trace_contour
     from scara_kinetostatic.files.calibration_file import load_calibration
     from scara_kinetostatic.files.cell_file import load_cell
+    from scara_kinetostatic.monitoring.same_robot import check_same_arm, check_same_recorded
     from scara_kinetostatic.report import contour_page, contour_text
 
     arm = load_calibration(args.calibration)
     cell = load_cell(args.cell) if args.cell else arm.cell
+    check_same_arm(arm.cell, cell, str(args.calibration), str(args.cell), 'give the cell of the calibrated robot')
     if args.bag.resolve() == args.out.resolve():
         raise InputError(args.out, 'is the recording', 'choose another folder for --out')
+    if args.cell is None:
+        check_same_recorded(arm.cell, args.bag, str(args.calibration))
     radius = cell.tip_radius if args.tip_radius is None else args.tip_radius
     contour = trace_contour(read_streams(args.bag, cell), arm, cell.sensor, radius)
     fits, failed = _fits(contour, arm, tuple(dict.fromkeys(args.fit)))

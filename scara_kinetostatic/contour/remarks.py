@@ -23,6 +23,8 @@ _BACKWARD = 1e-3
 _BACKWARD_PART = 0.2
 _LAG = 1e-3
 """Over so much of the path, m, a motion backward is looked for: less is noise."""
+_MOST_FRICTION = 1.0
+"""A larger coefficient of friction is doubtful."""
 _SOME = 0.05
 """So few points beyond the calibration are not worth a remark, as a part of all."""
 
@@ -37,6 +39,7 @@ def remarks_on(contour: Contour, arm: CalibratedArm) -> tuple[str, ...]:
         _far_apart(contour),
         _backward(contour),
         _inner_corners(contour),
+        _friction(contour),
         f'taken, as no recording says it: {assumed}' if assumed else '',
         *arm.reservations,
     )
@@ -111,6 +114,15 @@ def _inner_corners(contour: Contour) -> str:
         return ''
     where = 'an inner corner' if len(begins) == 1 else f'{len(begins)} inner corners'
     return f'{where} hardly wider than the tip: there the outline has the radius of the tip, the object may be sharper'
+
+
+def _friction(contour: Contour) -> str:
+    found = contour.friction.coefficient
+    if not found > _MOST_FRICTION:
+        return ''
+    return (
+        f'a coefficient of friction of {found:.2g} is hardly one of a tip on metal: check frame and sign of the sensor'
+    )
 
 
 def _percent(part: float) -> str:

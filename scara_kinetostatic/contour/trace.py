@@ -36,6 +36,10 @@ from scara_kinetostatic.touches.streams import Streams
 
 LARGEST_ANGLE = 1.2
 """Largest angle between force and normal of a contact, rad: beyond, the path is not that of a tip on a surface."""
+MOST_LEFT_OUT = 0.25
+"""Largest part of the points at which the force may be not across: where more are, frame or sign are wrong;"""
+_MANY = 100
+"""of at least so many points."""
 END_SAMPLES = 3
 """Instants left out at both ends of a pass, where the tip comes or goes and its direction is known from one side."""
 LARGEST_TIP = 0.1
@@ -84,8 +88,8 @@ def trace_contour(
 
     Raises:
         ParameterError: the radius is not one of a tip.
-        UnsupportedDataError: the tip touches nothing, does not slide, or jumps; the calibration does not determine
-            where it is.
+        UnsupportedDataError: the tip touches nothing, does not slide, or jumps; the force is not across its motion;
+            the calibration does not determine where it is.
     """
     radius = arm.cell.tip_radius if tip_radius is None else tip_radius
     if radius is not None and not 0 <= radius <= LARGEST_TIP:
@@ -219,7 +223,7 @@ def _usable(course: _Course, force: Floats, number: Indices, source: str) -> tup
     """The instants of passes without their ends, (n,), and how many are left out as the force is not across.
 
     Raises:
-        UnsupportedDataError: the force is nowhere across.
+        UnsupportedDataError: the force is nowhere across, or at many points not.
     """
     inside = (number >= 0) & ~course.end
     off = np.where(inside, off_normal_angle(force, course.normal, course.along), np.inf)
@@ -231,7 +235,12 @@ def _usable(course: _Course, force: Floats, number: Indices, source: str) -> tup
     across &= count[number] > 1  # a single point has no direction along the surface
     if not across.any():
         raise UnsupportedDataError(f'{source}: the force is across the motion of the tip at single points only')
-    return across, int((inside & ~across).sum())
+    left_out = inside & ~across
+    part = float(left_out.sum() / inside.sum())
+    if part > MOST_LEFT_OUT and inside.sum() >= _MANY:
+        problem = f'{source}: the force is not across the motion of the tip at {100 * part:.0f} % of the points'
+        raise UnsupportedDataError(problem, 'check frame and sign of the force sensor in the cell description')
+    return across, int(left_out.sum())
 
 
 def _surface(

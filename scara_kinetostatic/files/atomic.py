@@ -209,6 +209,8 @@ def _exchange(drafts: Path, folder: Path, names: list[str]) -> None:
     for name in names:
         if (folder / name).is_dir():
             raise OutputError(folder / name, 'is a folder where a file is to be written', 'move it, or choose another')
+        if (folder / name).exists() and not (folder / name).is_file():
+            raise OutputError(folder / name, 'is a device or pipe, and would be replaced by a file', 'choose another')
         if (folder / name).exists():
             shutil.copy2(folder / name, former / name)
     try:

@@ -109,21 +109,27 @@ def load_calibration(path: str | Path) -> CalibratedArm:
     path = Path(path)
     if path.suffix.lower() in ('.yaml', '.yml'):
         return _load_yaml(path)
-    return parse_arm(_read(path), path)
+    return read_arm(read_document(path), path)
 
 
-def _read(path: Path) -> str:
+def read_document(path: Path) -> Any:
+    """The document of a JSON file.
+
+    Raises:
+        CalibrationFileError: the file cannot be read, or is no JSON.
+    """
     try:
         if path.is_dir():
             raise CalibrationFileError(path, 'is a folder', f'give {path / "calibration.json"}')
         if path.stat().st_size > _MAX_BYTES:
             raise CalibrationFileError(path, f'expected at most {_MAX_BYTES >> 20} MiB', _REMEDY)
-        return path.read_text(encoding='utf-8-sig')
+        text = path.read_text(encoding='utf-8-sig')
     except UnicodeDecodeError as error:
         raise CalibrationFileError(path, f'not UTF-8 text (byte {error.start})', _REMEDY) from error
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or error
         raise CalibrationFileError(path, f'cannot be read: {reason}', _REMEDY) from error
+    return parse_document(text, path)
 
 
 def _load_yaml(path: Path) -> CalibratedArm:
@@ -152,6 +158,17 @@ def parse_arm(text: str, where: str | Path) -> CalibratedArm:
         CalibrationFileError: it is no JSON, has another schema, or is damaged.
     """
     return read_arm(parse_document(text, where), where)
+
+
+def _grade(grade: object) -> str:
+    """The grade; empty where nobody has assessed the calibration.
+
+    Raises:
+        ValueError: it is none.
+    """
+    if grade not in ('', 'fit', 'caution', 'unfit'):
+        raise ValueError(f'assessment.grade: expected fit, caution or unfit, got {grade!r:.40}')
+    return str(grade)
 
 
 def parse_document(text: str, where: str | Path) -> Any:
@@ -229,7 +246,7 @@ def _arm(document: Mapping[str, Any], where: str | Path) -> CalibratedArm:
         noise=_noise(entry['noise']),
         sensor=_sensor(entry['sensor']),
         used=_used(entry['used']),
-        grade=str(document['assessment']['grade']),
+        grade=_grade(document['assessment']['grade']),
         verdict=str(document['diagnosis']['verdict']),
         created=str(document['created']),
     )

@@ -39,7 +39,7 @@ NEEDED = ('q1_rad', 'q2_rad', 'fx_N', 'fy_N')
 OPTIONAL = ('time_s', 'approach1', 'approach2')
 OBJECT = 'object'
 EXAMPLE = ','.join(NEEDED)
-_LARGEST = {
+LARGEST = {
     'q1_rad': 30.0,
     'q2_rad': 30.0,
     'fx_N': 1e5,
@@ -267,7 +267,7 @@ def _number(cell: str, name: str, decimal_comma: bool) -> tuple[float, str]:
         value = read_number(cell, decimal_comma)
     except ValueError as error:
         return 0.0, f'{name}: {error}'
-    if abs(value) > _LARGEST[name]:
+    if abs(value) > LARGEST[name]:
         degrees = name.endswith('_rad') and abs(value) <= _MOST_DEGREES
         unit = 'it seems to be in degrees, not in rad' if degrees else 'check the unit'
         return value, f'{name}: {cell.strip()[:40]} is not plausible; {unit}'

@@ -71,12 +71,14 @@ class Verification(NamedTuple):
         outlying: single touches that contradict the prediction.
         ranking: what may have changed, the best first; empty where nothing contradicts.
         rivals: names of those that explain the touches about as well as the first.
+        remaining_p_value: of nothing else having changed than the first says; 1 where nothing contradicts.
         detectable: the smallest change of each parameter that the touches show, that which moves the tip most first.
         seen: recordings that were part of the calibration.
         repeated: how many touches were part of it, whatever recording or table they come from.
         numbers: of the touches in the recordings, (n,).
         tip_errors: of each touch, (n,), m.
         expected_errors: standard deviation expected of each, (n,), m.
+        differing: recordings that contain another cell description, one sentence each.
         warnings: irregularities of the recordings.
     """
 
@@ -98,12 +100,14 @@ class Verification(NamedTuple):
     outlying: tuple[Outlying, ...]
     ranking: tuple[Explanation, ...]
     rivals: tuple[str, ...]
+    remaining_p_value: float
     detectable: tuple[Detectable, ...]
     seen: tuple[str, ...]
     repeated: int
     numbers: Indices
     tip_errors: Floats
     expected_errors: Floats
+    differing: tuple[str, ...]
     warnings: tuple[str, ...]
 
     @property
@@ -144,9 +148,14 @@ def _contradiction(v: Verification) -> list[Remark]:
     if v.others_p_value < LEVEL:
         excess = np.sqrt(max(v.others_tip_error**2 - v.expected**2, 0.0))
         beyond = 2 * excess > v.tolerance if v.tolerance else v.others_tip_error > LARGE * v.expected
-        what = f'; most likely {v.ranking[0].hypothesis.title}' if v.ranking else ''
+        what, action = '', 'calibrate again'
+        if v.remaining_p_value < LEVEL:
+            what = f'; no single part explains it, the largest is: {v.ranking[0].hypothesis.title}'
+            action = 'check that robot, objects and sensor are those of the calibration, then calibrate again'
+        elif v.ranking:
+            what = f'; most likely {v.ranking[0].hypothesis.title}'
         reason = f'the touches contradict the calibration: {_size(v)}{what}'
-        found.append(Remark(Grade.UNFIT if beyond else Grade.CAUTION, reason, 'calibrate again'))
+        found.append(Remark(Grade.UNFIT if beyond else Grade.CAUTION, reason, action))
     if v.few_outlie:
         reason = f'{len(v.outlying)} of {v.touches} touches are outliers'
         if v.others_p_value >= LEVEL:
@@ -157,7 +166,7 @@ def _contradiction(v: Verification) -> list[Remark]:
 
 def _limits(v: Verification, largest_force: float) -> list[Remark]:
     """Why agreement would say little."""
-    found = []
+    found = [Remark(Grade.CAUTION, sentence, 'give the cell of the recording by --cell') for sentence in v.differing]
     if v.seen:
         reason = f'{", ".join(v.seen)} was part of the calibration: touches that it has seen verify nothing'
         found.append(Remark(Grade.CAUTION, reason, 'verify with touches made after the calibration'))

@@ -199,7 +199,7 @@ def on_cluster(tasks: Sequence[Task], address: str) -> Iterator[Done]:
         raise InputError('--dask', 'Dask is not installed', "pip install 'dask[distributed]'") from error
     try:
         client = Client(address, timeout=_PATIENCE)
-    except (OSError, ValueError) as error:
+    except Exception as error:  # whatever another kind of server makes of it
         raise InputError('--dask', f'there is no scheduler at {address}', 'start one by `dask scheduler`') from error
     try:
         _check_workers(client, address)

@@ -40,7 +40,10 @@ def alarm_line(alarm: Alarm, since: SinceTouch | None) -> str:
         when = f'since touch {since.number} of {PurePath(since.recording).name}'
     elif alarm.since:
         when = f'after {alarm.since} touches'
-    return f'the calibration no longer holds, {when}: {best.hypothesis.title} ({best.text}){others}'
+    what = f'{best.hypothesis.title} ({best.text})'
+    if not alarm.is_explained:
+        return f'the calibration no longer holds, {when}: no single part explains it, the largest is: {what}'
+    return f'the calibration no longer holds, {when}: {what}{others}'
 
 
 def drift_document(monitor: DriftMonitor, assumptions: str, alarm: Alarm | None, since: SinceTouch | None) -> Document:
@@ -71,5 +74,6 @@ def _alarm(alarm: Alarm, since: SinceTouch | None) -> Document:
         'values': list(best.hypothesis.values),
         'units': list(best.hypothesis.units),
         'rivals': list(alarm.rivals),
+        'explained': alarm.is_explained,
         'message': alarm_line(alarm, since),
     }

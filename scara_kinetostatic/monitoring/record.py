@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,7 +17,7 @@ from scara_kinetostatic.calibration.propagation import joint_covariance
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.errors import CalibrationFileError
-from scara_kinetostatic.files.calibration_file import read_arm, stored_covariance, stored_numbers
+from scara_kinetostatic.files.calibration_file import read_arm, read_document, stored_covariance, stored_numbers
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import SensorFrame, Uncertainty
 from scara_kinetostatic.model.effect_law import TouchMetadata
@@ -34,8 +33,6 @@ _ROW = ('joints', 'posture', 'index', 'order', 'time', 'approach', 'press', 'his
 """Columns of a touch that are stored as they are."""
 _ROUNDED = 1e-6
 """Of an eigenvalue of a correlation matrix, by rounding."""
-MAX_BYTES = 1 << 28
-"""Larger files are refused."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -68,18 +65,7 @@ class CalibrationRecord:
         Raises:
             CalibrationFileError: it cannot be read, has another schema, or is damaged.
         """
-        path = Path(path)
-        try:
-            if path.is_dir():
-                raise CalibrationFileError(path, 'is a folder', f'give {path / "calibration.json"}')
-            if path.stat().st_size > MAX_BYTES:
-                raise CalibrationFileError(path, f'expected at most {MAX_BYTES >> 20} MiB')
-            document = json.loads(path.read_text(encoding='utf-8-sig'))
-        except (OSError, ValueError, RecursionError) as error:
-            reason = (error.strerror if isinstance(error, OSError) else None) or error
-            remedy = 'give the calibration.json that calibrate writes'
-            raise CalibrationFileError(path, f'cannot be read: {reason}', remedy) from error
-        return cls.of_document(document, path)
+        return cls.of_document(read_document(Path(path)), path)
 
     @classmethod
     def of(cls, calibration: Calibration) -> CalibrationRecord:

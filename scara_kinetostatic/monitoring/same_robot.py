@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from pathlib import Path
+
 import numpy as np
 
+from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.identifiability import SCALES
-from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.errors import CellError, InputError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.monitoring.record import CalibrationRecord
@@ -23,6 +27,23 @@ def check_same_robot(one: CalibrationRecord, other: CalibrationRecord) -> None:
     check_same_arm(a, b, one.source, other.source, _REMEDY)
     if not {(d.name, d.x, d.y, d.radius) for d in a.discs} & {(d.name, d.x, d.y, d.radius) for d in b.discs}:
         raise InputError(other.source, f'is of another cell than {one.source}: no object is in both', _REMEDY)
+
+
+def check_same_recorded(cell: Cell, path: str | Path, source: str) -> None:
+    """Check that the cell description in a recording, if it has a valid one, is of the robot of a calibration.
+
+    Args:
+        cell: of the calibration.
+        path: the recording.
+        source: the file of the calibration.
+
+    Raises:
+        InputError: it is not.
+    """
+    with suppress(CellError):
+        recorded = embedded_cell(path)
+        if recorded is not None:
+            check_same_arm(cell, recorded, source, str(path), 'give a recording of the calibrated robot')
 
 
 def check_same_arm(a: Cell, b: Cell, first: str, second: str, remedy: str) -> None:

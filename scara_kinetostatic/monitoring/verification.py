@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from scara_kinetostatic.assessment.grade import Assessment, Grade
 from scara_kinetostatic.assessment.outcome import Recording
+from scara_kinetostatic.bags.inputs import other_descriptions
 from scara_kinetostatic.calibration.prediction import base_force, observe
 from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.errors import UnsupportedDataError
@@ -25,12 +26,13 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.touch import LATER, TouchSet
 from scara_kinetostatic.monitoring.acceptance import LEVEL, MOST_OUTLYING, Outlying, Verification, assess
 from scara_kinetostatic.monitoring.assumptions import of_new_recordings
-from scara_kinetostatic.monitoring.hypotheses import explanations, hypotheses_of, rivals
+from scara_kinetostatic.monitoring.hypotheses import Explanation, explanations, hypotheses_of, rivals
 from scara_kinetostatic.monitoring.linear import Evidence, Information, Measured, State, measure
 from scara_kinetostatic.monitoring.prediction_test import PredictionTest
 from scara_kinetostatic.monitoring.record import CalibrationRecord
-from scara_kinetostatic.monitoring.same_robot import check_same_arm
+from scara_kinetostatic.monitoring.same_robot import check_same_arm, check_same_recorded
 from scara_kinetostatic.monitoring.sensitivity import detectable_changes
+from scara_kinetostatic.monitoring.significance import p_values
 from scara_kinetostatic.pipeline import gather_touches, recording_of
 from scara_kinetostatic.touches.detection import Detection
 from scara_kinetostatic.touches.table import cell_of_files
@@ -51,21 +53,47 @@ def verify_recordings(paths: Sequence[str | Path], record: CalibrationRecord, ce
 
     Raises:
         RecordingError: a recording or table cannot be read.
-        InputError: tables together with recordings of a sensor in the tool frame.
+        InputError: tables together with recordings of a sensor in the tool frame; a recording of another robot.
         UnsupportedDataError: there is no touch.
     """
     tables = [path for path in paths if is_touch_table(path)]
     others = [path for path in paths if path not in tables]
+    is_own = cell is None
     cell = cell_of_files(record.arm.cell if cell is None else cell, tables, others)
     detection = gather_touches(paths, cell)
     turned = detection.turned or ('',) * len(paths)
     rows = zip(paths, detection.starts, turned, strict=True)
     recordings = [recording_of(*row) for row in rows]
-    return verify(detection, record, cell, recordings)
+    differing = _other_cells(record, cell, others) if is_own else []
+    return verify(detection, record, cell, recordings, differing)
+
+
+def _other_cells(record: CalibrationRecord, cell: Cell, paths: Sequence[str | Path]) -> list[str]:
+    """The recordings that contain another cell description than that of the calibration, one sentence each.
+
+    Raises:
+        InputError: one is of another robot.
+    """
+    for path in paths:
+        check_same_recorded(cell, path, record.source)
+    return other_descriptions(cell, [Path(path) for path in paths], 'the calibration')
+
+
+def _remaining(test: PredictionTest, ranking: Sequence[Explanation], record: CalibrationRecord) -> float:
+    """p-value of nothing else having changed than the first hypothesis says."""
+    if not ranking:
+        return 1.0
+    freedoms = test.freedoms - len(ranking[0].change)
+    left = max(test.chi_square - ranking[0].statistic, 0.0)
+    return float(p_values(left, max(freedoms, 0), record.noise_freedoms))
 
 
 def verify(
-    detection: Detection, record: CalibrationRecord, cell: Cell | None = None, recordings: Sequence[Recording] = ()
+    detection: Detection,
+    record: CalibrationRecord,
+    cell: Cell | None = None,
+    recordings: Sequence[Recording] = (),
+    differing: Sequence[str] = (),
 ) -> Verification:
     """Hold touches against a calibration.
 
@@ -74,6 +102,7 @@ def verify(
         record: the calibration.
         cell: in which they were made; by default that of the calibration.
         recordings: where they come from.
+        differing: which of these contain another cell description, one sentence each.
 
     Raises:
         UnsupportedDataError: there is no touch.
@@ -92,10 +121,10 @@ def verify(
     outlying = test.p_values < OUTLYING / len(touches)
     few = 0 < outlying.sum() <= MOST_OUTLYING * len(touches)
     others = measured.select(~outlying) if few else measured
-    others_p_value = PredictionTest.of(others, state.covariance, record.noise_freedoms).p_value if few else test.p_value
+    others_test = PredictionTest.of(others, state.covariance, record.noise_freedoms) if few else test
     evidence = Evidence.of(Information.of(others), state.covariance)
     hypotheses = hypotheses_of(state, len(record.arm.model.names), np.unique(touches.disc).tolist())
-    ranking = explanations(evidence, state, hypotheses) if others_p_value < LEVEL else []
+    ranking = explanations(evidence, state, hypotheses) if others_test.p_value < LEVEL else []
     found = Verification(
         record=record,
         cell=cell,
@@ -110,17 +139,19 @@ def verify(
         tip_error=rms(measured.tip_error),
         expected=rms(test.expected),
         nominal_tip_error=_nominal_tip_error(detection, cell),
-        others_p_value=others_p_value,
+        others_p_value=others_test.p_value,
         others_tip_error=rms(others.tip_error),
         outlying=_outlying(outlying, test, measured, touches, cell),
         ranking=tuple(ranking),
         rivals=tuple(rivals(ranking, evidence)),
+        remaining_p_value=_remaining(others_test, ranking, record),
         detectable=tuple(detectable_changes(record, state, evidence, others.residual.size, LEVEL)),
         seen=tuple(item.path for item in recordings if item.sha256 in record.checksums),
         repeated=_repeated(touches, record, state),
         numbers=touches.index,
         tip_errors=measured.tip_error,
         expected_errors=test.expected,
+        differing=tuple(differing),
         warnings=(*detection.warnings, *of_new_recordings(record)),
     )
     return found._replace(assessment=assess(found, float(_magnitudes(detection, cell).max())))

@@ -70,6 +70,7 @@ def verification_document(v: Verification) -> Document:
         'independent': not v.seen and not v.repeated,
         'part': explanation_document(v.ranking[0]) if v.ranking else None,
         'rivals': list(v.rivals),
+        'remaining_p_value': v.remaining_p_value if v.ranking else None,
         'candidates': [explanation_document(item) for item in v.ranking],
         'warnings': list(v.warnings),
     }

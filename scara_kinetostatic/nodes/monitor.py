@@ -24,6 +24,7 @@ from std_srvs.srv import Trigger
 
 from scara_kinetostatic.compensation.predictions import Predictor
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
+from scara_kinetostatic.files.calibration_file import parse_document
 from scara_kinetostatic.monitoring.drift import Alarm, DriftMonitor
 from scara_kinetostatic.monitoring.drift_report import SinceTouch, alarm_line, drift_document
 from scara_kinetostatic.monitoring.linear import Measured
@@ -103,11 +104,12 @@ class Monitor(Node):
 
     def _forget(self) -> None:
         self._kept, self._forgotten, self._before_last, self._alarm = {}, {}, None, None
+        self._rejected = 0
 
     def _note_result(self, message: String) -> None:
         """Takes a newer result of the calibrator; one that was not published leaves the former one."""
         try:
-            said = json.loads(message.data)
+            said = parse_document(message.data, 'calibrator/result')
             if not said.get('published', True) or not self._is_newer(str(said['created'])):
                 return
             folder = str(said['files']['folder'])

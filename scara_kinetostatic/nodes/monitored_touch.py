@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.files.touch_table import LARGEST
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
@@ -29,8 +30,8 @@ def touch_of(values: Mapping[str, str], record: CalibrationRecord) -> TouchSet:
         raise InputError('collector/touch', problem, 'calibrate with this cell description')
     if values['frame'] != cell.sensor.frame.value:
         raise InputError('collector/touch', f'the frame of the force is {values["frame"]}, not that of the calibration')
-    joints = np.array([[float(values['q1_rad']), float(values['q2_rad'])]])
-    force = np.array([[float(values['fx_N']), float(values['fy_N'])]])
+    joints = np.array([[_number(values, 'q1_rad'), _number(values, 'q2_rad')]])
+    force = np.array([[_number(values, 'fx_N'), _number(values, 'fy_N')]])
     moved = np.array([float(values.get(name) or 0.0) for name in _MOTION])
     return TouchSet(
         joints,
@@ -41,6 +42,18 @@ def touch_of(values: Mapping[str, str], record: CalibrationRecord) -> TouchSet:
         approach=moved[None, :2],
         press=moved[None, 2:],
     )
+
+
+def _number(values: Mapping[str, str], name: str) -> float:
+    """A plausible number.
+
+    Raises:
+        KeyError, ValueError: there is none.
+    """
+    number = float(values[name])
+    if not abs(number) <= LARGEST[name]:
+        raise ValueError(f'{name} = {number:g} is not plausible')
+    return number
 
 
 def was_seen(recording: str, number: str, record: CalibrationRecord) -> bool:

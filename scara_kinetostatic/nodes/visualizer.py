@@ -13,7 +13,6 @@ A result that the calibrator does not publish, as it is unfit, changes neither t
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -31,6 +30,7 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.files.calibration_file import parse_document
 from scara_kinetostatic.files.urdf import BASE_FRAME, CALIBRATED_COLOUR, NOMINAL_COLOUR, side_by_side
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.nodes import declare
@@ -149,7 +149,7 @@ class Visualizer(Node):
 
     def _note_result(self, message: String) -> None:
         try:
-            said = json.loads(message.data)
+            said = parse_document(message.data, 'calibrator/result')
             document, missing = _with_file(said)
             calibrated = estimated(document)
             result_markers(document, self._cell.discs, self._scales)

@@ -79,6 +79,25 @@ def test_wrong_files(folder: Path, run: Run, bag: str, calibration: str, status:
     assert not Path('made').exists()
 
 
+def test_a_sensor_in_another_frame_is_refused(folder: Path, run: Run) -> None:
+    text = (folder / 'cell.yaml').read_text().replace('frame: base, sign: on_object', 'frame: tool, sign: on_robot')
+    Path('cell.yaml').write_text(text)
+    calibration = folder / 'result' / 'calibration.json'
+    result = run('contour', folder / 'slide', '--calibration', calibration, '--cell', 'cell.yaml', '--out', 'made')
+    assert result.status == 3 and 'the force is not across the motion of the tip at' in result.err
+    assert not Path('made').exists()
+
+
+def test_another_robot_is_refused(folder: Path, run: Run) -> None:
+    calibration = folder / 'result' / 'calibration.json'
+    document = json.loads(calibration.read_text())
+    document['cell']['identification'] = {'robot': 'A 1'}
+    Path('calibration.json').write_text(json.dumps(document))
+    Path('cell.yaml').write_text((folder / 'cell.yaml').read_text() + 'identification: {robot: B 77}\n')
+    result = run('contour', folder / 'slide', '--calibration', 'calibration.json', '--cell', 'cell.yaml', '--out', 'x')
+    assert result.status == 2 and "is of robot 'B 77'" in result.err
+
+
 def test_a_tip_in_millimetres_is_refused(folder: Path, run: Run) -> None:
     calibration = folder / 'result' / 'calibration.json'
     result = run('contour', folder / 'slide', '--calibration', calibration, '--out', 'made', '--tip-radius', '5')

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from cli.command import Run
@@ -51,3 +53,34 @@ def test_the_input_is_not_replaced(run: Run, calibration: Path) -> None:
     assert json.loads(calibration.read_text())['schema']
     assert run('export', calibration, '--format', 'dh', '--out', calibration.parent).status == 2
     assert run('export', 'none.json', '--format', 'dh').status == 2
+
+
+def test_a_device_is_not_replaced(run: Run, calibration: Path) -> None:
+    os.mkfifo('pipe')
+    result = run('export', calibration, '--format', 'urdf', '--out', 'pipe')
+    assert result.status == 2 and 'is a device or pipe' in result.err
+    assert Path('pipe').is_fifo()
+
+
+@pytest.mark.parametrize(
+    ('options', 'status', 'words'),
+    [
+        (['--step', '0.001'], 2, '0.005 m is possible'),
+        (['--step', '2'], 3, 'no place of the grid'),
+        (['--force', '1e9'], 3, 'no place of the grid'),
+    ],
+)
+def test_tables_that_are_too_large_or_empty(
+    run: Run, calibration: Path, options: list[str], status: int, words: str
+) -> None:
+    result = run('export', calibration, '--format', 'csv', '--out', 'table.csv', *options)
+    assert result.status == status and words in result.err and result.err.count('\n') == 1
+    assert not Path('table.csv').exists()
+
+
+def test_any_name_of_a_file_makes_a_valid_comment(run: Run, calibration: Path) -> None:
+    name = calibration.rename(calibration.with_name('a---b\n-->*.json'))
+    for kind in ('urdf', 'dh', 'csv'):
+        assert run('export', name, '--format', kind, '--out', f'arm.{kind}').status == 0
+    ElementTree.parse('arm.urdf')
+    assert Path('arm.dh').read_text().splitlines()[1].startswith('#')

@@ -12,6 +12,8 @@ from cli.command import Run
 
 from scara_kinetostatic.cli.main import main
 
+TOLERANCE = 'tolerance: {tip: 0.004}\n'
+
 
 @pytest.fixture(scope='module')
 def results(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -49,6 +51,19 @@ def test_verify_a_changed_robot(run: Run, recordings: Path, results: Path) -> No
     strict = run('verify', recordings / 'plain', '--calibration', 'changed.json', '--strict', '--out', 'other')
     assert strict.status == 3 and strict.err.count('\n') == 1
     assert json.loads(Path('other/verification.json').read_text())['part']['name'] == 'l1'
+
+
+def test_verify_a_recording_of_another_robot_or_cell(run: Run, recordings: Path, results: Path) -> None:
+    text = (recordings / 'cell.yaml').read_text()
+    calibration = results / 'a' / 'calibration.json'
+    for name, changed in (('robot', text.replace('l1: 0.33', 'l1: 0.36')), ('tolerance', text + TOLERANCE)):
+        Path('cell.yaml').write_text(changed)
+        assert run('simulate', '--cell', 'cell.yaml', '--out', name).status == 0
+    other = run('verify', 'robot', '--calibration', calibration)
+    assert other.status == 2 and other.err.count('\n') == 1 and 'another robot' in other.err
+    done = run('verify', 'tolerance', '--calibration', calibration)
+    assert done.status == 0 and 'contains another cell description (tolerance)' in done.out
+    assert json.loads(Path('verification/verification.json').read_text())['grade'] == 'caution'
 
 
 def test_compare(run: Run, results: Path) -> None:

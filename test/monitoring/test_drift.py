@@ -9,6 +9,7 @@ import pytest
 from monitoring.simulated import DECLARED, TRUTH, record_of, touches_of
 
 from scara_kinetostatic.monitoring.drift import LARGEST_RESIDUAL, DriftMonitor
+from scara_kinetostatic.monitoring.drift_report import alarm_line
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 
 
@@ -78,3 +79,22 @@ def test_reset_starts_anew(record: CalibrationRecord) -> None:
     monitor.reset()
     assert monitor.alarm is None and monitor.count == 0
     assert monitor.add(touches_of(DECLARED, 1)) is None
+
+
+def test_what_no_single_part_explains_has_no_name(record: CalibrationRecord) -> None:
+    changed = TRUTH.replace(l1=TRUTH.l1 + 1e-3, theta2=TRUTH.theta2 + 2e-3, p1=2 * TRUTH.p1)
+    alarm = DriftMonitor(record).add(touches_of(DECLARED, 4, changed))
+    assert alarm is not None and not alarm.is_explained
+    assert 'no single part explains it' in alarm_line(alarm, None)
+    one, bad = DriftMonitor(record), touches_of(DECLARED, 4, TRUTH.replace(l1=TRUTH.l1 + 1e-3))
+    joints = bad.joints.copy()
+    joints[7] += 1e-2
+    alarm = one.add(replace(bad, joints=joints))
+    assert alarm is not None and alarm.is_explained and 'link 1 changed its length' in alarm_line(alarm, None)
+
+
+def test_estimated_noise_raises_the_threshold() -> None:
+    """The fewer touches have estimated it, the more."""
+    cell = replace(DECLARED, noise=None)
+    few, many = (DriftMonitor(record_of(cell, 0, count=count)).threshold for count in (6, 24))
+    assert 20 < many < few < 30

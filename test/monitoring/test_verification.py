@@ -142,3 +142,15 @@ def test_touches_that_were_seen_or_are_few(record: CalibrationRecord) -> None:
     assert few.assessment.grade is Grade.CAUTION
     with pytest.raises(UnsupportedDataError):
         verify(detected(touches_of(DECLARED, 1).select([])), record)
+
+
+def test_what_no_single_part_explains_has_no_name(record: CalibrationRecord) -> None:
+    """Two parts changed at once."""
+    changed = TRUTH.replace(l1=TRUTH.l1 + 1e-3, theta2=TRUTH.theta2 + 2e-3, p1=2 * TRUTH.p1)
+    found = verify(detected(touches_of(DECLARED, 1, changed)), record)
+    assert found.assessment.grade is Grade.UNFIT
+    assert found.remaining_p_value < 1e-6
+    assert 'no single part explains it' in found.assessment.reasons[0]
+    assert verification_document(found)['remaining_p_value'] == found.remaining_p_value
+    one = verify(detected(touches_of(DECLARED, 1, TRUTH.replace(l1=TRUTH.l1 + 1e-3))), record)
+    assert one.remaining_p_value > 1e-3 and 'most likely link 1 changed its length' in one.assessment.reasons[0]

@@ -124,7 +124,7 @@ def test_what_the_topic_does_not_say_is_assumed_and_said(watching: Callable[...,
 def test_bad_touches_are_said_and_survived(watching: Callable[..., Node], calibration: Path) -> None:
     node = watching('--ros-args', '-p', f'calibration:={calibration}')
     touch = touches_of(CELL, 1, world=None).select([0])
-    for change in ({'object': 'nothing'}, {'force': ()}, {'joints': (float('nan'), 0.0)}):
+    for change in ({'object': 'nothing'}, {'force': ()}, {'joints': (float('nan'), 0.0)}, {'joints': (1e308, 0.0)}):
         feed(node, touch, '/a', **change)
         assert node._report().level == WARN, change
     feed(node, touch, '/a')
@@ -140,6 +140,8 @@ def test_only_newer_results_are_taken(watching: Callable[..., Node], calibration
         said = {'published': True, 'created': created, 'files': {'folder': str(tmp_path)}}
         node._note_result(String(data=json.dumps(said)))
         assert node._monitor.count == count and node._report().level == OK
+    node._note_result(String(data='[' * 100_000))
+    assert node._report().level == WARN and 'not JSON' in node._report().message
     assert node.get_subscriptions_info_by_topic('/calibrator/result')
 
 
@@ -181,6 +183,10 @@ def test_touches_that_are_rejected_one_after_the_other(watching: Callable[..., N
     feed(node, touches.select([2]), '/a', reason='no object there')
     assert node._report().level == WARN and 'the last 3 touches were rejected' in node._report().message
     feed(node, touches.select([3]), '/a', reason=DISCARDED)
+    assert node._reset(Trigger.Request(), Trigger.Response()).success
+    assert node._report().level == OK
+    feed(node, touches.select([0, 1, 2]), '/b', reason='no object there')
+    assert node._report().level == WARN
     feed(node, touches.select([4]), '/b')
     assert node._report().level == OK
 

@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 from scara_kinetostatic.calibration.tip_uncertainty import NEARLY_STRETCHED
 from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.compensation.predictions import Predictor
+from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.files.export.facts import ExportFacts
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.kinematics import inverse, wrap
 
 _DIRECTIONS = 8
 """Directions of the force in a correction table."""
+MOST_ROWS = 1_000_000
+"""Of a table, some 100 MB."""
 _ELBOWS = {1: 'left', -1: 'right'}
 
 
@@ -71,10 +74,23 @@ def correction_file(arm: CalibratedArm, facts: ExportFacts, grid: Grid) -> Corre
     each, the error of the tip without it, and the standard uncertainty of the tip along the force, in the worst
     direction without one. Places out of reach of either arm are left out. The head states the error of the tip halfway
     between places, by bilinear interpolation.
+
+    Raises:
+        ParameterError: the step makes more than `MOST_ROWS` rows.
+        UnsupportedDataError: there is no row.
     """
     cells, forces = _cells(arm, grid.step), _forces(grid.forces)
+    count = len(cells) * len(forces) * len(arm.used.postures)
+    if count > MOST_ROWS:
+        step = grid.step * np.sqrt(count / MOST_ROWS)
+        problem = f'{grid.step:g} m makes a table of up to {count:.2g} rows, {MOST_ROWS:.2g} are the most'
+        raise ParameterError('--step', problem, f'{np.ceil(1e3 * step) / 1e3:g} m is possible, or choose fewer forces')
     places = _places(arm, grid.step, cells)
     tables = [_table(arm, places, forces, posture) for posture in arm.used.postures]
+    if not any(np.isfinite(table.change).all(axis=2).any() for table in tables):
+        raise UnsupportedDataError(
+            'no place of the grid can be reached under these forces', 'choose a smaller --step or smaller forces'
+        )
     between = _between(arm, grid, cells, forces, tables)
     lines = [
         *(f'# {line}' for line in facts.lines),
@@ -142,7 +158,7 @@ def _between(arm: CalibratedArm, grid: Grid, cells: Indices, forces: Floats, tab
     largest, most = (f'{1e3 * value:.2g}' for value in (errors.max(), np.quantile(errors, 0.95)))
     return (
         f'halfway between places, bilinear interpolation of dq misses the tip by up to {largest} mm, in 95 % of the '
-        f'cells by less than {most} mm'
+        f'middles by less than {most} mm; elsewhere in a cell the largest may be about a third more'
     )
 
 

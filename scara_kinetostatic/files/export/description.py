@@ -31,7 +31,7 @@ def xacro_text(arm: CalibratedArm, facts: ExportFacts) -> str:
         for name, std in zip(UNITS, facts.std, strict=True)
         if name in RIGID
     )
-    first, second = (quoteattr('${prefix}' + name)[1:-1] for name in map(_literal, arm.cell.joint_names))
+    first, second = (escape('${prefix}' + name, {'"': '&quot;'}) for name in map(_literal, arm.cell.joint_names))
     return (
         f'{_HEAD}{_comment(facts)}<robot name={quoteattr(_name(arm))} xmlns:xacro="http://www.ros.org/wiki/xacro">\n'
         f'  <xacro:arg name="standalone" default="true"/>\n{properties}\n'

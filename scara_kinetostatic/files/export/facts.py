@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from scara_kinetostatic import __version__
 from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.compensation.arm import CalibratedArm
+from scara_kinetostatic.errors import one_line
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import NAMES
@@ -70,7 +72,7 @@ class ExportFacts(NamedTuple):
         miss = rigid_miss(arm) if effects else 0.0
         if miss:
             lines += (f'Up to {1e3 * miss:.3g} mm of the unloaded tip are by {", ".join(effects)}.',)
-        cleaned = tuple(line.replace('*/', '* /').replace('--', '- -') for line in lines)
+        cleaned = tuple(map(_as_comment, lines))
         return cls(cleaned, _stds(arm), effects, miss, arm.reservations)
 
     def notes(self, *, is_rigid: bool) -> list[str]:
@@ -85,6 +87,11 @@ class ExportFacts(NamedTuple):
             miss = f'{1e3 * self.rigid_miss:.3g} mm'
             found.append(f'it cannot hold {effects}: the tip is up to {miss} elsewhere even without load; see `locate`')
         return found
+
+
+def _as_comment(line: str) -> str:
+    """A line that ends no comment of XML or C, and is one line, whatever the name of a file or robot."""
+    return re.sub('-(?=-|$)', '- ', one_line(line)).replace('*/', '* /')
 
 
 def _is_of_robot(effect: EffectLaw) -> bool:
