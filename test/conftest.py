@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -18,6 +19,9 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.model.touch import Rejection, TouchSet
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # started in the background of a script; children inherit that
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 NASTY = ('<script>alert(1)</script>', '_x "q\' & $\\frac$', '日本')
