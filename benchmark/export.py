@@ -70,6 +70,9 @@ def main() -> int:
     made = parser(__doc__)
     made.add_argument('--poses', type=int, default=1000, metavar='N')
     args = made.parse_args()
+    if not any(map(importlib.util.find_spec, LIBRARIES)):
+        print(f'none of {", ".join(LIBRARIES)} is installed: pip install yourdfpy pin xacro', file=sys.stderr)
+        return 2
     arm = CalibratedArm.of(calibrate(simulate(CELL, PAPER_ACTUAL), CELL))
     joints = np.random.default_rng(0).uniform(-np.pi, np.pi, (args.poses, 2))
     expected = forward(arm.model.parameters, joints)
