@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -37,19 +37,20 @@ def recorded_cell(paths: Sequence[Path], option: str) -> Cell:
     return common
 
 
-def other_descriptions(cell: Cell, paths: Sequence[Path], option: str) -> list[str]:
+def other_descriptions(cell: Cell, paths: Sequence[Path], option: str, without: Collection[str] = ()) -> list[str]:
     """One sentence for each recording that contains another cell description than the one in use.
 
     Args:
         cell: in use.
         paths: recordings and touch tables.
         option: what named it, such as ``--cell``.
+        without: parts in which they may differ.
     """
     sentences = []
     for path in (path for path in paths if not is_touch_table(path)):
         with suppress(InputError):  # an invalid one may be the reason to name another
             recorded = embedded_cell(path)
-            keys = [] if recorded is None else different_parts(cell, recorded)
+            keys = [] if recorded is None else [k for k in different_parts(cell, recorded) if k not in without]
             if keys:
                 sentences.append(
                     f'{path} contains another cell description ({", ".join(keys)}); that of {option} is used'

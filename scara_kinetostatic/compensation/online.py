@@ -137,7 +137,7 @@ class OnlineArm:
     def _force(self, fx: float, fy: float) -> HeldForce:
         size, (level, growth) = hypot(fx, fy), self._levels
         std = hypot(level, growth * size)
-        hx, hy = self._held
+        hx, hy = self._held if isfinite(self._held[0] + self._held[1]) else (0.0, 0.0)
         away = hypot(fx - hx, fy - hy)
         if away > WIDTH * std:
             part = 1.0 - WIDTH * std / away

@@ -41,7 +41,7 @@ def surfaces_of(contour: Contour, arm: CalibratedArm) -> Surfaces:
     return Surfaces(
         forward(arm.cell.nominal, contour.joints) - removed,
         forward(arm.model.parameters, contour.joints) - removed,
-        tip_places(arm, contour.joints, contour.force).center - removed,
+        tip_places(arm, contour.joints, contour.force, contour.force_noise).center - removed,
     )
 
 

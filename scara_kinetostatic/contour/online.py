@@ -228,7 +228,7 @@ class OnlineContour:
             return
         wrong = float(np.hypot(*(found - self.zero)))
         self.zero = found
-        if wrong > LARGEST_ZERO:
+        if wrong > LARGEST_ZERO and self.outlines:
             self._doubt = (
                 f'the zero of the force was wrong by {wrong:.1f} N, and so is what was traced with it: call clear'
             )

@@ -34,6 +34,7 @@ class Contour:
         off_normal: angle from the inward normal to the force, towards the direction of travel, (n,), rad.
         inner_corner: whether the surface is hollow there and hardly wider than the tip, (n,): the tip touches on both
             sides, and the outline has its radius.
+        force_noise: standard deviation of a component of the smoothed force besides the noise of a touch, N.
         tip_radius: m.
         zero: what the sensor reports without force, as it was taken for the last contact, (2,), N.
         lost: time without contact between the first and the last contact, s.
@@ -65,6 +66,7 @@ class Contour:
     friction: Friction
     off_normal: Floats
     inner_corner: Mask
+    force_noise: float
     tip_radius: float
     zero: Floats
     lost: float

@@ -63,7 +63,7 @@ class TipPlaces(NamedTuple):
         systematic: covariance of S by the calibration, (n, 2, 2), m²; NaN where the data do not determine it, or a
             joint is in a dead band of undetermined size.
         noise: covariance by the noise of joint angles and force and by the place of joints in their dead bands,
-            (n, 2, 2), m²; of the force it contains all noise.
+            (n, 2, 2), m².
         by_noise: change by one standard deviation of the noise of q1, q2, F_x and F_y, (n, 2, 4), m.
     """
 
@@ -83,6 +83,8 @@ def tip_places(arm: CalibratedArm, joints: Floats, force: Floats, force_noise: f
         force: F on the object, base frame, (n, 2), N.
         force_noise: standard deviation of a component of the force besides the noise of a touch, N.
     """
+    first, second = np.hypot(arm.noise.force_levels, force_noise).tolist()
+    arm = replace(arm, noise=arm.noise._replace(force=(first, second)))
     law, f = Predictor(arm).law, Force.of(force, arm.noise)
     found = tip_under_load(law, joints, f, metadata_of(arm, joints))
     jacobian = Jacobian.at(found, f)
@@ -94,6 +96,4 @@ def tip_places(arm: CalibratedArm, joints: Floats, force: Floats, force_noise: f
     known = np.isfinite(with_dead_bands(systematic, spread, law, found, f).xx)
     covariance = np.where(known[:, None, None], systematic.matrices, np.nan)
     loadings = by_noise(law, found, f, jacobian)
-    further = loadings[:, :, 2:] * (force_noise / np.maximum(f.std, 1e-12))[:, None, None]
-    total = noise.matrices + further @ further.transpose(0, 2, 1)
-    return TipPlaces(found.tip, by_model.transpose(2, 1, 0), covariance, total, loadings)
+    return TipPlaces(found.tip, by_model.transpose(2, 1, 0), covariance, noise.matrices, loadings)

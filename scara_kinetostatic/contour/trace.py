@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.compensation.arm import CalibratedArm
-from scara_kinetostatic.contour.contact import ContactSamples, contact_samples
+from scara_kinetostatic.contour.contact import LONGEST_SMOOTHING, ContactSamples, contact_samples
 from scara_kinetostatic.contour.friction import estimate_friction, off_normal_angle
 from scara_kinetostatic.contour.path import direction_along, moving, passes_of, speed_of
 from scara_kinetostatic.contour.remarks import NO_RADIUS, remarks_on
@@ -31,15 +31,21 @@ from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Sensor
 from scara_kinetostatic.model.kinematics import quarter_turn
-from scara_kinetostatic.touches.signals import Signals, as_signals
+from scara_kinetostatic.touches.signals import Signals, as_signals, moving_mean
 from scara_kinetostatic.touches.streams import Streams
 
 LARGEST_ANGLE = 1.2
 """Largest angle between force and normal of a contact, rad: beyond, the path is not that of a tip on a surface."""
 MOST_LEFT_OUT = 0.25
-"""Largest part of the points at which the force may be not across: where more are, frame or sign are wrong;"""
+"""Largest part of a pass where the force may be not across: one with more is left out, as where the object turns under
+the tip. Where all are such, or of all points twice as many, frame or sign of the sensor are wrong.
+"""
 _MANY = 100
-"""of at least so many points."""
+"""Points of such a pass at least."""
+_CLEAR_FORCE = 4.0
+"""In a pass the median force is at least so many standard deviations of the noise of a sample,"""
+_FAINT = 0.5
+"""or this part of the median of all."""
 END_SAMPLES = 3
 """Instants left out at both ends of a pass, where the tip comes or goes and its direction is known from one side."""
 LARGEST_TIP = 0.1
@@ -144,13 +150,29 @@ def _passes(samples: ContactSamples, center: Floats, source: str, period: float)
     """
     contact = _split_at_gaps(samples, center, source, period)
     slides = moving(speed_of(samples.time, center, contact))
-    number = passes_of(center, contact, slides)
+    number = _without_free(passes_of(center, contact, slides), samples)
     if not (number >= 0).any():
         raise UnsupportedDataError(
             f'{source}: the tip does not slide: {_motion_in_contact(samples.contact, center)}',
             'record a slide of some millimetres at least; a recording of touches is for calibrate',
         )
     return number, float((~slides).sum() * period)
+
+
+def _without_free(number: Indices, samples: ContactSamples) -> Indices:
+    """The passes without those in which the tip was off the object: their mean force is that of the noise.
+
+    Contact is sought in a mean over a longer time than a short loss of contact lasts.
+    """
+    least = min(_CLEAR_FORCE * samples.force_noise, _FAINT * float(np.median(np.hypot(*samples.force.T))))
+    width = 2 * round(0.5 * LONGEST_SMOOTHING / max(float(np.median(np.diff(samples.time))), 1e-6)) + 1
+    kept = []
+    for k in range(number.max() + 1):
+        force = samples.force[number == k]
+        mean = moving_mean(force, min(width, len(force) - 1 + len(force) % 2))
+        if np.median(np.hypot(*mean.T)) >= least:
+            kept.append(k)
+    return np.where(np.isin(number, kept), np.searchsorted(kept, number), -1)
 
 
 def _motion_in_contact(contact: Indices, center: Floats) -> str:
@@ -235,12 +257,14 @@ def _usable(course: _Course, force: Floats, number: Indices, source: str) -> tup
     across &= count[number] > 1  # a single point has no direction along the surface
     if not across.any():
         raise UnsupportedDataError(f'{source}: the force is across the motion of the tip at single points only')
-    left_out = inside & ~across
-    part = float(left_out.sum() / inside.sum())
-    if part > MOST_LEFT_OUT and inside.sum() >= _MANY:
+    part = float((inside & ~across).sum() / inside.sum())
+    total, bad = (np.bincount(number[which], minlength=number.max() + 1) for which in (inside, inside & ~across))
+    doubtful = (total >= _MANY) & (bad > MOST_LEFT_OUT * total)
+    across &= ~doubtful[number]
+    if part > 2 * MOST_LEFT_OUT or not across.any():
         problem = f'{source}: the force is not across the motion of the tip at {100 * part:.0f} % of the points'
         raise UnsupportedDataError(problem, 'check frame and sign of the force sensor in the cell description')
-    return across, int(left_out.sum())
+    return across, int((inside & ~across).sum())
 
 
 def _surface(
@@ -279,6 +303,7 @@ def _surface(
         friction=estimate_friction(force, n, along, passes, force_std, arm.cell.uncertainty.force_rotation),
         off_normal=off_normal_angle(force, n, along),
         inner_corner=_is_inner_corner(course.hollow[used], radius),
+        force_noise=samples.force_noise,
         tip_radius=radius,
         zero=samples.zero,
         lost=samples.lost,

@@ -32,7 +32,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import LATER, TouchSet
 from scara_kinetostatic.monitoring.hypotheses import Explanation, Hypothesis, explanations, hypotheses_of, rivals
-from scara_kinetostatic.monitoring.linear import Evidence, Information, Measured, State, measure
+from scara_kinetostatic.monitoring.linear import LINEAR, Evidence, Information, Measured, State, measure
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.significance import p_values, quantile
 
@@ -71,7 +71,7 @@ class Alarm(NamedTuple):
         statistic: G.
         best: the most likely change.
         rivals: names of what explains the touches about as well.
-        remaining: median over the touches since of the chi-square, of two degrees of freedom, that the change leaves.
+        is_explained: whether the change explains most touches since; if not, no single part does.
     """
 
     touch: int
@@ -79,19 +79,15 @@ class Alarm(NamedTuple):
     statistic: float
     best: Explanation
     rivals: tuple[str, ...]
-    remaining: float
-
-    @property
-    def is_explained(self) -> bool:
-        """Whether the change explains most touches; if not, no single part does."""
-        return self.remaining < MOST_REMAINING
+    is_explained: bool
 
 
 class _Linear(NamedTuple):
-    """One touch as `Measured`: J, (2, p), and r, (2,)."""
+    """One touch as `Measured`: J, (2, p), r, (2,), and r bounded."""
 
     jacobian: Floats
     residual: Floats
+    bounded: Floats
 
 
 class _Start(NamedTuple):
@@ -123,11 +119,16 @@ class _Start(NamedTuple):
 
     def without(self, touch: _Linear, weight: float) -> _Start:
         """The same without one touch, that counts with some weight; `score` stays."""
-        jacobian, residual = touch
+        jacobian, residual, _ = touch
         return self._replace(
             matrix=self.matrix - weight * jacobian.T @ jacobian,
             full_score=self.full_score - weight * jacobian.T @ residual,
         )
+
+    def bounding(self, touch: _Linear, weight: float) -> _Start:
+        """The same with the bounded residual of a touch in both scores."""
+        excess = touch.jacobian.T @ (touch.bounded - touch.residual)
+        return self._replace(full_score=self.full_score + weight * excess)
 
     def evidence(self, *, bounded: bool) -> Evidence:
         """For a change after this start."""
@@ -170,6 +171,7 @@ class DriftMonitor:
         self.statistic = 0.0
         self.last_distance = 0.0
         self.alarm: Alarm | None = None
+        self._raised: int | None = None
         self._objects: frozenset[int] = frozenset()
         self._mean = np.zeros(size)
         self._covariance = self.state.covariance
@@ -205,8 +207,8 @@ class DriftMonitor:
             self.add_measured(measured.select(slice(k, k + 1)), int(touches.disc[k]))
         return self.alarm
 
-    def add_measured(self, touch: Measured, disc: int) -> Alarm | None:
-        """The same for one touch that has been linearised."""
+    def add_measured(self, touch: Measured, disc: int, *, named: bool = True) -> Alarm | None:
+        """The same for one linearised touch; `named`: whether the name of an alarm is worked out, which takes time."""
         self._objects |= {disc}
         jacobian, residual = touch.jacobian[0], touch.residual[0]
         expected = jacobian @ self._mean
@@ -216,14 +218,16 @@ class DriftMonitor:
         length = float(np.linalg.norm(np.linalg.solve(root, innovation)))
         self.last_distance = length
         bounded = expected + innovation * min(1.0, LARGEST_RESIDUAL / max(length, 1e-12))
-        self._latest = (*self._latest[1 - MEMORY :], _Linear(jacobian, residual))
+        if len(self._latest) == MEMORY:  # from here on it cannot be taken out of a name
+            self._from_calibration = self._from_calibration.bounding(self._latest[0], (1 - 1 / MEMORY) ** (MEMORY - 1))
+        self._latest = (*self._latest[1 - MEMORY :], _Linear(jacobian, residual, bounded))
         self._remember(jacobian.T @ jacobian, jacobian.T @ bounded, jacobian.T @ residual)
         gain = np.linalg.solve(spread, jacobian @ self._covariance).T
         self._mean = self._mean + gain @ (bounded - expected)
         covariance = self._covariance - gain @ spread @ gain.T
         self._covariance = (covariance + covariance.T) / 2
         self.count += 1
-        return self._evaluate()
+        return self._evaluate(named)
 
     def _remember(self, matrix: Floats, score: Floats, full_score: Floats) -> None:
         """Add what a touch says to the sums since each start; it is the first of a new one."""
@@ -231,7 +235,7 @@ class DriftMonitor:
         self._starts = [start.plus(matrix, score, full_score) for start in (*self._starts[1 - WINDOW :], fresh)]
         self._from_calibration = self._from_calibration.plus(matrix, score, full_score, 1 - 1 / MEMORY)
 
-    def _evaluate(self) -> Alarm | None:
+    def _evaluate(self, named: bool) -> Alarm | None:
         among, best = self.hypotheses, None
         self.statistic = 0.0
         for start in (self._from_calibration, *self._starts):
@@ -241,31 +245,41 @@ class DriftMonitor:
             if statistic > self.statistic:
                 self.statistic, best = statistic, start
         if best is not None and self.statistic > self.threshold:
-            self.alarm = self._alarm(best)
+            self._raised = self.count - 1 if self._raised is None else self._raised
+            self.alarm = self._alarm(best) if named else self.alarm
         return self.alarm
 
     def _alarm(self, start: _Start) -> Alarm:
         """The change that explains the touches since a start, without those that none of the others agrees with."""
-        age = np.arange(len(self._latest))[::-1][-(self.count - start.touch) :]
-        latest, used = self._latest[-len(age) :], np.ones(len(age), dtype=bool)
+        assert self._raised is not None
+        fading = 1 - 1 / MEMORY if start is self._from_calibration else 1.0
+        latest, since = self._latest[-(self.count - start.touch) :], start.touch
+        used = np.ones(len(latest), dtype=bool)
+        fewest = LEAST_USED * len(used)
         while True:
             evidence = start.evidence(bounded=False)
             ranking = explanations(evidence, self.state, self.hypotheses)
-            left = self._left(start, ranking[0], latest)
-            worst, usual = int(np.where(used, left, 0.0).argmax()), float(np.median(left[used]))
-            if left[worst] < max(BAD, BAD * usual) or used.sum() <= LEAST_USED * len(used):
+            left = np.where(used, self._left(start, ranking[0], latest), 0.0)
+            usual = float(np.median(left[used]))
+            bad = np.argsort(-left)[: int(used.sum() - fewest)]
+            bad = bad[left[bad] > max(BAD, BAD * usual)]
+            if not len(bad):
                 break
-            used[worst] = False
-            start = start.without(latest[worst], 1.0 if start.touch else (1 - 1 / MEMORY) ** int(age[worst]))
-        first = self.count - 1 if self.alarm is None else self.alarm.touch
-        return Alarm(first, start.touch, self.statistic, ranking[0], tuple(rivals(ranking, evidence)), usual)
+            used[bad] = False
+            for k in bad.tolist():
+                start = start.without(latest[k], fading ** (len(latest) - 1 - k))
+        names = tuple(rivals(ranking, evidence))
+        unchanged = ranking[0]._replace(change=(0.0,) * len(ranking[0].change))
+        before = float(np.median(self._left(start, unchanged, latest)[used]))
+        explained = usual < max(MOST_REMAINING, LINEAR * before)
+        return Alarm(self._raised, since, self.statistic, ranking[0], names, explained)
 
     def _left(self, start: _Start, change: Explanation, touches: Sequence[_Linear]) -> Floats:
         """Chi-square that a change leaves each of some touches."""
         places = list(change.hypothesis.places)
         mean = start.mean.copy()
         mean[places] += np.array(change.change) / self.state.scale[places]
-        jacobian, residual = (np.stack(column) for column in zip(*touches, strict=True))
+        jacobian, residual, _ = (np.stack(column) for column in zip(*touches, strict=True))
         off = residual - jacobian @ mean
         spread = np.eye(2) + jacobian @ start.covariance @ jacobian.swapaxes(1, 2)
         return np.asarray((off * np.linalg.solve(spread, off[:, :, None])[:, :, 0]).sum(axis=1))

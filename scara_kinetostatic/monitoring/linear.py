@@ -42,6 +42,10 @@ from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 
+LINEAR = 0.01
+"""Part of a chi-square that a large change leaves as touches are linearised at the calibrated values: (δ / 2 R)² for a
+change δ of the tip on a disc of radius R.
+"""
 _SCALES = {'m': 1e-4, 'rad': 1e-3, '1': 1e-2}
 """Plausible size of an error of the cell, by unit."""
 

@@ -46,16 +46,25 @@ def check_same_recorded(cell: Cell, path: str | Path, source: str) -> None:
             check_same_arm(cell, recorded, source, str(path), 'give a recording of the calibrated robot')
 
 
+def check_same_identification(a: Cell, b: Cell, first: str, second: str, remedy: str) -> None:
+    """Check that two cells, as far as they say it, are of the same robot; `first` and `second` are their files.
+
+    Raises:
+        InputError: they are not.
+    """
+    for name in ('robot', 'serial_number', 'cell'):
+        one, other = getattr(a.identification, name), getattr(b.identification, name)
+        if one and other and one != other:
+            raise InputError(second, f'is of {name.replace("_", " ")} {other!r}, and {first} of {one!r}', remedy)
+
+
 def check_same_arm(a: Cell, b: Cell, first: str, second: str, remedy: str) -> None:
     """Check that two cells have the same robot; `first` and `second` are their files.
 
     Raises:
         InputError: they have not.
     """
-    for name in ('robot', 'serial_number', 'cell'):
-        one, other = getattr(a.identification, name), getattr(b.identification, name)
-        if one and other and one != other:
-            raise InputError(second, f'is of {name.replace("_", " ")} {other!r}, and {first} of {one!r}', remedy)
+    check_same_identification(a, b, first, second, remedy)
     off = np.abs(a.nominal.as_array() - b.nominal.as_array()) > SCALES
     if off.any():
         name = NAMES[int(np.argmax(off))]

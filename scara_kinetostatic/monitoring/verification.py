@@ -27,7 +27,7 @@ from scara_kinetostatic.model.touch import LATER, TouchSet
 from scara_kinetostatic.monitoring.acceptance import LEVEL, MOST_OUTLYING, Outlying, Verification, assess
 from scara_kinetostatic.monitoring.assumptions import of_new_recordings
 from scara_kinetostatic.monitoring.hypotheses import Explanation, explanations, hypotheses_of, rivals
-from scara_kinetostatic.monitoring.linear import Evidence, Information, Measured, State, measure
+from scara_kinetostatic.monitoring.linear import LINEAR, Evidence, Information, Measured, State, measure
 from scara_kinetostatic.monitoring.prediction_test import PredictionTest
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.same_robot import check_same_arm, check_same_recorded
@@ -39,6 +39,10 @@ from scara_kinetostatic.touches.table import cell_of_files
 
 OUTLYING = 1e-3
 """The same for the largest of all touches (Bonferroni)."""
+_OF_NO_EFFECT = ('noise', 'tolerance')
+"""Parts of a cell description that touches do not depend on: the noise is that of the calibration, the tolerance what
+its use allows.
+"""
 _SAME = 1e-6
 """Difference of joint angles, rad, and forces, N, by rounding in a table: two touches never agree so well."""
 
@@ -76,15 +80,19 @@ def _other_cells(record: CalibrationRecord, cell: Cell, paths: Sequence[str | Pa
     """
     for path in paths:
         check_same_recorded(cell, path, record.source)
-    return other_descriptions(cell, [Path(path) for path in paths], 'the calibration')
+    return other_descriptions(cell, [Path(path) for path in paths], 'the calibration', _OF_NO_EFFECT)
 
 
 def _remaining(test: PredictionTest, ranking: Sequence[Explanation], record: CalibrationRecord) -> float:
-    """p-value of nothing else having changed than the first hypothesis says."""
+    """p-value of nothing else having changed than the first hypothesis says; 1 where the error of linearisation may be
+    what a large change leaves.
+    """
     if not ranking:
         return 1.0
     freedoms = test.freedoms - len(ranking[0].change)
     left = max(test.chi_square - ranking[0].statistic, 0.0)
+    if left < LINEAR * test.chi_square:
+        return 1.0
     return float(p_values(left, max(freedoms, 0), record.noise_freedoms))
 
 

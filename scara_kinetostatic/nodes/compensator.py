@@ -101,7 +101,7 @@ class Compensator(Node):
         self._answered, self._answer_problem = 'none', ''
         self._wanted = (0.0, 0.0)
         self._next_transform = self._polls = 0
-        self._check = FrameCheck(self, cell.sensor.frame, lambda _message, _anew: None)
+        self._check = FrameCheck(self, cell.sensor.frame, self._turned)
         self._pose = self.create_publisher(PoseWithCovarianceStamped, '~/pose', 10)
         self._transform = self.create_publisher(TFMessage, '/tf', 10) if TFMessage and self._tip_frame else None
         self._trajectory = self.create_publisher(JointTrajectory, '~/joint_trajectory', 1)
@@ -125,6 +125,11 @@ class Compensator(Node):
         self._tip.use(arm)
         if self._tip.assumptions:
             self.get_logger().warning(self._tip.assumptions)
+
+    def _turned(self, _: bytes, anew: bool) -> None:
+        """Fixed transforms turn the forces otherwise from here on: the zero was that of other components."""
+        if anew and self._tip.forget_forces():
+            self.get_logger().warning('the forces are turned otherwise from here on: call ~/tare again')
 
     def _take_wrench(self, message: bytes) -> None:
         try:
@@ -236,6 +241,7 @@ class Compensator(Node):
         values = {'last answer': self._answered, **self._figures()}
         complaints = [self._check.complaint()]
         for monitor in (self._joints_heard, self._wrench_heard):
+            monitor.publishers = [found.node_name for found in self.get_publishers_info_by_topic(monitor.topic)]
             rate = monitor.rate()
             values |= monitor.details(rate)
             complaints += [monitor.complaint(rate, expected=True), monitor.mixture()]

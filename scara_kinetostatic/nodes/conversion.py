@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from math import cos, isfinite, sin
+from math import cos, sin
 from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Duration, Time
@@ -19,6 +19,8 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 NANOSECONDS = 1_000_000_000
+LARGEST = 1e5
+"""A joint angle, rad, force, N, or place, m, beyond this is not one."""
 _PLAIN = b'\0\1'
 """How a message in plain CDR, little endian, begins."""
 _HEAD = struct.Struct('<iII')
@@ -225,8 +227,8 @@ def _force(stamp: int, force: Sequence[float], turn: Sequence[Sequence[float]] |
 
 
 def _finite(sample: Sample) -> Sample:
-    if not (isfinite(sample.first) and isfinite(sample.second)):
-        raise UnusableMessageError(f'expected finite numbers, got {sample.first} and {sample.second}')
+    if not (abs(sample.first) <= LARGEST and abs(sample.second) <= LARGEST):
+        raise UnusableMessageError(f'expected plausible numbers, got {sample.first:g} and {sample.second:g}')
     return sample
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from time import time_ns
+from typing import Any
 
 from rclpy.node import Node
 from std_msgs.msg import String
@@ -11,6 +13,7 @@ from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.errors import InputError, ParameterError, ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import load_calibration, parse_document, read_arm
 from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.monitoring.same_robot import check_same_identification
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.declare import cell_or_example
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN, Condition
@@ -37,7 +40,7 @@ class FollowedCalibration:
     """
 
     def __init__(self, node: Node, take: Callable[[CalibratedArm], None]) -> None:
-        self._logger, self._take = node.get_logger(), take
+        self._logger, self._take, self._began = node.get_logger(), take, time_ns()
         self.arm: CalibratedArm | None = None
         self.origin, self.refused = 'none', ''
         self._path = declare.text(
@@ -81,13 +84,18 @@ class FollowedCalibration:
         message = '; '.join(filter(None, (*listed, graded, *known)))
         return Condition(WARN if message else OK, message or f'{good}: {self.origin}', values)
 
-    def _take_result(self, message: String) -> None:
-        """A result of the calibrator."""
+    def _take_result(self, message: String, info: Mapping[str, Any]) -> None:
+        """A result of the calibrator; not an older one than that of the start, published before it."""
         try:
             document = parse_document(message.data, RESULT)
             if isinstance(document, dict) and not document.get('published', True):
                 return  # the calibrator keeps the former one, too
-            self._use(read_arm(document, RESULT), RESULT)
+            arm, given = read_arm(document, RESULT), self._given
+            is_latched = int(info.get('source_timestamp') or 0) < self._began
+            if is_latched and given is not None and arm.created and arm.created < given.created:
+                self._logger.info(f'{RESULT}: of {arm.created}, older than the calibration given; not taken')
+                return
+            self._use(arm, RESULT)
         except ScaraKinetostaticError as error:
             self._refuse(str(error))
 
@@ -116,6 +124,7 @@ class FollowedCalibration:
         if own.joint_names != other.joint_names or own.sensor[2:] != other.sensor[2:]:
             problem = f'is of another robot: joints {" ".join(other.joint_names)}, sensor {other.sensor.frame.value}'
             raise InputError('the calibration', problem, 'give that of this cell')
+        check_same_identification(own, other, 'the cell in use', origin, 'give that of this cell')
 
     def _refuse(self, problem: str) -> None:
         self.refused = problem

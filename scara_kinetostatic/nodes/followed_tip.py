@@ -20,6 +20,8 @@ from scara_kinetostatic.nodes.conversion import Sample
 
 TARE_TIME = 0.5
 """Over so long a time the zero of the force is averaged, s."""
+FEWEST_FORCES = 3
+"""Of a zero."""
 _MOST = 5000
 """Most samples of that time."""
 ELBOWS = ('present', 'left', 'right')
@@ -122,15 +124,21 @@ class FollowedTip:
         """Takes the mean of the last forces as zero; nothing must be touched.
 
         Raises:
-            StaleError: there are none.
+            StaleError: there are too few.
         """
         since = monotonic() - TARE_TIME
         recent = [(x, y) for x, y, when in self._forces if when > since]
-        if not recent:
-            raise StaleError('no recent force')
+        if len(recent) < FEWEST_FORCES:
+            raise StaleError(f'{len(recent)} forces in the last {TARE_TIME:g} s')
         x, y = np.mean(recent, axis=0).tolist()
         self.zero = x, y
         return self.zero
+
+    def forget_forces(self) -> bool:
+        """Forgets forces and their zero, as where they are turned otherwise from here on; whether there was a zero."""
+        had, self.zero, self._wrench = self.zero is not None, None, None
+        self._forces.clear()
+        return had
 
     def answer(self, x: float, y: float, fx: float, fy: float, elbow: str) -> Answer:
         """Joint angles for a wanted place and force.

@@ -40,6 +40,8 @@ from scara_kinetostatic.report.document import NAME
 TOUCHES = 'collector/touch'
 MOST_TOUCHES = 500
 """So many touches are kept to take one back. Where it is not the last, all that are kept are counted anew."""
+BLIND = 100.0
+"""A threshold above which only changes by many standard uncertainties are seen."""
 MOST_REJECTED = 3
 """So many rejected touches in a row are said: what drifted far is no longer recognised as a touch of an object."""
 
@@ -188,8 +190,9 @@ class Monitor(Node):
         elif self._monitor is not None:
             self._monitor.reset()
             self._alarm = None
-            for kept in self._kept.values():
-                self._alarm = self._monitor.add_measured(*kept)
+            latest = len(self._kept) - 1
+            for number, kept in enumerate(self._kept.values()):
+                self._alarm = self._monitor.add_measured(*kept, named=number == latest)
         self._before_last = None
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -234,6 +237,8 @@ class Monitor(Node):
             yield f'nobody publishes {self.resolve_topic_name(TOUCHES)}: no touch is watched'
         if record.arm.grade == 'unfit':
             yield 'the calibration is unfit for use'
+        if self._monitor is not None and self._monitor.threshold > BLIND:
+            yield 'the noise was estimated by too few touches: drift is hardly seen'
         if self._rejected >= MOST_REJECTED:
             yield f'the last {self._rejected} touches were rejected, the last one: {self._rejection}'
         yield from filter(None, (self._refused, self._problem, self._assumptions))

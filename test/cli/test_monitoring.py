@@ -56,14 +56,17 @@ def test_verify_a_changed_robot(run: Run, recordings: Path, results: Path) -> No
 def test_verify_a_recording_of_another_robot_or_cell(run: Run, recordings: Path, results: Path) -> None:
     text = (recordings / 'cell.yaml').read_text()
     calibration = results / 'a' / 'calibration.json'
-    for name, changed in (('robot', text.replace('l1: 0.33', 'l1: 0.36')), ('tolerance', text + TOLERANCE)):
+    moved = text.replace('[0.05, 0.25]', '[0.0501, 0.25]')
+    cells = {'robot': text.replace('l1: 0.33', 'l1: 0.36'), 'object': moved, 'tolerance': text + TOLERANCE}
+    for name, changed in cells.items():
         Path('cell.yaml').write_text(changed)
         assert run('simulate', '--cell', 'cell.yaml', '--out', name).status == 0
     other = run('verify', 'robot', '--calibration', calibration)
     assert other.status == 2 and other.err.count('\n') == 1 and 'another robot' in other.err
-    done = run('verify', 'tolerance', '--calibration', calibration)
-    assert done.status == 0 and 'contains another cell description (tolerance)' in done.out
-    assert json.loads(Path('verification/verification.json').read_text())['grade'] == 'caution'
+    done = run('verify', 'object', '--calibration', calibration)
+    assert done.status == 0 and 'contains another cell description (disc_3)' in done.out
+    assert json.loads(Path('verification/verification.json').read_text())['grade'] != 'fit'
+    assert run('verify', 'tolerance', '--calibration', calibration).out.startswith('Fit for use')
 
 
 def test_compare(run: Run, results: Path) -> None:

@@ -14,13 +14,14 @@ from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.cell import SensorFrame, SensorSign
-from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.kinematics import forward, inverse, posture
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.sliding.outline import Arc, Outline, circle, polygon
 from scara_kinetostatic.simulation.sliding.slide import Slide
 from scara_kinetostatic.simulation.sliding.streams import simulate_slides
 
+DISC_CENTER = np.array([0.2, 0.3])
 EXACT = replace(arm(), model=replace(arm().model, parameters=PAPER_ACTUAL))
 """An arm whose calibration is without error."""
 
@@ -234,6 +235,53 @@ def test_a_light_slide_under_a_noisy_sensor():
         assert contour.lost < 0.1
         errors.append(DISC.normal_error(contour.surface) / contour.std_normal)
     assert 0.5 < rms(np.concatenate(errors)) < 1.3
+
+
+def lifted(streams, duration, height):
+    """The same with the tip lifted off the disc for so long, five times, the force the noise alone."""
+    random, start = np.random.default_rng(0), streams.joints.stamp[0]
+    force, position = streams.wrench.force.copy(), streams.joints.position.copy()
+    for begin in (3.0, 4.0, 5.0, 6.0, 7.0):
+        times = [1e-9 * (topic.stamp - start) - begin for topic in (streams.wrench, streams.joints)]
+        wrench, joints = ((time >= 0) & (time < duration) for time in times)
+        force[wrench] = force[:100].mean(axis=0) + random.normal(0, 1, (wrench.sum(), 2))
+        tip = forward(PAPER_ACTUAL, position[joints])
+        outward = (tip - DISC_CENTER) / np.hypot(*(tip - DISC_CENTER).T)[:, None]
+        up = height * np.sin(np.pi * times[1][joints] / duration)[:, None]
+        position[joints] = inverse(PAPER_ACTUAL, tip + up * outward, posture(PAPER_ACTUAL, position[joints]))
+    wrench, joints = replace(streams.wrench, force=force), replace(streams.joints, position=position)
+    return replace(streams, wrench=wrench, joints=joints)
+
+
+@pytest.mark.parametrize(('duration', 'height'), [(0.08, 5e-4), (0.15, 1e-3)])
+def test_short_losses_of_contact_under_a_noisy_sensor(duration, height):
+    sensors = SensorModel(force_noise=1.0, joint_rate=200, wrench_rate=200)
+    contour = trace_contour(lifted(slide_along(DISC, end=0.6, force=2.5, sensors=sensors), duration, height), arm())
+    error = DISC.normal_error(contour.surface)
+    assert np.abs(error).max() < 4e-4
+    assert np.abs(error / contour.std_normal).max() < 5
+
+
+def test_a_turning_joint_under_a_noisy_sensor():
+    """The torque of a joint passes zero along a straight edge; the noise is that of its dead band, too."""
+    slide = slide_along(SQUARE, end=1.02, force=3, friction=0.5, sensors=SensorModel(force_noise=1.0))
+    contour = trace_contour(slide, arm())
+    error = SQUARE.normal_error(contour.surface) / contour.std_normal
+    assert rms(error) < 1.3 and np.abs(error).max() < 6
+
+
+def test_a_slide_whose_force_turns_is_left_out():
+    """The other one stays."""
+    slides = [Slide(DISC, 15, 0.1, 0.05, begin=a, end=b) for a, b in ((0.0, 0.3), (0.4, 0.6))]
+    streams = simulate_slides(CELL, PAPER_ACTUAL, slides)
+    whole = trace_contour(streams, arm())
+    second = 1e-9 * (streams.wrench.stamp - streams.joints.stamp[0]) > whole.time[whole.passes == 1][0] - 0.5
+    force = streams.wrench.force - whole.zero
+    turned = np.where(second[:, None], force @ [[0.0, 1.0], [-1.0, 0.0]], force) + whole.zero
+    contour = trace_contour(replace(streams, wrench=replace(streams.wrench, force=turned)), arm())
+    assert len(contour.outlines) == 1 and contour.time.max() < whole.time[whole.passes == 1][0]
+    assert rms(DISC.normal_error(contour.surface)) < 1.5e-5
+    assert any('points left out: the force is not across' in warning for warning in contour.warnings)
 
 
 @pytest.mark.parametrize('seed', range(3))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from monitoring.simulated import DECLARED, TRUTH, record_of, touches_of
 
-from scara_kinetostatic.monitoring.drift import LARGEST_RESIDUAL, DriftMonitor
+from scara_kinetostatic.monitoring.drift import LARGEST_RESIDUAL, MEMORY, DriftMonitor
 from scara_kinetostatic.monitoring.drift_report import alarm_line
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 
@@ -91,6 +91,22 @@ def test_what_no_single_part_explains_has_no_name(record: CalibrationRecord) -> 
     joints[7] += 1e-2
     alarm = one.add(replace(bad, joints=joints))
     assert alarm is not None and alarm.is_explained and 'link 1 changed its length' in alarm_line(alarm, None)
+
+
+@pytest.mark.parametrize('size', [1e-3, 5e-2])
+def test_a_bad_touch_long_ago_has_no_part_in_a_name(record: CalibrationRecord, size: float) -> None:
+    monitor = DriftMonitor(record)
+    changed = [touches_of(DECLARED, 100 + k, TRUTH.replace(l1=TRUTH.l1 + 2e-5)) for k in range(15)]
+    for number, touches in enumerate(changed):
+        joints = touches.joints.copy()
+        joints[7] += size * (number == 0)
+        measured = monitor.measure(replace(touches, joints=joints))
+        for k in range(len(touches)):
+            last = number == len(changed) - 1 and k == len(touches) - 1
+            alarm = monitor.add_measured(measured.select(slice(k, k + 1)), int(touches.disc[k]), named=last)
+    assert monitor.count > MEMORY
+    assert alarm is not None and alarm.best.name == 'l1' and alarm.touch < 100
+    assert abs(alarm.best.change[0] - 2e-5) < 4 * alarm.best.std[0]
 
 
 def test_estimated_noise_raises_the_threshold() -> None:

@@ -16,6 +16,7 @@ from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.model.noise import Noise
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.monitoring.drift import DriftMonitor
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.verification import verify
 from scara_kinetostatic.monitoring.verification_report import verification_document, verification_page
@@ -154,3 +155,14 @@ def test_what_no_single_part_explains_has_no_name(record: CalibrationRecord) -> 
     assert verification_document(found)['remaining_p_value'] == found.remaining_p_value
     one = verify(detected(touches_of(DECLARED, 1, TRUTH.replace(l1=TRUTH.l1 + 1e-3))), record)
     assert one.remaining_p_value > 1e-3 and 'most likely link 1 changed its length' in one.assessment.reasons[0]
+
+
+@pytest.mark.parametrize('change', [{'x0': 3e-3}, {'theta2': 1e-2}])
+def test_a_large_change_of_one_part_is_named(record: CalibrationRecord, change: dict[str, float]) -> None:
+    """What it leaves is the error of linearisation."""
+    changed = touches_of(DECLARED, 1, TRUTH.replace(**{name: getattr(TRUTH, name) + d for name, d in change.items()}))
+    found = verify(detected(changed), record)
+    assert 'most likely' in found.assessment.reasons[0]
+    assert found.ranking[0].name in (*change, 'base', 'tool')
+    alarm = DriftMonitor(record).add(changed)
+    assert alarm is not None and alarm.is_explained

@@ -52,7 +52,8 @@ def test_joint_angles_by_name(frame: str, names: list[str], position: list[float
         ([], [], 'got 0 positions of no joints'),
         (['joint1', 'joint2'], [1.0], 'got 1 positions of joint1 joint2'),
         (['shoulder', 'elbow'], [1.0, 2.0], 'got 2 positions of shoulder elbow'),
-        (['joint1', 'joint2'], [nan, 2.0], 'expected finite numbers'),
+        (['joint1', 'joint2'], [nan, 2.0], 'expected plausible numbers'),
+        (['joint1', 'joint2'], [1.7e308, 2.0], 'expected plausible numbers'),
     ],
 )
 def test_joint_states_that_cannot_be_used(names: list[str], position: list[float], said: str) -> None:
