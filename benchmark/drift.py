@@ -1,7 +1,7 @@
 """Monitoring: false alarms and power of the drift monitor, names of changes, p-values of `compare` and `verify`.
 
-    python -m benchmark.drift [--calibrations N] [--first N] [--alarm-touches N] [--pairs N] [--only SECTION…]
-                              [--jobs N] [--json FILE]
+    python -m benchmark.drift [--calibrations N] [--first N] [--per-disc N] [--alarm-touches N] [--pairs N]
+                              [--only SECTION…] [--jobs N] [--json FILE]
 
 Simulated by this package: the paper's cell with 72 touches for each calibration; *declared*: discs known to 15 µm in
 place and 5 µm in radius, the tip's radius to 5 µm, gain of the force sensor to 0.5 %, its rotation to 1 mrad; *exact*:
@@ -74,9 +74,10 @@ def touches_of(cell: Cell, seed: int, world: int, count: int, truth: Parameters 
     return TouchSet.concatenate(parts).select(np.arange(count))
 
 
-def record_of(cell: Cell, seed: int, world: int) -> CalibrationRecord:
+def record_of(cell: Cell, seed: int, world: int, per_disc: int) -> CalibrationRecord:
     """A calibration."""
-    return CalibrationRecord.of(calibrate(simulate(cell, PAPER_ACTUAL, seed=seed, drawn=world), cell))
+    made = simulate(cell, PAPER_ACTUAL, seed=seed, drawn=world, per_disc=per_disc)
+    return CalibrationRecord.of(calibrate(made, cell))
 
 
 def with_bad(touches: TouchSet, seed: int) -> TouchSet:
@@ -94,6 +95,7 @@ class Job:
     cell: str
     seed: int
     touches: int
+    per_disc: int
 
 
 class Drift(NamedTuple):
@@ -111,12 +113,12 @@ class Drift(NamedTuple):
 def run(job: Job) -> Any:
     """One job."""
     cell = (CELLS | ESTIMATED | TRUSTED)[job.cell]
-    record = record_of(cell, job.seed, job.seed)
+    record = record_of(cell, job.seed, job.seed, job.per_disc)
     if job.section in ('alarms', 'bad'):
         touches = touches_of(cell, 1_000_000 + job.seed, job.seed, job.touches)
         return _alarms(record, touches if job.section == 'alarms' else with_bad(touches, job.seed))
     if job.section == 'compare':
-        return compare(record, record_of(cell, 2_000_000 + job.seed, job.seed)).p_value
+        return compare(record, record_of(cell, 2_000_000 + job.seed, job.seed, job.per_disc)).p_value
     if job.section == 'verify':
         touches = touches_of(cell, 3_000_000 + job.seed, job.seed, 40)
         return verify(Detection(touches, found=len(touches)), record).p_value
@@ -178,6 +180,9 @@ def main() -> int:
     made.add_argument('--calibrations', type=int, default=100, metavar='N', help='of alarms and changes')
     made.add_argument('--first', type=int, default=0, metavar='N', help='seed of the first calibration')
     made.add_argument('--alarm-touches', type=int, default=500, metavar='N', help='per calibration without a change')
+    made.add_argument(
+        '--per-disc', type=int, default=12, metavar='N', help='touches per disc and elbow of a calibration'
+    )
     made.add_argument('--pairs', type=int, default=200, metavar='N', help='of compare and verify')
     made.add_argument('--only', nargs='+', choices=('alarms', 'bad', 'changes', 'compare', 'verify'), metavar='SECTION')
     made.add_argument('--jobs', type=int, default=1, metavar='N')
@@ -190,7 +195,10 @@ def main() -> int:
         )
         for cell in cells:
             count = args.pairs if section in ('compare', 'verify') else args.calibrations
-            jobs = [Job(section, cell, seed, args.alarm_touches) for seed in range(args.first, args.first + count)]
+            jobs = [
+                Job(section, cell, seed, args.alarm_touches, args.per_disc)
+                for seed in range(args.first, args.first + count)
+            ]
             found = list(in_processes(run, jobs, args.jobs))
             figures[f'{section}, {cell}'] = _summary(section, found, args.alarm_touches)
     print_and_save(args.json, figures)

@@ -144,7 +144,7 @@ def test_senseless_messages_do_not_end_the_node(spin: Callable[..., Node], tmp_p
         wrench.publish(conversion.wrench(Sample(stamp, 1e300, -1e300), ''))
         sleep(0.15)  # Let the touch detection have a look at it.
     assert eventually(lambda: [m.count for m in collector._monitors.values()] == [66, 62])
-    assert [monitor.unusable for monitor in collector._monitors.values()] == [12, 4]
+    assert [monitor.unusable for monitor in collector._monitors.values()] == [16, 8]
     answer = collector._stop(Trigger.Request(), Trigger.Response())
     assert answer.success, answer.message
     assert collector._start(Trigger.Request(), Trigger.Response()).success
