@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from pathlib import Path
 from time import monotonic, sleep
 
 import pytest
+import yaml
 from nodes.waiting import WAIT
 from rcl_interfaces.srv import GetParameters
 
@@ -34,9 +36,11 @@ def test_nodes_end_well_on_a_signal(
     for name in NODES:
         assert 'Traceback' not in processes.log(name).read_text()
     (bag,) = (tmp_path / 'bags').iterdir()
-    files = {path.name for path in bag.iterdir()}
-    assert len(files) > 1
-    assert files == {'metadata.yaml', *(f'{bag.name}_{number}.mcap' for number in range(len(files) - 1))}
+    files = {path.name for path in bag.iterdir()} - {'metadata.yaml'}
+    assert files
+    assert all(re.fullmatch(rf'{bag.name}_\d+(-\d+)?\.mcap', name) for name in files), files  # merged ones, too
+    stated = yaml.safe_load((bag / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+    assert set(stated['relative_file_paths']) == files
 
 
 @pytest.mark.parametrize('name', NODES)
