@@ -21,9 +21,8 @@ from benchmark.diagnosis.cells import SETUPS, Setup, random_effect
 from benchmark.uncertainty.worlds import declared_setup
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.propagation import tip_under_force
-from scara_kinetostatic.compensation.arm import CalibratedArm
-from scara_kinetostatic.compensation.predictions import CHUNK, Predictor
 from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.model.arm import CHUNK, CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward

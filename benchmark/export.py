@@ -18,11 +18,11 @@ import numpy as np
 
 from benchmark.common import CELL, parser, print_and_save
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.files.export.description import urdf_text, xacro_text
 from scara_kinetostatic.files.export.facts import CONTENT, ExportFacts
 from scara_kinetostatic.files.urdf import TOOL_FRAME
 from scara_kinetostatic.interface import simulate
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL

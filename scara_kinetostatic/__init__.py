@@ -35,12 +35,11 @@ below it (`test/test_architecture.py` checks that):
     bags           recordings of all formats, read and written
     touches        from streams to touches, and the object each belongs to
     files          cell description, touch table, safe YAML, atomic writing
-    compensation   the calibrated arm in use: tip under load, compensated joint angles, with uncertainty
     assessment     may the result be used? grade, reasons, actions; the outcome of it all
     diagnosis      is the model complete? which effects explain the residual, and which rivals have they?
     calibration    from touches to the parameters, with their uncertainty
     effects        the physical effects that the base model lacks, one per file
-    model          parameters, cell, touches, kinematics, kinetostatics, contact
+    model          parameters, cell, touches, kinematics, kinetostatics, contact; a calibrated arm in use
     errors         one root for all errors
 """
 
@@ -54,8 +53,6 @@ if TYPE_CHECKING:
     from scara_kinetostatic.bags.reader import read_streams as read_streams
     from scara_kinetostatic.calibration.calibrate import calibrate
     from scara_kinetostatic.calibration.result import Calibration
-    from scara_kinetostatic.compensation.arm import CalibratedArm
-    from scara_kinetostatic.compensation.predictions import JointAngles, TipPosition
     from scara_kinetostatic.contour.fits import fit_shape as fit_shape
     from scara_kinetostatic.contour.pieces import fit_pieces as fit_pieces
     from scara_kinetostatic.contour.result import Contour
@@ -76,6 +73,7 @@ if TYPE_CHECKING:
         simulate,
         trace_contour,
     )
+    from scara_kinetostatic.model.arm import CalibratedArm, JointAngles, TipPosition
     from scara_kinetostatic.model.cell import Cell
     from scara_kinetostatic.model.cell import Disc as Disc
     from scara_kinetostatic.model.cell import Noise as Noise
@@ -95,15 +93,15 @@ if TYPE_CHECKING:
 __version__ = '0.1.0'
 
 _HOME = {
-    'CalibratedArm': 'compensation.arm',
+    'CalibratedArm': 'model.arm',
     'Calibration': 'calibration.result',
     'Cell': 'model.cell',
     'Contour': 'contour.result',
     'Effect': 'effects.base',
     'InputError': 'errors',
-    'JointAngles': 'compensation.predictions',
+    'JointAngles': 'model.arm',
     'Outcome': 'assessment.outcome',
-    'TipPosition': 'compensation.predictions',
+    'TipPosition': 'model.arm',
     'TouchSet': 'model.touch',
     'UnsupportedDataError': 'errors',
     'calibrate': 'calibration.calibrate',

@@ -19,12 +19,11 @@ from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
 from scara_kinetostatic.calibration.prediction import base_force, force_residual, observe
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.compensation.arm import CalibratedArm
-from scara_kinetostatic.compensation.predictions import JointAngles, Predictor, TipPosition
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.contour.trace import trace_contour as contour_of
 from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError, did_you_mean, expect
 from scara_kinetostatic.files.touch_table import is_touch_table
+from scara_kinetostatic.model.arm import CalibratedArm, JointAngles, Predictor, TipPosition
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import contact

@@ -25,7 +25,6 @@ ORDER = (
     'calibration',
     'diagnosis',
     'assessment',
-    'compensation',
     'files',
     'touches',
     'bags',

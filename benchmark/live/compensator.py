@@ -30,14 +30,14 @@ from std_msgs.msg import String
 from benchmark.common import parser, print_targets, save
 from scara_kinetostatic.bags.encoding import joint_state_messages, wrench_messages
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.compensation.arm import CalibratedArm
-from scara_kinetostatic.compensation.online import OnlineArm
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.files.calibration_file import arm_document
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import PAPER_DISCS as DISCS
 from scara_kinetostatic.model.cell import Cell, Noise, Sensor
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.online import OnlineArm
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.nodes.processes import NodeProcesses, free_domain
 from scara_kinetostatic.nodes.stream_subscription import LATCHED, RELIABLE_STREAM

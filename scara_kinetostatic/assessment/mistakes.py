@@ -22,8 +22,7 @@ from scara_kinetostatic.assessment.mistake_hypotheses import Hypothesis, Origin,
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import CellError, InputError
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
-from scara_kinetostatic.model.layout import layout_problems
+from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign, layout_problems
 from scara_kinetostatic.model.parameters import G_EE, NAMES
 from scara_kinetostatic.model.touch import TouchSet
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from functools import cached_property
 from typing import NamedTuple
@@ -17,6 +17,7 @@ from scara_kinetostatic.calibration.uncertainty_budget import Item, uncertainty_
 from scara_kinetostatic.diagnosis.comparison import Comparison, compare
 from scara_kinetostatic.diagnosis.effect_residual import EffectResidual, effect_residuals
 from scara_kinetostatic.diagnosis.result import Diagnosis
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.touch import Rejection
 
 
@@ -126,6 +127,12 @@ class Outcome:
     def final(self) -> Calibration:
         """The calibration to use: extended by what was found, where something was."""
         return self.diagnosis.extended or self.calibration
+
+    @property
+    def arm(self) -> CalibratedArm:
+        """What is needed of the final calibration to use it, with its assessment."""
+        created = self.created.astimezone(timezone.utc).strftime('%Y-%m-%dT%H:%M:%SZ')
+        return replace(self.final.arm, grade=self.assessment.grade.value, verdict=self.verdict, created=created)
 
     @cached_property
     def comparison(self) -> Comparison:

@@ -12,10 +12,10 @@ from scara_kinetostatic.calibration.gauss_helmert import Adjusted, adjust, as_me
 from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations
 from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, squared_distance, whiten
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.cell import Noise, force_covariance
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.lever_arms import Arm
-from scara_kinetostatic.model.noise import Noise, force_covariance
 from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.touch_equations import Arm
 
 
 def unfitted(point: Point) -> tuple[Marginal, Floats]:

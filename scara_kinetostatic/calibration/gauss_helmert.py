@@ -33,19 +33,15 @@ import numpy as np
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, by_touch
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.model.cell import SensorFrame
-from scara_kinetostatic.model.contact_state import State, free_state
-from scara_kinetostatic.model.extended_equations import (
+from scara_kinetostatic.model.cell import Noise, SensorFrame, force_covariance
+from scara_kinetostatic.model.contact import (
     all_derivatives,
     extended_equations,
     extended_link_angles,
     off_normal_derivative,
 )
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.joint_equations import LinkAngles, solve_link_angles
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.lever_arms import Arm
-from scara_kinetostatic.model.noise import Noise, force_covariance
 from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2
 from scara_kinetostatic.model.sensor_error import (
     has_sensor_error,
@@ -54,6 +50,7 @@ from scara_kinetostatic.model.sensor_error import (
     true_force,
     true_force_derivative,
 )
+from scara_kinetostatic.model.touch_equations import Arm, LinkAngles, State, free_state, solve_link_angles
 
 _GROSS_DISTANCE = 200.0
 """A touch whose squared distance is beyond this keeps its observations as measured."""

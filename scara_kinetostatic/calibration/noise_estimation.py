@@ -25,7 +25,7 @@ import numpy as np
 
 from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, outer
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.model.noise import Level, Noise
+from scara_kinetostatic.model.cell import Level, Noise
 
 USUAL_NOISE = Noise(joint=1e-5, force=0.3)
 """Where the cell does not give it: the first guess of an estimation, and the noise of simulated touches."""

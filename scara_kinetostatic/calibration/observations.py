@@ -9,8 +9,8 @@ import numpy as np
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import SensorFrame
+from scara_kinetostatic.model.contact import ContactProblem
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_equations import ContactProblem
 from scara_kinetostatic.model.gripper import Gripper
 
 NO_ERRORS = np.zeros(0)

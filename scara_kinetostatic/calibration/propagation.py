@@ -1,7 +1,7 @@
 """H̄ of a model from what sensors measure, by law (6) as it stands; and what the touches do not determine.
 
 Where a link is nearly in line with a force that compresses it, law (6) has several solutions. Use of a calibration,
-where nothing may jump, is `compensation`.
+where nothing may jump, is `model.arm`.
 """
 
 from __future__ import annotations
@@ -11,20 +11,15 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
-from scara_kinetostatic.calibration.identifiability import scales_of
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.model.contact_state import State
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.gripper import Gripper
-from scara_kinetostatic.model.joint_equations import solve_link_angles
-from scara_kinetostatic.model.kinetostatics import joint_torques
-from scara_kinetostatic.model.robot_effects import Pose, solve_pose
+from scara_kinetostatic.model.kinetostatics import Pose, joint_torques, solve_pose
+from scara_kinetostatic.model.touch_equations import State, solve_link_angles
 
-_DETERMINED = 1e-9
-"""Singular value above which a direction, in plausible ranges of its parameters, was free in the fit."""
 _PASSES = 20
 """Newton steps to the link angles at most; three or four suffice."""
 _ROUNDING = 1e-15
@@ -125,16 +120,3 @@ def joint_covariance(calibration: Calibration) -> JointCovariance:
     matrix = scale[:, None] * c.covariance_with_errors * scale
     matrix[:size, :size] = c.covariance
     return JointCovariance((*c.model.names, *names), np.concatenate([c.model.as_array(), units * c.errors]), matrix)
-
-
-def undetermined_directions(calibration: Calibration) -> Floats:
-    """Directions of the free values that the fit kept where they were, each by its plausible range, (12 + k, u)."""
-    scales = scales_of(calibration.model)
-    held = calibration.model.held.union(calibration.fixed)
-    free = np.array([name not in held for name in calibration.model.names])
-    basis = (calibration.subspace.basis / scales[:, None])[free]
-    u, singular, _ = np.linalg.svd(basis, full_matrices=True)
-    rank = int(np.sum(singular > _DETERMINED * singular.max(initial=0.0)))
-    found = np.zeros((len(free), u.shape[0] - rank))
-    found[free] = u[:, rank:]
-    return np.asarray(scales[:, None] * found)

@@ -11,6 +11,7 @@ import numpy as np
 
 from scara_kinetostatic.calibration import outliers
 from scara_kinetostatic.calibration.contributions import Contribution, contributions_of, enlargement_of
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit
 from scara_kinetostatic.calibration.fit_point import Point
 from scara_kinetostatic.calibration.identifiability import (
@@ -27,6 +28,7 @@ from scara_kinetostatic.calibration.prediction import base_force, force_error, f
 from scara_kinetostatic.calibration.projection import project
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.calibration.subspace import Subspace
+from scara_kinetostatic.model.arm import CalibratedArm, SensorErrors, UsedRange
 from scara_kinetostatic.model.arrays import Floats, Mask, read_only
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -219,6 +221,35 @@ class Calibration:
     def projection(self) -> Point:
         """All touches, outliers too, adjusted to the model with the noise of the fit."""
         return project(observe(self.touches, self.cell, self.errors), self.model, self.noise)
+
+    @cached_property
+    def undetermined(self) -> Floats:
+        """Directions of the free values that the fit kept where they were, each by its plausible range, (12 + k, u)."""
+        scales = scales_of(self.model)
+        held = self.model.held.union(self.fixed)
+        free = np.array([name not in held for name in self.model.names])
+        basis = (self.subspace.basis / scales[:, None])[free]
+        u, singular, _ = np.linalg.svd(basis, full_matrices=True)
+        rank = int(np.sum(singular > 1e-9 * singular.max(initial=0.0)))  # in plausible ranges of the parameters
+        found = np.zeros((len(free), u.shape[0] - rank))
+        found[free] = u[:, rank:]
+        return read_only(np.asarray(scales[:, None] * found))
+
+    @property
+    def arm(self) -> CalibratedArm:
+        """What is needed of it to use it."""
+        touches, magnitude = self.touches.select(self.used), np.hypot(*self.force[self.used].T)
+        postures = tuple(sign for sign in (1, -1) if np.any(touches.posture == sign))
+        declared = DeclaredErrors.of(self.cell)
+        return CalibratedArm(
+            cell=self.cell,
+            model=self.model,
+            covariance=np.array(self.covariance),
+            undetermined=self.undetermined,
+            noise=self.noise,
+            sensor=SensorErrors() if declared is None else SensorErrors(*declared.sensor(self.errors)),
+            used=UsedRange(float(magnitude.min()), float(magnitude.max()), float(np.ptp(touches.time)), postures),
+        )
 
     @property
     def force_error(self) -> float:

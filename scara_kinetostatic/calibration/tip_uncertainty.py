@@ -27,15 +27,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.propagation import undetermined_directions
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.model.contact_state import State
+from scara_kinetostatic.model.contact import ContactProblem
 from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.extended_equations import ContactProblem
 from scara_kinetostatic.model.kinematics import forward, inverse, jacobian, link_vectors, quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import joint_deflection, joint_torques
 from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.model.touch_equations import State
 
 COVERAGE_FACTOR = 2.0
 """k of the expanded uncertainty U = k u: about 95 % of a normal distribution."""
@@ -249,7 +248,7 @@ def workspace(c: Calibration) -> Workspace:
         np.repeat(joints, len(forces), axis=0), np.repeat(posture, len(forces)), np.tile(forces, (len(joints), 1))
     )
     derivative = tip_derivative(c, poses)
-    dependent = np.linalg.norm(derivative @ undetermined_directions(c), axis=(1, 2))
+    dependent = np.linalg.norm(derivative @ c.undetermined, axis=(1, 2))
     return Workspace(x, y, reached, postures, poses, touched, derivative, dependent)
 
 

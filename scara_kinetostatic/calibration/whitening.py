@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.noise import ForceCovariance, Noise, force_covariance
+from scara_kinetostatic.model.cell import ForceCovariance, Noise, force_covariance
 
 
 class Linearisation(NamedTuple):

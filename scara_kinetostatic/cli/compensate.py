@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from scara_kinetostatic.compensation.predictions import Predictor
     from scara_kinetostatic.files.pose_table import PoseTable
+    from scara_kinetostatic.model.arm import Predictor
     from scara_kinetostatic.model.arrays import Indices
     from scara_kinetostatic.model.effect_law import TouchMetadata
 
@@ -77,10 +77,10 @@ def run(args: argparse.Namespace) -> int:
     """
     import numpy as np
 
-    from scara_kinetostatic.compensation.predictions import Predictor
     from scara_kinetostatic.errors import UnsupportedDataError
     from scara_kinetostatic.files.calibration_file import load_calibration
     from scara_kinetostatic.files.pose_table import POSES, check_output, load_pose_table
+    from scara_kinetostatic.model.arm import Predictor
 
     check_output(args.out, [args.calibration, args.table])
     predictor = Predictor(load_calibration(args.calibration))
@@ -131,7 +131,7 @@ def write(path: Path, table: PoseTable, results: dict[str, NDArray[Any]], predic
 
 
 def _counts(status: NDArray[np.str_]) -> str:
-    from scara_kinetostatic.compensation.predictions import STATUSES
+    from scara_kinetostatic.model.arm import STATUSES
 
     counts = {name: int((status == name).sum()) for name in STATUSES}
     return ', '.join(f'{number} {name}' for name, number in counts.items() if number)

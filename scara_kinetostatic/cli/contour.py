@@ -12,9 +12,9 @@ from scara_kinetostatic.cli.output import print_result
 from scara_kinetostatic.errors import InputError, UnsupportedDataError
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.compensation.arm import CalibratedArm
     from scara_kinetostatic.contour.fits import ShapeFit
     from scara_kinetostatic.contour.result import Contour
+    from scara_kinetostatic.model.arm import CalibratedArm
 
 DESCRIPTION = """\
 Measures the outline of an object of unknown shape, from a recording in which

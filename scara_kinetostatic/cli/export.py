@@ -11,7 +11,7 @@ from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real
 from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.compensation.arm import CalibratedArm
+    from scara_kinetostatic.model.arm import CalibratedArm
 
 FORMATS = ('urdf', 'xacro', 'dh', 'csv', 'header')
 DESCRIPTION = """\

@@ -9,8 +9,8 @@ from scara_kinetostatic.cli.arguments import Subparsers, add_verb
 from scara_kinetostatic.cli.compensate import add_files, metadata_of, note, write
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.compensation.predictions import Predictor
     from scara_kinetostatic.files.pose_table import PoseTable
+    from scara_kinetostatic.model.arm import Predictor
     from scara_kinetostatic.model.arrays import Floats
 
 DESCRIPTION = """\
@@ -59,9 +59,9 @@ def run(args: argparse.Namespace) -> int:
     """
     import numpy as np
 
-    from scara_kinetostatic.compensation.predictions import Predictor
     from scara_kinetostatic.files.calibration_file import load_calibration
     from scara_kinetostatic.files.pose_table import STATES, check_output, load_pose_table
+    from scara_kinetostatic.model.arm import Predictor
     from scara_kinetostatic.model.kinematics import posture
 
     check_output(args.out, [args.calibration, args.table])
@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _measured(table: PoseTable, predictor: Predictor) -> Floats:
     """The true forces behind those of the table."""
-    from scara_kinetostatic.compensation.sensor import force_on_object, in_sensor_frame
+    from scara_kinetostatic.model.arm import force_on_object, in_sensor_frame
 
     joints = table.pair('q1_rad', 'q2_rad')
     return force_on_object(predictor.arm, in_sensor_frame(predictor.arm, table.force, joints), joints)

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.contour.tip import tip_places
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.kinematics import forward
 

@@ -15,10 +15,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from scara_kinetostatic.compensation.arm import CalibratedArm
-from scara_kinetostatic.compensation.uncertainty import DEPENDS
 from scara_kinetostatic.contour.result import Contour
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask, rms
+from scara_kinetostatic.model.tip import DEPENDS
 
 _SLOW = (0.25, 0.5, 1.0, np.inf)
 """Times over which errors that residuals do not show may change, as parts of the time of the points."""

@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.contour.fit_uncertainty import parameter_stds
 from scara_kinetostatic.contour.joining import Outline
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, Mask, rms
 
 FEWEST_POINTS = 10

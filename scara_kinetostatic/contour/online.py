@@ -17,13 +17,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.contour.contact import LARGEST_ZERO, contacts_of, force_zero, zero_if_free
 from scara_kinetostatic.contour.joining import JoinedPasses, Outline
 from scara_kinetostatic.contour.path import WINDOWS
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.contour.trace import JumpError, trace_signals
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Sensor
 from scara_kinetostatic.model.kinematics import forward

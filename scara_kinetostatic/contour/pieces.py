@@ -18,10 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.contour.fits import FEWEST_POINTS, ShapeFit, extent, fit_points, outline_of, points_of
 from scara_kinetostatic.contour.joining import Outline
 from scara_kinetostatic.contour.result import Contour
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, Indices
 
 TOLERANCE = 3.0

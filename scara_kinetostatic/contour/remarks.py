@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from scara_kinetostatic.compensation.arm import CalibratedArm
-from scara_kinetostatic.compensation.predictions import Predictor
 from scara_kinetostatic.contour.result import Contour
+from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.touches.signals import runs
 

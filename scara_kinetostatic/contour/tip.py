@@ -7,25 +7,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.compensation.arm import CalibratedArm
-from scara_kinetostatic.compensation.equilibrium import tip_under_load
-from scara_kinetostatic.compensation.loading import Force
-from scara_kinetostatic.compensation.motion import motion_senses
-from scara_kinetostatic.compensation.predictions import Predictor
-from scara_kinetostatic.compensation.sensor import force_on_object
-from scara_kinetostatic.compensation.uncertainty import (
+from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_object
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import Sensor, SensorSign
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.kinematics import posture
+from scara_kinetostatic.model.online import motion_senses
+from scara_kinetostatic.model.tip import (
+    Force,
     Jacobian,
     Spread,
     band_covariance,
     by_noise,
     measurement_covariance,
     tip_derivative,
+    tip_under_load,
     with_dead_bands,
 )
-from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Sensor, SensorSign
-from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.kinematics import posture
 
 
 def measured_force(arm: CalibratedArm, sensor: Sensor, joints: Floats, reported: Floats) -> Floats:

@@ -20,7 +20,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.contour.contact import LONGEST_SMOOTHING, ContactSamples, contact_samples
 from scara_kinetostatic.contour.friction import estimate_friction, off_normal_angle
 from scara_kinetostatic.contour.path import direction_along, moving, passes_of, speed_of
@@ -28,6 +27,7 @@ from scara_kinetostatic.contour.remarks import NO_RADIUS, remarks_on
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.contour.tip import TipPlaces, measured_force, tip_places
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Sensor
 from scara_kinetostatic.model.kinematics import quarter_turn

@@ -20,8 +20,8 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
 from scara_kinetostatic.diagnosis.thresholds import FORCE_LEVELS, INDEPENDENT_PART_CAUTIOUS, ROUNDING
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.lever_arms import view_arm
 from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.model.touch_equations import view_arm
 
 
 class _Family(NamedTuple):

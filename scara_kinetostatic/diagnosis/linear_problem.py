@@ -31,9 +31,9 @@ from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
 from scara_kinetostatic.diagnosis.thresholds import FORCE_LEVELS
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.contact import extended_equations, shift_column
 from scara_kinetostatic.model.effect_law import Shift, TouchState
-from scara_kinetostatic.model.extended_equations import extended_equations, shift_column
-from scara_kinetostatic.model.noise import Noise
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.sensor_error import along_and_across, true_force
 from scara_kinetostatic.model.touch_equations import Equations

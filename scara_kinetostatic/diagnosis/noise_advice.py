@@ -7,7 +7,7 @@ from scipy import special
 
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.thresholds import STRICT_SIGNIFICANCE
-from scara_kinetostatic.model.noise import Noise
+from scara_kinetostatic.model.cell import Noise
 
 _LARGEST_JOINT_NOISE = 2e-4
 """Estimated repeatability of a joint beyond which it is a model error, rad."""

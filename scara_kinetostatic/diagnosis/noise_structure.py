@@ -36,7 +36,7 @@ from scara_kinetostatic.diagnosis.variance_components import (
     excess_p_value,
 )
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.noise import Noise
+from scara_kinetostatic.model.cell import Noise
 
 _PENALTY = 6.0
 """Decrease of the deviance that a component of the noise must bring where the residuals are larger than noise."""

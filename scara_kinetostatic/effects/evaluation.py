@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.contact_state import State
+from scara_kinetostatic.model.contact import ContactProblem
 from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
-from scara_kinetostatic.model.extended_equations import ContactProblem
 from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.touch_equations import State
 
 _TOUCHES = 7
 """Of the evaluation: a number that no shape of an effect is by chance."""

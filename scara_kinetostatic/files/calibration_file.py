@@ -13,16 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from scara_kinetostatic.compensation.arm import CalibratedArm, SensorErrors, UsedRange
 from scara_kinetostatic.errors import CalibrationFileError, CellError, ParameterError
 from scara_kinetostatic.files.cell_file import read_cell
 from scara_kinetostatic.files.declared_uncertainty import disc_entry, uncertainty_entries
 from scara_kinetostatic.files.effect_entry import effect_entry, read_effect
 from scara_kinetostatic.files.yaml_text import parse_yaml, read_text
+from scara_kinetostatic.model.arm import CalibratedArm, SensorErrors, UsedRange
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.cell import Cell, Level, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.noise import Level, Noise
 
 SCHEMA = 'scara_kinetostatic/calibration/1'
 """Keys may be added under the same number; what is there keeps its name and meaning."""

@@ -32,8 +32,7 @@ from scara_kinetostatic.files.declared_uncertainty import (
 from scara_kinetostatic.files.noise_section import parse_noise
 from scara_kinetostatic.files.yaml_section import Section, shown
 from scara_kinetostatic.files.yaml_text import parse_yaml, read_text
-from scara_kinetostatic.model.cell import Cell, Disc, GripperSign, Identification, Plate, Sensor
-from scara_kinetostatic.model.layout import layout_problems
+from scara_kinetostatic.model.cell import Cell, Disc, GripperSign, Identification, Plate, Sensor, layout_problems
 from scara_kinetostatic.model.parameters import NAMES, UNITS, Parameters
 
 CELL_TOPIC = '/cell_description'

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from scara_kinetostatic.files.yaml_section import Section
-from scara_kinetostatic.model.noise import Level, Noise
+from scara_kinetostatic.model.cell import Level, Noise
 
 _PLAUSIBLE = {'joint': (1e-15, 1e-2, 'rad'), 'force': (1e-12, 100.0, 'N')}
 """Smallest and largest noise of one touch that is accepted, and its unit."""

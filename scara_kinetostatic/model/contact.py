@@ -1,22 +1,343 @@
-"""The contact of the tip with discs: A(Q, L̄) (9) (11), unilateral, and its derivatives."""
+"""The contact of the tip with discs: A(Q, L̄) (9) (11), unilateral, and its derivatives; with the effects of a model.
+
+The equations of a touch (`touch_equations`), with the shifts of the effects, are solved for the state by Newton's
+method, all touches at once; they are so nearly linear that four or five steps reach
+rounding error. A touch that does not converge, which happens only where a
+joint is about to enter or leave its dead band, is solved in each of the nine combinations of
+modes and a consistent one is kept.
+
+**Several equilibria.** Where the line of force passes close to a joint's axis, a joint with backlash
+is a toggle: as the tip slides along the disc the force turns away from the axis, so a floating joint
+is in unstable equilibrium (stable only where the axis lies inside the touched circle), and for a
+narrow range of Q the joint can rest on either flank. Which one it is depends on how it came there.
+Without further knowledge the flank is taken to which the force turns an arm that arrives in the
+middle of its dead band; where the force was measured, `warm_start` picks the equilibrium next to it.
+"""
 
 from __future__ import annotations
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import GripperSign
-from scara_kinetostatic.model.contact_state import State, free_state
-from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.equilibrium import nearest_equilibrium, solve_state
-from scara_kinetostatic.model.extended_equations import ContactProblem, all_derivatives, extended_equations
+from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchMetadata, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.gripper import Gripper, as_gripper
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.parameters import THETA1, THETA2, Parameters
+from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2, Parameters
+from scara_kinetostatic.model.touch_equations import (
+    Arm,
+    Equations,
+    LinkAngles,
+    State,
+    free_state,
+    move_links,
+    next_modes,
+    parameter_derivative,
+    solve_link_angles,
+    touch_equations,
+    view_arm,
+)
+
+_FORCE_STEP = 1e-4
+"""Step of the central difference over the force, as a part of it (of 1 N at least)."""
+_ANGLE_STEP = 1e-5
+"""Step of the central difference over an angle, rad."""
+
+
+class ContactProblem(NamedTuple):
+    """n touches as the equations take them, besides the model and the state.
+
+    Attributes:
+        joints: Q, (n, 2), rad.
+        centers: centre of each touch's disc, (n, 2), m.
+        radii: its radius, (n,), m.
+        gripper: the form of (7).
+        metadata: of the touches; effects need it, the base model does not.
+        off_normal: off-normal angle of the force in each touch, (n,), rad; None for zero.
+    """
+
+    joints: Floats
+    centers: Floats
+    radii: Floats
+    gripper: Gripper
+    metadata: TouchMetadata | None = None
+    off_normal: Floats | None = None
+
+    def select(self, which: Mask | Indices) -> ContactProblem:
+        """The touches that a mask or an array of positions picks."""
+        metadata = None if self.metadata is None else self.metadata.select(which)
+        off_normal = None if self.off_normal is None else self.off_normal[which]
+        return ContactProblem(
+            self.joints[which], self.centers[which], self.radii[which], self.gripper, metadata, off_normal
+        )
+
+    def touch_state(self, parameters: Parameters, state: State, arm: Arm | None = None) -> TouchState:
+        """The touches at a state, as effects take them; `arm` saves work where that of the state is known."""
+        assert self.metadata is not None
+        arm = view_arm(parameters, *state[:4], self.gripper) if arm is None else arm
+        f, normal = state.magnitude, np.array([arm.nx, arm.ny]).T
+        return TouchState(
+            parameters=parameters,
+            joints=self.joints,
+            force=f[:, None] * normal,
+            magnitude=f,
+            normal=normal,
+            torques=np.array([f * arm.lever1, f * arm.lever2]).T,
+            link1=np.array([arm.ux, arm.uy]).T,
+            link2=np.array([arm.vx, arm.vy]).T,
+            centers=self.centers,
+            radii=self.radii,
+            metadata=self.metadata,
+            off_normal=np.zeros(len(f)) if self.off_normal is None else self.off_normal,
+        )
+
+    def shifted(self, model: ExtendedModel, state: State, arm: Arm | None = None) -> ContactProblem:
+        """The same touches for the base model: Q - δ and S_c - d instead of Q and S_c; `arm` as in `touch_state`."""
+        if not model.effects:
+            return self
+        return self.shifted_by(*model.shift(self.touch_state(model.parameters, state, arm)))
+
+    def shifted_by(self, joints: Floats, place: Floats) -> ContactProblem:
+        """Q - δ and S_c - d instead of Q and S_c."""
+        return self._replace(joints=self.joints - joints, centers=self.centers - place, off_normal=None)
+
+
+def _shift_by_magnitude(model: ExtendedModel, contact_problem: ContactProblem, state: State, arm: Arm) -> Shift:
+    """The derivatives of δ and d by f, by central differences; nothing where no effect depends on f."""
+    if model.force_dependence < ForceDependence.ALL:
+        return Shift()
+    step = _FORCE_STEP * np.maximum(np.abs(state.magnitude), 1.0)
+    same = arm if arm.skew is None else None
+    up, down = (
+        contact_problem.touch_state(model.parameters, state._replace(magnitude=state.magnitude + change), same)
+        for change in (step, -step)
+    )
+    return model.difference(up, down, 2 * step[:, None], ForceDependence.ALL)
+
+
+def _shift_by_direction(model: ExtendedModel, contact_problem: ContactProblem, state: State) -> Shift:
+    """The derivatives of δ and d by φ, by central differences; nothing where no effect depends on φ."""
+    if model.force_dependence < ForceDependence.DIRECTION:
+        return Shift()
+    up, down = (
+        contact_problem.touch_state(model.parameters, state._replace(direction=state.direction + change))
+        for change in (_ANGLE_STEP, -_ANGLE_STEP)
+    )
+    return model.difference(up, down, 2 * _ANGLE_STEP, ForceDependence.DIRECTION)
+
+
+def extended_equations(
+    model: ExtendedModel, contact_problem: ContactProblem, state: State, arm: Arm | None = None
+) -> Equations:
+    """`touch_equations` of an extended model.
+
+    The derivatives by f and φ are exact to first order; those by Q* leave out that δ and d depend on it.
+
+    Args:
+        model: the model; without effects the equations are those of the base model.
+        contact_problem: the touches.
+        state: where to evaluate.
+        arm: the arm at the state, where it is known.
+    """
+    p, gripper = model.parameters, contact_problem.gripper
+    if not model.effects:
+        return touch_equations(p, *contact_problem[:3], state, gripper, arm)
+    arm = view_arm(p, *state[:4], gripper) if arm is None else arm
+    at = contact_problem.touch_state(p, state, arm)
+    e = touch_equations(p, *contact_problem.shifted_by(*model.shift(at))[:3], state, gripper, arm)
+    by_magnitude = _shift_by_magnitude(model, contact_problem, state, arm)
+    by_direction = _shift_by_direction(model, contact_problem, state)
+    (row1_f, row2_f), (normal_f, tangent_f) = _turns(by_magnitude, e), shift_column(by_magnitude, state, e).T
+    (row1_d, row2_d), (normal_d, tangent_d) = _turns(by_direction, e), shift_column(by_direction, state, e).T
+    return e._replace(
+        row1_f=e.row1_f + row1_f,
+        row2_f=e.row2_f + row2_f,
+        row1_d=e.row1_d + row1_d,
+        row2_d=e.row2_d + row2_d,
+        normal_f=e.normal_f + normal_f,
+        tangent_f=e.tangent_f + tangent_f,
+        normal_d=e.normal_d + normal_d,
+        tangent_d=e.tangent_d + tangent_d,
+        touch_state=at,
+    )
+
+
+def _turns(shift: Shift, equations: Equations) -> tuple[Floats | float, Floats | float]:
+    """δ of joint 1 and of joint 2, (n,) each, rad; zero where the joint floats, and where there is none."""
+    if shift.joints is None:
+        return 0.0, 0.0
+    return shift.joints[:, 0] * equations.rows.on1, shift.joints[:, 1] * equations.rows.on2
+
+
+def shift_column(shift: Shift, state: State, equations: Equations) -> Floats:
+    """What a shift adds to h along n and t, (n, 2), m."""
+    e, arm = equations, equations.rows.arm
+    out = np.zeros((2, len(state.magnitude)))
+    if shift.joints is not None:
+        turn1, turn2 = _turns(shift, e)
+        out[0] -= e.g11 * turn1 + e.g12 * turn2
+        out[1] -= e.g21 * turn1 + e.g22 * turn2
+    if shift.place is not None:
+        x, y = shift.place.T
+        out[0] += x * arm.nx + y * arm.ny
+        out[1] += y * arm.nx - x * arm.ny
+    return out.T
+
+
+def all_derivatives(
+    model: ExtendedModel, contact_problem: ContactProblem, state: State, equations: Equations
+) -> Floats:
+    """∂h/∂L̄ of n touches, f and φ held, and by the parameters of the effects behind, (n, 2, 12 + k)."""
+    base, at = parameter_derivative(state, equations, contact_problem.gripper), equations.touch_state
+    if at is None:
+        return base
+    for name, shift in model.shift_by_robot(at).items():
+        base[:, :, NAMES.index(name)] += shift_column(shift, state, equations)
+    columns = [shift_column(shift, state, equations).T[None] for shift in model.shift_by_effects(at)]
+    return np.concatenate([base.transpose(2, 1, 0), *columns]).transpose(2, 1, 0)
+
+
+def off_normal_derivative(model: ExtendedModel, state: State, equations: Equations) -> Floats:
+    """∂h by the off-normal angle of each touch's force, (n, 2), m/rad, by central differences; there are effects."""
+    at = equations.touch_state
+    assert at is not None
+    up, down = (at._replace(off_normal=at.off_normal + change) for change in (_ANGLE_STEP, -_ANGLE_STEP))
+    return shift_column(model.difference(up, down, 2 * _ANGLE_STEP, ForceDependence.DIRECTION), state, equations)
+
+
+def with_updated_modes(model: ExtendedModel, contact_problem: ContactProblem, state: State) -> LinkAngles:
+    """`update_modes` of an extended model."""
+    arm = view_arm(model.parameters, *state[:4], contact_problem.gripper)
+    shifted = contact_problem.shifted(model, state, arm)
+    return LinkAngles(next_modes(model.parameters, shifted.joints, state, arm), arm)
+
+
+def extended_link_angles(
+    model: ExtendedModel,
+    contact_problem: ContactProblem,
+    state: State,
+    frozen: bool = False,
+    arm: Arm | None = None,
+) -> LinkAngles:
+    """`solve_link_angles` of an extended model, one step; `arm` saves work where that of the state is known."""
+    if arm is None:
+        arm = view_arm(model.parameters, *state[:4], contact_problem.gripper)
+    shifted = contact_problem.shifted(model, state, arm)
+    return solve_link_angles(model.parameters, shifted.joints, state, contact_problem.gripper, frozen, arm=arm)
+
+
+_TOLERANCE = 1e-13
+"""Residual of a solved touch, m and rad."""
+_STEPS = 12
+_EXTENDED_STEPS = 25
+"""With effects: their derivatives over Q* are left out, so that the last digits come one by one."""
+_STEPS_BY_MODES = 9
+_BACKLASH_MARGIN = 2.5
+"""A lever arm is small if the backlash of the joints, times this factor, could change its sign."""
+_TURN_LIMIT = 0.5
+"""Largest turn of the force in one step, rad."""
+
+
+def solve_state(model: ExtendedModel, contact_problem: ContactProblem) -> tuple[State, Mask]:
+    """Solve the equations of n touches, tension allowed.
+
+    Returns:
+        The state and whether it is solved, (n,); what is not solved is left free, with f = 0.
+    """
+    start = state = free_state(model.parameters, contact_problem.joints, contact_problem.centers)
+    with np.errstate(all='ignore'):
+        arm: Arm | None = None
+        for _ in range(_EXTENDED_STEPS if model.effects else _STEPS):
+            e = extended_equations(model, contact_problem, state, arm)
+            solved = _obeys(e, model, state)
+            if solved.all():
+                return _newton_step(e, state), solved
+            state, arm = with_updated_modes(model, contact_problem, _newton_step(e, state))
+        todo = ~_is_solved(model, contact_problem, state)
+        part, done = _solve_by_modes(model, contact_problem.select(todo))
+    state, solved = _put(state, todo, part), _put_mask(~todo, todo, done)
+    return start.replace_where(solved, state), solved
+
+
+def _newton_step(e: Equations, state: State) -> State:
+    det = e.normal_f * e.tangent_d - e.normal_d * e.tangent_f
+    change_f = -(e.tangent_d * e.normal - e.normal_d * e.tangent) / det
+    change_d = -(e.normal_f * e.tangent - e.tangent_f * e.normal) / det
+    change_d = np.clip(change_d, -_TURN_LIMIT, _TURN_LIMIT)
+    return move_links(e, state, change_f, change_d)
+
+
+def _is_solved(model: ExtendedModel, contact_problem: ContactProblem, state: State) -> Mask:
+    """Whether the state obeys equations and modes, (n,)."""
+    return _obeys(extended_equations(model, contact_problem, state), model, state)
+
+
+def _obeys(e: Equations, model: ExtendedModel, state: State) -> Mask:
+    error = np.max(np.abs([e.normal, e.tangent, e.rows.row1, e.rows.row2]), axis=0)
+    wanted = next_modes(model.parameters, e.rows.joints, state, e.rows.arm)
+    return (error < _TOLERANCE) & (wanted.mode1 == state.mode1) & (wanted.mode2 == state.mode2)
+
+
+def _solve_by_modes(
+    model: ExtendedModel, contact_problem: ContactProblem, warm_start: Floats | None = None
+) -> tuple[State, Mask]:
+    """Solve in each combination of modes, all at once; keep the first consistent one, or the one nearest to a force."""
+    n, (mode1, mode2) = len(contact_problem.joints), np.array(list(product((-1.0, 1.0, 0.0), repeat=2))).T
+    every = np.tile(np.arange(n), len(mode1))
+    start = free_state(model.parameters, contact_problem.joints, contact_problem.centers)
+    state = start.select(every)._replace(mode1=np.repeat(mode1, n), mode2=np.repeat(mode2, n))
+    contact_problem = contact_problem.select(every)
+    for _ in range(_STEPS_BY_MODES):
+        state = _newton_step(extended_equations(model, contact_problem, state), state)
+    away = np.zeros(len(every)) if warm_start is None else _distance(state, warm_start[every])
+    away = np.where(_is_solved(model, contact_problem, state), away, np.inf).reshape(len(mode1), n)
+    best = np.argmin(away, axis=0)
+    solved = away[best, np.arange(n)] < np.inf
+    return start.replace_where(solved, state.select(best * n + np.arange(n))), solved
+
+
+def nearest_equilibrium(
+    model: ExtendedModel, contact_problem: ContactProblem, state: State, warm_start: Floats
+) -> State:
+    """Where a joint could rest on either flank, the equilibrium nearest to a force."""
+    p, radii = model.parameters, contact_problem.radii
+    arm = view_arm(p, *state[:4], contact_problem.gripper)
+    # joints that swing through all their backlash slide the tip along the disc, which also turns the force
+    slide = (abs(p.g1) + np.abs(p.p1 * state.magnitude * arm.b1)) * np.abs(arm.b1)
+    slide += (abs(p.g2) + np.abs(p.p2 * state.magnitude * arm.b2)) * np.abs(arm.b2)
+    slide *= _BACKLASH_MARGIN
+    toggles = np.abs(arm.lever1) < slide * (1 + np.abs(arm.b1) / radii)
+    toggles |= np.abs(arm.lever2) < slide * (1 + np.abs(arm.b2) / radii)
+    if not toggles.any():
+        return state
+    with np.errstate(all='ignore'):
+        other, found = _solve_by_modes(model, contact_problem.select(toggles), warm_start[toggles])
+        closer = found & (_distance(other, warm_start[toggles]) < _distance(state, warm_start)[toggles])
+    return _put(state, toggles, state.select(toggles).replace_where(closer, other))
+
+
+def _distance(state: State, force: Floats) -> Floats:
+    x, y = state.magnitude * np.cos(state.direction), state.magnitude * np.sin(state.direction)
+    return np.hypot(x - force[:, 0], y - force[:, 1])
+
+
+def _put(state: State, where: Mask, part: State) -> State:
+    out = State(*(whole.copy() for whole in state))
+    for whole, new in zip(out, part, strict=True):
+        whole[where] = new
+    return out
+
+
+def _put_mask(mask: Mask, where: Mask, part: Mask) -> Mask:
+    out = mask.copy()
+    out[where] = part
+    return out
+
 
 _NEGATIVE_BACKLASH = 1e-3
 """How far outside the disc the rigid tip may be for a force to be possible at all, m."""

@@ -10,12 +10,22 @@ The second, a vector in metres, is both conditions of (11) at once: along n, the
 lies on the circle; along t = R90 n, the force is radial. For f > 0, sign(a) is
 sign(c); keeping sign(a) for f < 0 continues the contact smoothly into tension.
 
+**Lever arms.** With e and k the vectors from the axes of joint 1 and joint 2 to the rigid tip,
+
+- the lever arms a = (e × n, k × n) give the torques C = JᵀF = f a (8);
+- b = (e · n, k · n) are the moves of the tip along t per angle.
+
+Turning the joints by dq moves the tip by a·dq along n and b·dq along t, and
+changes the arms by da1 = -b1 dq1 - b2 dq2, da2 = -b2 (dq1 + dq2); turning the
+force by dφ changes them by b dφ. Everything follows from these four numbers, and, for a
+gripper that does not give way along the force (`gripper.Skew`), from what it adds to the arms.
+
 **Dead band.** sign(a) is set-valued at a = 0. There the joint floats (mode 0): its row
 becomes a_i = 0, the force line passes through the joint's axis, and q_i no
 longer matters as long as the joint stays inside its backlash. The modes are found as
-in a complementarity problem, see `contact_state.next_modes`.
+in a complementarity problem, see `next_modes`.
 
-**Elimination.** The rows fix Q*. With M = ∂rows/∂Q* and A = [a; b] (see `lever_arms`), G = A M⁻¹,
+**Elimination.** The rows fix Q*. With M = ∂rows/∂Q* and A = [a; b], G = A M⁻¹,
 the circle's residual h and its derivatives with respect to the measured quantities and to L̄ are
 
     h = circle - G rows,   h_z = circle_z - G rows_z.
@@ -29,12 +39,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.contact_state import State
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.effect_law import TouchState
-from scara_kinetostatic.model.gripper import Gripper
-from scara_kinetostatic.model.joint_equations import Rows, joint_rows
-from scara_kinetostatic.model.lever_arms import Arm
+from scara_kinetostatic.model.gripper import Gripper, Skew
 from scara_kinetostatic.model.parameters import (
     G1,
     G2,
@@ -51,6 +58,263 @@ from scara_kinetostatic.model.parameters import (
     Y0,
     Parameters,
 )
+
+_ISOTROPIC = Gripper().excess
+
+
+class Arm(NamedTuple):
+    """The arm at link angles Q*, seen along a force direction; all (n,).
+
+    Attributes:
+        ux: unit vector of link 1, x.
+        uy: the same, y.
+        vx: unit vector of link 2, x.
+        vy: the same, y.
+        nx: unit vector of the force on the object, x.
+        ny: the same, y.
+        a1: lever arm of joint 1, m.
+        a2: lever arm of joint 2, m.
+        b1: move of the tip along t per angle of joint 1, m.
+        b2: the same of joint 2, m.
+        lever1: lever arm of joint 1, gripper and all, m.
+        lever2: the same of joint 2, m.
+        turn1: what `lever1` loses per angle of joint 1, and gains as the force turns, m.
+        turn2: the same of joint 2, m.
+        skew: what the gripper adds where it does not give way along the force; None where it does.
+        un: unit vector of link 1 along n.
+        ut: the same along t.
+        vn: unit vector of link 2 along n.
+        vt: the same along t.
+    """
+
+    ux: Floats
+    uy: Floats
+    vx: Floats
+    vy: Floats
+    nx: Floats
+    ny: Floats
+    a1: Floats
+    a2: Floats
+    b1: Floats
+    b2: Floats
+    lever1: Floats
+    lever2: Floats
+    turn1: Floats
+    turn2: Floats
+    skew: Skew | None
+    un: Floats
+    ut: Floats
+    vn: Floats
+    vt: Floats
+
+
+def view_arm(
+    parameters: Parameters, link1: Floats, link2: Floats, magnitude: Floats, direction: Floats, gripper: Gripper
+) -> Arm:
+    """The arm seen along a force.
+
+    Args:
+        parameters: L̄.
+        link1: link angle q1*, (n,), rad.
+        link2: link angle q2*, (n,), rad.
+        magnitude: f, (n,), N.
+        direction: angle φ of the force on the object in the base frame, (n,), rad.
+        gripper: the form of (7).
+
+    Returns:
+        Unit vectors, lever arms and their companions.
+    """
+    first = link1 + parameters.theta1
+    second = first + link2 + parameters.theta2
+    ux, uy, vx, vy = np.cos(first), np.sin(first), np.cos(second), np.sin(second)
+    nx, ny = np.cos(direction), np.sin(direction)
+    un, ut = ux * nx + uy * ny, uy * nx - ux * ny
+    vn, vt = vx * nx + vy * ny, vy * nx - vx * ny
+    a2, b2 = -parameters.l2 * vt, parameters.l2 * vn
+    a1, b1 = a2 - parameters.l1 * ut, b2 + parameters.l1 * un
+    skew = None if gripper.excess == _ISOTROPIC else gripper.skew(direction - second)
+    if skew is None:
+        return Arm(ux, uy, vx, vy, nx, ny, a1, a2, b1, b2, a1, a2, b1, b2, None, un, ut, vn, vt)
+    aside, turn = magnitude * skew.tangent, magnitude * skew.tangent_turn
+    levers = a1 - aside, a2 - aside, b1 - turn, b2 - turn
+    return Arm(ux, uy, vx, vy, nx, ny, a1, a2, b1, b2, *levers, skew, un, ut, vn, vt)
+
+
+_MODE_SCALE = 1.0
+"""Weight of lever arm against backlash in the choice of a mode, rad/m. Any positive value is right; with this one a
+lever arm of a millimetre already outweighs a usual backlash, so that a flank gives way to the other one at once."""
+
+
+class State(NamedTuple):
+    """State of n touches; all (n,).
+
+    Attributes:
+        link1: q1*, rad.
+        link2: q2*, rad.
+        magnitude: f, N; negative where the tip pulls (the continuation).
+        direction: φ, angle of the force on the object in the base frame, rad.
+        mode1: +1 or -1, the flank joint 1 rests on; 0 where it floats.
+        mode2: the same of joint 2.
+    """
+
+    link1: Floats
+    link2: Floats
+    magnitude: Floats
+    direction: Floats
+    mode1: Floats
+    mode2: Floats
+
+    def select(self, which: Mask | Indices) -> State:
+        """The touches that a mask or an array of positions picks."""
+        return State(*(part[which] for part in self))
+
+    def replace_where(self, where: Mask, other: State) -> State:
+        """Another state's touches where a mask is true, this one's elsewhere; both of n touches."""
+        return State(*(np.where(where, new, old) for new, old in zip(other, self, strict=True)))
+
+
+def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -> State:
+    """The modes that the state calls for, by the rule of a primal-dual active set.
+
+    The law of the backlash is β ∈ g Sign(a) with β = q - q* - p f a, that is: on a
+    flank β = ±g and a has its sign; floating, a = 0 and |β| ≤ g. Which of the
+    two holds follows from β + κ a for any κ > 0: outside [-g, g] it is on that flank.
+
+    Args:
+        parameters: L̄.
+        joints: Q, (n, 2), rad.
+        state: with any modes.
+        arm: the arm at that state.
+
+    Returns:
+        The state with its modes renewed.
+    """
+    p, f = parameters, state.magnitude
+    floats1 = joints[:, 0] - state.link1 + (_MODE_SCALE - p.p1 * f) * arm.lever1
+    floats2 = joints[:, 1] - state.link2 + (_MODE_SCALE - p.p2 * f) * arm.lever2
+    return state._replace(mode1=_mode(floats1, arm.lever1, p.g1), mode2=_mode(floats2, arm.lever2, p.g2))
+
+
+def _mode(pointer: Floats, arm: Floats, backlash: float) -> Floats:
+    if backlash <= 0:
+        return np.where(arm < 0, -1.0, 1.0)
+    return np.sign(pointer) * (np.abs(pointer) > backlash)
+
+
+def free_state(parameters: Parameters, joints: Floats, centers: Floats) -> State:
+    """A start for n touches: links at the measured angles, no force, pointing from tip to disc."""
+    first = joints[:, 0] + parameters.theta1
+    second = first + joints[:, 1] + parameters.theta2
+    x = parameters.x0 + parameters.l1 * np.cos(first) + parameters.l2 * np.cos(second)
+    y = parameters.y0 + parameters.l1 * np.sin(first) + parameters.l2 * np.sin(second)
+    direction = np.arctan2(centers[:, 1] - y, centers[:, 0] - x)
+    state = State(joints[:, 0], joints[:, 1], np.zeros(len(x)), direction, *np.ones((2, len(x))))
+    arm = view_arm(parameters, *state[:4], Gripper())
+    return state._replace(mode1=_mode(arm.a1, arm.a1, 0.0), mode2=_mode(arm.a2, arm.a2, 0.0))
+
+
+class Rows(NamedTuple):
+    """The joints' rows at n touches; all (n,).
+
+    Attributes:
+        arm: the arm along the force.
+        joints: the measured angles that they hold for, Q less what effects add, (n, 2), rad.
+        row1: residual of joint 1's row.
+        row2: the same of joint 2.
+        w1: how strongly row 1 feels its lever arm: p f on a flank, 1 where the joint floats.
+        w2: the same of row 2.
+        on1: 1 where joint 1 rests on a flank, 0 where it floats.
+        on2: the same of joint 2.
+        i11: M⁻¹, by rows (i11, i12), (i21, i22).
+        i12: see `i11`.
+        i21: see `i11`.
+        i22: see `i11`.
+    """
+
+    arm: Arm
+    joints: Floats
+    row1: Floats
+    row2: Floats
+    w1: Floats
+    w2: Floats
+    on1: Floats
+    on2: Floats
+    i11: Floats
+    i12: Floats
+    i21: Floats
+    i22: Floats
+
+
+def joint_rows(parameters: Parameters, joints: Floats, state: State, gripper: Gripper, arm: Arm | None = None) -> Rows:
+    """The rows of (6) and (8) at a state, and M⁻¹; `arm` saves work where that of the state is known."""
+    p, f = parameters, state.magnitude
+    arm = view_arm(p, *state[:4], gripper) if arm is None else arm
+    on1, on2 = state.mode1 * state.mode1, state.mode2 * state.mode2
+    w1, w2 = on1 * (p.p1 * f) + (1.0 - on1), on2 * (p.p2 * f) + (1.0 - on2)
+    row1 = w1 * arm.lever1 + on1 * (state.link1 - joints[:, 0]) + p.g1 * state.mode1
+    row2 = w2 * arm.lever2 + on2 * (state.link2 - joints[:, 1]) + p.g2 * state.mode2
+    m11, n12, n21 = on1 - w1 * arm.turn1, w1 * arm.turn2, w2 * arm.turn2
+    m22 = on2 - n21
+    inverse = 1.0 / (m11 * m22 - n12 * n21)
+    i11, i12, i21, i22 = m22 * inverse, n12 * inverse, n21 * inverse, m11 * inverse
+    return Rows(arm, joints, row1, row2, w1, w2, on1, on2, i11, i12, i21, i22)
+
+
+class LinkAngles(NamedTuple):
+    """A state and what was worked out on the way.
+
+    Attributes:
+        state: the state.
+        arm: the arm there.
+    """
+
+    state: State
+    arm: Arm
+
+
+def solve_link_angles(
+    parameters: Parameters,
+    joints: Floats,
+    state: State,
+    gripper: Gripper,
+    frozen: bool = False,
+    again: bool = False,
+    arm: Arm | None = None,
+) -> LinkAngles:
+    """One Newton step of the rows alone, then, unless frozen, the modes that the new link angles call for.
+
+    Args:
+        parameters: L̄.
+        joints: Q, (n, 2), rad.
+        state: where from; its force stays.
+        gripper: the form of (7).
+        frozen: whether every joint stays on its flank.
+        again: whether to repeat it where a mode has changed.
+        arm: the arm at `state`, where it is known.
+    """
+    moved = _step_links(parameters, joints, state, gripper, arm)
+    if frozen:
+        return LinkAngles(moved, view_arm(parameters, *moved[:4], gripper))
+    updated, arm = update_modes(parameters, joints, moved, gripper)
+    if not again or ((updated.mode1 == state.mode1) & (updated.mode2 == state.mode2)).all():
+        return LinkAngles(updated, arm)
+    moved = _step_links(parameters, joints, updated, gripper, arm)
+    return update_modes(parameters, joints, moved, gripper)
+
+
+def update_modes(parameters: Parameters, joints: Floats, state: State, gripper: Gripper) -> LinkAngles:
+    """The state with the modes it calls for."""
+    arm = view_arm(parameters, *state[:4], gripper)
+    return LinkAngles(next_modes(parameters, joints, state, arm), arm)
+
+
+def _step_links(
+    parameters: Parameters, joints: Floats, state: State, gripper: Gripper, arm: Arm | None = None
+) -> State:
+    r = joint_rows(parameters, joints, state, gripper, arm)
+    return state._replace(
+        link1=state.link1 - (r.i11 * r.row1 + r.i12 * r.row2), link2=state.link2 - (r.i21 * r.row1 + r.i22 * r.row2)
+    )
 
 
 class Equations(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from scara_kinetostatic.compensation.predictions import Predictor
+from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 
 

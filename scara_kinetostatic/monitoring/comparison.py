@@ -27,8 +27,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.compensation.predictions import Predictor
 from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.parameters import NAMES

@@ -15,9 +15,9 @@ from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.prediction import base_force, observe
 from scara_kinetostatic.calibration.propagation import joint_covariance
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.errors import CalibrationFileError
 from scara_kinetostatic.files.calibration_file import read_arm, read_document, stored_covariance, stored_numbers
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import SensorFrame, Uncertainty
 from scara_kinetostatic.model.effect_law import TouchMetadata

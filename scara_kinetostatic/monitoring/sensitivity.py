@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chndtrinc
 
-from scara_kinetostatic.compensation.predictions import Predictor
+from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.parameters import NAMES, UNITS

@@ -28,9 +28,9 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.errors import ParameterError, ScaraKinetostaticError
 from scara_kinetostatic.files.urdf import BASE_FRAME
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.conversion import (
     NANOSECONDS,

@@ -26,13 +26,13 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
-from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.contour.joining import Outline
 from scara_kinetostatic.contour.online import SECOND, OnlineContour
 from scara_kinetostatic.contour.remarks import NO_RADIUS, remarks_on
 from scara_kinetostatic.contour.trace import LARGEST_TIP
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.urdf import BASE_FRAME
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.conversion import UnusableMessageError, joint_sample, path, wrench_sample
 from scara_kinetostatic.nodes.declare import Range

@@ -9,9 +9,9 @@ from typing import Any
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.errors import InputError, ParameterError, ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import load_calibration, parse_document, read_arm
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.monitoring.same_robot import check_same_identification
 from scara_kinetostatic.nodes import declare

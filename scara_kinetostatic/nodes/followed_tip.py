@@ -9,13 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.compensation.arm import CalibratedArm
-from scara_kinetostatic.compensation.motion import MotionSense
-from scara_kinetostatic.compensation.online import OnlineArm, OnlinePosition
 from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import Cell, SensorSign
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import posture
+from scara_kinetostatic.model.online import MotionSense, OnlineArm, OnlinePosition
 from scara_kinetostatic.nodes.conversion import Sample
 
 TARE_TIME = 0.5

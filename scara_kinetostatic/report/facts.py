@@ -11,8 +11,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.files.calibration_file import arm_document
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.report.document import utc
 from scara_kinetostatic.report.parameter_rows import base_rank
 

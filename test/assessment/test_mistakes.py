@@ -13,9 +13,8 @@ from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, find_mistake
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import CellError, InputError
-from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Disc, Sensor, SensorFrame
+from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Disc, Sensor, SensorFrame, layout_problems
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.layout import layout_problems
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches

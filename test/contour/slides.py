@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.compensation import CalibratedArm
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.simulation.plan import default_plan

@@ -7,8 +7,7 @@ import pytest
 from effects.scenes import EFFECTS, LABELS, Scene, plausible, random_scene, with_effect
 from model.helpers import ROBOTS, STEPS
 
-from scara_kinetostatic.model.contact import Contact, contact, contact_derivatives
-from scara_kinetostatic.model.extended_equations import extended_equations
+from scara_kinetostatic.model.contact import Contact, contact, contact_derivatives, extended_equations
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
 NEGLECTED = 2e-3

@@ -11,16 +11,16 @@ from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.contact_friction import ContactFriction
 from scara_kinetostatic.effects.off_normal_force import OffNormalForce
 from scara_kinetostatic.effects.unnamed import empirical_effects
-from scara_kinetostatic.model.contact_state import State
-from scara_kinetostatic.model.effect_law import ForceDependence
-from scara_kinetostatic.model.extended_equations import (
+from scara_kinetostatic.model.contact import (
     ContactProblem,
     all_derivatives,
     extended_equations,
     extended_link_angles,
 )
+from scara_kinetostatic.model.effect_law import ForceDependence
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, P1, P2, P_EE
+from scara_kinetostatic.model.touch_equations import State
 
 
 def check(effect: Effect, seed: int, robot: int) -> None:

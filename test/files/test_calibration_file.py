@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.effects.off_normal_force import OffNormalForce
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import CalibrationFileError
 from scara_kinetostatic.files.calibration_file import arm_document, load_calibration, read_arm
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.render.json_file import json_text

@@ -15,8 +15,6 @@ from files.test_urdf import pose
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.propagation import tip_under_force
-from scara_kinetostatic.compensation.arm import CalibratedArm
-from scara_kinetostatic.compensation.predictions import Predictor
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.export.corrections import Grid, correction_file
@@ -26,6 +24,7 @@ from scara_kinetostatic.files.export.facts import CONTENT, ExportFacts
 from scara_kinetostatic.files.export.header import header_text
 from scara_kinetostatic.files.urdf import TOOL_FRAME
 from scara_kinetostatic.interface import simulate
+from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.cell import PAPER_CELL, GripperSign
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward, inverse

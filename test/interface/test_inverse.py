@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import scara_kinetostatic as sk
-from scara_kinetostatic.compensation.arm import CalibratedArm
-from scara_kinetostatic.compensation.predictions import STATUSES, Predictor
 from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.model.arm import STATUSES, CalibratedArm, Predictor
 from scara_kinetostatic.model.cell import PAPER_CELL, GripperSign
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward

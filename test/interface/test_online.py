@@ -8,16 +8,14 @@ import numpy as np
 import pytest
 
 import scara_kinetostatic as sk
-from scara_kinetostatic.compensation import online
-from scara_kinetostatic.compensation.arm import CalibratedArm, SensorErrors
-from scara_kinetostatic.compensation.online import OnlineArm
-from scara_kinetostatic.compensation.predictions import Predictor
-from scara_kinetostatic.compensation.sensor import force_on_object, in_sensor_frame
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model import online
+from scara_kinetostatic.model.arm import CalibratedArm, Predictor, SensorErrors, force_on_object, in_sensor_frame
 from scara_kinetostatic.model.cell import PAPER_CELL, SensorFrame
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import rotate
+from scara_kinetostatic.model.online import OnlineArm
 from scara_kinetostatic.model.parameters import G_EE, P_EE
 from scara_kinetostatic.model.sensor_error import reported_force
 

@@ -9,13 +9,14 @@ from model.helpers import ROBOTS, STEPS, assert_derivative, random_poses
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.contact import contact, contact_derivatives
-from scara_kinetostatic.model.derivatives import (
+from scara_kinetostatic.model.kinetostatics import (
+    direct_kinetostatics,
     direct_kinetostatics_derivatives,
     forward_by_parameters,
     inverse_derivatives,
+    inverse_kinetostatics,
     inverse_kinetostatics_derivatives,
 )
-from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, Parameters
 
 SIGNS = tuple(GripperSign)

@@ -7,9 +7,8 @@ import pytest
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.model.cell import PAPER_CELL, Noise, Sensor, SensorFrame
+from scara_kinetostatic.model.cell import PAPER_CELL, Noise, Sensor, SensorFrame, force_covariance
 from scara_kinetostatic.model.kinematics import rotate
-from scara_kinetostatic.model.noise import force_covariance
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel

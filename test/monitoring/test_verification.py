@@ -12,8 +12,7 @@ from monitoring.simulated import CELL, DECLARED, TRUTH, record_of, touches_of
 from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.assessment.outcome import Recording
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.cell import Disc
-from scara_kinetostatic.model.noise import Noise
+from scara_kinetostatic.model.cell import Disc, Noise
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.drift import DriftMonitor

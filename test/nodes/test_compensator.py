@@ -26,10 +26,10 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 import scara_kinetostatic as sk
-from scara_kinetostatic.compensation.arm import CalibratedArm
-from scara_kinetostatic.compensation.online import OnlineArm
 from scara_kinetostatic.files.calibration_file import arm_document
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_CELL, Identification, Sensor
+from scara_kinetostatic.model.online import OnlineArm
 from scara_kinetostatic.nodes.compensator import Compensator
 from scara_kinetostatic.nodes.conversion import PlanarPose, Sample, joint_state, pose_bytes, wrench
 from scara_kinetostatic.nodes.diagnostics import WARN

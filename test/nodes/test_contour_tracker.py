@@ -25,8 +25,8 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 import scara_kinetostatic as sk
-from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.files.calibration_file import arm_document
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.nodes.contour_tracker import ContourTracker

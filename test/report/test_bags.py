@@ -10,9 +10,9 @@ import pytest
 import yaml
 
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
-from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.files.cell_file import load_cell
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, Parameters
 from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.simulation.sliding.outline import polygon

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.tip_uncertainty import NEARLY_STRETCHED
-from scara_kinetostatic.compensation.arm import CalibratedArm
-from scara_kinetostatic.compensation.predictions import Predictor
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.files.export.facts import ExportFacts
+from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.kinematics import inverse, wrap
 

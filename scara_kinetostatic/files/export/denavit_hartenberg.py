@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.files.export.facts import ExportFacts
+from scara_kinetostatic.model.arm import CalibratedArm
 
 CONVENTIONS = ('standard', 'modified')
 """Denavit and Hartenberg (1955), and Craig's."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from xml.sax.saxutils import escape, quoteattr
 
-from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.files.export.facts import RIGID, ExportFacts
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Arm, arm_urdf
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.parameters import UNITS
 
 ROBOT = 'scara'

@@ -9,8 +9,8 @@ import numpy as np
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.calibration.propagation import tip_under_force
-from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.errors import one_line
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import NAMES

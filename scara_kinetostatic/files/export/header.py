@@ -10,9 +10,9 @@ from pathlib import Path
 
 import jinja2
 
-from scara_kinetostatic.compensation.arm import CalibratedArm
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.export.facts import ExportFacts
+from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import GripperSign
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 

@@ -47,11 +47,11 @@ from scara_kinetostatic.calibration.identifiability import (
 from scara_kinetostatic.calibration.observations import Observations
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.contact_state import State
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection
 from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.model.touch_equations import State
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.sensors import in_sensor_frame
 from scara_kinetostatic.studies.design.robot import Robot as Robot

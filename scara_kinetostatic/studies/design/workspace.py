@@ -18,7 +18,7 @@ from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.derivatives import forward_by_parameters, inverse_kinetostatics_derivatives
+from scara_kinetostatic.model.kinetostatics import forward_by_parameters, inverse_kinetostatics_derivatives
 from scara_kinetostatic.simulation.plan import BASE_MARGIN, REACH_MARGIN
 from scara_kinetostatic.studies.design.prediction import Prediction, Robot
 

@@ -1,30 +1,186 @@
-"""Places of the tip and compensated joint angles of many poses, each with uncertainty and status; in chunks."""
+"""A calibrated arm in use: the tip under load (H̄) and the joint angles that compensate it (Ḡ), with uncertainty."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.compensation.arm import CalibratedArm
-from scara_kinetostatic.compensation.equilibrium import Equilibrium, joints_under_load, tip_under_load
-from scara_kinetostatic.compensation.loading import SIGN_KNOWN, Force, Law
-from scara_kinetostatic.compensation.uncertainty import (
-    Jacobian,
-    Spread,
-    Symmetric,
-    measurement_covariance,
-    tip_derivative,
-    with_dead_bands,
-)
-from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, read_only
+from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import posture as posture_of
+from scara_kinetostatic.model.kinematics import rotate
+from scara_kinetostatic.model.sensor_error import true_force
+from scara_kinetostatic.model.tip import (
+    SIGN_KNOWN,
+    Equilibrium,
+    Force,
+    Jacobian,
+    Law,
+    Spread,
+    Symmetric,
+    joints_under_load,
+    measurement_covariance,
+    tip_derivative,
+    tip_under_load,
+    with_dead_bands,
+)
+
+_UNFIT = 'the calibration is unfit for use; its calibration.json says why (assessment.reasons)'
+_OPEN = {
+    'ambiguous': 'effects that the touches do not distinguish: one is taken, the uncertainty does not cover the others',
+    'unexplained': 'the calibration has a model error of unknown cause; the uncertainty does not cover it',
+}
+"""What is to be known of a calibration by its verdict."""
+
+
+class UsedRange(NamedTuple):
+    """What the touches of a calibration cover: beyond it, the model is extrapolated.
+
+    Attributes:
+        lowest_force: smallest ‖F‖ of the touches used, N.
+        highest_force: largest, N.
+        duration: time from the first touch to the last, s.
+        postures: elbow postures that were touched, +1 left and -1 right.
+    """
+
+    lowest_force: float
+    highest_force: float
+    duration: float
+    postures: tuple[int, ...]
+
+
+class SensorErrors(NamedTuple):
+    """Errors of the force sensor that the calibration estimated within their declared uncertainty.
+
+    Attributes:
+        gain: relative; the sensor reports (1 + gain) times the force.
+        rotation: the sensor reports the force turned by this angle, rad.
+    """
+
+    gain: float = 0.0
+    rotation: float = 0.0
+
+
+class HasArm(Protocol):
+    """A result of a calibration."""
+
+    @property
+    def arm(self) -> CalibratedArm:
+        """What is needed of it to use it."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CalibratedArm:
+    """A calibrated arm, from a `Calibration`, or read from a file of it (`files.calibration_file`).
+
+    Attributes:
+        cell: what was known before; its `nominal` are the parameters of the nominal arm.
+        model: the calibrated model with the effects that were found.
+        covariance: of all values of the model, (12 + k, 12 + k), in the order of `model.names`: noise and all that was
+            declared; zero rows where fixed.
+        undetermined: directions of the values that the touches do not determine, each by its plausible range,
+            (12 + k, u).
+        noise: of one touch.
+        sensor: estimated errors of the force sensor.
+        used: what the touches cover.
+        grade: ``fit``, ``caution`` or ``unfit``; empty where it was not assessed.
+        verdict: whether the model is complete: ``none``, ``explained``, ``ambiguous`` or ``unexplained``; empty where
+            it was not examined.
+        created: when the calibration was calculated, UTC, as in `calibration.json`; empty where unknown.
+
+    Raises:
+        ParameterError: an array has another shape than the model asks for, or a number is not finite.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> arm = sk.CalibratedArm.of_outcome(sk.diagnose('touches.csv', cell))
+        >>> arm.grade, arm.verdict, arm.used.postures
+        ('fit', 'explained', (1, -1))
+        >>> sk.locate(arm, [0.8, 2.1], [-20.0, 0.0]).position.round(4)
+        array([[-0.0867,  0.3136]])
+    """
+
+    cell: Cell
+    model: ExtendedModel
+    covariance: Floats
+    undetermined: Floats
+    noise: Noise
+    sensor: SensorErrors
+    used: UsedRange
+    grade: str = ''
+    verdict: str = ''
+    created: str = ''
+
+    def __post_init__(self) -> None:
+        size = len(self.model.names)
+        for name, shape in (('covariance', (size, size)), ('undetermined', (size, self.undetermined.shape[-1]))):
+            array = getattr(self, name)
+            if array.shape != shape or not np.isfinite(array).all():
+                raise ParameterError(name, f'expected finite numbers of shape {shape}, got shape {array.shape}')
+            object.__setattr__(self, name, read_only(array))
+        self.noise.check()
+
+    def __repr__(self) -> str:
+        effects = ' '.join(effect.label for effect in self.model.effects) or 'none'
+        return f'<CalibratedArm: {self.grade or "not assessed"}, effects: {effects}>'
+
+    @classmethod
+    def of(cls, calibration: HasArm) -> CalibratedArm:
+        """That of a `Calibration`, which nobody has assessed."""
+        return calibration.arm
+
+    @classmethod
+    def of_outcome(cls, outcome: HasArm) -> CalibratedArm:
+        """That of the final calibration of an `Outcome`, with its assessment."""
+        return outcome.arm
+
+    @property
+    def reservations(self) -> tuple[str, ...]:
+        """What is to be known before the calibration is used, one sentence each: it is unfit, its model incomplete."""
+        found = (_UNFIT if self.grade == 'unfit' else '', _OPEN.get(self.verdict, ''))
+        return tuple(filter(None, found))
+
+    @property
+    def nominal(self) -> ExtendedModel:
+        """The nominal model, without effects."""
+        return ExtendedModel(self.cell.nominal)
+
+
+def force_on_object(
+    arm: CalibratedArm, reported: Floats, joints: Floats, metadata: TouchMetadata | None = None
+) -> Floats:
+    """F in the base frame, (n, 2), N; NaN where no true force gives what was reported.
+
+    Args:
+        arm: with the errors of its sensor: those within declared uncertainties, and effects.
+        reported: on the object, in the sensor's frame, (n, 2), N.
+        joints: Q, (n, 2), rad.
+        metadata: of the poses; None for nothing known.
+    """
+    turned = rotate(reported, np.full(len(reported), -arm.sensor.rotation)) / (1 + arm.sensor.gain)
+    force = true_force(arm.model, turned, metadata)
+    return force if arm.cell.sensor.frame is SensorFrame.BASE else rotate(force, _tool_angle(arm, joints))
+
+
+def in_sensor_frame(arm: CalibratedArm, force: Floats, joints: Floats) -> Floats:
+    """Forces (n, 2) in the base frame, in that of the sensor."""
+    return force if arm.cell.sensor.frame is SensorFrame.BASE else rotate(force, -_tool_angle(arm, joints))
+
+
+def _tool_angle(arm: CalibratedArm, joints: Floats) -> Floats:
+    """Angle of the tool frame, (n,), rad."""
+    p = arm.model.parameters
+    return np.asarray(joints.sum(axis=1) + p.theta1 + p.theta2)
+
 
 CHUNK = 4096
 """Poses that are worked out together: their derivatives fit into the cache."""
