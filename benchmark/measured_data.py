@@ -27,7 +27,7 @@ import numpy as np
 from markupsafe import Markup
 
 from benchmark.common import parser, save
-from scara_kinetostatic.files.csv_text import read_csv_text, split_rows
+from scara_kinetostatic.files.columns import load_table
 from scara_kinetostatic.model.arrays import Floats, Mask, rms
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
@@ -179,8 +179,8 @@ class Arm(NamedTuple):
 def planar_arm() -> Arm:
     """The arm, from the record itself: the torques are τ = z·(r × F + M), linear in the wrench with z and z × r."""
     path = FOLDER / LOADING
-    rows = split_rows(read_csv_text(path), str(path), 'time_s')
-    table = np.array([[float(cell) for cell in cells] for _, cells in rows.body])
+    rows = load_table(path, 'time_s')
+    table = np.array([[float(cell) for cell in cells] for _, cells in rows.rows])
     column = {name: table[:, place] for place, name in enumerate(rows.heading)}
     wrench = np.stack([column[name] for name in ('Fx_N', 'Fy_N', 'Fz_N', 'Mx_Nm', 'My_Nm', 'Mz_Nm')], axis=1)
     arms = []

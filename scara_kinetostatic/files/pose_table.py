@@ -2,14 +2,13 @@
 
 `compensate` reads `x_m, y_m, fx_N, fy_N` and optional `elbow` (``left`` or ``right``), `locate` reads
 `q1_rad, q2_rad, fx_N, fy_N`; both may have `time_s`, and `approach1, approach2`, as a table of touches. Other columns
-are handed on as they are, unless a result has their name; numbers that are read, with a decimal point. See `csv_text`
-for separators, decimal commas and encodings.
+are handed on as they are, unless a result has their name; numbers that are read, with a decimal point. See `columns`
+for headings, separators, decimal commas and encodings.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,28 +18,16 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import OutputError, RecordingError
 from scara_kinetostatic.files.atomic import write_texts
-from scara_kinetostatic.files.csv_text import (
-    CsvRows,
-    number_text,
-    plain,
-    raise_wrong_rows,
-    read_csv_text,
-    read_number,
-    split_rows,
-    too_many_cells,
-)
-from scara_kinetostatic.files.touch_table import quoted
+from scara_kinetostatic.files.columns import Column, load_table, one_of, plain, quoted
+from scara_kinetostatic.files.touch_table import APPROACH, FORCE, JOINTS, TIME
 from scara_kinetostatic.model.arrays import Floats
 
-POSES = ('x_m', 'y_m', 'fx_N', 'fy_N')
-STATES = ('q1_rad', 'q2_rad', 'fx_N', 'fy_N')
-ELBOW = 'elbow'
-OPTIONAL = ('time_s', 'approach1', 'approach2')
-_LARGEST = {'x_m': 100.0, 'y_m': 100.0, 'q1_rad': 30.0, 'q2_rad': 30.0, 'fx_N': 1e5, 'fy_N': 1e5, 'time_s': 1e12}
-"""Beyond this a number is not plausible in its unit."""
-_LARGEST_OTHER = 30.0
-_UNITS = {'m': 'lengths in m', 'rad': 'angles in rad', 'N': 'forces in N', 's': 'times in s'}
-_WORD = re.compile(r'[a-z]+[12]?', re.IGNORECASE)
+_PLACE = tuple(
+    Column(f'{axis}_m', (axis,), {'m': 1.0}, required=True, largest=100.0, hint='give lengths in m') for axis in 'xy'
+)
+POSES = (*_PLACE, *FORCE)
+STATES = (*JOINTS, *FORCE)
+_OPTIONAL = (Column('elbow', ('elbow',), parse=one_of({'left': 'left', 'right': 'right'})), TIME, *APPROACH)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +88,7 @@ def _text(value: object) -> str:
     return repr(value) if isinstance(value, float) else str(value)
 
 
-def load_pose_table(path: Path, needed: Sequence[str]) -> PoseTable:
+def load_pose_table(path: Path, needed: Sequence[Column]) -> PoseTable:
     """Read a table.
 
     Args:
@@ -111,103 +98,24 @@ def load_pose_table(path: Path, needed: Sequence[str]) -> PoseTable:
     Raises:
         RecordingError: the file cannot be read, or a column or a row of it is wrong.
     """
-    rows = split_rows(read_csv_text(path), str(path), ','.join(needed))
-    heading = tuple(cell.strip() for cell in rows.heading)
-    columns = _columns(heading, needed, str(path))
-    wrong: list[tuple[int, str]] = []
-    numbers, elbows = [], []
-    for line, cells in rows.body:
-        try:
-            numbers.append(_numbers(cells, heading, columns, rows.decimal_comma))
-            elbows.append(_elbow(cells, columns))
-        except ValueError as error:
-            wrong.append((line, str(error)))
-    raise_wrong_rows(str(path), wrong)
-    names = [name for name in columns if name != ELBOW]
-    values = {name: np.array([row[k] for row in numbers]) for k, name in enumerate(names)}
-    texts = _texts(rows, len(heading), {columns[name] for name in names})
-    kept = [place for place, name in enumerate(heading) if name or any(row[place].strip() for row in texts)]
+    table = load_table(path, ','.join(column.name for column in needed))
+    places = table.find((*needed, *_OPTIONAL))
+    if ('approach1' in places) != ('approach2' in places):
+        raise RecordingError(path, 'there is one of approach1 and approach2', 'give both, or none')
+    numbers, others = table.read(places)
+    width = len(table.heading)
+    texts = [[*cells[:width], *[''] * (width - len(cells))] for _, cells in table.rows]
+    for name in numbers:
+        for row in texts:
+            row[places[name].number] = plain(row[places[name].number]).replace(',', '.')
+    kept = [k for k, heading in enumerate(table.heading) if heading or any(row[k].strip() for row in texts)]
     return PoseTable(
         path,
-        values,
-        tuple(elbows) if ELBOW in columns else None,
-        tuple(heading[place] for place in kept),
-        tuple(tuple(row[place] for place in kept) for row in texts),
+        numbers,
+        tuple(others['elbow']) if 'elbow' in others else None,
+        tuple(table.heading[k] for k in kept),
+        tuple(tuple(row[k] for k in kept) for row in texts),
     )
-
-
-def _columns(heading: Sequence[str], needed: Sequence[str], where: str) -> dict[str, int]:
-    """Place of each column that is read, by name.
-
-    Raises:
-        RecordingError: one is missing, has another unit, or comes twice.
-    """
-    known = {name.lower(): name for name in (*needed, ELBOW, *OPTIONAL)}
-    columns: dict[str, int] = {}
-    for place, cell in enumerate(heading):
-        name = known.get(cell.lower())
-        if name in columns:
-            raise RecordingError(where, f'two columns of {name}', 'leave one out')
-        if name is not None:
-            columns[name] = place
-    for name in needed:
-        if name not in columns:
-            raise _missing(name, heading, needed, where)
-    if ('approach1' in columns) != ('approach2' in columns):
-        raise RecordingError(where, 'there is one of approach1 and approach2', 'give both, or none')
-    return columns
-
-
-def _missing(name: str, heading: Sequence[str], needed: Sequence[str], where: str) -> RecordingError:
-    word, _, unit = name.partition('_')
-    for cell in heading:
-        match = _WORD.match(cell)
-        if match and match[0].lower() == word.lower():
-            remedy = f'give {_UNITS[unit]}, and name it {name}'
-            return RecordingError(where, f'there is no column {name!r}, but {cell!r}', remedy)
-    got = ', '.join(cell for cell in heading if cell)
-    return RecordingError(where, f'there is no column {name!r}, got {got[:200]}', f'name them {",".join(needed)}')
-
-
-def _numbers(cells: Sequence[str], heading: Sequence[str], columns: Mapping[str, int], comma: bool) -> list[float]:
-    """The numbers of a row, in the order of `columns`.
-
-    Raises:
-        ValueError: one is missing or not plausible; the message names the column.
-    """
-    surplus = too_many_cells(cells, len(heading), comma)
-    if surplus:
-        raise ValueError(surplus)
-    found = []
-    for name, place in columns.items():
-        if name == ELBOW:
-            continue
-        try:
-            value = read_number(cells[place] if place < len(cells) else '', comma)
-        except ValueError as error:
-            raise ValueError(f'{name}: {error}') from error
-        most = _LARGEST.get(name, _LARGEST_OTHER)
-        if not abs(value) <= most:
-            unit = name.rpartition('_')[2]
-            hint = f' ({_UNITS[unit]})' if unit in _UNITS else ''
-            raise ValueError(f'{name}: expected at most {most:g} in size{hint}, got {value:g}')
-        found.append(value)
-    return found
-
-
-def _elbow(cells: Sequence[str], columns: Mapping[str, int]) -> str:
-    if ELBOW not in columns:
-        return ''
-    text = plain(cells[columns[ELBOW]]).lower() if columns[ELBOW] < len(cells) else ''
-    if text not in ('left', 'right'):
-        raise ValueError(f'{ELBOW}: expected left or right, got {text[:40]!r}')
-    return text
-
-
-def _texts(rows: CsvRows, width: int, numbers: Container[int]) -> list[list[str]]:
-    """The cells of all rows at the width of the heading, with those of the columns `numbers` as plain numbers."""
-    padded = [[*cells[:width], *[''] * (width - len(cells))] for _, cells in rows.body]
-    return [[number_text(text) if k in numbers else text for k, text in enumerate(row)] for row in padded]
 
 
 def check_output(path: Path, inputs: Sequence[Path]) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.files.touch_table import csv_lines, quoted
+from scara_kinetostatic.files.columns import csv_lines, quoted
 
 NAME = 'residuals.csv'
 

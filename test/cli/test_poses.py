@@ -114,8 +114,8 @@ def test_what_is_to_be_known_is_said(run: Run, result: Path) -> None:
     ('table', 'status', 'message'),
     [
         ('x_m,y_m,fx_N,fy_N\n9,9,0,0\n', 3, 'no pose is within reach'),
-        ('x_mm,y_mm,fx_N,fy_N\n300,200,0,0\n', 2, "there is no column 'x_m', but 'x_mm'; give lengths in m"),
-        ('x_m,y_m,fx_N,fy_N\n300,200,0,0\n', 2, 'line 2: x_m: expected at most 100 in size (lengths in m), got 300'),
+        ('x_mm,y_mm,fx_N,fy_N\n300,200,0,0\n', 2, "the column 'x_mm' has the unit 'mm'; convert it to x_m"),
+        ('x_m,y_m,fx_N,fy_N\n300,200,0,0\n', 2, 'line 2: x_m: 300 is too large to be plausible; give lengths in m'),
         ('x_m,y_m,fx_N,fy_N\n0.3,nan,0,0\n', 2, "line 2: y_m: expected a number, got 'nan'"),
         ('x_m,y_m,fx_N,fy_N\n0.3,0.2,0\n0.3,,0,0\n', 2, 'line 2: fy_N: expected a number, got nothing; also wrong'),
         ('x_m,y_m,fx_N,fy_N,elbow\n0.3,0.2,0,0,up\n', 2, 'elbow: expected left or right'),
