@@ -23,9 +23,8 @@ import numpy as np
 from benchmark.common import CELL as PAPER
 from benchmark.common import parser, save
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.contour.comparison import surfaces_of
 from scara_kinetostatic.contour.result import Contour
-from scara_kinetostatic.contour.trace import trace_contour
+from scara_kinetostatic.contour.trace import surfaces_of, trace_contour
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, rms

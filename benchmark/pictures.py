@@ -19,8 +19,7 @@ from benchmark.contour import CELL as CONTOUR_CELL
 from benchmark.contour import MOVED_DISC, OBJECTS, calibrated, slide_along
 from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.contour.comparison import surfaces_of
-from scara_kinetostatic.contour.trace import trace_contour
+from scara_kinetostatic.contour.trace import surfaces_of, trace_contour
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, NOMINAL_COLOUR
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL

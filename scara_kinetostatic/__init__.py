@@ -53,8 +53,8 @@ if TYPE_CHECKING:
     from scara_kinetostatic.bags.reader import read_streams as read_streams
     from scara_kinetostatic.calibration.calibrate import calibrate
     from scara_kinetostatic.calibration.result import Calibration
+    from scara_kinetostatic.contour.fits import fit_pieces as fit_pieces
     from scara_kinetostatic.contour.fits import fit_shape as fit_shape
-    from scara_kinetostatic.contour.pieces import fit_pieces as fit_pieces
     from scara_kinetostatic.contour.result import Contour
     from scara_kinetostatic.diagnosis.result import Diagnosis as Diagnosis
     from scara_kinetostatic.effects.base import Effect

@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
             written.
     """
     from scara_kinetostatic.files.checksum import check_different
-    from scara_kinetostatic.monitoring import comparison_report as report
+    from scara_kinetostatic.monitoring import report
     from scara_kinetostatic.monitoring.comparison import compare_records
     from scara_kinetostatic.monitoring.record import CalibrationRecord
     from scara_kinetostatic.render.json_file import json_text
@@ -52,6 +52,6 @@ def run(args: argparse.Namespace) -> int:
     check_different(args.calibrations)
     changes = compare_records([CalibrationRecord.load(path) for path in args.calibrations])
     document = report.comparison_document(changes)
-    files = {report.NAME: json_text(document), report.PAGE_NAME: report.comparison_page(changes)}
+    files = {'comparison.json': json_text(document), 'comparison.html': report.comparison_page(changes)}
     print_result(report.comparison_text(changes), document, args.json, args.out, files)
     return 0

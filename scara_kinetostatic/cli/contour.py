@@ -80,11 +80,11 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: the tip touches nothing, does not slide, or jumps.
     """
     from scara_kinetostatic.bags.reader import read_streams
-    from scara_kinetostatic.contour.files import CSV, DXF, SVG, csv_text, dxf_text, svg_text
+    from scara_kinetostatic.contour.result import CSV, DXF, SVG, csv_text, dxf_text, svg_text
     from scara_kinetostatic.contour.trace import trace_contour
     from scara_kinetostatic.files.calibration_file import load_calibration
     from scara_kinetostatic.files.cell_file import load_cell
-    from scara_kinetostatic.monitoring.same_robot import check_same_arm, check_same_recorded
+    from scara_kinetostatic.monitoring.record import check_same_arm, check_same_recorded
     from scara_kinetostatic.report import contour_page, contour_text
 
     arm = load_calibration(args.calibration)
@@ -110,8 +110,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _fits(contour: Contour, arm: CalibratedArm, shapes: tuple[str, ...]) -> tuple[list[ShapeFit], list[str]]:
     """The shapes through every outline, and why some are not possible."""
-    from scara_kinetostatic.contour.fits import fit_shape
-    from scara_kinetostatic.contour.pieces import fit_pieces
+    from scara_kinetostatic.contour.fits import fit_pieces, fit_shape
 
     fits: list[ShapeFit] = []
     failed = []

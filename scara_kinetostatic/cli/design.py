@@ -11,8 +11,8 @@ from scara_kinetostatic.cli.output import print_result, progress
 from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
-    from scara_kinetostatic.studies.design.result import Requirements
-    from scara_kinetostatic.studies.design.robot import Robot
+    from scara_kinetostatic.studies.design.optimal_design import Requirements
+    from scara_kinetostatic.studies.design.prediction import Robot
 
 DESCRIPTION = """\
 Predicts the uncertainty of a calibration before any touch is made: the standard
@@ -104,22 +104,19 @@ def run(args: argparse.Namespace) -> int:
     """
     robot = _robot(args)
     requirements = _requirements(args, robot)
-    from scara_kinetostatic.studies.design import page
-    from scara_kinetostatic.studies.design.document import design_document
     from scara_kinetostatic.studies.design.optimal_design import optimal_design
-    from scara_kinetostatic.studies.design.text import text
+    from scara_kinetostatic.studies.design.report import design_document, design_files, text
 
     with progress() as show_progress:
         design = optimal_design(robot, requirements, show_progress)
-        files = page.design_files(design) if args.out else {}
+        files = design_files(design) if args.out else {}
     print_result(text(design), design_document(design), args.json, args.out, files)
     return 0
 
 
 def _requirements(args: argparse.Namespace, robot: Robot) -> Requirements:
-    from scara_kinetostatic.studies.design.attainable import with_usual_accuracy
-    from scara_kinetostatic.studies.design.result import USUAL_ACCURACY, Requirements
-    from scara_kinetostatic.studies.design.workspace import Region
+    from scara_kinetostatic.studies.design.optimal_design import USUAL_ACCURACY, Requirements, with_usual_accuracy
+    from scara_kinetostatic.studies.design.prediction import Region
 
     for option, values in (('--region', args.region), ('--disc-radius', args.disc_radius)):
         for low, high in zip((values or [])[::2], (values or [])[1::2], strict=True):
@@ -144,7 +141,7 @@ def _requirements(args: argparse.Namespace, robot: Robot) -> Requirements:
 def _robot(args: argparse.Namespace) -> Robot:
     from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE
     from scara_kinetostatic.simulation.truth import truth_named
-    from scara_kinetostatic.studies.design.robot import Robot
+    from scara_kinetostatic.studies.design.prediction import Robot
 
     cell = cell_or_paper(args.cell)
     usual = cell.noise or TYPICAL_NOISE

@@ -101,9 +101,8 @@ def _numbers(args: argparse.Namespace) -> list[int]:
 
 def _show(args: argparse.Namespace) -> int:
     from scara_kinetostatic.files.atomic import write_texts
-    from scara_kinetostatic.monitoring import history_report as report
-    from scara_kinetostatic.monitoring.history import History
-    from scara_kinetostatic.monitoring.trend import trends_of
+    from scara_kinetostatic.monitoring import report
+    from scara_kinetostatic.monitoring.history import History, trends_of
 
     entries = History(args.file).entries(args.robot, replaced=args.all)
     if not entries:
@@ -111,6 +110,6 @@ def _show(args: argparse.Namespace) -> int:
     trends = trends_of(entries)
     print(report.history_text(trends))
     if args.action == 'page':
-        write_texts(args.out, {report.PAGE_NAME: report.history_page(trends)})
-        print(f'\nwritten: {args.out / report.PAGE_NAME}')
+        write_texts(args.out, {'history.html': report.history_page(trends)})
+        print(f'\nwritten: {args.out / "history.html"}')
     return 0

@@ -41,8 +41,7 @@ def run(args: argparse.Namespace) -> int:
     """
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.render.json_file import json_text
-    from scara_kinetostatic.studies.design.page import design_files
-    from scara_kinetostatic.studies.design.text import headline
+    from scara_kinetostatic.studies.design.report import design_files, headline
     from scara_kinetostatic.studies.paper import document, page
     from scara_kinetostatic.studies.paper.study import reproduce
 

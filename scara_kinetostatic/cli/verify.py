@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.assessment.grade import Grade
     from scara_kinetostatic.files.cell_file import load_cell
     from scara_kinetostatic.files.checksum import check_different
-    from scara_kinetostatic.monitoring import verification_report as report
+    from scara_kinetostatic.monitoring import report
     from scara_kinetostatic.monitoring.record import CalibrationRecord
     from scara_kinetostatic.monitoring.verification import verify_recordings
     from scara_kinetostatic.render.json_file import json_text
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     cell = load_cell(args.cell) if args.cell else None
     found = verify_recordings(args.bags, record, cell)
     document = report.verification_document(found)
-    files = {report.NAME: json_text(document), report.PAGE_NAME: report.verification_page(found)}
+    files = {'verification.json': json_text(document), 'verification.html': report.verification_page(found)}
     print_result(report.verification_text(found), document, args.json, args.out, files)
     if args.strict and found.assessment.grade is Grade.UNFIT:
         raise UnsupportedDataError(found.assessment.headline, f'the results are written to {args.out} all the same')

@@ -1,6 +1,31 @@
-"""Circle, arc and line through the surface points of an outline, with residuals and uncertainty.
+"""Standard uncertainties of the parameters of a shape through measured points.
+
+With e = A a for the residuals e along the normal and the parameters a, the covariance of a has three parts:
+
+- by the calibration, A⁺ D Σ Dᵀ A⁺ᵀ, common to all points;
+- by noise that changes along the slide, τ σ² (AᵀA)⁻¹ with σ the noise of a point and τ the number of neighbouring
+  points whose errors are alike, from the correlation of the residuals along the passes;
+- by noise that changes more slowly. The noise of a touch is a repeatability: how fast it changes along a slide is not
+  known. The part κ of it that the residuals do not show, 1 - rms(e)² / mean(σ²), may be constant or change as slowly as
+  the shape does, which then takes it up: κ Σ A⁺ (b bᵀ ∘ R) A⁺ᵀ over the measured quantities, with b the change of the
+  points by one standard deviation and R = exp(-(Δt / T)² / 2), T the one of `_SLOW` for which it is largest.
+
+Circle, arc and line through the surface points of an outline, with residuals and uncertainty.
 
 The residual e of a point is its distance along the normal; least squares over the parameters a, e = A a.
+
+An outline split into straight lines and arcs of circles, each fitted on its own.
+
+The nodes of the outline, in their order, are divided so that
+
+    Σ over pieces (λ + Σ (e / (m u))²)
+
+is least, with e the distance of a node from the line or the circle of its piece, u its standard uncertainty, m the
+`TOLERANCE` and λ the penalty of a piece. The least sum for the first k nodes follows from those for fewer nodes
+(dynamic programming, Bellman 1961); the sums of a stretch are differences of cumulative moments, about its own mean,
+for a circle with the algebraic distance (‖p - c‖² - R²) / (2 R) (Kåsa 1976). The division says which points belong
+together; the shapes and their uncertainties are those of `fits` through these points, without those close to the
+ends of a piece, which may belong to the next.
 """
 
 from __future__ import annotations
@@ -10,12 +35,74 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.contour.fit_uncertainty import parameter_stds
 from scara_kinetostatic.contour.joining import Outline
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.arm import CalibratedArm
-from scara_kinetostatic.model.arrays import Floats, Mask, rms
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, rms
+from scara_kinetostatic.model.tip import DEPENDS
+
+_SLOW = (0.25, 0.5, 1.0, np.inf)
+"""Times over which errors that residuals do not show may change, as parts of the time of the points."""
+_GROUPS = 100
+"""Groups of neighbouring points for which these are worked out."""
+
+
+def parameter_stds(contour: Contour, arm: CalibratedArm, points: Mask, design: Floats, residual: Floats) -> Floats:
+    """Standard uncertainties of the parameters of a fit with a design matrix, (k,); NaN where one is not determined."""
+    inverse = np.linalg.pinv(design)
+    by_model = inverse @ contour.by_model[points]
+    systematic = np.einsum('ij,jk,ik->i', by_model, arm.covariance, by_model)
+    free = ((by_model @ arm.undetermined) ** 2).sum(axis=1)
+    systematic[free > DEPENDS**2 * systematic] = np.nan
+    common = arm.cell.uncertainty.radius * inverse.sum(axis=1)
+    slow = _slow_noise(np.asarray(inverse, dtype=np.float64), contour, points, residual)
+    alike = _correlated_points(residual, contour.passes[points])
+    changing = alike * np.einsum('ij,j,ij->i', inverse, contour.std_noise[points] ** 2, inverse)
+    return np.asarray(np.sqrt(systematic + common**2 + changing + slow))
+
+
+def _slow_noise(inverse: Floats, contour: Contour, points: Mask, residual: Floats) -> Floats:
+    """Variances of the parameters by the noise that residuals do not show, (k,)."""
+    by_noise, std, time = contour.by_noise[points], contour.std_noise[points], contour.time[points]
+    hidden = min(max(1.0 - rms(residual) ** 2 / max(float((std**2).mean()), 1e-30), 0.0), 1.0)
+    size = np.maximum(np.linalg.norm(by_noise, axis=1), 1e-30)
+    loading = by_noise * (std / size)[:, None]
+    group = np.arange(len(time)) * min(_GROUPS, len(time)) // len(time)
+    count = np.bincount(group)
+    terms = (inverse.T[:, :, None] * loading[:, None, :]).reshape(len(time), -1)
+    sums = np.add.reduceat(terms, np.searchsorted(group, np.arange(len(count))))
+    sums = sums.reshape(len(count), len(inverse), -1)
+    middle = np.bincount(group, time) / count
+    lag = (middle[:, None] - middle) / max(float(np.ptp(time)), 1e-9)
+    alike = [np.exp(-0.5 * (lag / part) ** 2) for part in _SLOW]
+    variances = [np.einsum('gkc,gh,hkc->k', sums, matrix, sums) for matrix in alike]
+    return np.asarray(hidden * np.max(variances, axis=0))
+
+
+def _correlated_points(residual: Floats, passes: Indices) -> float:
+    """1 + 2 Σ ρ_k over the lags up to the first whose correlation ρ_k is not above 0, at least 1."""
+    total, square = np.zeros(0), 0.0
+    for number in np.unique(passes):
+        part = residual[passes == number]
+        lags = np.correlate(part, part, 'full')[len(part) - 1 :] if len(part) < 4000 else _by_fft(part)
+        size = max(len(total), len(lags))
+        total = np.pad(total, (0, size - len(total))) + np.pad(lags, (0, size - len(lags)))
+        square += float(lags[0])
+    if not square > 0:
+        return 1.0
+    correlation = total[1:] / square
+    negative = np.flatnonzero(correlation <= 0)
+    end = int(negative[0]) if len(negative) else len(correlation)
+    return float(1.0 + 2.0 * correlation[:end].sum())
+
+
+def _by_fft(values: Floats) -> Floats:
+    """Sums of products of values a lag apart, for every lag."""
+    size = 2 ** int(np.ceil(np.log2(2 * len(values))))
+    spectrum = np.abs(np.fft.rfft(values, size)) ** 2
+    return np.asarray(np.fft.irfft(spectrum, size)[: len(values)])
+
 
 FEWEST_POINTS = 10
 LARGEST_MISFIT = 3.0
@@ -241,3 +328,161 @@ SHAPES: dict[str, Callable[[Contour, CalibratedArm, Mask, int], ShapeFit]] = {
     'line': _line,
 }
 """The fits by name."""
+
+
+TOLERANCE = 3.0
+"""m: nodes are on a shape where they are no farther from it than this many standard uncertainties."""
+LINE_PENALTY, ARC_PENALTY = 30.0, 40.0
+"""λ: an arc has one value more, and every line is nearly an arc, too."""
+FEWEST_NODES = 4
+"""Of a piece."""
+MOST_NODES = 500
+"""Of an outline; where it has more, several are taken as one."""
+_LARGEST_RADIUS = 10.0
+"""A circle of a larger radius, m, is a line."""
+_MARGIN, _MARGIN_PART = 1.5e-3, 0.2
+"""Left out at both ends of a piece, m, but at most this part of its length."""
+_UNKNOWN_STD, _LEAST_STD = 1e-5, 1e-6
+"""Standard uncertainty of a node where none is known, and the least that is taken, m."""
+_CHUNK = 512
+_NORMALS = 5e-3
+"""Points with opposite normals are taken to be farther apart by twice this length, m."""
+
+
+class Piece(NamedTuple):
+    """Some of the nodes of an outline, one after the other.
+
+    Attributes:
+        nodes: their numbers, in the order along the outline.
+        is_arc: whether they are on an arc rather than on a line.
+    """
+
+    nodes: Indices
+    is_arc: bool
+
+
+def fit_pieces(contour: Contour, arm: CalibratedArm, outline: int = 0) -> tuple[ShapeFit, ...]:
+    """The lines and arcs that make one outline.
+
+    Args:
+        contour: the measured surface.
+        arm: the calibrated arm of the contour.
+        outline: number of the outline, 0 for the longest.
+
+    Returns:
+        For each piece in its order along the outline, the object on the left, a fit ``line``, ``arc`` or, where the
+        whole outline is one, ``circle``, with its number `piece`. Length and ends are those of the whole piece, the
+        other values and the residuals those of its points away from the ends. Pieces with too few points are left out.
+
+    Raises:
+        ParameterError: there is no such outline.
+    """
+    made, points = outline_of(contour, outline), np.flatnonzero(points_of(contour, outline))
+    pieces = divided(made)
+    label = np.full(len(made.points), -1)
+    for number, piece in enumerate(pieces):
+        label[_core(piece, made) if len(pieces) > 1 else piece.nodes] = number
+    owner = label[_nearest_nodes(contour, points, made)]
+    fits = []
+    for number, piece in enumerate(pieces):
+        own = np.isin(np.arange(len(contour)), points[owner == number])
+        if own.sum() >= FEWEST_POINTS:
+            shape = ('circle' if made.closed and len(pieces) == 1 else 'arc') if piece.is_arc else 'line'
+            fits.append(_of_whole(fit_points(contour, arm, own, shape, outline), made.points[piece.nodes], number))
+    return tuple(fits)
+
+
+def _of_whole(fit: ShapeFit, nodes: Floats, number: int) -> ShapeFit:
+    """The fit with the length or the ends of the whole piece."""
+    if fit.shape == 'line':
+        angle = fit.value('normal_angle').value
+        known = {'length': float(np.ptp(nodes @ np.array([-np.sin(angle), np.cos(angle)])))}
+    elif fit.shape == 'arc':
+        offset = nodes - (fit.value('center_x').value, fit.value('center_y').value)
+        known = dict(zip(('begin', 'end'), extent(np.arctan2(offset[:, 1], offset[:, 0])), strict=True))
+    else:
+        known = {}
+    values = tuple(item._replace(value=known.get(item.name, item.value)) for item in fit.values)
+    return fit._replace(values=values, piece=number)
+
+
+def _core(piece: Piece, outline: Outline) -> Indices:
+    """The nodes of a piece without those close to its ends."""
+    step = np.hypot(*np.diff(outline.points[piece.nodes], axis=0).T)
+    along = np.append(0.0, np.cumsum(step))
+    margin = min(_MARGIN, _MARGIN_PART * float(along[-1]))
+    return piece.nodes[(along >= margin) & (along <= along[-1] - margin)]
+
+
+def _nearest_nodes(contour: Contour, points: Indices, outline: Outline) -> Indices:
+    """The node nearest to each point, with a like normal."""
+    nodes = np.column_stack([outline.points, _NORMALS * outline.normals])
+    wanted = np.column_stack([contour.surface[points], _NORMALS * contour.normal[points]])
+    square, found = (nodes**2).sum(axis=1), []
+    for first in range(0, len(wanted), _CHUNK):
+        found.append((square - 2.0 * wanted[first : first + _CHUNK] @ nodes.T).argmin(axis=1))
+    return np.concatenate(found)
+
+
+def divided(outline: Outline) -> tuple[Piece, ...]:
+    """The division of an outline into lines and arcs; of a closed one, it begins at an end of a piece."""
+    count = len(outline.points)
+    group = np.arange(count) * min(MOST_NODES, count) // count
+    size = np.bincount(group).astype(np.float64)
+    points = np.column_stack([np.bincount(group, column) / size for column in outline.points.T])
+    std = np.bincount(group, np.nan_to_num(outline.std, nan=_UNKNOWN_STD)) / size
+    pieces, shift = _division(points, std), 0
+    if outline.closed and len(pieces) > 1:
+        shift = pieces[len(pieces) // 2][0]
+        pieces = _division(np.roll(points, -shift, axis=0), np.roll(std, -shift))
+    order = np.roll(np.arange(len(points)), -shift)
+    starts, stops = np.searchsorted(group, np.arange(len(points))), np.cumsum(size).astype(np.intp)
+    nodes = [np.arange(starts[k], stops[k]) for k in order]
+    return tuple(Piece(np.concatenate(nodes[begin:end]), is_arc) for begin, end, is_arc in pieces)
+
+
+def _division(points: Floats, std: Floats) -> list[tuple[int, int, bool]]:
+    """The pieces of an open line of nodes: first node, the one after the last, whether it is an arc."""
+    count = len(points)
+    moments = _cumulative_moments(points - points.mean(axis=0), std)
+    least = np.concatenate([[0.0], np.full(count, np.inf)])
+    begin, is_arc = np.zeros(count + 1, dtype=np.intp), np.zeros(count + 1, dtype=bool)
+    for end in range(min(FEWEST_NODES, count), count + 1):
+        starts = np.arange(max(end - FEWEST_NODES, 0) + 1)
+        line, arc = _misfits(moments[end] - moments[starts])
+        penalty = np.minimum(line + LINE_PENALTY, arc + ARC_PENALTY) + least[starts]
+        begin[end] = best = int(penalty.argmin())
+        least[end], is_arc[end] = penalty[best], arc[best] + ARC_PENALTY < line[best] + LINE_PENALTY
+    pieces, end = [], count
+    while end:
+        pieces.append((int(begin[end]), end, bool(is_arc[end])))
+        end = int(begin[end])
+    return pieces[::-1]
+
+
+def _cumulative_moments(points: Floats, std: Floats) -> Floats:
+    """Sums of w (1, x, y, x², x y, y², z, x z, y z, z²) over the first k nodes, z = x² + y²: (n + 1, 10)."""
+    x, y = points.T
+    z, weight = x * x + y * y, (TOLERANCE * np.maximum(std, _LEAST_STD)) ** -2
+    terms = weight[:, None] * np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y, z, x * z, y * z, z * z])
+    return np.concatenate([np.zeros((1, 10)), np.cumsum(terms, axis=0)])
+
+
+def _misfits(moments: Floats) -> tuple[Floats, Floats]:
+    """Sums of (e / (m u))² about the best line and the best circle of stretches, (k,) each, from moments, (k, 10)."""
+    w, sx, sy, xx, xy, yy, sz, xz, yz, zz = moments.T
+    x, y = sx / w, sy / w
+    uu, uv, vv = xx - x * sx, xy - x * sy, yy - y * sy  # about the mean from here on
+    k = x * x + y * y
+    uz = (xz - x * sz) - 2 * x * uu - 2 * y * uv
+    vz = (yz - y * sz) - 2 * x * uv - 2 * y * vv
+    square = zz + 4 * (x * x * xx + y * y * yy + 2 * x * y * xy) + k * k * w
+    square += 2 * k * sz - 4 * (x * xz + y * yz) - 4 * k * (x * sx + y * sy)
+    line = np.maximum((uu + vv) / 2 - np.hypot((uu - vv) / 2, uv), 0.0)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        scale = 1.0 / (uu * vv - uv * uv)
+        a, b, c = scale * (vv * uz - uv * vz), scale * (uu * vz - uv * uz), (uu + vv) / w
+        radius = c + (a * a + b * b) / 4
+        arc = np.maximum(square - a * uz - b * vz - c * (uu + vv), 0.0) / (4 * radius)
+        arc = np.where(np.isfinite(arc) & (radius < _LARGEST_RADIUS**2), arc, np.inf)
+    return line, arc

@@ -1,15 +1,87 @@
-"""A measured contour: points of the surface with their normals and uncertainties, and the outlines that they make."""
+"""Contact friction of a slide: the angle from the normal of the surface to the force, in the direction of travel.
+
+With Coulomb friction the tip pushes the object along its travel with μ N, so that the angle is atan μ whatever the
+direction. A force sensor that is turned by ρ, counter-clockwise, adds ρ where travel is clockwise about the object, -ρ
+else: travel in both directions separates the two, travel in one direction does not.
+
+A measured contour: points of the surface with their normals and uncertainties, and the outlines that they make.
+
+What is to be known of a contour: poses beyond the calibration, uncertainties that are not known, assumptions.
+
+The files of a contour: `contour.csv`, `contour.svg`, `contour.dxf`.
+
+The CSV holds every point in the order of time, the drawings hold the passes joined to outlines. A DXF of release 12
+with POLYLINE entities is read by every CAD program; it has no entry for the unit, which is the millimetre here, as in
+the SVG.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.contour.friction import Friction
 from scara_kinetostatic.contour.joining import Outline, Stretch, join_passes
+from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
+from scara_kinetostatic.model.kinematics import posture
+from scara_kinetostatic.touches.signals import runs
+
+
+class Friction(NamedTuple):
+    """What the forces of a slide say of friction.
+
+    Attributes:
+        coefficient: μ; NaN where nothing is known.
+        std: its standard uncertainty.
+        rotation: apparent rotation of the force sensor, rad; NaN where travel is in one direction only.
+        rotation_std: its standard uncertainty, rad.
+        both_directions: whether there is travel in both directions about the object.
+    """
+
+    coefficient: float
+    std: float
+    rotation: float
+    rotation_std: float
+    both_directions: bool
+
+
+def off_normal_angle(force: Floats, normal: Floats, along: Floats) -> Floats:
+    """Angle from the inward normal to the force, positive towards the direction of travel, (n,), rad."""
+    return np.asarray(np.arctan2((force * along).sum(axis=1), -(force * normal).sum(axis=1)))
+
+
+def estimate_friction(
+    force: Floats, normal: Floats, along: Floats, passes: Indices, angle_std: float, sensor_std: float
+) -> Friction:
+    """The coefficient of friction and, if possible, the rotation of the force sensor.
+
+    Args:
+        force: F on the object, (n, 2), N.
+        normal: outward, (n, 2).
+        along: direction of travel, (n, 2).
+        passes: number of the pass, (n,).
+        angle_std: standard deviation of the angle of the force in one pass, by its noise, rad.
+        sensor_std: declared standard uncertainty of the rotation of the sensor, rad.
+    """
+    angle = off_normal_angle(force, normal, along)
+    sense = np.sign(normal[:, 0] * along[:, 1] - normal[:, 1] * along[:, 0])
+    means: dict[int, list[float]] = {1: [], -1: []}
+    for number in np.unique(passes):
+        here = passes == number
+        means[1 if sense[here].sum() > 0 else -1].append(float(np.median(angle[here])))
+    stds = {way: angle_std / np.sqrt(len(found)) for way, found in means.items() if found}
+    if len(stds) == 2:
+        ahead, back = (float(np.mean(means[way])) for way in (1, -1))
+        std = 0.5 * float(np.hypot(stds[1], stds[-1]))
+        turn = 0.5 * (ahead + back)
+        return Friction(float(np.tan(turn)), std / np.cos(turn) ** 2, 0.5 * (back - ahead), std, True)
+    ((way, std),) = stds.items()
+    turn = float(np.mean(means[way]))
+    return Friction(float(np.tan(turn)), float(np.hypot(std, sensor_std)) / np.cos(turn) ** 2, np.nan, np.nan, False)
 
 
 @dataclass(frozen=True)
@@ -89,3 +161,209 @@ class Contour:
     def outlines(self) -> tuple[Outline, ...]:
         """The passes joined, the longest first."""
         return join_passes([self.stretch(self.passes == k) for k in range(int(self.passes.max()) + 1)])
+
+
+NO_RADIUS = (
+    'the cell description states no radius of the tip (tip: {radius: …}): the outline is that of the centre of the '
+    'tip, not of the surface'
+)
+_LIGHTEST = 0.5
+"""A force below this part of the lightest touch is beyond those of the calibration."""
+FARTHEST_APART = 1e-3
+"""Points that are farther apart, m, leave gaps that are worth a remark."""
+_BACKWARD = 1e-3
+"""A surface that goes backward by more, m, and by more than `_BACKWARD_PART` of the tip's radius, is none."""
+_BACKWARD_PART = 0.2
+_LAG = 1e-3
+"""Over so much of the path, m, a motion backward is looked for: less is noise."""
+_MOST_FRICTION = 1.0
+"""A larger coefficient of friction is doubtful."""
+_SOME = 0.05
+"""So few points beyond the calibration are not worth a remark, as a part of all."""
+
+
+def remarks_on(contour: Contour, arm: CalibratedArm) -> tuple[str, ...]:
+    """The remarks, one sentence each; empty if there is nothing to be known."""
+    assumed = Predictor(arm).assumptions
+    found = (
+        _force_beyond(contour, arm),
+        _elbow_beyond(contour, arm),
+        _unknown(contour),
+        _far_apart(contour),
+        _backward(contour),
+        _inner_corners(contour),
+        _friction(contour),
+        f'taken, as no recording says it: {assumed}' if assumed else '',
+        *arm.reservations,
+    )
+    return tuple(filter(None, found))
+
+
+def _force_beyond(contour: Contour, arm: CalibratedArm) -> str:
+    size, used = np.hypot(*contour.force.T), arm.used
+    beyond = float(np.mean((size < _LIGHTEST * used.lowest_force) | (size > 1.1 * used.highest_force)))
+    if beyond <= _SOME:
+        return ''
+    return (
+        f'{_percent(beyond)} of the points have a force outside of that of the calibration, '
+        f'{used.lowest_force:.0f} to {used.highest_force:.0f} N: there the model is extrapolated'
+    )
+
+
+def _elbow_beyond(contour: Contour, arm: CalibratedArm) -> str:
+    beyond = float(np.mean(~np.isin(posture(arm.model.parameters, contour.joints), arm.used.postures)))
+    if not beyond:
+        return ''
+    return f'{_percent(beyond)} of the points have an elbow posture without a touch of the calibration'
+
+
+def _unknown(contour: Contour) -> str:
+    unknown = float(np.mean(np.isnan(contour.std_normal)))
+    if not unknown:
+        return ''
+    return (
+        f'{_percent(unknown)} of the points have no stated uncertainty: the touches of the calibration do not '
+        'determine the place of the tip there'
+    )
+
+
+def _far_apart(contour: Contour) -> str:
+    same = np.diff(contour.passes) == 0
+    step = np.hypot(*np.diff(contour.surface, axis=0).T)[same]
+    usual = float(np.median(step)) if len(step) else 0.0
+    if usual <= FARTHEST_APART:
+        return ''
+    return (
+        f'the points are {1e3 * usual:.1f} mm apart: what lies between is not seen, and edges are cut off; slide '
+        'slower or record joint states at a higher rate'
+    )
+
+
+def _backward(contour: Contour) -> str:
+    """That the tip is said to be larger than the radius of its path about the object allows."""
+    worst = max((_motion_backward(contour, k) for k in range(int(contour.passes.max()) + 1)), default=0.0)
+    if worst <= max(_BACKWARD, _BACKWARD_PART * contour.tip_radius):
+        return ''
+    return (
+        f'the surface runs backward by {1e3 * worst:.1f} mm: the tip goes round the object in a narrower curve than a '
+        f'tip of {1e3 * contour.tip_radius:.3g} mm can; check its radius'
+    )
+
+
+def _motion_backward(contour: Contour, number: int) -> float:
+    """How far the surface of a pass runs against the motion of the tip's centre, in all, m."""
+    here = np.flatnonzero(contour.passes == number)
+    tip, surface = contour.tip[here], contour.surface[here]
+    travelled = np.append(0.0, np.cumsum(np.hypot(*np.diff(tip, axis=0).T)))
+    marks = np.unique(np.searchsorted(travelled, np.arange(0.0, travelled[-1], _LAG)))
+    way = np.diff(tip[marks], axis=0)
+    ahead = (np.diff(surface[marks], axis=0) * way).sum(axis=1) / np.maximum(np.hypot(*way.T), 1e-12)
+    return float(-np.minimum(ahead, 0.0).sum())
+
+
+def _inner_corners(contour: Contour) -> str:
+    begins, _ = runs(contour.inner_corner)
+    if not len(begins):
+        return ''
+    where = 'an inner corner' if len(begins) == 1 else f'{len(begins)} inner corners'
+    return f'{where} hardly wider than the tip: there the outline has the radius of the tip, the object may be sharper'
+
+
+def _friction(contour: Contour) -> str:
+    found = contour.friction.coefficient
+    if not found > _MOST_FRICTION:
+        return ''
+    return (
+        f'a coefficient of friction of {found:.2g} is hardly one of a tip on metal: check frame and sign of the sensor'
+    )
+
+
+def _percent(part: float) -> str:
+    return f'{100 * part:.0f} %' if part >= 0.01 else 'less than 1 %'
+
+
+CSV, SVG, DXF = 'contour.csv', 'contour.svg', 'contour.dxf'
+COLUMNS = ('time_s', 'x_m', 'y_m', 'nx', 'ny', 'std_normal_m', 'force_N')
+LAYER = 'CONTOUR'
+_MILLI = 1e3
+_FRAME = 0.05
+"""Blank border of the SVG, as a part of the larger side."""
+
+
+def csv_text(contour: Contour) -> str:
+    """The points of the surface in the order of time."""
+    size = np.hypot(*contour.force.T)
+    columns = (contour.time, *contour.surface.T, *contour.normal.T, contour.std_normal, size)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    lines = (f'{t:.6f},{x:.9f},{y:.9f},{nx:.6f},{ny:.6f},{std:.3e},{force:.4f}' for t, x, y, nx, ny, std, force in rows)
+    return '\n'.join((','.join(COLUMNS), *lines)) + '\n'
+
+
+def svg_text(outlines: Iterable[Outline]) -> str:
+    """The outlines in millimetres, y upwards; printed in their size."""
+    outlines = tuple(outlines)
+    points = _MILLI * np.concatenate([outline.points for outline in outlines])
+    low, high = points.min(axis=0), points.max(axis=0)
+    frame = _FRAME * float((high - low).max()) or 1.0
+    width, height = high - low + 2 * frame
+    corner = (low[0] - frame, high[1] + frame)
+    paths = [f'<path d="{_path(_MILLI * outline.points, corner, outline.closed)}"/>' for outline in outlines]
+    return '\n'.join(
+        (
+            '<?xml version="1.0" encoding="UTF-8"?>',
+            f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.4f}mm" height="{height:.4f}mm" '
+            f'viewBox="0 0 {width:.4f} {height:.4f}">',
+            f'<desc>Contour in millimetres; the upper left corner is at x = {corner[0]:.4f}, y = {corner[1]:.4f} in '
+            'the base frame, y upwards.</desc>',
+            f'<g fill="none" stroke="#000000" stroke-width="{max(width, height) / 500:.4f}" stroke-linejoin="round">',
+            *paths,
+            '</g>',
+            '</svg>',
+            '',
+        )
+    )
+
+
+def _path(points: Floats, corner: tuple[float, float], closed: bool) -> str:
+    pairs = (f'{x - corner[0]:.4f} {corner[1] - y:.4f}' for x, y in points.tolist())
+    return 'M' + ' L'.join(pairs) + (' Z' if closed else '')
+
+
+def dxf_text(outlines: Iterable[Outline]) -> str:
+    """The outlines as polylines of a DXF file, release 12, in millimetres."""
+    outlines = tuple(outlines)
+    points = _MILLI * np.concatenate([outline.points for outline in outlines])
+    pairs = [(999, 'contour in millimetres, base frame of the robot')]
+    pairs += [*_section('HEADER', _header(points)), *_section('TABLES', _layers())]
+    pairs += _section('ENTITIES', (pair for outline in outlines for pair in _polyline(outline)))
+    pairs.append((0, 'EOF'))
+    return ''.join(f'{code:3d}\n{value}\n' for code, value in pairs)
+
+
+_Pair = tuple[int, str]
+"""A group of a DXF: its code and its value."""
+
+
+def _section(name: str, content: Iterable[_Pair]) -> list[_Pair]:
+    return [(0, 'SECTION'), (2, name), *content, (0, 'ENDSEC')]
+
+
+def _header(points: Floats) -> Iterator[_Pair]:
+    yield from ((9, '$ACADVER'), (1, 'AC1009'))
+    for name, (x, y) in (('$EXTMIN', points.min(axis=0)), ('$EXTMAX', points.max(axis=0))):
+        yield from ((9, name), (10, f'{x:.6f}'), (20, f'{y:.6f}'), (30, '0.0'))
+
+
+def _layers() -> Iterator[_Pair]:
+    yield from ((0, 'TABLE'), (2, 'LTYPE'), (70, '1'), (0, 'LTYPE'), (2, 'CONTINUOUS'), (70, '0'))
+    yield from ((3, 'Solid line'), (72, '65'), (73, '0'), (40, '0.0'), (0, 'ENDTAB'))
+    yield from ((0, 'TABLE'), (2, 'LAYER'), (70, '1'), (0, 'LAYER'), (2, LAYER), (70, '0'), (62, '7'))
+    yield from ((6, 'CONTINUOUS'), (0, 'ENDTAB'))
+
+
+def _polyline(outline: Outline) -> Iterator[_Pair]:
+    yield from ((0, 'POLYLINE'), (8, LAYER), (66, '1'), (70, '1' if outline.closed else '0'))
+    yield from ((10, '0.0'), (20, '0.0'), (30, '0.0'))
+    for x, y in (_MILLI * outline.points).tolist():
+        yield from ((0, 'VERTEX'), (8, LAYER), (10, f'{x:.6f}'), (20, f'{y:.6f}'), (30, '0.0'))
+    yield from ((0, 'SEQEND'), (8, LAYER))

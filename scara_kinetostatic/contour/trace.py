@@ -1,4 +1,6 @@
-"""From a recording of slides to the outline of the surface.
+"""The centre of the tip in contact, by H̄ of a calibrated arm, with what its place depends on.
+
+From a recording of slides to the outline of the surface.
 
 The centre of the tip is at S = H̄(Q, F) of the calibrated arm, and moves along the surface at the distance of the tip's
 radius r: the normal n of its path is that of the surface, and the surface is at P = S - r n. So friction, which turns
@@ -11,6 +13,10 @@ An error along the surface by the noise of joint angles and force counts there i
 The standard uncertainty of P along n has three parts: the calibration's, nᵀ D Σ Dᵀ n with D = ∂S/∂L̄; the noise of a
 touch, which does not average out along a slide, to which that of the smoothed force is added, and the white noise of
 the places; that of the normal and the tip's radius.
+
+The same slide seen with less of the model: what the calibration and the compensation of the deflection are worth.
+
+The joint angles, the normals and the radius of the tip are the same; what differs is the place of the tip's centre.
 """
 
 from __future__ import annotations
@@ -21,18 +27,100 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.contour.contact import LONGEST_SMOOTHING, ContactSamples, contact_samples
-from scara_kinetostatic.contour.friction import estimate_friction, off_normal_angle
 from scara_kinetostatic.contour.path import direction_along, moving, passes_of, speed_of
-from scara_kinetostatic.contour.remarks import NO_RADIUS, remarks_on
-from scara_kinetostatic.contour.result import Contour
-from scara_kinetostatic.contour.tip import TipPlaces, measured_force, tip_places
+from scara_kinetostatic.contour.result import NO_RADIUS, Contour, estimate_friction, off_normal_angle, remarks_on
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.arm import CalibratedArm, Predictor, force_on_object
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.model.cell import Sensor
-from scara_kinetostatic.model.kinematics import quarter_turn
+from scara_kinetostatic.model.cell import Sensor, SensorSign
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.kinematics import forward, posture, quarter_turn
+from scara_kinetostatic.model.online import motion_senses
+from scara_kinetostatic.model.tip import (
+    Force,
+    Jacobian,
+    Spread,
+    band_covariance,
+    by_noise,
+    measurement_covariance,
+    tip_derivative,
+    tip_under_load,
+    with_dead_bands,
+)
 from scara_kinetostatic.touches.signals import Signals, as_signals, moving_mean
 from scara_kinetostatic.touches.streams import Streams
+
+
+def measured_force(arm: CalibratedArm, sensor: Sensor, joints: Floats, reported: Floats) -> Floats:
+    """F on the object in the base frame, (n, 2), N, from what the sensor reports less its zero.
+
+    Args:
+        arm: with the errors of the sensor that were found.
+        sensor: its frame and sign.
+        joints: Q, (n, 2), rad.
+        reported: (n, 2), N.
+    """
+    turned = -reported if sensor.sign is SensorSign.ON_ROBOT else reported
+    arm = replace(arm, cell=replace(arm.cell, sensor=sensor))
+    return force_on_object(arm, turned, joints, metadata_of(arm, joints))
+
+
+def metadata_of(arm: CalibratedArm, joints: Floats) -> TouchMetadata:
+    """What is known of poses that follow each other besides Q and F: posture and motion; they are after all touches.
+
+    A model that changes with time is taken as at the end of the calibration, `Predictor.assumptions`.
+    """
+    plain = TouchMetadata.plain(len(joints))._replace(posture=posture(arm.model.parameters, joints))
+    predictor = Predictor(arm)
+    if predictor.depends_on_time:
+        plain = plain._replace(time=np.full(len(joints), arm.used.duration))
+    return plain._replace(approach=motion_senses(joints)) if predictor.effects_of('approach') else plain
+
+
+class TipPlaces(NamedTuple):
+    """Centre of the tip in n poses under load.
+
+    Attributes:
+        center: S, (n, 2), m; NaN where it was not found.
+        by_model: ∂S/∂(values of the model), (n, 2, 12 + k).
+        systematic: covariance of S by the calibration, (n, 2, 2), m²; NaN where the data do not determine it, or a
+            joint is in a dead band of undetermined size.
+        noise: covariance by the noise of joint angles and force and by the place of joints in their dead bands,
+            (n, 2, 2), m².
+        by_noise: change by one standard deviation of the noise of q1, q2, F_x and F_y, (n, 2, 4), m.
+    """
+
+    center: Floats
+    by_model: Floats
+    systematic: Floats
+    noise: Floats
+    by_noise: Floats
+
+
+def tip_places(arm: CalibratedArm, joints: Floats, force: Floats, force_noise: float = 0.0) -> TipPlaces:
+    """S with its uncertainty for the calibrated model.
+
+    Args:
+        arm: the calibrated arm.
+        joints: Q, (n, 2), rad.
+        force: F on the object, base frame, (n, 2), N.
+        force_noise: standard deviation of a component of the force besides the noise of a touch, N.
+    """
+    first, second = np.hypot(arm.noise.force_levels, force_noise).tolist()
+    arm = replace(arm, noise=arm.noise._replace(force=(first, second)))
+    law, f = Predictor(arm).law, Force.of(force, arm.noise)
+    found = tip_under_load(law, joints, f, metadata_of(arm, joints))
+    jacobian = Jacobian.at(found, f)
+    by_model = tip_derivative(law, found, f, jacobian)
+    spread = Spread.of(arm.covariance, arm.undetermined)
+    gaps = spread.gaps(law.model.parameters)
+    noise = measurement_covariance(law, found, f, jacobian).plus(band_covariance(gaps, found, f, jacobian))
+    systematic = spread.tip(by_model)
+    known = np.isfinite(with_dead_bands(systematic, spread, law, found, f).xx)
+    covariance = np.where(known[:, None, None], systematic.matrices, np.nan)
+    loadings = by_noise(law, found, f, jacobian)
+    return TipPlaces(found.tip, by_model.transpose(2, 1, 0), covariance, noise.matrices, loadings)
+
 
 LARGEST_ANGLE = 1.2
 """Largest angle between force and normal of a contact, rad: beyond, the path is not that of a tip on a surface."""
@@ -333,3 +421,37 @@ def _is_inner_corner(hollow: Floats, radius: float) -> Mask:
 def _along(covariance: Floats, normal: Floats) -> Floats:
     """nᵀ Σ n, (n,)."""
     return np.asarray(np.einsum('ni,nij,nj->n', normal, covariance, normal))
+
+
+class Surfaces(NamedTuple):
+    """The surface by models that take more and more into account, (n, 2) each, m.
+
+    Attributes:
+        rigid_nominal: H of the nominal parameters.
+        rigid_calibrated: H of the calibrated parameters, without deflection.
+        deformable_calibrated: H̄ of the calibrated parameters.
+    """
+
+    rigid_nominal: Floats
+    rigid_calibrated: Floats
+    deformable_calibrated: Floats
+
+
+def surfaces_of(contour: Contour, arm: CalibratedArm) -> Surfaces:
+    """The surface of a contour by each model.
+
+    Args:
+        contour: joint angles, forces and normals.
+        arm: the arm; its model with the effects that were found.
+    """
+    removed = contour.tip_radius * contour.normal
+    return Surfaces(
+        forward(arm.cell.nominal, contour.joints) - removed,
+        forward(arm.model.parameters, contour.joints) - removed,
+        tip_places(arm, contour.joints, contour.force, contour.force_noise).center - removed,
+    )
+
+
+def shifts_along_normal(contour: Contour, surfaces: Surfaces) -> tuple[Floats, ...]:
+    """How far each surface is from that of the contour along its normal, (n,) each, m; positive outside."""
+    return tuple(np.einsum('ni,ni->n', surface - contour.surface, contour.normal) for surface in surfaces)

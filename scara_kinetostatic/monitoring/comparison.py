@@ -1,4 +1,25 @@
-r"""What changed between two calibrations of one robot, in its uncertainty.
+"""The fit of a calibration again, linearised: how its estimates answer to its touches and to errors of the cell.
+
+The joint covariance of a record also holds what the choice among credible models contributes. The estimates themselves
+are those of one model, and follow their data by that model alone: x = Ĉ Jᵀ r, with Ĉ = (JᵀJ + Λ)⁻¹ and Λ the prior
+information of declared errors and trusted nominal values.
+
+A calibration extended by effects that another one has found, by its own touches and to first order.
+
+With r and J the whitened residuals and the derivatives of `linear` at the calibrated values, K those by the values θ
+of the further effects, and Ĉ the covariance of all that was free in the fit,
+
+    θ = (Kᵀ W K)⁻¹ Kᵀ r,    W = I - J Ĉ Jᵀ,    cov θ = (Kᵀ W K)⁻¹,
+
+and the values that the calibration has change by -M θ, M = Ĉ Jᵀ K, with the further covariance M cov θ Mᵀ. r contains
+what the declared errors have been estimated at; at the optimum it is orthogonal to all of J but their prior.
+
+K is taken at the values that the other calibration has found: the direction of a periodic effect, say, has no
+derivative where its amplitude is zero. What the touches do not show of θ is undetermined.
+
+The difference of two calibrations with its covariance, errors that both suffer from counted once.
+
+What changed between two calibrations of one robot, in its uncertainty.
 
 Both estimates are moved by the same errors of the cell description: the discs stand where they stood. With G the change
 of an estimate by an error of one standard uncertainty, its column of the joint covariance, the difference has the
@@ -22,25 +43,328 @@ the second estimate, C Jᵀ J_e.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import erfc
 
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.files.effect_entry import effect_entry, read_effect
 from scara_kinetostatic.model.arm import Predictor
-from scara_kinetostatic.model.arrays import Floats, rms
-from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.monitoring.assumptions import of_stored_touches
-from scara_kinetostatic.monitoring.difference import Difference, ParameterChange
-from scara_kinetostatic.monitoring.extension import alone, is_comparable, with_common_effects
-from scara_kinetostatic.monitoring.fit import Fit
+from scara_kinetostatic.model.arrays import Floats, Indices, rms
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.effect_law import EffectLaw, TouchMetadata
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.monitoring.hypotheses import Explanation, explanations, hypotheses_of, rivals
-from scara_kinetostatic.monitoring.linear import Evidence, State
-from scara_kinetostatic.monitoring.record import CalibrationRecord
-from scara_kinetostatic.monitoring.same_robot import check_same_robot
-from scara_kinetostatic.monitoring.significance import p_values
+from scara_kinetostatic.monitoring.linear import Evidence, State, measure, p_values, same_sources, source_of
+from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_robot, of_stored_touches
+
+_DETERMINED = 1e-9
+"""Information on a combination of values, in the largest of all, below which it was not determined."""
+
+
+class Fit(NamedTuple):
+    """The linearised fit.
+
+    Attributes:
+        state: what may be off.
+        jacobian: J of the touches of the calibration, in units of the scale of the state, (2n, p).
+        knowledge: Ĉ in the same units, (p, p): zero for what was held, exactly known or not determined.
+    """
+
+    state: State
+    jacobian: Floats
+    knowledge: Floats
+
+    @classmethod
+    def of(cls, record: CalibrationRecord, held: Indices | None = None) -> Fit:
+        """That of a calibration; `held` are places of values that count as held, besides those that were."""
+        state = State.of(record).of_stored_forces()
+        jacobian = measure(record.touches, record, state).jacobian.reshape(-1, len(state.names))
+        prior = _prior_information(record, state)
+        prior[[NAMES.index(name) for name in record.fixed]] = np.inf
+        prior[[record.place(name) for name in record.arm.model.held]] = np.inf
+        prior[[] if held is None else held] = np.inf
+        free = np.flatnonzero(np.isfinite(prior))
+        rows = jacobian[:, free]
+        values, vectors = np.linalg.eigh(rows.T @ rows + np.diag(prior[free]))
+        kept = values > _DETERMINED * float(values.max(initial=1e-12))
+        knowledge = np.zeros((len(prior), len(prior)))
+        knowledge[np.ix_(free, free)] = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
+        return cls(state, jacobian, knowledge)
+
+    @property
+    def by_errors(self) -> Floats:
+        """Change of the estimates by true errors of all that is in the state, Ĉ JᵀJ, (p, p)."""
+        return self.knowledge @ (self.jacobian.T @ self.jacobian)
+
+    def by_standard_error(self, place: int, std: float, enlargement: float) -> Floats:
+        """Change of the estimates where what is stated of a value or error is off by its std, SI, (p,)."""
+        return self.state.scale * self.knowledge[:, place] * self.state.scale[place] / (std * np.sqrt(enlargement))
+
+
+def _prior_information(record: CalibrationRecord, state: State) -> Floats:
+    """Λ, (p,): that of declared errors and trusted values; infinite for errors that are not declared."""
+    total, prior = len(record.arm.model.names), np.full(len(state.names), np.inf)
+    prior[:total] = 0.0
+    stated = {NAMES.index(name): std for name, std in record.arm.cell.uncertainty.nominal.items()}
+    declared = DeclaredErrors.of(record.arm.cell)
+    for name, std in zip(declared.names, declared.units.tolist(), strict=True) if declared else ():
+        prior[state.error_place(name)] = 0.0
+        stated[state.error_place(name)] = std
+    for place, std in stated.items():
+        prior[place] += (state.scale[place] / std) ** 2 / record.enlargement
+    return prior
+
+
+_OF_THE_CELL = ('disc', 'discs', 'plate')
+"""Fields of an effect that say where in a cell its object is."""
+_SHOWN = 1e-9
+"""Information on a combination of values, in the largest of all, below which the touches do not show it."""
+
+
+def with_common_effects(
+    before: CalibrationRecord, after: CalibrationRecord
+) -> tuple[CalibrationRecord, CalibrationRecord]:
+    """Two calibrations, each extended by the effects that the other has found and that can be compared."""
+    return _extended(before, after), _extended(after, before)
+
+
+def is_comparable(effect: EffectLaw, one: Cell, other: Cell) -> bool:
+    """Whether an effect means the same in the recordings of two cells.
+
+    Not what happened at a moment of one recording, nor friction of a random angle, which has no value, nor an error of
+    an object that the cells describe otherwise: a description may have been corrected.
+    """
+    if effect.is_stepwise or effect.off_normal_std:
+        return False
+    stated = [_stated(cell).get(getattr(effect, 'target', None)) for cell in (one, other)]
+    return stated[0] == stated[1]
+
+
+def _stated(cell: Cell) -> dict[str | None, tuple[float, ...]]:
+    """Place and, of a disc, radius of each object and plate by name."""
+    stated: dict[str | None, tuple[float, ...]] = {plate.name: (plate.x, plate.y) for plate in cell.plates}
+    return stated | {disc.name: (disc.x, disc.y, disc.radius) for disc in cell.discs}
+
+
+def alone(record: CalibrationRecord, other: CalibrationRecord) -> list[EffectLaw]:
+    """The effects of a calibration that another one lacks."""
+    theirs = {(effect.label, effect.off_normal_std > 0) for effect in other.arm.model.effects}
+    return [e for e in record.arm.model.effects if (e.label, e.off_normal_std > 0) not in theirs]
+
+
+def _extended(record: CalibrationRecord, other: CalibrationRecord) -> CalibrationRecord:
+    cell, model = record.arm.cell, other.arm.model
+    own = {effect.label for effect in record.arm.model.effects}
+    values = dict(zip((effect.label for effect in model.effects), model.effect_values, strict=True))
+    missing = [e for e in alone(other, record) if e.label not in own and is_comparable(e, cell, other.arm.cell)]
+    if not missing:
+        return record
+    effects = [_in_cell(effect, cell, other.source) for effect in missing]
+    return extended(record, effects, [values[effect.label] for effect in effects])
+
+
+def _in_cell(effect: EffectLaw, cell: Cell, where: str) -> EffectLaw:
+    """The same effect in a cell that may number its objects otherwise.
+
+    Raises:
+        CalibrationFileError: there is none.
+    """
+    entry = effect_entry(effect)
+    own = {name: value for name, value in entry['fields'].items() if name not in _OF_THE_CELL}
+    return read_effect(entry | {'fields': own}, cell, where)
+
+
+def extended(
+    record: CalibrationRecord, effects: Sequence[EffectLaw], at: Sequence[tuple[float, ...]]
+) -> CalibrationRecord:
+    """A calibration with further effects, whose values its touches determine.
+
+    Args:
+        record: the calibration.
+        effects: that it lacks.
+        at: values of each at which it is linearised.
+    """
+    wide = _padded(record, effects, at)
+    new = np.arange(len(record.arm.model.names), len(wide.arm.model.names))
+    residual = measure(record.touches, record, State.of(record).of_stored_forces()).residual.ravel()
+    state, jacobian, knowledge = Fit.of(wide, new)
+    columns = jacobian[:, new]
+    by_new = -knowledge @ (jacobian.T @ columns)  # -M
+    information = columns.T @ (columns + jacobian @ by_new)
+    by_new[new] += np.eye(len(new))
+    values, vectors = np.linalg.eigh((information + information.T) / 2)
+    shown = values > _SHOWN * float((columns**2).sum(axis=0).max(initial=1e-12))
+    root = by_new @ (vectors[:, shown] / np.sqrt(values[shown]))
+    found = root @ ((vectors[:, shown] / np.sqrt(values[shown])).T @ (columns.T @ residual))
+    return _changed(wide, state, found, root, by_new @ vectors[:, ~shown])
+
+
+def _padded(
+    record: CalibrationRecord, effects: Sequence[EffectLaw], at: Sequence[tuple[float, ...]]
+) -> CalibrationRecord:
+    """The calibration with the effects at these values in its model; zero, exactly, among its values."""
+    arm, m = record.arm, record.arm.model
+    model = ExtendedModel(m.parameters, (*m.effects, *effects), (*m.effect_values, *map(tuple, at)))
+    size, total = len(m.names), len(model.names)
+    places = np.r_[:size, total : len(record.names) + total - size]
+    values = np.zeros(len(record.names) + total - size)
+    covariance = np.zeros((len(values), len(values)))
+    values[places], covariance[np.ix_(places, places)] = record.values, record.covariance
+    undetermined = np.concatenate([arm.undetermined, np.zeros((total - size, arm.undetermined.shape[1]))])
+    arm = replace(arm, model=model, covariance=covariance[:total, :total], undetermined=undetermined)
+    return replace(record, arm=arm, names=(*model.names, *record.names[size:]), values=values, covariance=covariance)
+
+
+def _changed(
+    record: CalibrationRecord, state: State, change: Floats, root: Floats, hidden: Floats
+) -> CalibrationRecord:
+    """A calibration whose values change, with a further covariance root rootᵀ and further undetermined directions.
+
+    All in units of the scale of the state, (p, …).
+    """
+    total = len(record.arm.model.names)
+    places = [*range(total), *(state.error_place(name) for name in record.names[total:])]
+    scale = state.scale[places]
+    values = record.values + scale * change[places]
+    further = scale[:, None] * root[places]
+    covariance = record.covariance + further @ further.T
+    undetermined = np.concatenate([record.arm.undetermined, scale[:total, None] * hidden[:total]], axis=1)
+    model = record.arm.model.with_array(values[:total])
+    arm = replace(record.arm, model=model, covariance=covariance[:total, :total], undetermined=undetermined)
+    return replace(record, arm=arm, values=values, covariance=covariance)
+
+
+class ParameterChange(NamedTuple):
+    """Change of one value from one calibration to the next.
+
+    Attributes:
+        name: of a parameter, or of an effect that both have.
+        unit: SI.
+        before: first value.
+        after: second value.
+        std: standard uncertainty of the difference; NaN where a calibration does not determine it, 0 where both hold
+            it fixed.
+        std_independent: the same if nothing were common to both calibrations.
+    """
+
+    name: str
+    unit: str
+    before: float
+    after: float
+    std: float
+    std_independent: float
+
+    @property
+    def change(self) -> float:
+        """`after` less `before`."""
+        return self.after - self.before
+
+    @property
+    def z(self) -> float:
+        """The change in standard uncertainties; NaN where there is none."""
+        return self.change / self.std if self.std > 0 else np.nan
+
+    @property
+    def p_value(self) -> float:
+        """Two-sided p-value of the change alone; NaN where there is none."""
+        return float(erfc(abs(self.z) / np.sqrt(2))) if np.isfinite(self.z) else np.nan
+
+
+class Difference(NamedTuple):
+    """The difference of common values, in units of their plausible ranges.
+
+    Attributes:
+        change: after less before, (p,).
+        covariance: S, (p, p).
+        combinations: of values that both determine, (r, p).
+        parameters: the values one by one.
+    """
+
+    change: Floats
+    covariance: Floats
+    combinations: Floats
+    parameters: tuple[ParameterChange, ...]
+
+    @classmethod
+    def of(cls, before: CalibrationRecord, after: CalibrationRecord, names: Sequence[str]) -> Difference:
+        """Of the values `names` that both have."""
+        places = [[record.place(name) for name in names] for record in (before, after)]
+        values = [record.values[where] for record, where in zip((before, after), places, strict=True)]
+        s, independent = _covariances(before, after, places)
+        scale = State.of(after).scale[places[1]]
+        undetermined = np.concatenate(
+            [r.arm.undetermined[[r.arm.model.names.index(n) for n in names]] for r in (before, after)], axis=1
+        )
+        combinations = _null_space((undetermined / scale[:, None]).T, len(names))
+        stds = [np.sqrt(np.clip(np.diag(matrix), 0.0, None)) for matrix in (s, independent)]
+        hidden = np.linalg.norm(undetermined, axis=1) > stds[1]
+        stds = [np.where(hidden, np.nan, std) for std in stds]
+        units = _units(after)
+        rows = zip(names, *(part.tolist() for part in (*values, *stds)), strict=True)
+        parameters = tuple(ParameterChange(row[0], units[row[0]], *row[1:]) for row in rows)
+        return cls((values[1] - values[0]) / scale, s / np.outer(scale, scale), combinations, parameters)
+
+
+def _units(record: CalibrationRecord) -> dict[str, str]:
+    units = dict(UNITS)
+    for effect in record.arm.model.effects:
+        units |= {f'{effect.label}.{p.name}': p.unit for p in effect.parameters}
+    return units
+
+
+def _null_space(rows: Floats, size: int) -> Floats:
+    """Orthonormal combinations (r, size) that are zero along all rows."""
+    if not len(rows):
+        return np.eye(size)
+    _, singular, right = np.linalg.svd(rows, full_matrices=True)
+    rank = int((singular > 1e-9 * singular.max(initial=0.0)).sum()) if len(singular) else 0
+    return np.asarray(right[rank:])
+
+
+def _covariances(before: CalibrationRecord, after: CalibrationRecord, places: list[list[int]]) -> tuple[Floats, Floats]:
+    """S of the difference, and what it would be if nothing were common; SI, (p, p) each."""
+    by_error = [_by_error(record, where) for record, where in zip((before, after), places, strict=True)]
+    common = _common(before.arm.cell, after.arm.cell) & by_error[0].keys() & by_error[1].keys()
+    covariances = [r.covariance[np.ix_(where, where)] for r, where in zip((before, after), places, strict=True)]
+    independent = covariances[0] + covariances[1]
+    s = independent.copy()
+    for name in common:  # (a - b)(a - b)ᵀ in the place of a aᵀ + b bᵀ
+        a, b = by_error[0][name], by_error[1][name]
+        s -= np.outer(a, b) + np.outer(b, a)
+    return s, independent
+
+
+def _by_error(record: CalibrationRecord, where: list[int]) -> dict[str, Floats]:
+    """What an error of one standard uncertainty does to the values, by its name, (p,) each, SI."""
+    fit, found = Fit.of(record), dict[str, Floats]()
+    declared = DeclaredErrors.of(record.arm.cell)
+    for name, std in zip(declared.names, declared.units.tolist(), strict=True) if declared else ():
+        found[name] = -fit.by_standard_error(fit.state.error_place(name), std, record.enlargement)[where]
+    for name, std in record.arm.cell.uncertainty.nominal.items():
+        found[f'nominal[{name}]'] = fit.by_standard_error(NAMES.index(name), std, record.enlargement)[where]
+    return found
+
+
+def _common(a: Cell, b: Cell) -> set[str]:
+    """Names of the declared errors that are the same in both cells."""
+    labels, found = same_sources(a, b), set()
+    declared = DeclaredErrors.of(a)
+    other = DeclaredErrors.of(b)
+    if declared is not None and other is not None:
+        stds = dict(zip(other.names, other.units.tolist(), strict=True))
+        pairs = zip(declared.names, declared.units.tolist(), strict=True)
+        found = {name for name, std in pairs if source_of(name) in labels and stds.get(name) == std}
+    for name, std in a.uncertainty.nominal.items():
+        if b.uncertainty.nominal.get(name) == std and getattr(a.nominal, name) == getattr(b.nominal, name):
+            found.add(f'nominal[{name}]')
+    return found
+
 
 LEVEL = 0.01
 """p-value below which two calibrations differ. Source: the accepted rate of false alarms of the diagnosis."""

@@ -18,12 +18,15 @@ with at most `LARGEST_RESIDUAL`, and fewer than `FEWEST` touches raise no alarm.
 
 Sources: Page, Biometrika 41 (1954) 100 (CUSUM); Willsky and Jones (1976); Lorden, Ann. Math. Statist. 42 (1971) 1897;
 Basseville and Nikiforov, Detection of Abrupt Changes (1993), section 7.2.4; Huber (1964), on bounded residuals.
+
+The state of the drift monitor as one line and as plain JSON values.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from pathlib import PurePath
 from typing import NamedTuple
 
 import numpy as np
@@ -31,10 +34,26 @@ import numpy as np
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import LATER, TouchSet
-from scara_kinetostatic.monitoring.hypotheses import Explanation, Hypothesis, explanations, hypotheses_of, rivals
-from scara_kinetostatic.monitoring.linear import LINEAR, Evidence, Information, Measured, State, measure
+from scara_kinetostatic.monitoring.hypotheses import (
+    Explanation,
+    Hypothesis,
+    change_title,
+    explanations,
+    hypotheses_of,
+    rivals,
+)
+from scara_kinetostatic.monitoring.linear import (
+    LINEAR,
+    Evidence,
+    Information,
+    Measured,
+    State,
+    measure,
+    p_values,
+    quantile,
+)
 from scara_kinetostatic.monitoring.record import CalibrationRecord
-from scara_kinetostatic.monitoring.significance import p_values, quantile
+from scara_kinetostatic.render.json_file import Document
 
 THRESHOLD = 20.0
 """Of G where the noise is known: false alarms at most one in 1000 touches. Where it was estimated, the value that F
@@ -293,3 +312,71 @@ def _largest(evidence: Evidence, among: Sequence[Hypothesis]) -> float:
     with np.errstate(divide='ignore', invalid='ignore'):
         ratios = np.where(d > 1e-9 * diagonal.max(initial=0.0), evidence.score[single] ** 2 / d, 0.0)
     return float(ratios.max(initial=0.0))
+
+
+SCHEMA = 'scara_kinetostatic/drift/1'
+
+
+class SinceTouch(NamedTuple):
+    """The first touch after a change, as estimated.
+
+    Attributes:
+        recording: in which it is.
+        number: in the recording.
+    """
+
+    recording: str
+    number: str
+
+
+def alarm_line(alarm: Alarm, since: SinceTouch | None) -> str:
+    """An alarm in one line.
+
+    Args:
+        alarm: the alarm.
+        since: its first touch, where it is known.
+    """
+    best = alarm.best
+    others = f'; or {"; ".join(change_title(name) for name in alarm.rivals[:3])}' if alarm.rivals else ''
+    when = 'from the first touch on'
+    if since is not None and alarm.since:
+        when = f'since touch {since.number} of {PurePath(since.recording).name}'
+    elif alarm.since:
+        when = f'after {alarm.since} touches'
+    what = f'{best.hypothesis.title} ({best.text})'
+    if not alarm.is_explained:
+        return f'the calibration no longer holds, {when}: no single part explains it, the largest is: {what}'
+    return f'the calibration no longer holds, {when}: {what}{others}'
+
+
+def drift_document(monitor: DriftMonitor, assumptions: str, alarm: Alarm | None, since: SinceTouch | None) -> Document:
+    """The state of a monitor; `alarm` is the one that stands, `since` its first touch."""
+    return {
+        'schema': SCHEMA,
+        'calibration': monitor.record.source,
+        'created': monitor.record.created,
+        'touches': monitor.count,
+        'statistic': monitor.statistic,
+        'threshold': monitor.threshold,
+        'assumptions': assumptions,
+        'alarm': None if alarm is None else _alarm(alarm, since),
+    }
+
+
+def _alarm(alarm: Alarm, since: SinceTouch | None) -> Document:
+    """SI units; None for what is not determined."""
+    best = alarm.best
+    return {
+        'touch': alarm.touch,
+        'since': alarm.since,
+        'since_touch': None if since is None else since._asdict(),
+        'statistic': alarm.statistic,
+        'changed': best.name,
+        'change': list(best.change),
+        'std': [std if np.isfinite(std) else None for std in best.std],
+        'values': list(best.hypothesis.values),
+        'units': list(best.hypothesis.units),
+        'rivals': list(alarm.rivals),
+        'explained': alarm.is_explained,
+        'message': alarm_line(alarm, since),
+    }

@@ -1,4 +1,6 @@
-r"""Touches as linear measurements of what may have changed since a calibration.
+"""p-values and quantiles of a chi-square whose noise is known, or was estimated with some degrees of freedom.
+
+Touches as linear measurements of what may have changed since a calibration.
 
 At the calibrated model a touch leaves the whitened residual r (two numbers, of variance one each without any error):
 
@@ -20,6 +22,11 @@ Numbers are scaled by plausible sizes of each value, so that matrices are well c
 
 Sources: Willsky and Jones, IEEE Trans. Automatic Control 21 (1976) 108 (generalised likelihood ratio of a jump); Kalman
 filter in information form, Bar-Shalom, Li and Kirubarajan (2001).
+
+The chi-square of touches that a calibration has not seen.
+
+With r and J of `linear`, r ~ N(0, I + J C₀ Jᵀ). C₀ is the joint covariance with the errors of the cell, so that touches
+on the objects of the calibration are predicted better than touches on new ones.
 """
 
 from __future__ import annotations
@@ -29,6 +36,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import chdtrc, chdtri, fdtrc, fdtri
 
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.identifiability import scales_of
@@ -41,6 +49,29 @@ from scara_kinetostatic.model.cell import Cell, Uncertainty
 from scara_kinetostatic.model.parameters import UNITS
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.record import CalibrationRecord
+
+
+def p_values(chi_square: Floats | float, freedoms: int, noise_freedoms: float) -> Floats:
+    """Probability of a larger chi-square by chance.
+
+    Args:
+        chi_square: one or several, any shape.
+        freedoms: degrees of freedom of each; without any, 1 is returned.
+        noise_freedoms: those of the noise; infinite where it is known, and the F distribution takes the place of χ².
+    """
+    if not freedoms:
+        return np.ones(np.shape(chi_square))
+    if np.isinf(noise_freedoms):
+        return np.asarray(chdtrc(freedoms, chi_square))
+    return np.asarray(fdtrc(freedoms, noise_freedoms, np.asarray(chi_square) / freedoms))
+
+
+def quantile(probability: float, freedoms: int, noise_freedoms: float) -> float:
+    """The chi-square that is exceeded with 1 - `probability`; `noise_freedoms` as in `p_values`."""
+    if np.isinf(noise_freedoms):
+        return float(chdtri(freedoms, 1 - probability))
+    return float(freedoms * fdtri(freedoms, noise_freedoms, probability))
+
 
 LINEAR = 0.01
 """Part of a chi-square that a large change leaves as touches are linearised at the calibrated values: (δ / 2 R)² for a
@@ -242,3 +273,63 @@ class Evidence(NamedTuple):
         kept = values > 1e-9 * max(float(values.max(initial=0.0)), 1e-12)
         change = vectors[:, kept] @ ((vectors[:, kept].T @ score) / values[kept])
         return float(score @ change), change
+
+
+QUANTILE = 0.99
+"""Probability of the quantile that is stated beside the chi-square."""
+
+
+class PredictionTest(NamedTuple):
+    """Chi-square of all touches, and each of them by itself.
+
+    Attributes:
+        chi_square: of all.
+        freedoms: two per touch.
+        p_value: of the calibration being right.
+        quantile: of the distribution of `chi_square` at `QUANTILE`.
+        distances: of each touch from its prediction, in standard deviations, (n,).
+        p_values: of each touch, (n,).
+        expected: standard deviation of the error of the tip, (n,), m.
+    """
+
+    chi_square: float
+    freedoms: int
+    p_value: float
+    quantile: float
+    distances: Floats
+    p_values: Floats
+    expected: Floats
+
+    @classmethod
+    def of(cls, measured: Measured, covariance: Floats, noise: float) -> PredictionTest:
+        """With noise that is known with so many degrees of freedom."""
+        spread = _spread(measured, covariance)
+        chi_square, freedoms = _chi_square(measured, covariance), measured.residual.size
+        distances = _distances(measured, spread)
+        return cls(
+            chi_square=chi_square,
+            freedoms=freedoms,
+            p_value=float(p_values(chi_square, freedoms, noise)),
+            quantile=quantile(QUANTILE, freedoms, noise),
+            distances=distances,
+            p_values=p_values(distances**2, 2, noise),
+            expected=np.sqrt(np.einsum('ni,nij,nj->n', measured.normal, spread, measured.normal)),
+        )
+
+
+def _spread(measured: Measured, covariance: Floats) -> Floats:
+    """I + J C Jᵀ touch by touch, (n, 2, 2)."""
+    return np.eye(2) + measured.jacobian @ covariance @ measured.jacobian.swapaxes(1, 2)
+
+
+def _chi_square(measured: Measured, covariance: Floats) -> float:
+    """rᵀ (I + J C Jᵀ)⁻¹ r of all touches together, by rᵀr - uᵀ (I + C P)⁻¹ C u."""
+    found = Information.of(measured)
+    gained = np.linalg.solve(np.eye(len(covariance)) + covariance @ found.matrix, covariance @ found.score)
+    return float((measured.residual**2).sum() - found.score @ gained)
+
+
+def _distances(measured: Measured, spread: Floats) -> Floats:
+    """Distance of each touch from its prediction, in standard deviations, (n,)."""
+    solved = np.linalg.solve(spread, measured.residual[:, :, None])[:, :, 0]
+    return np.sqrt((measured.residual * solved).sum(axis=1))

@@ -1,8 +1,14 @@
-"""What monitoring needs of a calibration: the arm, and its joint covariance with the errors of the cell description."""
+"""What monitoring needs of a calibration: the arm, and its joint covariance with the errors of the cell description.
+
+Whether calibrations are of one robot in one cell.
+
+What is assumed of touches where effects of a calibration depend on what nobody recorded; one clause each.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,18 +17,20 @@ from typing import Any
 import numpy as np
 
 from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
+from scara_kinetostatic.calibration.identifiability import SCALES
 from scara_kinetostatic.calibration.prediction import base_force, observe
 from scara_kinetostatic.calibration.propagation import joint_covariance
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.errors import CalibrationFileError
+from scara_kinetostatic.errors import CalibrationFileError, CellError, InputError
 from scara_kinetostatic.files.calibration_file import read_arm, read_document, stored_covariance, stored_numbers
-from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import SensorFrame, Uncertainty
+from scara_kinetostatic.model.cell import Cell, SensorFrame, Uncertainty
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import rotate
-from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.sensor_error import reported_force
 from scara_kinetostatic.model.touch import TouchSet, stacked_histories
 from scara_kinetostatic.render.json_file import Document
@@ -262,3 +270,79 @@ def _as_reported(touches: TouchSet, arm: CalibratedArm) -> Floats:
     if arm.cell.sensor.frame is not SensorFrame.BASE:
         force = rotate(force, -(touches.joints.sum(axis=1) + p.theta1 + p.theta2))
     return reported_force(arm.model, force, TouchMetadata.of(touches, arm.cell.sensor.frame))
+
+
+_ONE_ROBOT = 'give calibrations of one robot and cell'
+
+
+def check_same_robot(one: CalibrationRecord, other: CalibrationRecord) -> None:
+    """Check that two calibrations are of one robot in one cell.
+
+    Raises:
+        InputError: they are not.
+    """
+    a, b = one.arm.cell, other.arm.cell
+    check_same_arm(a, b, one.source, other.source, _ONE_ROBOT)
+    if not {(d.name, d.x, d.y, d.radius) for d in a.discs} & {(d.name, d.x, d.y, d.radius) for d in b.discs}:
+        raise InputError(other.source, f'is of another cell than {one.source}: no object is in both', _ONE_ROBOT)
+
+
+def check_same_recorded(cell: Cell, path: str | Path, source: str) -> None:
+    """Check that the cell description in a recording, if it has a valid one, is of the robot of a calibration.
+
+    Args:
+        cell: of the calibration.
+        path: the recording.
+        source: the file of the calibration.
+
+    Raises:
+        InputError: it is not.
+    """
+    with suppress(CellError):
+        recorded = embedded_cell(path)
+        if recorded is not None:
+            check_same_arm(cell, recorded, source, str(path), 'give a recording of the calibrated robot')
+
+
+def check_same_identification(a: Cell, b: Cell, first: str, second: str, remedy: str) -> None:
+    """Check that two cells, as far as they say it, are of the same robot; `first` and `second` are their files.
+
+    Raises:
+        InputError: they are not.
+    """
+    for name in ('robot', 'serial_number', 'cell'):
+        one, other = getattr(a.identification, name), getattr(b.identification, name)
+        if one and other and one != other:
+            raise InputError(second, f'is of {name.replace("_", " ")} {other!r}, and {first} of {one!r}', remedy)
+
+
+def check_same_arm(a: Cell, b: Cell, first: str, second: str, remedy: str) -> None:
+    """Check that two cells have the same robot; `first` and `second` are their files.
+
+    Raises:
+        InputError: they have not.
+    """
+    check_same_identification(a, b, first, second, remedy)
+    off = np.abs(a.nominal.as_array() - b.nominal.as_array()) > SCALES
+    if off.any():
+        name = NAMES[int(np.argmax(off))]
+        values = f'{getattr(b.nominal, name):g} and {getattr(a.nominal, name):g} {UNITS[name]}'
+        raise InputError(second, f'is of another robot than {first}: nominal {name} is {values}', remedy)
+    if a.gripper != b.gripper:
+        raise InputError(second, f'has another gripper law (model) than {first}', remedy)
+
+
+def of_stored_touches(record: CalibrationRecord) -> tuple[str, ...]:
+    """Of the touches in the file of a calibration."""
+    rows, predictor, found = record.document['touches']['fitted'], Predictor(record.arm), []
+    for key, taken in (('approach', 'no direction of approach'), ('history', 'no load before each touch')):
+        if (effects := predictor.effects_of(key)) and not all(key in row for row in rows):
+            found.append(f'{", ".join(effects)}: {record.source} has no {key} of its touches; {taken} is assumed')
+    return tuple(found)
+
+
+def of_new_recordings(record: CalibrationRecord) -> tuple[str, ...]:
+    """Of touches in recordings that the calibration has not seen."""
+    effects = Predictor(record.arm).effects_of('time')
+    taken = 'time counts from the start of each recording, as in the calibration'
+    return (f'{", ".join(effects)}: {taken}',) if effects else ()

@@ -1,4 +1,12 @@
-"""Acceptance of a calibration: touches that it has not seen, held against its prediction.
+"""What touches would have shown: for each parameter the smallest change that contradicts a calibration.
+
+A change d of one parameter gives the chi-square of all touches the noncentrality λ = d² Λ_jj (`linear.Evidence`). It is
+seen with the probability `POWER` where λ lifts the noncentral chi-square beyond the quantile of the test.
+
+The outcome of a verification and its grade: what its touches have against the calibration, and why agreement would
+say little.
+
+Acceptance of a calibration: touches that it has not seen, held against its prediction.
 
 All touches together are tested by a chi-square that contains the uncertainty of the calibration (`prediction_test`).
 The error of the tip, the root mean square distance of the predicted tip from the circle that it touches, is compared
@@ -8,34 +16,292 @@ with what noise and uncertainty let expect.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.special import chndtrinc
 
-from scara_kinetostatic.assessment.grade import Assessment, Grade
+from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark
 from scara_kinetostatic.assessment.outcome import Recording
+from scara_kinetostatic.assessment.thresholds import NOISE_OVERSTATED
 from scara_kinetostatic.bags.inputs import other_descriptions
 from scara_kinetostatic.calibration.prediction import base_force, observe
 from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.touch_table import is_touch_table
-from scara_kinetostatic.model.arrays import Floats, Mask, rms
+from scara_kinetostatic.model.arm import Predictor
+from scara_kinetostatic.model.arrays import Floats, Indices, Mask, rms
 from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.touch import LATER, TouchSet
-from scara_kinetostatic.monitoring.acceptance import LEVEL, MOST_OUTLYING, Outlying, Verification, assess
-from scara_kinetostatic.monitoring.assumptions import of_new_recordings
+from scara_kinetostatic.model.parameters import NAMES, UNITS
+from scara_kinetostatic.model.quantity import quantity
+from scara_kinetostatic.model.touch import LATER, Rejection, TouchSet
 from scara_kinetostatic.monitoring.hypotheses import Explanation, explanations, hypotheses_of, rivals
-from scara_kinetostatic.monitoring.linear import LINEAR, Evidence, Information, Measured, State, measure
-from scara_kinetostatic.monitoring.prediction_test import PredictionTest
-from scara_kinetostatic.monitoring.record import CalibrationRecord
-from scara_kinetostatic.monitoring.same_robot import check_same_arm, check_same_recorded
-from scara_kinetostatic.monitoring.sensitivity import detectable_changes
-from scara_kinetostatic.monitoring.significance import p_values
+from scara_kinetostatic.monitoring.linear import (
+    LINEAR,
+    Evidence,
+    Information,
+    Measured,
+    PredictionTest,
+    State,
+    measure,
+    p_values,
+    quantile,
+)
+from scara_kinetostatic.monitoring.record import (
+    CalibrationRecord,
+    check_same_arm,
+    check_same_recorded,
+    of_new_recordings,
+)
 from scara_kinetostatic.pipeline import gather_touches, recording_of
 from scara_kinetostatic.touches.detection import Detection
 from scara_kinetostatic.touches.table import cell_of_files
+
+POWER = 0.95
+"""Probability with which a change of the size that is stated is seen."""
+_NOTHING = 1e-9
+"""Information on a parameter, in the largest of all, below which the touches say nothing of it."""
+
+
+class Detectable(NamedTuple):
+    """The smallest change of one parameter that touches show.
+
+    Attributes:
+        name: of the parameter.
+        unit: SI.
+        change: its size; infinite where the touches say nothing of the parameter.
+        tip: rms displacement of the predicted tip by it, at the touches of the calibration, m.
+    """
+
+    name: str
+    unit: str
+    change: float
+    tip: float
+
+    @property
+    def text(self) -> str:
+        """Parameter, change and displacement of the tip."""
+        if not np.isfinite(self.change):
+            return f'{self.name} of any size'
+        return f'{self.name} by {quantity(self.change, self.unit)} (tip: {quantity(self.tip, "m")} rms)'
+
+
+def detectable_changes(
+    record: CalibrationRecord, state: State, evidence: Evidence, freedoms: int, level: float
+) -> list[Detectable]:
+    """For each parameter that the calibration estimated, those first whose undetected change moves the tip most.
+
+    Args:
+        record: the calibration.
+        state: what may be off.
+        evidence: of the touches.
+        freedoms: of their chi-square.
+        level: p-value below which they contradict the calibration.
+    """
+    noncentrality = float(chndtrinc(quantile(1 - level, freedoms, record.noise_freedoms), freedoms, 1 - POWER))
+    diagonal = np.diag(evidence.matrix)
+    found = []
+    for place, name in enumerate(NAMES):
+        if name in record.fixed:
+            continue
+        seen = diagonal[place] > _NOTHING * diagonal.max(initial=1e-12)
+        change = float(state.scale[place] * np.sqrt(noncentrality / diagonal[place])) if seen else np.inf
+        found.append(Detectable(name, UNITS[name], change, _moved(record, place, change)))
+    return sorted(found, key=lambda item: -item.tip)
+
+
+def _moved(record: CalibrationRecord, place: int, change: float) -> float:
+    """Rms displacement of the predicted tip by a change of one value, m."""
+    if not np.isfinite(change):
+        return np.inf
+    model = record.arm.model
+    values = model.as_array().copy()
+    values[place] += change
+    metadata = TouchMetadata.of(record.touches, record.arm.cell.sensor.frame)
+    arms = record.arm, replace(record.arm, model=model.with_array(values))
+    tips = [Predictor(arm).locate(record.touches.joints, record.forces, metadata).position for arm in arms]
+    return rms(np.linalg.norm(tips[1] - tips[0], axis=1))
+
+
+LEVEL = 1e-3
+"""p-value below which the touches contradict the calibration. Source: of a thousand sound ones, one is refused."""
+MOST_OUTLYING = 0.1
+"""Part of the touches that may be outliers in a sound calibration. Source: `assessment.thresholds.MOST_REJECTED`."""
+FEWEST = 6
+"""Fewer touches say little: caution. Source: twelve numbers for twelve parameters."""
+MOST_FORCE = 1.5
+"""Force, in the largest of the calibration, from which on its compliances are extrapolated."""
+LARGE = 2.0
+"""Tip error, in what was expected, from which on a contradicted calibration is unfit, where no tolerance is stated.
+Source: the systematic part is then 1.7 times all that is random.
+"""
+
+
+class Outlying(NamedTuple):
+    """A touch that the prediction does not explain.
+
+    Attributes:
+        touch: its number in the recordings.
+        object: name of the object.
+        distance: from the prediction, in standard deviations.
+        tip_error: distance of the predicted tip from the circle of contact, m.
+    """
+
+    touch: int
+    object: str
+    distance: float
+    tip_error: float
+
+
+class Verification(NamedTuple):
+    """The outcome of a verification.
+
+    Attributes:
+        record: the calibration.
+        cell: in which the touches were made.
+        recordings: what was verified with.
+        assessment: grade, reasons, actions.
+        touches: how many.
+        rejected: touches that the detection rejected.
+        chi_square: of all touches.
+        degrees_of_freedom: two per touch.
+        quantile: of the distribution of `chi_square` at `prediction_test.QUANTILE`.
+        p_value: of the calibration being right.
+        tip_error: rms distance of the predicted tip from the circle of contact, m.
+        expected: the same expected from noise and the uncertainty of the calibration, m.
+        nominal_tip_error: the same of the nominal parameters, m.
+        others_p_value: the p-value without the outliers, where these are few; else `p_value`.
+        others_tip_error: their tip error, m.
+        outlying: single touches that contradict the prediction.
+        ranking: what may have changed, the best first; empty where nothing contradicts.
+        rivals: names of those that explain the touches about as well as the first.
+        remaining_p_value: of nothing else having changed than the first says; 1 where nothing contradicts.
+        detectable: the smallest change of each parameter that the touches show, that which moves the tip most first.
+        seen: recordings that were part of the calibration.
+        repeated: how many touches were part of it, whatever recording or table they come from.
+        numbers: of the touches in the recordings, (n,).
+        tip_errors: of each touch, (n,), m.
+        expected_errors: standard deviation expected of each, (n,), m.
+        differing: recordings that contain another cell description, one sentence each.
+        warnings: irregularities of the recordings.
+    """
+
+    record: CalibrationRecord
+    cell: Cell
+    recordings: tuple[Recording, ...]
+    assessment: Assessment
+    touches: int
+    rejected: tuple[Rejection, ...]
+    chi_square: float
+    degrees_of_freedom: int
+    quantile: float
+    p_value: float
+    tip_error: float
+    expected: float
+    nominal_tip_error: float
+    others_p_value: float
+    others_tip_error: float
+    outlying: tuple[Outlying, ...]
+    ranking: tuple[Explanation, ...]
+    rivals: tuple[str, ...]
+    remaining_p_value: float
+    detectable: tuple[Detectable, ...]
+    seen: tuple[str, ...]
+    repeated: int
+    numbers: Indices
+    tip_errors: Floats
+    expected_errors: Floats
+    differing: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def few_outlie(self) -> bool:
+        """Whether some touches are outliers, but no more than in a sound calibration."""
+        return 0 < len(self.outlying) <= MOST_OUTLYING * self.touches
+
+    @property
+    def tolerance(self) -> float | None:
+        """Of the tip, m: that of the cell in which the touches were made, or of the calibration."""
+        return self.cell.tolerance or self.record.arm.cell.tolerance
+
+
+def assess(v: Verification, largest_force: float) -> Assessment:
+    """The grade with its reasons.
+
+    Args:
+        v: the verification; its own assessment does not count.
+        largest_force: of its touches, N.
+    """
+    remarks = [*_contradiction(v), *_limits(v, largest_force)]
+    if v.record.arm.grade in (Grade.CAUTION.value, Grade.UNFIT.value):
+        reason = f'the calibration itself was graded {v.record.arm.grade}'
+        remarks.append(Remark(Grade(v.record.arm.grade), reason, 'see its report'))
+    agree = f'{v.touches} touches' if not remarks else 'the touches'
+    note = f'{agree} agree with the calibration (p = {v.p_value:.2g}): {_size(v)}'
+    return Assessment.of(remarks, [note] if v.p_value >= LEVEL else [])
+
+
+def _size(v: Verification) -> str:
+    error, expected = (quantity(value, 'm') for value in (v.others_tip_error, v.expected))
+    return f'the error of the tip is {error} (rms), {expected} are expected'
+
+
+def _contradiction(v: Verification) -> list[Remark]:
+    """What the touches have against the calibration."""
+    found = []
+    if v.others_p_value < LEVEL:
+        excess = np.sqrt(max(v.others_tip_error**2 - v.expected**2, 0.0))
+        beyond = 2 * excess > v.tolerance if v.tolerance else v.others_tip_error > LARGE * v.expected
+        what, action = '', 'calibrate again'
+        if v.remaining_p_value < LEVEL:
+            what = f'; no single part explains it, the largest is: {v.ranking[0].hypothesis.title}'
+            action = 'check that robot, objects and sensor are those of the calibration, then calibrate again'
+        elif v.ranking:
+            what = f'; most likely {v.ranking[0].hypothesis.title}'
+        reason = f'the touches contradict the calibration: {_size(v)}{what}'
+        found.append(Remark(Grade.UNFIT if beyond else Grade.CAUTION, reason, action))
+    if v.few_outlie:
+        reason = f'{len(v.outlying)} of {v.touches} touches are outliers'
+        if v.others_p_value >= LEVEL:
+            reason += f'; the others agree with the calibration (p = {v.others_p_value:.2g}): {_size(v)}'
+        found.append(Remark(Grade.CAUTION, reason, 'look at the outliers'))
+    return found
+
+
+def _limits(v: Verification, largest_force: float) -> list[Remark]:
+    """Why agreement would say little."""
+    found = [Remark(Grade.CAUTION, sentence, 'give the cell of the recording by --cell') for sentence in v.differing]
+    if v.seen:
+        reason = f'{", ".join(v.seen)} was part of the calibration: touches that it has seen verify nothing'
+        found.append(Remark(Grade.CAUTION, reason, 'verify with touches made after the calibration'))
+    elif v.repeated:
+        reason = f'{v.repeated} of {v.touches} touches were part of the calibration: they verify nothing'
+        found.append(Remark(Grade.CAUTION, reason, 'verify with touches made after the calibration'))
+    if v.touches < FEWEST:
+        found.append(Remark(Grade.CAUTION, f'{v.touches} touches say little', f'make {FEWEST} or more, all round'))
+    if v.tolerance and 2 * v.expected > v.tolerance:
+        errors = f'twice the expected error of the tip is {quantity(2 * v.expected, "m")}'
+        reason = f'these touches cannot show a tolerance of {quantity(v.tolerance, "m")}: {errors}'
+        action = 'reduce the largest of noise, uncertainty of the objects and uncertainty of the calibration'
+        found.append(Remark(Grade.CAUTION, reason, action))
+    if v.tolerance and v.detectable and v.detectable[0].tip > v.tolerance:
+        reason = f'the touches do not show a change of {v.detectable[0].text}, which is beyond the tolerance'
+        found.append(Remark(Grade.CAUTION, reason, 'make more touches, all round all objects, at several forces'))
+    scatter = float(np.sqrt(v.chi_square / v.degrees_of_freedom))
+    if v.p_value > 1 - LEVEL and scatter < NOISE_OVERSTATED:
+        reason = f'the residuals are {scatter:.2g} times what is expected: a change may hide below the stated noise'
+        found.append(Remark(Grade.CAUTION, reason, 'state noise and uncertainties as they are'))
+    if largest_force > MOST_FORCE * v.record.arm.used.highest_force:
+        highest = v.record.arm.used.highest_force
+        reason = f'forces of up to {largest_force:.3g} N, and the calibration had {highest:.3g} N at most'
+        found.append(Remark(Grade.CAUTION, reason, 'calibrate with the forces of the use'))
+    return found
+
 
 OUTLYING = 1e-3
 """The same for the largest of all touches (Bonferroni)."""

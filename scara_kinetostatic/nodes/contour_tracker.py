@@ -28,7 +28,7 @@ from visualization_msgs.msg import MarkerArray
 
 from scara_kinetostatic.contour.joining import Outline
 from scara_kinetostatic.contour.online import SECOND, OnlineContour
-from scara_kinetostatic.contour.remarks import NO_RADIUS, remarks_on
+from scara_kinetostatic.contour.result import NO_RADIUS, remarks_on
 from scara_kinetostatic.contour.trace import LARGEST_TIP
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.urdf import BASE_FRAME

@@ -13,7 +13,7 @@ from scara_kinetostatic.errors import InputError, ParameterError, ScaraKinetosta
 from scara_kinetostatic.files.calibration_file import load_calibration, parse_document, read_arm
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.monitoring.same_robot import check_same_identification
+from scara_kinetostatic.monitoring.record import check_same_identification
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.declare import cell_or_example
 from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN, Condition

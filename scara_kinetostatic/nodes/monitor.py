@@ -25,8 +25,7 @@ from std_srvs.srv import Trigger
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import parse_document
 from scara_kinetostatic.model.arm import Predictor
-from scara_kinetostatic.monitoring.drift import Alarm, DriftMonitor
-from scara_kinetostatic.monitoring.drift_report import SinceTouch, alarm_line, drift_document
+from scara_kinetostatic.monitoring.drift import Alarm, DriftMonitor, SinceTouch, alarm_line, drift_document
 from scara_kinetostatic.monitoring.linear import Measured
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.nodes import declare

@@ -9,9 +9,9 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
-from scara_kinetostatic.contour.comparison import Surfaces, shifts_along_normal
 from scara_kinetostatic.contour.fits import ShapeFit
 from scara_kinetostatic.contour.result import Contour
+from scara_kinetostatic.contour.trace import Surfaces, shifts_along_normal
 from scara_kinetostatic.model.arrays import Floats, Indices, rms
 from scara_kinetostatic.render.figure import FAINT, INK, MICRO, SERIES, Margins, as_svg, new_figure
 

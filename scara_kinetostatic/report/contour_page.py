@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.contour.comparison import shifts_along_normal, surfaces_of
 from scara_kinetostatic.contour.fits import ShapeFit
 from scara_kinetostatic.contour.result import Contour
+from scara_kinetostatic.contour.trace import shifts_along_normal, surfaces_of
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.render.figure import style

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.contour.fits import ShapeFit, joined_residuals
-from scara_kinetostatic.contour.friction import Friction
-from scara_kinetostatic.contour.result import Contour
+from scara_kinetostatic.contour.result import Contour, Friction
 from scara_kinetostatic.render.json_file import Document
 from scara_kinetostatic.render.quantities import PAGE_UNITS, count, shown
 from scara_kinetostatic.render.table import Table

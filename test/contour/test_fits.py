@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from contour.slides import CELL, DISC, arm
 
-from scara_kinetostatic.contour.files import COLUMNS, csv_text, dxf_text, svg_text
 from scara_kinetostatic.contour.fits import fit_shape
+from scara_kinetostatic.contour.result import COLUMNS, csv_text, dxf_text, svg_text
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import rms

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from contour.slides import CELL, DISC, OBJECTS, SQUARE, arm
 
-from scara_kinetostatic.contour.comparison import shifts_along_normal, surfaces_of
 from scara_kinetostatic.contour.fits import fit_shape
-from scara_kinetostatic.contour.trace import trace_contour
+from scara_kinetostatic.contour.trace import shifts_along_normal, surfaces_of, trace_contour
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.cell import SensorFrame, SensorSign

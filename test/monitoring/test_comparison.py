@@ -13,9 +13,7 @@ from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.cell import Cell, Identification
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.monitoring.comparison import compare, compare_records
-from scara_kinetostatic.monitoring.extension import extended
-from scara_kinetostatic.monitoring.fit import Fit
+from scara_kinetostatic.monitoring.comparison import Fit, compare, compare_records, extended
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches

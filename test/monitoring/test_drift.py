@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from monitoring.simulated import DECLARED, TRUTH, record_of, touches_of
 
-from scara_kinetostatic.monitoring.drift import LARGEST_RESIDUAL, MEMORY, DriftMonitor
-from scara_kinetostatic.monitoring.drift_report import alarm_line
+from scara_kinetostatic.monitoring.drift import LARGEST_RESIDUAL, MEMORY, DriftMonitor, alarm_line
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 
 

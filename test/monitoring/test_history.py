@@ -21,10 +21,9 @@ from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.monitoring import archive
 from scara_kinetostatic.monitoring.archive import Done, in_processes, on_cluster, recalibrate, tasks_of
-from scara_kinetostatic.monitoring.history import History
-from scara_kinetostatic.monitoring.history_report import _axis
+from scara_kinetostatic.monitoring.history import History, trends_of
 from scara_kinetostatic.monitoring.record import CalibrationRecord
-from scara_kinetostatic.monitoring.trend import trends_of
+from scara_kinetostatic.monitoring.report import _axis
 from scara_kinetostatic.render.json_file import json_text
 from scara_kinetostatic.report.document import as_document
 

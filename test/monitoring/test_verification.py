@@ -17,8 +17,8 @@ from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.drift import DriftMonitor
 from scara_kinetostatic.monitoring.record import CalibrationRecord
+from scara_kinetostatic.monitoring.report import verification_document, verification_page
 from scara_kinetostatic.monitoring.verification import verify
-from scara_kinetostatic.monitoring.verification_report import verification_document, verification_page
 from scara_kinetostatic.touches.detection import Detection
 
 

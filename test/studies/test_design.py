@@ -14,9 +14,18 @@ from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL, Parameters
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.studies.design.held_out import MOST_HELD_OUT, held_out_ratio
-from scara_kinetostatic.studies.design.prediction import Robot, exact_plan, observability, predict
-from scara_kinetostatic.studies.design.workspace import Region, free_tip, loaded_tip, make_workspace, tip_std
+from scara_kinetostatic.studies.design.candidates import MOST_HELD_OUT, held_out_ratio
+from scara_kinetostatic.studies.design.prediction import (
+    Region,
+    Robot,
+    exact_plan,
+    free_tip,
+    loaded_tip,
+    make_workspace,
+    observability,
+    predict,
+    tip_std,
+)
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 ROBOT = Robot.of(CELL, PAPER_ACTUAL)

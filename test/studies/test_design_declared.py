@@ -14,21 +14,19 @@ from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate, Senso
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.studies.design.attainable import (
+from scara_kinetostatic.studies.design.candidates import candidate_plan, prepare_candidates
+from scara_kinetostatic.studies.design.layouts import TouchPattern, disc_stds, map_additional_disc
+from scara_kinetostatic.studies.design.optimal_design import (
+    AccuracySource,
+    Requirements,
     check_attainable,
     contributions,
     limit,
     required_tip,
     with_usual_accuracy,
 )
-from scara_kinetostatic.studies.design.candidates import candidate_plan, prepare_candidates
-from scara_kinetostatic.studies.design.disc_layout import TouchPattern, disc_stds
-from scara_kinetostatic.studies.design.disc_placement import map_additional_disc
-from scara_kinetostatic.studies.design.lower_bound import find_lower_bound
-from scara_kinetostatic.studies.design.prediction import Robot, predict
-from scara_kinetostatic.studies.design.result import AccuracySource, Requirements
-from scara_kinetostatic.studies.design.selection import best_set, largest_of_sets, random_sets
-from scara_kinetostatic.studies.design.workspace import free_tip, make_workspace, tip_std
+from scara_kinetostatic.studies.design.prediction import Robot, free_tip, make_workspace, predict, tip_std
+from scara_kinetostatic.studies.design.search import best_set, find_lower_bound, largest_of_sets, random_sets
 
 DISCS = tuple(disc._replace(center_std=1.5e-5, radius_std=5e-6) for disc in PAPER_DISCS)
 EXACT = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))

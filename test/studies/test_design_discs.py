@@ -8,15 +8,16 @@ import pytest
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Disc, Noise
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.studies.design.disc_layout import TouchPattern, even_touches, overlap
-from scara_kinetostatic.studies.design.disc_placement import (
+from scara_kinetostatic.studies.design.layouts import (
     INFEASIBLE,
+    TouchPattern,
     evaluate_layouts,
+    even_touches,
     map_additional_disc,
+    overlap,
     place_discs,
 )
-from scara_kinetostatic.studies.design.prediction import Robot, exact_plan
-from scara_kinetostatic.studies.design.workspace import Region, free_tip, make_workspace
+from scara_kinetostatic.studies.design.prediction import Region, Robot, exact_plan, free_tip, make_workspace
 
 ROBOT = Robot.of(Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3)))
 TIP = free_tip(ROBOT, make_workspace(ROBOT, radii=3, angles=12))

@@ -10,22 +10,31 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.studies.design.candidates import PRIOR, candidate_plan, pack, prepare_candidates
-from scara_kinetostatic.studies.design.exchange import improve, largest_variance, variance_with_each
-from scara_kinetostatic.studies.design.lower_bound import find_lower_bound
-from scara_kinetostatic.studies.design.optimal_design import optimal_design
-from scara_kinetostatic.studies.design.prediction import Robot, exact_plan, predict
-from scara_kinetostatic.studies.design.result import Requirements
-from scara_kinetostatic.studies.design.selection import best_set, check_set, largest_of_sets, random_sets, smallest_set
-from scara_kinetostatic.studies.design.self_check import (
+from scara_kinetostatic.studies.design.candidates import (
     LOSS_FACTOR,
     MOST_LEVERAGE,
+    PRIOR,
     TOUCHES_PER_DISC,
+    candidate_plan,
     least_on_discs,
     leverage_with_each,
     leverages,
+    pack,
+    prepare_candidates,
 )
-from scara_kinetostatic.studies.design.workspace import free_tip, make_workspace, tip_std
+from scara_kinetostatic.studies.design.optimal_design import Requirements, optimal_design
+from scara_kinetostatic.studies.design.prediction import Robot, exact_plan, free_tip, make_workspace, predict, tip_std
+from scara_kinetostatic.studies.design.search import (
+    best_set,
+    check_set,
+    find_lower_bound,
+    improve,
+    largest_of_sets,
+    largest_variance,
+    random_sets,
+    smallest_set,
+    variance_with_each,
+)
 
 NOISE = Noise(joint=1e-5, force=0.3)
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=NOISE)

@@ -15,9 +15,8 @@ from matplotlib.ticker import FixedLocator, NullLocator
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.render.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, as_svg, mark, new_figure
-from scara_kinetostatic.studies.design.document import best_place
-from scara_kinetostatic.studies.design.result import Design, DesignedSet
-from scara_kinetostatic.studies.design.workspace import free_tip, loaded_tip, make_workspace, reach, tip_std
+from scara_kinetostatic.studies.design.optimal_design import Design, DesignedSet
+from scara_kinetostatic.studies.design.prediction import free_tip, loaded_tip, make_workspace, reach, tip_std
 
 WIDTH, HALF = 920.0, 450.0
 _TICKS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 200, 300, 500, 1000)
@@ -178,7 +177,7 @@ def additional_disc_picture(design: Design) -> Markup:
     shown = MICRO * np.ma.masked_invalid(m.largest)
     drawn = axes.pcolormesh(m.x, m.y, shown, shading='nearest', cmap=COLOURS, rasterized=True)
     _discs(axes, cell.discs, INK)
-    best = best_place(design)
+    best = m.best
     if best is not None:
         axes.add_patch(Circle(best[:2], m.radius, fill=False, edgecolor=SERIES[1], lw=2.0))
         axes.plot(*best[:2], '+', ms=9, color=SERIES[1], mew=2)

@@ -1,4 +1,13 @@
-"""Optimal design of a calibration for one cell, the design question of section 5.1.
+"""Requirements and result of an optimal design.
+
+The accuracy that touches can reach where the cell declares uncertainties.
+
+However many touches are made, an error that is an alias of parameters stays as large as it was declared: with one error
+of all radii, say, g_ee is never known better. Other errors, such as those of the places of the discs, could be reduced,
+but only by very many touches. So the standard deviation of the tip soon hardly depends on the number of touches, and
+what is left with the largest number that a design considers is the limit.
+
+Optimal design of a calibration for one cell, the design question of section 5.1.
 
 `optimal_design` gives the smallest set of touches that reaches an accuracy of the tip and checks itself, beside it the
 smallest set at all, the lower bound of their number and checks, the dependence of the accuracy on number, discs, force
@@ -7,32 +16,55 @@ levels and postures, and the best places for discs.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
 
 from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.cell import Plate
+from scara_kinetostatic.model.quantity import quantity
 from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.studies.design.attainable import check_attainable
-from scara_kinetostatic.studies.design.candidates import CandidateTouches, candidate_plan, prepare_candidates
-from scara_kinetostatic.studies.design.disc_layout import TouchPattern
-from scara_kinetostatic.studies.design.disc_placement import DiscMap, Layout, map_additional_disc, place_discs
-from scara_kinetostatic.studies.design.held_out import MOST_HELD_OUT, held_out_ratio
-from scara_kinetostatic.studies.design.lower_bound import LowerBound, find_lower_bound
-from scara_kinetostatic.studies.design.prediction import Robot, predict
-from scara_kinetostatic.studies.design.result import Design, DesignedSet, DiscUse, PlacedDiscs, Requirements
-from scara_kinetostatic.studies.design.selection import (
+from scara_kinetostatic.studies.design.candidates import (
+    MOST_HELD_OUT,
+    MOST_LEVERAGE,
+    PER_DISC,
+    CandidateTouches,
+    candidate_plan,
+    held_out_ratio,
+    prepare_candidates,
+)
+from scara_kinetostatic.studies.design.layouts import DiscMap, Layout, TouchPattern, map_additional_disc, place_discs
+from scara_kinetostatic.studies.design.prediction import (
+    Prediction,
+    Region,
+    Robot,
+    Tip,
+    TipStd,
+    Workspace,
+    free_tip,
+    loaded_tip,
+    make_workspace,
+    predict,
+    tip_std,
+)
+from scara_kinetostatic.studies.design.search import (
     FEWEST_TOUCHES,
+    MOST_TOUCHES,
     FoundSet,
+    LowerBound,
     NumberProgress,
+    SetCheck,
     check_set,
+    find_lower_bound,
     smallest_set,
     without_each,
 )
-from scara_kinetostatic.studies.design.self_check import MOST_LEVERAGE
 from scara_kinetostatic.studies.design.sensitivity import (
+    Curve,
     Row,
     Tips,
     row_of_discs,
@@ -41,7 +73,244 @@ from scara_kinetostatic.studies.design.sensitivity import (
     study_number,
     study_postures,
 )
-from scara_kinetostatic.studies.design.workspace import Tip, free_tip, loaded_tip, make_workspace, tip_std
+
+_EVERYWHERE = Region()
+
+
+USUAL_ACCURACY = 1e-5
+"""Largest standard deviation of the tip where none is required, m."""
+
+
+class AccuracySource(str, Enum):
+    """Where the accuracy comes from that a design has to reach."""
+
+    REQUIRED = 'required'
+    TOLERANCE = 'tolerance'
+    USUAL = 'usual'
+    ATTAINABLE = 'attainable'
+
+
+@dataclass(frozen=True)
+class Requirements:
+    """What the design has to reach, and what it may choose from.
+
+    Attributes:
+        accuracy: largest standard deviation of the tip over the workspace, m.
+        accuracy_source: where that comes from.
+        levels: force levels to choose from, N.
+        postures: elbow postures to choose from, +1 and -1.
+        per_disc: points around a disc to choose from.
+        load: force under which the loaded tip is predicted, N.
+        under_load: whether the accuracy is required of the loaded tip.
+        region: the part of the base frame that counts, and where discs may be placed.
+        number: of touches in comparisons.
+        radii: smallest and largest radius of a disc that is placed, m; None: as those of the cell.
+        most_discs: largest number of discs in new layouts; 0 for no layouts.
+        seed: of all random numbers.
+    """
+
+    accuracy: float = USUAL_ACCURACY
+    accuracy_source: AccuracySource = AccuracySource.REQUIRED
+    levels: tuple[float, ...] = (10.0, 25.0, 40.0)
+    postures: tuple[int, ...] = (1, -1)
+    per_disc: int = PER_DISC
+    load: float = 40.0
+    under_load: bool = False
+    region: Region = _EVERYWHERE
+    number: int = 36
+    radii: tuple[float, float] | None = None
+    most_discs: int = 3
+    seed: int = 0
+
+
+class DesignedSet(NamedTuple):
+    """The smallest set of touches found for the required accuracy, with checks or without.
+
+    Attributes:
+        plan: the touches, in the order in which to make them.
+        row: their prediction.
+        check: checks of the set.
+        tried: largest standard deviation of the tip of the best smaller sets, by number of touches, m; of those that
+            check themselves that after the worst loss, infinite where a leverage is too large.
+        least: lower bound of the number of touches.
+        value: largest standard deviation of the tip, m; of a set that checks itself that after the worst loss.
+    """
+
+    plan: Plan
+    row: Row
+    check: SetCheck
+    tried: dict[int, float]
+    least: int
+    value: float
+
+
+class DiscUse(NamedTuple):
+    """How the recommended set uses a disc of the cell.
+
+    Attributes:
+        name: of the disc.
+        touches: number of touches on it.
+        candidates: number of touches on it that could be chosen.
+    """
+
+    name: str
+    touches: int
+    candidates: int
+
+
+class PlacedDiscs(NamedTuple):
+    """A new layout of discs.
+
+    Attributes:
+        layout: the discs.
+        row: prediction for evenly distributed touches on them.
+        needed: number of touches of the smallest set found there for the accuracy, None if it is out of reach.
+    """
+
+    layout: Layout
+    row: Row | None
+    needed: int | None
+
+
+@dataclass(frozen=True)
+class Design:
+    """The result.
+
+    Attributes:
+        robot: the robot with its cell; with all discs on one plate, in the frame of that plate.
+        requirements: of the design.
+        workspace: where the tip is evaluated.
+        recommended: the smallest set that reaches the accuracy and checks itself: it keeps the accuracy after the loss
+            of any one touch, no leverage is too large, and every disc is touched.
+        smallest: the smallest set that reaches the accuracy; it may check nothing.
+        curve: accuracy by the number of touches.
+        tables: predictions by what is varied: ``levels``, ``postures``, ``discs``, ``radius``.
+        placed: new layouts of one disc, two, ….
+        additional_disc: accuracy with one additional disc.
+        tip: of which the accuracy is required, over the workspace.
+        plate: in whose frame the tip is, because it carries all discs; None for the base frame.
+        discs: how the recommended set uses the discs of the cell.
+        least_possible: largest standard deviation of the tip that very many touches leave (`attainable`), m; 0 where
+            the cell declares no uncertainties.
+        in_base_frame: that of the recommended set in the base frame, m; None where no plate stands between.
+    """
+
+    robot: Robot
+    requirements: Requirements
+    workspace: Workspace
+    recommended: DesignedSet
+    smallest: DesignedSet
+    curve: Curve
+    tables: dict[str, list[Row]]
+    placed: tuple[PlacedDiscs, ...]
+    additional_disc: DiscMap
+    tip: Tip
+    plate: Plate | None = None
+    discs: tuple[DiscUse, ...] = ()
+    least_possible: float = 0.0
+    in_base_frame: float | None = None
+
+    def tip_of(self, designed: DesignedSet) -> TipStd:
+        """Standard deviation of the tip of which the accuracy is required, with a set."""
+        return designed.row.loaded if self.requirements.under_load else designed.row.free
+
+
+_ABOVE_LIMIT = 1.1
+"""Accuracy over the limit where none is required and the usual one is out of reach; more touches could gain a tenth."""
+_COVERAGE = 2.0
+"""Coverage factor of a tolerance."""
+
+
+def required_tip(robot: Robot, requirements: Requirements) -> Tip:
+    """The tip of which the accuracy is required, over the whole workspace."""
+    workspace = make_workspace(robot, requirements.region)
+    return loaded_tip(robot, workspace, requirements.load) if requirements.under_load else free_tip(robot, workspace)
+
+
+def limit(robot: Robot, requirements: Requirements, tip: Tip) -> tuple[float, Prediction | None]:
+    """Largest standard deviation of the tip that very many touches leave, m, and the prediction for it.
+
+    Zero, and no prediction, where the cell declares no uncertainties.
+    """
+    if robot.declared is None:
+        return 0.0, None
+    plan = candidate_plan(robot, requirements.levels, requirements.postures, requirements.per_disc)
+    prediction = predict(robot, plan, MOST_TOUCHES)
+    return tip_std(tip, prediction).largest, prediction
+
+
+def with_usual_accuracy(robot: Robot, requirements: Requirements) -> Requirements:
+    """The requirements with the accuracy that counts where none is required.
+
+    It is the tolerance of the cell in standard deviations if there is one; else `USUAL_ACCURACY`, or somewhat more than
+    the declared uncertainties leave where that is out of reach.
+
+    Args:
+        robot: the robot.
+        requirements: without an accuracy.
+    """
+    tolerance = robot.cell.tolerance
+    if tolerance is not None:
+        return replace(requirements, accuracy=tolerance / _COVERAGE, accuracy_source=AccuracySource.TOLERANCE)
+    robot = robot.on_plate() if robot.common_plate else robot
+    lowest, _ = limit(robot, requirements, required_tip(robot, requirements))
+    attainable = _ABOVE_LIMIT * lowest
+    if not np.isfinite(attainable) or attainable <= USUAL_ACCURACY:
+        return replace(requirements, accuracy=USUAL_ACCURACY, accuracy_source=AccuracySource.USUAL)
+    digits = 10 ** (np.floor(np.log10(attainable)) - 1)
+    rounded = float(f'{np.ceil(attainable / digits) * digits:.2g}')
+    return replace(requirements, accuracy=rounded, accuracy_source=AccuracySource.ATTAINABLE)
+
+
+def check_attainable(robot: Robot, requirements: Requirements, tip: Tip, bound: LowerBound) -> float:
+    """The limit, m.
+
+    Raises:
+        UnsupportedDataError: the accuracy is out of reach for any touches, by what the cell declares.
+    """
+    lowest, prediction = limit(robot, requirements, tip)
+    if prediction is not None and bound.variance(MOST_TOUCHES) > requirements.accuracy**2:
+        kind, part = max(contributions(prediction, tip).items(), key=lambda item: item[1])
+        enough = float(f'{_ABOVE_LIMIT * lowest:.2g}')
+        half = requirements.accuracy_source is AccuracySource.TOLERANCE
+        why = ' (half of tolerance.tip: k = 2)' if half else ''
+        raise UnsupportedDataError(
+            f'an accuracy of {quantity(requirements.accuracy, "m")}{why} is out of reach: {MOST_TOUCHES} touches leave '
+            f'{quantity(lowest, "m")}, {kind} alone {quantity(part, "m")} of it as the cell declares it',
+            f'ask for {quantity(enough, "m")} (--accuracy {np.format_float_positional(enough)}), or reduce what limits '
+            'it: that is where more touches help least',
+        )
+    return lowest
+
+
+def contributions(prediction: Prediction, tip: Tip) -> dict[str, float]:
+    """What noise and each kind of declared uncertainty contribute to the tip at its worst place, m, by their names.
+
+    Their squares add up to the square of the whole. The places of all discs are one kind, and so on.
+    """
+    place = np.einsum('gdik,kl,gdil->gd', tip.derivative, prediction.covariance, tip.derivative, optimize=True)
+    worst = tip.derivative[np.unravel_index(int(np.argmax(place)), place.shape)]
+    found: defaultdict[str, float] = defaultdict(float)
+    for source, covariance in prediction.by_source:
+        found[KINDS.get(source.label.split('[')[0], source.label)] += float(
+            np.einsum('ik,kl,il->', worst, covariance, worst)
+        )
+    found['noise'] = max(0.0, float(place.max()) - sum(found.values()))
+    return {kind: float(np.sqrt(variance)) for kind, variance in found.items()}
+
+
+KINDS = {
+    'object_position': 'the places of the discs',
+    'object_radius': 'the radii of the discs',
+    'plate_position': 'the places of the plates',
+    'plate_angle': 'the rotation of the plates',
+    'radius': 'the error common to all radii',
+    'force_gain': 'the gain of the force sensor',
+    'force_rotation': 'the rotation of the force sensor',
+    'nominal': 'the nominal values',
+}
+"""Kinds of declared uncertainties, in words."""
+
 
 Progress = Callable[[str, float], None]
 """Receives what is being done, and the share of all that is done, 0 to 1."""

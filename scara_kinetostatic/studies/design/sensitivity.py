@@ -20,11 +20,9 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.studies.design.candidates import CandidateTouches, candidate_plan
-from scara_kinetostatic.studies.design.disc_layout import overlap
-from scara_kinetostatic.studies.design.lower_bound import LowerBound
-from scara_kinetostatic.studies.design.prediction import Prediction, Robot, predict
-from scara_kinetostatic.studies.design.selection import best_set, largest_of_sets, random_sets
-from scara_kinetostatic.studies.design.workspace import Tip, TipStd, tip_std
+from scara_kinetostatic.studies.design.layouts import overlap
+from scara_kinetostatic.studies.design.prediction import Prediction, Robot, Tip, TipStd, predict, tip_std
+from scara_kinetostatic.studies.design.search import LowerBound, best_set, largest_of_sets, random_sets
 
 _RADIUS_FACTORS = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
 """Factors on the radii of the cell's discs."""

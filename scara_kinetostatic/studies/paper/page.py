@@ -14,8 +14,8 @@ from scara_kinetostatic.render.figure import style
 from scara_kinetostatic.render.page import page_template
 from scara_kinetostatic.render.table import Table
 from scara_kinetostatic.studies.design import figures as design_figures
-from scara_kinetostatic.studies.design import text as design_text
-from scara_kinetostatic.studies.design.result import Design
+from scara_kinetostatic.studies.design import report as design_text
+from scara_kinetostatic.studies.design.optimal_design import Design
 from scara_kinetostatic.studies.dial_gauge.page import part_section
 from scara_kinetostatic.studies.dial_gauge.text import summary_table
 from scara_kinetostatic.studies.paper import figures

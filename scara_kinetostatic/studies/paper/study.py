@@ -9,9 +9,8 @@ from scara_kinetostatic.model.cell import PAPER_CELL, Noise
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.studies.design.optimal_design import optimal_design
+from scara_kinetostatic.studies.design.optimal_design import Design, optimal_design
 from scara_kinetostatic.studies.design.prediction import Robot
-from scara_kinetostatic.studies.design.result import Design
 from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, analyse_tables
 from scara_kinetostatic.studies.dial_gauge.simulation import simulate_experiments
 from scara_kinetostatic.studies.paper.general_gripper import Part, observable_parts

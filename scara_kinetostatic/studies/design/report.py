@@ -1,20 +1,180 @@
-"""The design as sentences and tables, for a terminal and for the page."""
+"""`design.json`: the optimal design as data, SI units; null where a quantity is not determined.
+
+The design as sentences and tables, for a terminal and for the page.
+
+The files of a design: `design.html`, one self-contained page, `design.json`, and two plans of touches.
+"""
 
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from scara_kinetostatic import __version__
+from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.render.figure import COLOURS, mark, style
+from scara_kinetostatic.render.json_file import json_text
+from scara_kinetostatic.render.page import page_template
 from scara_kinetostatic.render.quantities import SCALES, count
 from scara_kinetostatic.render.table import NOT_DETERMINED, Table
-from scara_kinetostatic.studies.design.attainable import contributions
-from scara_kinetostatic.studies.design.document import best_place
-from scara_kinetostatic.studies.design.lower_bound import MOST_TOUCHES
-from scara_kinetostatic.studies.design.result import USUAL_ACCURACY, AccuracySource, Design, DesignedSet
-from scara_kinetostatic.studies.design.self_check import MOST_LEVERAGE, TOUCHES_PER_DISC
-from scara_kinetostatic.studies.design.sensitivity import Row
+from scara_kinetostatic.simulation.plan import Plan
+from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
+from scara_kinetostatic.studies.design import figures
+from scara_kinetostatic.studies.design.candidates import MOST_LEVERAGE, TOUCHES_PER_DISC
+from scara_kinetostatic.studies.design.optimal_design import (
+    USUAL_ACCURACY,
+    AccuracySource,
+    Design,
+    DesignedSet,
+    PlacedDiscs,
+    contributions,
+)
+from scara_kinetostatic.studies.design.prediction import TipStd
+from scara_kinetostatic.studies.design.search import COMPLIANCE_FACTOR, MOST_TOUCHES, NOISE_FACTOR
+from scara_kinetostatic.studies.design.sensitivity import BAND, Row
+
+SCHEMA = 'scara_kinetostatic/design/1'
+
+
+def design_document(design: Design) -> dict[str, Any]:
+    """Plain JSON values."""
+    q, robot, curve, additional = design.requirements, design.robot, design.curve, design.additional_disc
+    place = design.additional_disc.best
+    return {
+        'schema': SCHEMA,
+        'requirements': {
+            'accuracy': q.accuracy,
+            'accuracy_source': q.accuracy_source.value,
+            'of': 'loaded tip' if q.under_load else 'free tip',
+            'levels': list(q.levels),
+            'postures': [POSTURE_NAMES[posture] for posture in q.postures],
+            'load': q.load,
+            'region': [_number(value) for value in q.region],
+            'touches_compared': q.number,
+            'seed': q.seed,
+        },
+        'robot': {
+            'parameters': robot.parameters.as_dict(),
+            'noise': robot.noise.as_dict(),
+            'noise_assumed': list(robot.assumed),
+        },
+        'declared_uncertainties': _declared(design),
+        'recommended': {
+            **_designed_set(design.recommended, design),
+            'most_leverage': MOST_LEVERAGE,
+            'touches_on_discs': {use.name: use.touches for use in design.discs},
+        },
+        'smallest': _designed_set(design.smallest, design),
+        'by_number': {
+            'touches': curve.number.tolist(),
+            'chosen': _numbers(curve.chosen),
+            'evenly_distributed': _numbers(curve.even),
+            'random': {f'{100 * share:g} %': _numbers(curve.random[:, k]) for k, share in enumerate(BAND)},
+            'lower_bound': _numbers(curve.bound),
+        },
+        'tables': {name: [_row(row) for row in rows] for name, rows in design.tables.items()},
+        'placed': [_placed(placed) for placed in design.placed],
+        'additional_disc': {
+            'radius': additional.radius,
+            'touches': list(additional.touches),
+            'without': _number(additional.without),
+            'best': None if place is None else {'center': list(place[:2]), 'tip': place[2]},
+        },
+    }
+
+
+def _declared(design: Design) -> dict[str, Any] | None:
+    """What the cell declares as uncertain, and what it leaves however many touches are made; None without any."""
+    declared = design.robot.declared
+    if declared is None and design.in_base_frame is None:
+        return None
+    sources = () if declared is None else declared.prior.sources
+    plate = design.plate
+    return {
+        'sources': [{'source': source.label, 'declared': source.std, 'unit': source.unit} for source in sources],
+        'least_possible': design.least_possible,
+        'frame': 'base' if plate is None else f'plate {plate.name}',
+        'tip_in_base_frame': None if design.in_base_frame is None else _number(design.in_base_frame),
+    }
+
+
+def _designed_set(designed: DesignedSet, design: Design) -> dict[str, Any]:
+    check, prediction = designed.check, designed.row.prediction
+    return {
+        **_row(designed.row),
+        'value': designed.value,
+        'lower_bound': designed.least,
+        'smaller_sets': {str(number): _number(value) for number, value in sorted(designed.tried.items())},
+        'largest_leverage': float(prediction.leverage.max()),
+        'leverage': _numbers(prediction.leverage),
+        'without_each_touch': _numbers(check.without_each),
+        'held_out_ratio': _number(check.held_out),
+        'std_growth_by_loss': _numbers(check.growth),
+        'random_sets': {'number': len(check.random), 'best': _number(check.random[0]),
+                        'median': _number(float(np.median(check.random)))},
+        'more_compliant': {'factor': COMPLIANCE_FACTOR, 'largest': _number(check.more_compliant)},
+        'more_noise': {'factor': NOISE_FACTOR, 'joint': _number(check.more_joint_noise),
+                       'force': _number(check.more_force_noise)},
+        'contributions': {kind: _number(value) for kind, value in contributions(prediction, design.tip).items()},
+        'plan': _plan(designed.plan, design.robot.cell),
+    }  # fmt: skip
+
+
+def _plan(plan: Plan, cell: Cell) -> list[dict[str, Any]]:
+    rows = zip(plan.disc, np.degrees(plan.angle), plan.posture, plan.force, strict=True)
+    return [
+        {
+            'disc': cell.discs[d].name,
+            'angle_deg': round(float(a), 9),
+            'posture': POSTURE_NAMES[int(s)],
+            'force': float(f),
+        }
+        for d, a, s, f in rows
+    ]
+
+
+def _row(row: Row) -> dict[str, Any]:
+    p = row.prediction
+    return {
+        'label': row.label,
+        'touches': p.touches,
+        'rank': p.rank,
+        'confounded': [list(group) for group in p.confounded],
+        'condition': _number(p.condition),
+        'observability': {name.upper(): _number(value) for name, value in p.indices._asdict().items()},
+        'tip_free': _tip(row.free),
+        'tip_loaded': _tip(row.loaded),
+        'std': {name: _number(value) for name, value in zip(NAMES, p.std, strict=True)},
+    }
+
+
+def _tip(tip: TipStd) -> dict[str, float | None]:
+    return {'largest': _number(tip.largest), 'rms': _number(tip.rms)}
+
+
+def _placed(placed: PlacedDiscs) -> dict[str, Any]:
+    return {
+        'discs': [_disc(disc) for disc in placed.layout.discs],
+        'prediction': None if placed.row is None else _row(placed.row),
+        'touches_needed': placed.needed,
+    }
+
+
+def _disc(disc: Disc) -> dict[str, Any]:
+    return {'name': disc.name, 'center': [disc.x, disc.y], 'radius': disc.radius}
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _numbers(values: Any) -> list[float | None]:
+    return [_number(value) for value in values]
+
 
 _TITLES = {
     'levels': 'Force levels',
@@ -182,7 +342,7 @@ def disc_sentences(design: Design) -> list[str]:
             reached = f'the tip is not determined{alone}'
         needed = f'; the smallest set at all has {placed.needed} touches' if placed.needed else ''
         sentences.append(f'{count(number, "disc")}: {places}: {reached}{needed}.')
-    place, additional = best_place(design), design.additional_disc
+    place, additional = design.additional_disc.best, design.additional_disc
     if place is not None:
         sentences.append(
             f'An additional disc of radius {additional.radius:.3f} m is best at ({place[0]:.2f}, {place[1]:.2f}) m: '
@@ -276,3 +436,54 @@ def text(design: Design) -> str:
         'Best places for discs\n' + '\n'.join(disc_sentences(design)),
     ]
     return '\n\n'.join(parts)
+
+
+PLAN, SMALLEST_PLAN = 'plan.yaml', 'plan_smallest.yaml'
+_TEMPLATE = Path(__file__).parent / 'page.html.j2'
+
+
+def html_text(design: Design) -> str:
+    """The page."""
+    with style():
+        pictures = {
+            'number': figures.number_picture(design),
+            'without': figures.without_picture(design),
+            'random': figures.random_picture(design),
+            'tip': figures.tip_picture(design),
+            'recommended': figures.plan_picture(design.recommended, design, 'recommended'),
+            'smallest': figures.plan_picture(design.smallest, design, 'smallest'),
+            'additional_disc': figures.additional_disc_picture(design),
+            'placed': figures.placed_picture(design) if any(placed.row for placed in design.placed) else None,
+        }
+    discs = design.robot.cell.discs
+    marks = [mark(number) for number in range(len(discs))]
+    return page_template(_TEMPLATE).render(
+        version=__version__,
+        design=design,
+        pictures=pictures,
+        headline=headline(design),
+        requirement=requirement(design),
+        noise=noise_sentences(design),
+        conditions=condition_sentences(design),
+        recommended=set_sentences(design.recommended, design),
+        smallest=set_sentences(design.smallest, design),
+        places=disc_sentences(design),
+        plan=plan_table(design.recommended, design),
+        smallest_plan=plan_table(design.smallest, design),
+        parameters=parameter_table(design),
+        numbers=number_table(design),
+        tables=factor_tables(design),
+        legend=[(each.sign, COLOURS[each.colour], disc.name) for each, disc in zip(marks, discs, strict=True)],
+    )
+
+
+def design_files(design: Design) -> dict[str, str]:
+    """The text of each file of a design by its name: both plans, the numbers, the page."""
+    cell = design.robot.cell
+    remarks = (*noise_sentences(design), *condition_sentences(design))
+    return {
+        PLAN: dump_plan(design.recommended.plan, cell, (*remarks, *set_sentences(design.recommended, design))),
+        SMALLEST_PLAN: dump_plan(design.smallest.plan, cell, (*remarks, *set_sentences(design.smallest, design))),
+        'design.json': json_text(design_document(design)),
+        'design.html': html_text(design),
+    }
