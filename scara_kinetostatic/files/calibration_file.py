@@ -49,6 +49,7 @@ def cell_entry(cell: Cell) -> dict[str, Any]:
             'wrench': sensor.wrench,
             'frame': sensor.frame.value,
             'sign': sensor.sign.value,
+            **({} if sensor.time_offset is None else {'time_offset': sensor.time_offset}),
         },
         'gripper_sign': cell.gripper_sign.value,
         'gripper_excess': [list(row) for row in cell.gripper_excess],

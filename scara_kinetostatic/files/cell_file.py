@@ -96,7 +96,7 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
         nominal=_nominal(robot),
         discs=_discs(top, plates),
         joint_names=_joint_names(robot),
-        sensor=_sensor(top.section('sensor', (), ('joint_states', 'wrench', 'frame', 'sign'))),
+        sensor=_sensor(top.section('sensor', (), ('joint_states', 'wrench', 'frame', 'sign', 'time_offset'))),
         noise=parse_noise(top),
         gripper_sign=model.choice('gripper_sign', GripperSign.PHYSICAL),
         gripper_excess=_excess(model),
@@ -126,6 +126,7 @@ def dump_cell(cell: Cell) -> str:
         f'  wrench: {_flow(sensor.wrench)}',
         f'  frame: {sensor.frame.value}',
         f'  sign: {sensor.sign.value}',
+        *([] if sensor.time_offset is None else [f'  time_offset: {_flow(sensor.time_offset)}']),
     ]
     if cell.noise is not None:
         lines.append(f'noise: {_flow(cell.noise.as_dict(as_stated=True))}')
@@ -203,11 +204,15 @@ def _sensor(section: Section) -> Sensor:
             raise section.error(name, f'{CELL_TOPIC} carries the cell description', 'choose another topic')
     if topics['joint_states'].lstrip('/') == topics['wrench'].lstrip('/'):
         raise section.error('wrench', f'both topics are named {topics["wrench"]}', 'they carry different messages')
+    offset = section.number('time_offset') if 'time_offset' in section.data else None
+    if offset is not None and abs(offset) > 4e9:
+        raise section.error('time_offset', f'expected seconds, at most 4e9 in size, got {offset:g}')
     return Sensor(
         topics['joint_states'],
         topics['wrench'],
         section.choice('frame', default.frame),
         section.choice('sign', default.sign),
+        offset,
     )
 
 

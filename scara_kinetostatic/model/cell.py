@@ -277,12 +277,14 @@ class Sensor(NamedTuple):
         wrench: the same of the other one.
         frame: in which the wrench is reported.
         sign: whose force is reported.
+        time_offset: added to the stamps of the wrench, s; where it is stated the clocks of both topics are not compared.
     """
 
     joint_states: str = '/joint_states'
     wrench: str = '/wrench'
     frame: SensorFrame = SensorFrame.BASE
     sign: SensorSign = SensorSign.ON_OBJECT
+    time_offset: float | None = None
 
     @property
     def topics(self) -> tuple[str, str]:

@@ -108,6 +108,7 @@ names = st.text(st.characters(exclude_categories=['Cc', 'Cs', 'Zs', 'Zl', 'Zp', 
         st.just('/ft/wrench'),
         st.sampled_from(SensorFrame),
         st.sampled_from(SensorSign),
+        st.none() | st.floats(-4e9, 4e9),
     ),
     noise=st.none()
     | st.builds(
@@ -135,6 +136,7 @@ def test_round_trip(nominal, joint_names, disc_name, sensor, noise, gripper_sign
         (changed('l1: 0.33, ', ''), "robot.nominal: the key 'l1' is missing"),
         (changed('theta1: 0.0', 'theta_1: 0.0'), "'theta_1'; did you mean 'theta1'?"),
         (changed('radius: 0.15', 'radius: -0.15'), 'objects[0].radius: expected a number above 0'),
+        (changed('sign: on_object', 'sign: on_object, time_offset: 5e9'), 'sensor.time_offset: expected seconds'),
         (changed('radius: 0.15', 'radius: 0'), 'objects[0].radius: expected a number above 0'),
         (changed('radius: 0.15', 'radius: true'), 'objects[0].radius: expected a number, got True'),
         (changed('radius: 0.15', 'radius: "0.15"'), 'objects[0].radius: expected a number'),
