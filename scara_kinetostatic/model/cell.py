@@ -277,7 +277,7 @@ class Sensor(NamedTuple):
         wrench: the same of the other one.
         frame: in which the wrench is reported.
         sign: whose force is reported.
-        time_offset: added to the stamps of the wrench, s; where it is stated the clocks of both topics are not compared.
+        time_offset: added to the stamps of the wrench, s; where stated, the clocks are not compared.
     """
 
     joint_states: str = '/joint_states'
