@@ -16,8 +16,9 @@ from numpy.typing import ArrayLike
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.bags.reader import read_streams
+from scara_kinetostatic.calibration.fit_point import base_force, force_residual
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
-from scara_kinetostatic.calibration.prediction import base_force, force_residual, observe
+from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.contour.trace import trace_contour as contour_of

@@ -14,11 +14,9 @@ from scara_kinetostatic.assessment.mistakes import FEWEST_TOUCHES, agree, find_m
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.bags.messages import reading
 from scara_kinetostatic.bags.reader import read_streams
-from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.fixed import check_units, fixed_effects
-from scara_kinetostatic.calibration.held_out import held_out_force_error
+from scara_kinetostatic.calibration.calibrate import calibrate, check_units, fixed_effects
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE
-from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.result import Calibration, held_out_force_error
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.errors import CellError, InputError, ParameterError, UnsupportedDataError

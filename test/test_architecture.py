@@ -157,7 +157,7 @@ def test_names_are_standard_terms() -> None:
 
 def test_the_numerical_core_needs_neither_ros_nor_files() -> None:
     code = (
-        'import sys, scara_kinetostatic.diagnosis.diagnose as d, scara_kinetostatic.calibration.held_out as h\n'
+        'import sys, scara_kinetostatic.diagnosis.diagnose as d, scara_kinetostatic.calibration.result as h\n'
         "print([m for m in ('rclpy', 'rosbags', 'mcap', 'yaml', 'matplotlib', 'jinja2', 'rich') if m in sys.modules])"
     )
     result = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True, cwd=ROOT)

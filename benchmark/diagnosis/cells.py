@@ -8,13 +8,10 @@ from zlib import crc32
 
 import numpy as np
 
-from scara_kinetostatic.calibration.fit_point import FINAL
+from scara_kinetostatic.calibration.fit_point import FINAL, project
 from scara_kinetostatic.calibration.identifiability import scales_of
-from scara_kinetostatic.calibration.observations import Observations
-from scara_kinetostatic.calibration.prediction import observe
-from scara_kinetostatic.calibration.projection import project
-from scara_kinetostatic.calibration.solver import minimise
-from scara_kinetostatic.calibration.subspace import Subspace
+from scara_kinetostatic.calibration.observations import Observations, observe
+from scara_kinetostatic.calibration.solver import Subspace, minimise
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats

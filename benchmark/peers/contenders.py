@@ -25,13 +25,11 @@ from scipy.optimize import fsolve, least_squares
 from benchmark.common import CELL, NOISE, peak_memory, repeat, reset_peak_memory
 from benchmark.peers.problem import Prepared, Problem, Solution, simulated
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.fit_point import COARSE, FINAL
+from scara_kinetostatic.calibration.fit_point import COARSE, FINAL, turn_radial
 from scara_kinetostatic.calibration.gauss_helmert import first_guess
 from scara_kinetostatic.calibration.identifiability import SCALES
-from scara_kinetostatic.calibration.prediction import observe
-from scara_kinetostatic.calibration.projection import turn_radial
-from scara_kinetostatic.calibration.solver import minimise
-from scara_kinetostatic.calibration.subspace import Subspace
+from scara_kinetostatic.calibration.observations import observe
+from scara_kinetostatic.calibration.solver import Subspace, minimise
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.extended_model import ExtendedModel
 

@@ -11,9 +11,8 @@ from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import Grade, Remark, quantity
 from scara_kinetostatic.assessment.rejections import between
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.advice import contradicted
+from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise, large_noise
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
-from scara_kinetostatic.diagnosis.noise_advice import implausible_noise, large_noise
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.model.quantity import displacement

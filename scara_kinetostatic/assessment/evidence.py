@@ -10,9 +10,9 @@ import numpy as np
 from scara_kinetostatic.assessment.conformity import Conformity, conformity
 from scara_kinetostatic.assessment.leverage import leverages
 from scara_kinetostatic.assessment.mistakes import Mistake, find_mistake
-from scara_kinetostatic.calibration.improvements import Improvement, improvements
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import TipUncertainty, Workspace, tip_uncertainty, workspace
+from scara_kinetostatic.calibration.uncertainty_budget import Improvement, improvements
 from scara_kinetostatic.diagnosis.comparison import Comparison
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.model.arrays import Floats

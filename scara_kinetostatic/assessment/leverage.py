@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from scara_kinetostatic.calibration.prediction import observe
-from scara_kinetostatic.calibration.projection import project
+from scara_kinetostatic.calibration.fit_point import project
+from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.subspace import ActivePrior
+from scara_kinetostatic.calibration.solver import ActivePrior
 from scara_kinetostatic.diagnosis.linear_problem import orthonormal
 from scara_kinetostatic.model.arrays import Floats, read_only
 

@@ -15,8 +15,8 @@ from scipy import special
 
 from scara_kinetostatic.assessment.thresholds import CONSISTENT, FEWEST_MOVED
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.prediction import observe
-from scara_kinetostatic.calibration.projection import project
+from scara_kinetostatic.calibration.fit_point import project
+from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.effects.object_position import ObjectPosition
 from scara_kinetostatic.errors import ScaraKinetostaticError

@@ -10,12 +10,10 @@ from typing import NamedTuple
 from scara_kinetostatic.assessment.assess import assess
 from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import Assessment
-from scara_kinetostatic.calibration.held_out import HeldOut
-from scara_kinetostatic.calibration.result import Calibration, Estimate
+from scara_kinetostatic.calibration.result import Calibration, Estimate, HeldOut
 from scara_kinetostatic.calibration.tip_uncertainty import TipUncertainty
 from scara_kinetostatic.calibration.uncertainty_budget import Item, uncertainty_budget
-from scara_kinetostatic.diagnosis.comparison import Comparison, compare
-from scara_kinetostatic.diagnosis.effect_residual import EffectResidual, effect_residuals
+from scara_kinetostatic.diagnosis.comparison import Comparison, EffectResidual, compare, effect_residuals
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.touch import Rejection

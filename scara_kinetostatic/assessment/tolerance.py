@@ -8,10 +8,15 @@ from scara_kinetostatic.assessment.completeness import to_discriminate
 from scara_kinetostatic.assessment.conformity import Conformity, Decision
 from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import Grade, Remark, quantity
-from scara_kinetostatic.calibration.contributions import ALTERNATIVES
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
-from scara_kinetostatic.calibration.improvements import MORE_TOUCHES, Improvement, best_improvement
-from scara_kinetostatic.calibration.uncertainty_budget import source_title, uncertainty_budget
+from scara_kinetostatic.calibration.result import ALTERNATIVES
+from scara_kinetostatic.calibration.uncertainty_budget import (
+    MORE_TOUCHES,
+    Improvement,
+    best_improvement,
+    source_title,
+    uncertainty_budget,
+)
 
 _MOST_BEYOND = 0.5
 """Part of the workspace beyond the tolerance from which on a result is unfit."""

@@ -2,6 +2,15 @@
 
 Each round fits the model (`solver`) with what the one before has found: the noise levels where they are not given, the
 outliers, and the directions of the model that the data do not determine. The first fit is that of the robust loss.
+
+Outliers: touches far from what all the others predict.
+
+The measure is the studentised distance: the squared Mahalanobis distance of
+its misclosure under the covariance it has as a residual of the fit (for a used touch, smaller
+than V by its leverage; for an unused one, larger). Where all is well it is chi-square with 2 degrees of
+freedom; the bound is set so that one good touch is lost in a thousand recordings.
+If the bulk of the touches is worse than the noise says, the bound grows with it: then the
+model or the noise is wrong, which is not the touches' fault.
 """
 
 from __future__ import annotations
@@ -11,20 +20,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration import least_squares, outliers
-from scara_kinetostatic.calibration.fit_point import COARSE, FINAL, ROBUST, Point, Stage, select
-from scara_kinetostatic.calibration.gauss_helmert import Adjusted, first_guess
+from scara_kinetostatic.calibration import least_squares
+from scara_kinetostatic.calibration.fit_point import COARSE, FINAL, ROBUST, Point, Stage, project, select, turn_radial
+from scara_kinetostatic.calibration.gauss_helmert import Adjusted, Whitened, first_guess
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
+from scara_kinetostatic.calibration.least_squares import typical_scale
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, as_stated, estimate_noise, is_estimated
-from scara_kinetostatic.calibration.observations import Observations
-from scara_kinetostatic.calibration.projection import project, turn_radial
-from scara_kinetostatic.calibration.solver import MAX_ITERATIONS, Fit, Termination, minimise
-from scara_kinetostatic.calibration.subspace import ActivePrior, Subspace
+from scara_kinetostatic.calibration.observations import Observations, in_blocks, pick
+from scara_kinetostatic.calibration.solver import MAX_ITERATIONS, ActivePrior, Fit, Subspace, Termination, minimise
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.touch import common_reason
+from scara_kinetostatic.model.touch import Rejection, common_reason
 
 _ROUNDS = 20
 """Rounds after the first at most."""
@@ -148,7 +156,7 @@ def estimate(
         fit = minimise(observations, model, adjusted, now.subspace, now.noise, now.stage, now.used, most)
         model, adjusted, iterations = fit.point.model, fit.point.adjusted, iterations + fit.iterations
         observations = observations.with_errors(fit.point.errors)
-        distance = outliers.studentised(fit.point.whitened, covariance_of_fit(fit, now.subspace), now.used)
+        distance = studentised(fit.point.whitened, covariance_of_fit(fit, now.subspace), now.used)
         at_limit = warm_start is not None and fit.termination is not Termination.CONVERGED
         limits = limits + 1 if at_limit else 0
         if limits == _MOST_LIMITS:
@@ -199,7 +207,7 @@ def _next_round(
     noise = (
         _update_noise(observations, fit.point, now, cell.noise) if is_estimated(now.noise, cell.noise) else now.noise
     )
-    good, late = outliers.find_good(distance), number >= _FREE_ROUNDS
+    good, late = find_good(distance), number >= _FREE_ROUNDS
     if late:
         good &= now.used
     directions = unidentifiable_directions(*_only(good, observations, fit.point), free, now.noise)
@@ -224,7 +232,7 @@ def _only(good: Mask, observations: Observations, point: Point) -> tuple[Observa
 
 def _update_noise(observations: Observations, point: Point, now: _Round, stated: Noise | None) -> Noise:
     """The noise levels by the residuals of the good touches; those that the cell states are kept."""
-    good = now.used & outliers.find_good(point.distance)
+    good = now.used & find_good(point.distance)
     if good.sum() > now.subspace.basis.shape[1] // 2 + 1:
         point = select(point, good)
     basis = now.subspace.with_errors(len(point.errors))
@@ -295,3 +303,63 @@ def _check_rank(unidentifiable: Floats) -> None:
             f'the touches are too much alike: they determine {parameters - lost} of {parameters} parameters',
             'touch several discs, from all sides, in both postures and at two or more force levels',
         )
+
+
+FALSE_REJECTIONS = 1e-3
+"""Expected number of good touches rejected in one recording."""
+_MOST_REJECTED = 0.2
+"""If more than this part seems bad, the touches disagree with the model, not single ones with the rest."""
+_LEAST_VARIANCE = 1e-3
+"""The least variance of a residual, in units of that of its observation, that is assumed."""
+
+
+def studentised(whitened: Whitened, covariance: Floats, used: Mask) -> Floats:
+    """Squared studentised distance of each touch, (n,).
+
+    Args:
+        whitened: residuals and Jacobian of all touches, each at its adjusted observations.
+        covariance: of all values of the model and the declared errors, (12 + k + m, 12 + k + m).
+        used: which touches took part in the fit.
+    """
+    return in_blocks(
+        len(used), lambda part: _studentised(pick(whitened, part), covariance, np.where(used[part], -1.0, 1.0))
+    )
+
+
+def _studentised(whitened: Whitened, covariance: Floats, sign: Floats) -> Floats:
+    jacobian = whitened.jacobian
+    n, _, k = jacobian.shape
+    rows = jacobian.transpose(2, 1, 0).reshape(k, 2 * n)
+    moved, rows = (covariance @ rows).reshape(k, 2, n), rows.reshape(k, 2, n)
+    s11, s21, s22 = (sign * (moved[:, i] * rows[:, j]).sum(axis=0) for i, j in ((0, 0), (1, 0), (1, 1)))
+    s11, s22 = 1.0 + s11, 1.0 + s22
+    r1, r2 = whitened.residual[:, 0], whitened.residual[:, 1]
+    # a touch without which a parameter is undetermined has leverage 1: its residual is zero whatever it measured
+    middle = (s11 + s22) / 2
+    apart = np.hypot((s11 - s22) / 2, s21)
+    dull = middle - apart < _LEAST_VARIANCE
+    distance = (s22 * r1 * r1 - 2 * s21 * r1 * r2 + s11 * r2 * r2) / np.where(dull, 1.0, s11 * s22 - s21 * s21)
+    for i in np.flatnonzero(dull):
+        values, vectors = np.linalg.eigh([[s11[i], s21[i]], [s21[i], s22[i]]])
+        distance[i] = ((whitened.residual[i] @ vectors) ** 2 / np.maximum(values, _LEAST_VARIANCE)).sum()
+    return np.asarray(distance)
+
+
+def find_good(distance: Floats) -> Mask:
+    """Which touches are no outliers, (n,); all, if too many would be.
+
+    Args:
+        distance: squared studentised distances.
+    """
+    bound = -2 * np.log(FALSE_REJECTIONS / len(distance)) * typical_scale(distance)
+    good = distance <= bound
+    return good if (~good).mean() <= _MOST_REJECTED else np.ones_like(good)
+
+
+def explain(index: int, distance: float, residual: Floats) -> Rejection:
+    """The rejection of one touch, with its reason."""
+    size = float(np.hypot(*residual))
+    return Rejection(
+        index,
+        f'disagrees with the other touches: its force is {size:.2g} N off, {np.sqrt(distance):.1f} standard deviations',
+    )

@@ -1,4 +1,9 @@
-"""A model with all touches linearised at it: what a step of the solver starts from, and where it leads."""
+"""A model with all touches linearised at it: what a step of the solver starts from, and where it leads.
+
+Touches adjusted to a given L̄: how far each is from what the model allows.
+
+What the model predicts for touches: A(Q, L̄), the residual F - A, the index e_f (10).
+"""
 
 from __future__ import annotations
 
@@ -6,15 +11,27 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.blocks import in_blocks, pick
 from scara_kinetostatic.calibration.declared_errors import Marginal
-from scara_kinetostatic.calibration.gauss_helmert import Adjusted, adjust, as_measured, linearise
-from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations
-from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, squared_distance, whiten
+from scara_kinetostatic.calibration.gauss_helmert import (
+    Adjusted,
+    Linearisation,
+    Whitened,
+    adjust,
+    as_measured,
+    as_radial,
+    first_guess,
+    linearise,
+    squared_distance,
+    whiten,
+)
+from scara_kinetostatic.calibration.observations import NO_ERRORS, Observations, in_blocks, pick
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.model.cell import Noise, force_covariance
+from scara_kinetostatic.model.cell import Noise, SensorFrame, force_covariance
+from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.kinematics import forward, rotate
 from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.sensor_error import true_force
 from scara_kinetostatic.model.touch_equations import Arm
 
 
@@ -208,3 +225,95 @@ def select(point: Point, which: Mask | Indices) -> Point:
         ),
         distance=point.distance[which],
     )
+
+
+_ROUNDS = 5
+"""Rounds that suffice for forces along the normal; with an off-normal angle in each touch some touches need more."""
+_MOST_ROUNDS = 20
+_CONVERGED = 1e-3
+
+
+def turn_radial(observations: Observations, point: Point) -> Adjusted:
+    """The observations as measured but for the direction of the force, which is made radial.
+
+    From here the adjustment proper can start: measured directions are not good enough to linearise at.
+    """
+
+    def part(where: slice) -> Adjusted:
+        return as_radial(observations.select(where), point.model, pick(point.adjusted.state, where))
+
+    with np.errstate(all='ignore'):
+        return in_blocks(len(observations.joints), part)
+
+
+def project(observations: Observations, model: ExtendedModel, noise: Noise) -> Point:
+    """Adjust the observations alone, L̄ held: the nearest point of the model to each touch.
+
+    Args:
+        observations: any touches, good or bad.
+        model: the model.
+        noise: σ_q and σ_f, the measure of distance.
+    """
+    with np.errstate(all='ignore'):
+        point = evaluate(observations, model, first_guess(observations, model), noise, COARSE)
+        adjusted, arm = turn_radial(observations, point), None
+        before = np.full(len(observations.joints), np.inf)
+        for number in range(_MOST_ROUNDS):
+            point = evaluate(observations, model, adjusted, noise, arm=arm)
+            if number >= _ROUNDS and not np.any(np.abs(point.distance - before) > _CONVERGED * (1 + point.distance)):
+                return point
+            before = point.distance
+            still = np.zeros(point.whitened.derivative.shape[2] + len(observations.errors))
+            adjusted, arm = adjust(observations, model, point.adjusted, point.linear, point.whitened, still, noise)
+        return evaluate(observations, model, adjusted, noise, arm=arm)
+
+
+def base_force(observations: Observations, model: ExtendedModel) -> Floats:
+    """The measured forces in the base frame, (n, 2), N; the tool frame turns with q1 + theta1 + q2 + theta2.
+
+    Errors of the sensor, if the model has such effects, are corrected.
+    """
+    force = true_force(model, observations.force, observations.metadata)
+    if observations.frame is SensorFrame.BASE:
+        return force
+    return rotate(force, observations.joints.sum(axis=1) + model.parameters.theta1 + model.parameters.theta2)
+
+
+def force_residual(observations: Observations, model: ExtendedModel) -> Floats:
+    """F - A(Q, L̄) with the contact unilateral, as (10) takes it, (n, 2), N."""
+    return in_blocks(len(observations.joints), lambda part: _force_residual(observations.select(part), model))
+
+
+def _force_residual(observations: Observations, model: ExtendedModel) -> Floats:
+    o = observations
+    measured = base_force(o, model)
+    off_normal = _measured_off_normal(o, model) if model.off_normal_std else None
+    found = contact(
+        model,
+        o.joints,
+        o.centers,
+        o.radii,
+        o.gripper,
+        warm_start=measured,
+        metadata=o.metadata,
+        off_normal=off_normal,
+    )
+    return measured - found.force
+
+
+def _measured_off_normal(observations: Observations, model: ExtendedModel) -> Floats:
+    """Off-normal angle of each measured force, (n,), rad."""
+    o = observations
+    state = first_guess(o, model).state
+    link2 = state.link1 + state.link2 + model.parameters.theta1 + model.parameters.theta2
+    force = base_force(o, model)
+    tip = forward(model.parameters, np.stack([state.link1, state.link2], axis=-1))
+    inward = o.contact_problem(o.joints).shifted(model, state).centers - tip
+    inward = inward - o.gripper.deflection(model.parameters, force, link2)
+    across = inward[:, 0] * force[:, 1] - inward[:, 1] * force[:, 0]
+    return np.asarray(np.arctan2(across, (inward * force).sum(axis=1)))
+
+
+def force_error(residual: Floats) -> float:
+    """e_f (10): the mean length of the residuals, N."""
+    return float(np.hypot(residual[:, 0], residual[:, 1]).mean())

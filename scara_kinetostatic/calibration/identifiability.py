@@ -19,13 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.blocks import pick
 from scara_kinetostatic.calibration.declared_errors import Prior
 from scara_kinetostatic.calibration.fit_point import Point, select
-from scara_kinetostatic.calibration.gauss_helmert import linearise, place_force, solve_links
+from scara_kinetostatic.calibration.gauss_helmert import linearise, noise_left, place_force, solve_links, whiten_by
 from scara_kinetostatic.calibration.least_squares import Compressed, compress, upper_triangle
-from scara_kinetostatic.calibration.observations import Observations
-from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
+from scara_kinetostatic.calibration.observations import Observations, pick
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel

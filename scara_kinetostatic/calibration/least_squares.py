@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import lapack
 
-from scara_kinetostatic.calibration.blocks import blocks
+from scara_kinetostatic.calibration.observations import blocks
 from scara_kinetostatic.model.arrays import Floats, Mask
 
 _RANK_TOLERANCE = 1e-11

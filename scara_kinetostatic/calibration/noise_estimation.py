@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.whitening import Linearisation, Whitened, outer
+from scara_kinetostatic.calibration.gauss_helmert import Linearisation, Whitened, outer
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Level, Noise
 

@@ -1,17 +1,85 @@
-"""What n touches measured and where: the data of the adjustment."""
+"""Many touches in blocks that stay in the processor's cache, put together touch by touch.
+
+Everything that is done to single touches is done to one block after the other: the intermediate results of a
+block, some hundred arrays, never leave the cache, and memory holds the final ones alone.
+
+What n touches measured and where: the data of the adjustment.
+"""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
+from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.model.cell import SensorFrame
+from scara_kinetostatic.model.cell import Cell, SensorFrame
 from scara_kinetostatic.model.contact import ContactProblem
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.gripper import Gripper
+from scara_kinetostatic.model.touch import TouchSet
+
+BLOCK = 4096
+"""Touches per block: 32 KiB per array of numbers."""
+
+T = TypeVar('T')
+
+
+def blocks(count: int) -> Iterator[slice]:
+    """The places of the touches of each block."""
+    return (slice(start, min(start + BLOCK, count)) for start in range(0, count, BLOCK))
+
+
+def in_blocks(count: int, run: Callable[[slice], T]) -> T:
+    """What `run` gives for all touches, from what it gives for blocks.
+
+    Args:
+        count: of touches.
+        run: from the places of some touches to arrays over these (first axis), or tuples of such, or None.
+    """
+    if count <= BLOCK:
+        return run(slice(0, count))
+    whole: Any = None
+    for part in blocks(count):
+        done = run(part)
+        whole = _like(done, count) if whole is None else whole
+        _put(whole, part, done)
+    return whole
+
+
+def pick(item: T, which: Any) -> T:
+    """Some touches of an array, or of a tuple of such, or None."""
+    return _each(item, lambda array: array[which])
+
+
+def _like(item: T, count: int) -> T:
+    """Room for `count` touches, values of one kind together in memory as they are in `item`."""
+
+    def room(array: Any) -> Any:
+        order = np.argsort([-abs(stride) for stride in array.strides], kind='stable')
+        shape = np.array((count, *array.shape[1:]))
+        return np.empty(tuple(shape[order]), array.dtype).transpose(np.argsort(order))
+
+    return _each(item, room)
+
+
+def _put(whole: Any, where: slice, item: Any) -> None:
+    if isinstance(item, tuple):
+        for target, part in zip(whole, item, strict=True):
+            _put(target, where, part)
+    elif item is not None:
+        whole[where] = item
+
+
+def _each(item: Any, change: Callable[[Any], Any]) -> Any:
+    if isinstance(item, tuple):
+        parts = [_each(part, change) for part in item]
+        return type(item)(*parts) if hasattr(item, '_fields') else tuple(parts)
+    return None if item is None else change(item)
+
 
 NO_ERRORS = np.zeros(0)
 NO_ERRORS.setflags(write=False)
@@ -77,3 +145,32 @@ class Observations(NamedTuple):
     def contact_problem(self, joints: Floats, off_normal: Floats | None = None) -> ContactProblem:
         """The touches at joint angles (n, 2), rad, and off-normal angles (n,), rad, as the equations take them."""
         return ContactProblem(joints, self.centers, self.radii, self.gripper, self.metadata, off_normal)
+
+
+def observe(touches: TouchSet, cell: Cell, errors: Floats | None = None) -> Observations:
+    """The touches as the adjustment takes them.
+
+    Args:
+        touches: what was measured.
+        cell: the cell as stated.
+        errors: its declared errors (`Calibration.errors`), (m,); None for none.
+
+    Raises:
+        ParameterError: a touch names a disc that the cell does not have.
+    """
+    if len(touches) and not (touches.disc.min() >= 0 and touches.disc.max() < len(cell.discs)):
+        raise ParameterError('touches: disc', f'expected 0 to {len(cell.discs) - 1}, the discs of the cell')
+    declared = DeclaredErrors.of(cell)
+    stated = Observations(
+        touches.joints,
+        touches.force,
+        cell.centers[touches.disc],
+        cell.radii[touches.disc],
+        cell.sensor.frame,
+        cell.gripper,
+        TouchMetadata.of(touches, cell.sensor.frame),
+        declared,
+        NO_ERRORS if declared is None else np.zeros(declared.count),
+        None if declared is None else touches.force,
+    )
+    return stated if errors is None else stated.with_errors(errors)

@@ -6,12 +6,8 @@ where nothing may jump, is `model.arm`.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
-from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.effect_law import TouchMetadata
@@ -95,28 +91,3 @@ def _links_from(
     moved = np.abs([state.link1 - next_one.link1, state.link2 - next_one.link2]).max(axis=0)
     settled = (moved < _SETTLED) & (state.mode1 == next_one.mode1) & (state.mode2 == next_one.mode2)
     return np.stack([state.link1, state.link2], axis=-1), np.asarray(settled)
-
-
-class JointCovariance(NamedTuple):
-    """Values of the model and errors of the cell with their covariance; SI units.
-
-    Attributes:
-        names: those of the model, then of the declared errors (`DeclaredErrors.names`).
-        values: of all, (12 + k + m,).
-        matrix: their covariance, (12 + k + m, 12 + k + m).
-    """
-
-    names: tuple[str, ...]
-    values: Floats
-    matrix: Floats
-
-
-def joint_covariance(calibration: Calibration) -> JointCovariance:
-    """What a later prediction of touches on the same objects needs."""
-    c, size = calibration, len(calibration.model.names)
-    declared = DeclaredErrors.of(c.cell)
-    names, units = (declared.names, declared.units) if declared else ((), np.zeros(0))
-    scale = np.concatenate([np.ones(size), units])
-    matrix = scale[:, None] * c.covariance_with_errors * scale
-    matrix[:size, :size] = c.covariance
-    return JointCovariance((*c.model.names, *names), np.concatenate([c.model.as_array(), units * c.errors]), matrix)

@@ -1,4 +1,9 @@
-"""The result of a calibration, frozen, and how it follows from the end of the estimation."""
+"""The result of a calibration, frozen, and how it follows from the end of the estimation.
+
+What each source of uncertainty contributes to the covariance of a fit (GUM, 5.2).
+
+The force error on touches that took no part in the fit.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +13,19 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import chdtrc
 
-from scara_kinetostatic.calibration import outliers
-from scara_kinetostatic.calibration.contributions import Contribution, contributions_of, enlargement_of
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
-from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit
-from scara_kinetostatic.calibration.fit_point import Point
+from scara_kinetostatic.calibration.estimate import Estimation, covariance_of_fit, explain
+from scara_kinetostatic.calibration.fit_point import (
+    FINAL,
+    Point,
+    base_force,
+    force_error,
+    force_residual,
+    project,
+    select,
+)
 from scara_kinetostatic.calibration.identifiability import (
     Identifiability,
     advise,
@@ -23,11 +35,8 @@ from scara_kinetostatic.calibration.identifiability import (
     scales_of,
 )
 from scara_kinetostatic.calibration.noise_estimation import is_estimated
-from scara_kinetostatic.calibration.observations import Observations
-from scara_kinetostatic.calibration.prediction import base_force, force_error, force_residual, observe
-from scara_kinetostatic.calibration.projection import project
-from scara_kinetostatic.calibration.solver import Termination
-from scara_kinetostatic.calibration.subspace import Subspace
+from scara_kinetostatic.calibration.observations import Observations, observe
+from scara_kinetostatic.calibration.solver import ActivePrior, Subspace, Termination, minimise
 from scara_kinetostatic.model.arm import CalibratedArm, SensorErrors, UsedRange
 from scara_kinetostatic.model.arrays import Floats, Mask, read_only
 from scara_kinetostatic.model.cell import Cell, Noise
@@ -352,8 +361,7 @@ def _rejections(
         return tuple(left_out)
     residual = force_residual(observations.select(bad), found.fit.point.model)
     rejected = [
-        outliers.explain(int(touches.index[i]), float(found.distance[i]), off)
-        for i, off in zip(bad, residual, strict=True)
+        explain(int(touches.index[i]), float(found.distance[i]), off) for i, off in zip(bad, residual, strict=True)
     ]
     return tuple(sorted((*left_out, *rejected), key=lambda item: item.index))
 
@@ -373,3 +381,122 @@ def _identifiability(
         combinations=determined_pairs(found.unidentifiable, free, model.as_array(), covariance),
         advice=advise(groups, magnitude),
     )
+
+
+ALTERNATIVES = 'alternative_models'
+"""Label of what the choice among credible models contributes."""
+_MISFIT = 1e-3
+"""p-value of chi-square below which the stated noise does not cover the residuals and sigmas are enlarged."""
+
+
+class Contribution(NamedTuple):
+    """What one source of uncertainty contributes to the covariance of a fit (GUM, 5.2 and annex H).
+
+    Attributes:
+        label: ``noise`` (type A), that of a declared source (type B), such as ``object_position[disc_1]``, or
+            ``alternative_models``.
+        declared: its declared standard uncertainty; None for noise.
+        unit: of `declared`.
+        covariance: its part of the covariance of all values of the model, (12 + k, 12 + k).
+    """
+
+    label: str
+    declared: float | None
+    unit: str
+    covariance: Floats
+
+
+def contributions_of(
+    found: Estimation, observations: Observations, covariance: Floats
+) -> tuple[tuple[Contribution, ...], float, int]:
+    """What noise and each declared source contribute to the covariance, chi-square, degrees of freedom.
+
+    With C the covariance of the fit and P the rows of the prior, the estimate moves by -C P_sᵀ e_s with the true errors
+    e_s of a source, so that this contributes C P_sᵀ P_s C, and noise the rest. Where the residuals are larger than
+    noise and declared errors can be, all are enlarged alike.
+    """
+    fit, values = found.fit, len(found.subspace.origin)
+    prior = ActivePrior.of(observations, found.subspace)
+    chi_square = float(fit.point.distance[found.used].sum()) + fit.prior_cost
+    freedoms = 2 * int(found.used.sum()) - found.subspace.basis.shape[1]
+    parts = []
+    if prior is not None:
+        freedoms += int(prior.active.sum()) - prior.prior.errors
+        moved = covariance[:values] @ prior.prior.rows(values).T
+        for source, where in prior.prior.by_source():
+            part = moved[:, where]
+            parts.append(Contribution(source.label, source.std, source.unit, part @ part.T))
+    noise = covariance[:values, :values] - np.sum([part.covariance for part in parts], axis=0) if parts else covariance
+    enlarged = enlargement_of(chi_square, freedoms)
+    every = (Contribution('noise', None, '', noise), *parts)
+    return tuple(part._replace(covariance=enlarged * part.covariance) for part in every), chi_square, freedoms
+
+
+def enlargement_of(chi_square: float, freedoms: int) -> float:
+    """By what a covariance is enlarged: where the stated noise does not cover the residuals, reduced chi-square."""
+    return chi_square / freedoms if chdtrc(freedoms, chi_square) < _MISFIT else 1.0
+
+
+_SEED = 0
+
+
+class HeldOut(NamedTuple):
+    """e_f (10) over touches each predicted by a fit without it.
+
+    Attributes:
+        force_error: N.
+        folds: into how many parts the touches were split.
+    """
+
+    force_error: float
+    folds: int
+
+
+def held_out_force_error(calibration: Calibration, folds: int = 5) -> HeldOut:
+    """Split the used touches at random into folds; predict each fold by a fit to the others.
+
+    Noise levels, outliers and unidentifiable directions are those of the whole fit.
+
+    Args:
+        calibration: the result whose touches, noise and free parameters are used.
+        folds: how many; fewer where there are too few touches for it.
+    """
+    c = calibration
+    places = np.flatnonzero(c.used)
+    touches, n = c.touches.select(places), len(places)
+    spare = n - (c.subspace.basis.shape[1] // 2 + 1)
+    folds = max(2, min(folds, n)) if spare < 1 else min(n, max(folds, -(-n // spare)))
+    part = np.random.default_rng(_SEED).permutation(n) % folds
+    residual = np.empty((n, 2))
+    for fold in range(folds):
+        kept = observe(touches.select(part != fold), c.cell, c.errors)
+        start = select(c.projection, places[part != fold]).adjusted
+        fit = minimise(kept, c.model, start, c.subspace, c.noise, FINAL)
+        left = observe(touches.select(part == fold), c.cell, fit.point.errors)
+        residual[part == fold] = force_residual(left, fit.point.model)
+    return HeldOut(force_error(residual), folds)
+
+
+class JointCovariance(NamedTuple):
+    """Values of the model and errors of the cell with their covariance; SI units.
+
+    Attributes:
+        names: those of the model, then of the declared errors (`DeclaredErrors.names`).
+        values: of all, (12 + k + m,).
+        matrix: their covariance, (12 + k + m, 12 + k + m).
+    """
+
+    names: tuple[str, ...]
+    values: Floats
+    matrix: Floats
+
+
+def joint_covariance(calibration: Calibration) -> JointCovariance:
+    """What a later prediction of touches on the same objects needs."""
+    c, size = calibration, len(calibration.model.names)
+    declared = DeclaredErrors.of(c.cell)
+    names, units = (declared.names, declared.units) if declared else ((), np.zeros(0))
+    scale = np.concatenate([np.ones(size), units])
+    matrix = scale[:, None] * c.covariance_with_errors * scale
+    matrix[:size, :size] = c.covariance
+    return JointCovariance((*c.model.names, *names), np.concatenate([c.model.as_array(), units * c.errors]), matrix)

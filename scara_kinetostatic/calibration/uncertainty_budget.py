@@ -4,18 +4,36 @@ The covariance of a calibration is the sum of what its independent sources contr
 noise (type A) and all that was declared (type B). A parameter's contribution is the root of the diagonal element, so
 that the squares add up to std². That of the tip is aᵀ Σ_s a with a the change of the tip at the worst place, in its
 worst direction: the squares add up to (U/2)² there.
+
+What would reduce the uncertainty of the tip most.
+
+With C the covariance of the parameters and the declared errors together, P the rows of the prior, in units of the
+declared standard uncertainties u, the information of the fit is C⁻¹ = Jᵀ J + Pᵀ P. A source that is known to u' instead
+of u adds ((u/u')² - 1) P_sᵀ P_s to it; by Woodbury's identity the covariance is then
+
+    C' = C - C P_sᵀ (I / ((u/u')² - 1) + P_s C P_sᵀ)⁻¹ P_s C.
+
+This is more than to subtract the contribution of the source: what is known better helps to determine the rest. Twice as
+many touches of the same kind double Jᵀ J = C⁻¹ - Pᵀ P.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.contributions import ALTERNATIVES
-from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.tip_uncertainty import TipUncertainty, tip_uncertainty
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Prior
+from scara_kinetostatic.calibration.result import ALTERNATIVES, Calibration
+from scara_kinetostatic.calibration.tip_uncertainty import (
+    COVERAGE_FACTOR,
+    TipUncertainty,
+    Workspace,
+    tip_uncertainty,
+    workspace,
+)
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.parameters import NAMES
 
 NOISE = 'noise'
@@ -84,3 +102,130 @@ def uncertainty_budget(c: Calibration, tip: TipUncertainty | None = None) -> tup
         return Item(label, declared, unit, np.where(undetermined, np.nan, np.sqrt(variances)), float(of_tip))
 
     return tuple(item(*part) for part in c.contributions)
+
+
+_SMALLER = 3.0
+"""A source is tried at the largest round value (1, 2 or 5 by a power of ten) that is smaller by this factor."""
+_NEARLY = 1.25
+"""Largest ratio of the uncertainty to that of a larger action, at which the smaller action is preferred to it."""
+_LEAST_GAIN = 0.97
+"""Ratio of the uncertainties after and before, above which an action is not worth naming."""
+MORE_TOUCHES = 'noise'
+
+
+class Improvement(NamedTuple):
+    """An action, and the uncertainty of the tip after it.
+
+    Attributes:
+        labels: the sources that are then known better; `MORE_TOUCHES` for twice as many touches.
+        declared: the largest declared standard uncertainty of them now; the number of touches for more touches.
+        wanted: the same after it.
+        unit: of both; empty for a number of touches.
+        median: expanded uncertainty of the tip, median over the workspace, m.
+        worst: the largest, m.
+    """
+
+    labels: tuple[str, ...]
+    declared: float
+    wanted: float
+    unit: str
+    median: float
+    worst: float
+
+
+def improvements(c: Calibration, area: Workspace | None = None) -> list[Improvement]:
+    """Every source by itself, all of one kind together, and twice as many touches; the most effective first.
+
+    Args:
+        c: the calibration.
+        area: its workspace, where there is one.
+    """
+    area = workspace(c) if area is None else area
+    found = [*_better_known(c, area), *_more_touches(c, area)]
+    return sorted(found, key=lambda each: each.worst)
+
+
+def best_improvement(
+    found: list[Improvement], worst: float, tolerance: float | None = None, touches: bool = True
+) -> Improvement | None:
+    """The action to advise: the smallest that meets the tolerance or, where none does, is nearly as good as the best.
+
+    Args:
+        found: all actions.
+        worst: expanded uncertainty of the tip now, m.
+        tolerance: of it; None for none.
+        touches: whether more touches count as an action.
+
+    Returns:
+        The action; None where none is worth naming.
+    """
+    useful = [each for each in found if each.worst <= _LEAST_GAIN * worst and (touches or each.labels != ('noise',))]
+    if not useful:
+        return None
+    target = _NEARLY * min(each.worst for each in useful)
+    if tolerance is not None and any(each.worst <= tolerance for each in useful):
+        target = tolerance
+    enough = [each for each in useful if each.worst <= target]
+    return min(enough, key=lambda each: (len(each.labels), each.worst))
+
+
+def round_value(largest: float) -> float:
+    """The largest of 1, 2, 5 by a power of ten that is not above a value."""
+    power = 10.0 ** np.floor(np.log10(largest))
+    mantissa = next(m for m in (5, 2, 1) if m <= largest / power * (1 + 1e-9))
+    return float(f'{mantissa * power:.0e}')
+
+
+def _better_known(c: Calibration, area: Workspace) -> Iterator[Improvement]:
+    declared = DeclaredErrors.of(c.cell)
+    if declared is None:
+        return
+    prior = declared.prior
+    sources = {source.label: (source, rows) for source, rows in prior.by_source()}
+    kinds: dict[str, list[str]] = {}
+    for label in sources:
+        kinds.setdefault(label.partition('[')[0], []).append(label)
+    groups: list[tuple[str, ...]] = [(label,) for label in sources]
+    groups += [tuple(labels) for kind, labels in kinds.items() if len(labels) > 1 and kind != 'nominal']
+    for group in groups:
+        wanted = round_value(max(sources[label][0].std for label in group) / _SMALLER)
+        labels = tuple(label for label in group if sources[label][0].std > wanted)
+        if len(labels) < min(len(group), 2):
+            continue
+        stds = [sources[label][0].std for label in labels]
+        rows = np.concatenate([sources[label][1] for label in labels])
+        ratios = np.concatenate([np.full(len(sources[label][1]), sources[label][0].std) for label in labels]) / wanted
+        covariance = _with_prior(c, prior, rows, ratios)
+        yield _improvement(c, area, labels, (max(stds), wanted), sources[labels[0]][0].unit, covariance)
+
+
+def _with_prior(c: Calibration, prior: Prior, which: Indices, ratios: Floats) -> Floats:
+    """Covariance of the model's values if rows of the prior were tighter by ratios above 1, (12 + k, 12 + k)."""
+    values = len(c.covariance)
+    rows = prior.rows(values)[which]
+    cross = c.covariance_with_errors @ rows.T
+    inner = np.diag(1 / (ratios**2 - 1)) * c.enlargement + rows @ cross
+    return np.asarray((c.covariance_with_errors - cross @ np.linalg.solve(inner, cross.T))[:values, :values])
+
+
+def _more_touches(c: Calibration, area: Workspace) -> Iterator[Improvement]:
+    values, count = len(c.covariance), int(c.used.sum())
+    everything = c.covariance_with_errors / c.enlargement
+    basis = c.subspace.with_errors(len(c.errors))
+    inner = np.linalg.pinv(basis)
+    information = np.linalg.inv(inner @ everything @ inner.T)
+    declared = DeclaredErrors.of(c.cell)
+    rows = np.zeros((0, len(everything))) if declared is None else declared.prior.rows(values)
+    known = (rows @ basis).T @ (rows @ basis)
+    covariance = basis @ np.linalg.inv(2 * information - known) @ basis.T * c.enlargement
+    yield _improvement(c, area, (MORE_TOUCHES,), (count, 2 * count), '', covariance[:values, :values])
+
+
+def _improvement(
+    c: Calibration, area: Workspace, labels: tuple[str, ...], sizes: tuple[float, float], unit: str, covariance: Floats
+) -> Improvement:
+    others = [part.covariance for part in c.contributions if part.label == ALTERNATIVES]
+    expanded = COVERAGE_FACTOR * area.std(covariance + sum(others, np.zeros_like(covariance)))
+    known = expanded[np.isfinite(expanded)]
+    median, worst = (float(np.median(known)), float(known.max())) if len(known) else (np.nan, np.nan)
+    return Improvement(labels, *sizes, unit, median, worst)

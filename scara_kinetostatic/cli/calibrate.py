@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     """
     from scara_kinetostatic.assessment.grade import Grade
     from scara_kinetostatic.bags.inputs import other_descriptions
-    from scara_kinetostatic.calibration.fixed import fixed_values, parse_fixed
+    from scara_kinetostatic.calibration.calibrate import fixed_values, parse_fixed
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.files.checksum import check_different
     from scara_kinetostatic.pipeline import calibrate_recordings

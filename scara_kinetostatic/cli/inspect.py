@@ -105,7 +105,8 @@ def _stream(stamp: NDArray[np.int64]) -> dict[str, float | int]:
 
 def _touches(detection: Detection, cell: Cell) -> list[dict[str, Any]]:
     """One entry per touch, accepted or not, in the order of time."""
-    from scara_kinetostatic.calibration.prediction import base_force, observe
+    from scara_kinetostatic.calibration.fit_point import base_force
+    from scara_kinetostatic.calibration.observations import observe
     from scara_kinetostatic.model.extended_model import ExtendedModel
 
     touches = detection.touches

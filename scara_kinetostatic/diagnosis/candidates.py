@@ -9,9 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
-from scara_kinetostatic.diagnosis.linear_problem import Problem
-from scara_kinetostatic.diagnosis.thresholds import INDEPENDENT_PART, INDEPENDENT_PART_CAUTIOUS
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects
+from scara_kinetostatic.diagnosis.thresholds import (
+    INDEPENDENT_PART,
+    INDEPENDENT_PART_CAUTIOUS,
+)
 from scara_kinetostatic.effects.base import Effect, Trial
+from scara_kinetostatic.effects.unnamed import empirical_effects
 from scara_kinetostatic.model.arrays import Floats
 
 _PARTNERS = 12
@@ -286,3 +291,20 @@ def scan_trials(problem: Problem, effect: Effect, trials: Sequence[Trial], tried
     gram = by_trial @ by_trial.transpose(0, 2, 1)
     left = (problem.left @ flat).reshape(shape[1:])
     return Scan(effect, trials, flat.reshape(shape), tried, float(min(1.0, part.max())), gram, left)
+
+
+def all_candidates(
+    latest: Calibration, problem: Problem, effects: Sequence[Effect], together: bool = True
+) -> CandidateSet:
+    """The catalogue and the fitted curves as candidates.
+
+    Args:
+        latest: the fit at which the problem was posed.
+        problem: the linear problem.
+        effects: the catalogue.
+        together: as in `gather`.
+    """
+    fitted = {effect.label: values for effect, values, _ in fitted_effects(latest) if len(values)}
+    discs = [disc.name for disc in latest.cell.discs]
+    curves = empirical_effects(problem.touch_state, discs, problem.one_level)
+    return gather(problem, [*effects, *curves], fitted, together)

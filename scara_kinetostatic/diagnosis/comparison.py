@@ -8,26 +8,52 @@ extended model. Where nothing was found the two are one.
 mean square over the touches, linearised, so that the noise in the direction of F, which would displace the tip
 by r (σ_f/f)²/2, does not count. Held out means here that each touch is predicted by a fit without it, to first
 order: (I - H_k)⁻¹ e_k, with H_k its block of the projection on the fit's columns.
+
+The residual of an effect: the deviation that each touch shows, over the effect's variable, before and after.
+
+An effect moves joints, moves the place of the contact, or is an error of the force sensor. With the whitened column u
+of a unit of that deviation (`diagnosis.linear_problem`) and the whitened residual r of a touch, the deviation estimated
+from that touch alone is -u·r / u·u, with standard deviation 1/|u|. A displacement is taken along and across the contact
+normal, which friction turns away from the direction of the force. After: r of the extended model. Before: r of the
+model without the effect and its rivals. Where nothing else was found, that is the base model; else it
+is r - (I - B Bᵀ) X θ, with X the columns of what is taken out and B an orthonormal basis of those that stay. The second
+term is the part of the deviation that is expected before.
+
+Discrimination of rivals: the touches at which their predictions of the force, each fitted to the data, differ most.
+
+From a pool of touches all around the discs, in both elbow postures, at three force levels, pressed to the force or
+preloaded beyond it and unloaded to it, those are chosen at which the predictions differ most in standard
+deviations of a measured force, Σ_F + A_Q Σ_Q A_Qᵀ: the criterion of T-optimality (Atkinson and Fedorov,
+Biometrika 62 (1975) 57).
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from scara_kinetostatic.calibration.fit_point import Point, augmented
-from scara_kinetostatic.calibration.observations import Observations
-from scara_kinetostatic.calibration.prediction import base_force, force_error, observe
-from scara_kinetostatic.calibration.projection import project
+from scara_kinetostatic.calibration.fit_point import Point, augmented, base_force, force_error, project
+from scara_kinetostatic.calibration.observations import Observations, observe
 from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.linear_problem import orthonormal
+from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
+from scara_kinetostatic.diagnosis.result import DiscriminatingTouch, Found
+from scara_kinetostatic.effects.base import at_joint
 from scara_kinetostatic.model.arrays import Floats, rms
+from scara_kinetostatic.model.cell import Noise, SensorFrame
+from scara_kinetostatic.model.contact import contact, contact_derivatives
+from scara_kinetostatic.model.effect_law import Shift, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.model.touch import LATER, TouchSet
 
 _LEAST_EIGENVALUE = 1e-6
 """Of I - H_k; less is that of a touch which alone determines a parameter."""
@@ -187,3 +213,342 @@ def _bias(name: str, base: Calibration, final: Calibration) -> Bias:
     std, final_std = base.std_of(name), final.std_of(name)
     in_std = (before - after) / std if std > 0 and np.isfinite(final_std) else np.nan
     return Bias(name, before, std, after, final_std, before - after, float(in_std))
+
+
+_UNCLEAR = 4.0
+"""A touch whose sensitivity |u| to the deviation is so many times smaller than the median one of those on which the
+effect acts is left out."""
+
+
+class _Channel(NamedTuple):
+    """One way in which an effect acts on a touch.
+
+    Attributes:
+        label: the deviation, with the unit shown.
+        per_si: that unit.
+        shift: of one SI unit, as the equations take it.
+        sensor_error: the same as an error of the sensor, (n, 2).
+        size: deviation of each touch by the effect to first order, (n,), SI.
+    """
+
+    label: str
+    per_si: float
+    shift: Shift
+    sensor_error: Floats | None
+    size: Floats
+
+
+class EffectResidual(NamedTuple):
+    """The deviation by one effect that each of n touches shows, with its standard uncertainty.
+
+    Attributes:
+        x_label: the variable, with unit.
+        y_label: the deviation, with unit; the unit of all deviations here.
+        x: the variable, (n,).
+        before: deviation estimated from each touch without the effect and its rivals, (n,).
+        after: the same with the extended model.
+        expected: the part of `before` that the extended model predicts.
+        std_before: standard deviation of one touch without the effect, (n,).
+        std_after: the same with it; larger for an effect that is a scatter.
+        disc: number of the disc, (n,).
+        posture: +1 or -1, (n,).
+    """
+
+    x_label: str
+    y_label: str
+    x: Floats
+    before: Floats
+    after: Floats
+    expected: Floats
+    std_before: Floats
+    std_after: Floats
+    disc: NDArray[np.intp]
+    posture: NDArray[np.intp]
+
+
+def effect_residuals(alone: Calibration, final: Calibration, found: Sequence[Found]) -> tuple[EffectResidual, ...]:
+    """The residual of each effect of the extended model, in the order of `found`.
+
+    Args:
+        alone: the base model.
+        final: the extended model.
+        found: its effects.
+    """
+    models = _Models(alone, final, tuple(found))
+    return tuple(
+        _off_normal_residual(models, item) if item.effect.off_normal_std else _residual(models, item) for item in found
+    )
+
+
+@dataclass(frozen=True)
+class _Models:
+    """The base model and the extended model, each as a linear problem of the same touches and noise."""
+
+    alone: Calibration
+    final: Calibration
+    found: tuple[Found, ...]
+
+    @cached_property
+    def before(self) -> Problem:
+        return pose_problem(replace(self.alone, used=self.final.used, noise=self.final.noise))
+
+    @cached_property
+    def after(self) -> Problem:
+        return pose_problem(self.final)
+
+
+def _residual(models: _Models, item: Found) -> EffectResidual:
+    problem = models.after
+    channels = _channels(problem, item)
+    which = int(np.argmax([float(np.linalg.norm(_moved(problem, each))) for each in channels]))
+    channel = channels[which]
+    unit = problem.change(channel.shift, channel.sensor_error).reshape(-1, 2)
+    weight = np.linalg.norm(unit, axis=1)
+    acts = item.effect.acts_on(problem.touch_state)
+    kept = acts & (weight > (np.median(weight[acts]) if acts.any() else 0.0) / _UNCLEAR)
+    x_label, x = _variable(problem, item)
+    metadata, left = problem.touch_state.metadata, problem.point.whitened.residual
+    taken_out, is_only_effect = _taken_out(models, item)
+    before = left + taken_out
+    old = unit
+    if is_only_effect:
+        there = _channels(models.before, item)[which]
+        alone = models.before
+        before = alone.refitted(alone.point.whitened.residual.ravel(), alone.point.errors)
+        old = alone.change(there.shift, there.sensor_error).reshape(-1, 2)
+
+    def deviation(column: Floats, residual: Floats) -> Floats:
+        scale = np.maximum((column**2).sum(axis=1), 1e-300)
+        return np.asarray(-channel.per_si * (column * residual.reshape(-1, 2)).sum(axis=1) / scale)[kept]
+
+    return EffectResidual(
+        x_label=x_label,
+        y_label=channel.label,
+        x=x[kept],
+        before=deviation(old, before),
+        after=deviation(unit, left),
+        expected=deviation(unit, taken_out),
+        std_before=channel.per_si / np.linalg.norm(old, axis=1)[kept],
+        std_after=channel.per_si / weight[kept],
+        disc=metadata.disc[kept],
+        posture=metadata.posture[kept],
+    )
+
+
+def _taken_out(models: _Models, item: Found) -> tuple[Floats, bool]:
+    """Change of the residual where an effect and its rivals are left out, (n, 2); whether nothing else was found."""
+    final, problem = models.final, models.after
+    columns = problem.point.whitened.derivative[:, :, len(NAMES) :].reshape(len(problem.left), -1)
+    parts = final.model.effect_arrays
+    amplitudes = [effect.amplitudes(part) for effect, part in zip(final.model.effects, parts, strict=True)]
+    out = [other.effect == item.effect or not (other.in_every_model or item.in_every_model) for other in models.found]
+    gone = np.repeat(out, [len(part) for part in parts])
+    lost = columns[:, gone] @ np.concatenate(amplitudes)[gone]
+    left = problem.refitted(lost, beside=None if gone.all() else columns[:, ~gone])
+    return -left.reshape(-1, 2), bool(gone.all())
+
+
+def _off_normal_residual(models: _Models, item: Found) -> EffectResidual:
+    """The off-normal angle of each force: its standard deviation is that of noise alone, or of noise and friction."""
+    problem = models.before
+    radii, metadata = problem.touch_state.radii, problem.touch_state.metadata
+    angle = -1e3 * problem.point.linear.misclosure[:, 1] / radii
+    _, l21, l22 = problem.point.whitened.root
+    noise = 1e3 * np.hypot(l21, l22) / radii
+    x_label, x = _variable(models.after, item)
+    return EffectResidual(
+        x_label=x_label,
+        y_label='off-normal angle of the force  [mrad]',
+        x=x,
+        before=angle,
+        after=angle,
+        expected=np.zeros_like(angle),
+        std_before=noise,
+        std_after=np.hypot(noise, 1e3 * item.effect.off_normal_std),
+        disc=metadata.disc,
+        posture=metadata.posture,
+    )
+
+
+def _moved(problem: Problem, channel: _Channel) -> Floats:
+    column = problem.change(channel.shift, channel.sensor_error).reshape(-1, 2)
+    return np.asarray(channel.size[:, None] * column)
+
+
+def _channels(problem: Problem, item: Found) -> list[_Channel]:
+    at, values = problem.touch_state, np.array([v.value for v in item.values])
+    joints, place, sensor_error = _first_order(item, at, problem.force, values)
+    channels = []
+    if joints is not None:
+        for joint in (0, 1):
+            unit = Shift(joints=at_joint(np.ones(len(joints)), joint))
+            channels.append(_Channel(f'deviation of joint {joint + 1}  [µrad]', 1e6, unit, None, joints[:, joint]))
+    if place is not None:
+        normal = problem.point.model.contact_normal(at)
+        for side, direction in (('along', normal), ('across', np.stack([-normal[:, 1], normal[:, 0]], axis=-1))):
+            size = (place * direction).sum(axis=1)
+            label = f'displacement {side} the contact normal  [µm]'
+            channels.append(_Channel(label, 1e6, Shift(place=direction), None, size))
+    if sensor_error is not None:
+        along = problem.force / np.hypot(problem.force[:, 0], problem.force[:, 1])[:, None]
+        for side, direction in (('along', along), ('across', np.stack([-along[:, 1], along[:, 0]], axis=-1))):
+            size = (sensor_error * direction).sum(axis=1)
+            channels.append(_Channel(f'sensor error {side} the force  [N]', 1.0, Shift(), direction, size))
+    return channels
+
+
+def _first_order(item: Found, at: TouchState, force: Floats, values: Floats) -> list[Floats | None]:
+    """δ, d and e of an effect, (n, 2) each, to first order: amplitudes times derivatives, as `_taken_out` has them."""
+    amplitudes = item.effect.amplitudes(values)
+    shifts = item.effect.derivative(at, values)
+    parts: list[Sequence[Floats | None]] = [
+        [shift.joints for shift in shifts],
+        [shift.place for shift in shifts],
+        item.effect.sensor_error_of_touches_derivative(force, values, at.metadata),
+    ]
+    return [_sum(amplitudes, part) for part in parts]
+
+
+def _sum(amplitudes: Floats, parts: Sequence[Floats | None]) -> Floats | None:
+    terms = [a * part for a, part in zip(amplitudes, parts, strict=False) if part is not None]
+    return np.asarray(np.sum(terms, axis=0)) if terms else None
+
+
+def _variable(problem: Problem, item: Found) -> tuple[str, Floats]:
+    """The variable over which an effect is shown: its name with unit, and its values, (n,)."""
+    axis = item.effect.plot_axis(problem.touch_state, np.array([v.value for v in item.values]))
+    return axis.title + (f'  [{axis.unit}]' if axis.unit else ''), axis.values
+
+
+_DIRECTIONS = 24
+"""Touches of the pool around each disc."""
+_PRELOAD = 0.3
+"""Part of the force by which a touch is preloaded beyond it."""
+_FIRST_FORCE = 1e-3
+"""At the beginning of a touch that is pressed to its force, N."""
+_LARGEST_REACH = 0.95
+"""Part of the length of the arm beyond which no touch is advised."""
+_LEAST_DIFFERENCE = 2.0
+"""Standard deviations by which the predictions must differ for a touch to be advised."""
+_NEIGHBOURS = 0.5
+"""Cosine of the angle between two touches on a disc above which one of them is enough."""
+
+
+def discriminating_touches(
+    calibration: Calibration, rivals: Sequence[Calibration], most: int = 4
+) -> tuple[DiscriminatingTouch, ...]:
+    """The touches that discriminate best between fitted rivals, one per disc and side.
+
+    Args:
+        calibration: the base model; its touches give the force levels.
+        rivals: the same touches fitted with each rival, two or more.
+        most: how many touches at most.
+    """
+    pool, angle, is_unloaded = _pool(calibration)
+    difference, in_std = np.zeros(len(pool)), np.zeros(len(pool))
+    for one, other in combinations([_predict(pool, rival) for rival in rivals], 2):
+        distance, std = _difference(one, other)
+        larger = distance / std > in_std
+        difference, in_std = np.where(larger, distance, difference), np.where(larger, distance / std, in_std)
+    chosen: list[int] = []
+    for k in np.argsort(-in_std):
+        is_near = any(pool.disc[k] == pool.disc[j] and np.cos(angle[k] - angle[j]) > _NEIGHBOURS for j in chosen)
+        if in_std[k] >= _LEAST_DIFFERENCE and not is_near and len(chosen) < most:
+            chosen.append(int(k))
+    magnitude = np.hypot(*pool.force.T)
+    names = [disc.name for disc in calibration.cell.discs]
+    return tuple(
+        DiscriminatingTouch(
+            names[pool.disc[k]],
+            float(angle[k]),
+            int(pool.posture[k]),
+            float(magnitude[k]),
+            bool(is_unloaded[k]),
+            float(difference[k]),
+            float(in_std[k]),
+        )
+        for k in chosen
+    )
+
+
+class _Predicted(NamedTuple):
+    """The forces that a fit predicts for touches.
+
+    Attributes:
+        force: F, (n, 2), N; NaN where the model reaches none.
+        by_joints: ∂F/∂Q, (n, 2, 2).
+        noise: σ_q and σ_f of the fit.
+    """
+
+    force: Floats
+    by_joints: Floats
+    noise: Noise
+
+
+def _predict(pool: TouchSet, fit: Calibration) -> _Predicted:
+    o, model = observe(pool, replace(fit.cell, sensor=fit.cell.sensor._replace(frame=SensorFrame.BASE))), fit.model
+    found = contact(model, o.joints, o.centers, o.radii, o.gripper, warm_start=pool.force, metadata=o.metadata)
+    reached = (found.solved & (found.magnitude > 0))[:, None]
+    by_joints = contact_derivatives(model, o.joints, o.centers, o.radii, found, o.gripper, o.metadata).joints
+    return _Predicted(np.where(reached, found.force, np.nan), by_joints, fit.noise)
+
+
+def _difference(one: _Predicted, other: _Predicted) -> tuple[Floats, Floats]:
+    """The distance of two predictions, N, and its standard deviation, (n,) each."""
+    difference = one.force - other.force
+    distance = np.nan_to_num(np.hypot(difference[:, 0], difference[:, 1]))
+    along = np.nan_to_num(difference / np.maximum(distance, 1e-12)[:, None])
+    turned = np.einsum('nij,ni->nj', one.by_joints, along)
+    return distance, np.sqrt(_force_variance(one) + ((one.noise.joint_levels * turned) ** 2).sum(axis=1))
+
+
+def _force_variance(predicted: _Predicted) -> Floats | float:
+    """Variance of a component of each force, rms over the axes, N²."""
+    noise = predicted.noise
+    grown = noise.growth**2 * np.nan_to_num(predicted.force**2).sum(axis=1) if noise.growth else 0.0
+    return noise.force_rms**2 + grown
+
+
+def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]]:
+    """Touches to choose from, their places on the discs, and whether they are unloaded to their force.
+
+    Their forces, in the history too, are in the base frame, whatever that of the sensor is.
+    """
+    cell, p = calibration.cell, calibration.parameters
+    magnitude = np.hypot(*calibration.force.T)
+    levels = np.unique(np.round(np.quantile(magnitude, (0.05, 0.5, 0.95)), 0))
+    disc, direction, posture, level, is_unloaded = (
+        axis.ravel()
+        for axis in np.meshgrid(
+            np.arange(len(cell.discs)), np.arange(_DIRECTIONS), (1, -1), levels, (False, True), indexing='ij'
+        )
+    )
+    angle = 2 * np.pi * direction / _DIRECTIONS
+    outward = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    tip = cell.centers[disc] + cell.radii[disc, None] * outward
+    reach = np.hypot(tip[:, 0] - p.x0, tip[:, 1] - p.y0)
+    length = p.l1 + p.l2
+    reachable = (reach < _LARGEST_REACH * length) & (reach > (1 - _LARGEST_REACH) * length + abs(p.l1 - p.l2))
+    parts = [array[reachable] for array in (disc, angle, posture, level, is_unloaded, tip, outward)]
+    disc, angle, posture, level, is_unloaded, tip, outward = parts
+
+    def pressed(force: Floats) -> Floats:
+        return inverse_kinetostatics(p, tip, -force[:, None] * outward, posture, cell.gripper)[0]
+
+    joints = pressed(level)
+    before = np.where(is_unloaded, (1 + _PRELOAD) * level, _FIRST_FORCE)
+    motion = joints - pressed(before)
+    motion = (motion + np.pi) % (2 * np.pi) - np.pi
+    peak = np.where(is_unloaded, before, 0.0)[:, None] * -outward
+    pool = TouchSet(
+        joints=joints,
+        force=-level[:, None] * outward,
+        disc=disc,
+        posture=posture,
+        time=np.full(len(disc), float(calibration.touches.time.max())),
+        approach=motion,
+        press=motion,
+        history=np.concatenate([joints - motion, peak], axis=1)[:, None],
+        order=np.full(len(disc), LATER),
+    )
+    return pool, angle, is_unloaded

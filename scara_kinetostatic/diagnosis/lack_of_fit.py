@@ -4,21 +4,45 @@ If the model is complete, the whitened misclosures of the used touches are white
 fit. An effect that the model lacks makes them depend smoothly on a joint angle, a torque, the force, the disc, the
 place on it, the time. Each such family of functions is added to the linearised fit, and its contribution is tested by
 an F-test, which is valid whether the noise was given or estimated.
+
+Score tests for further variances of the residual, beside those of the joint angles and of the force.
+
+The scatter of the residual of a fit is compared with what V of `calibration.noise_estimation` says: if the noise of a
+touch has a further component, the squares of the whitened residuals are larger where that component acts. Each
+kind is tested by the score of its variance at zero, with those of the other kinds of any size, so that the p-value does
+not depend on the size of the stated noise.
+
+Source: Rao, Large sample tests of statistical hypotheses, Proc. Camb. Phil. Soc. 44 (1948) 50; for variance components,
+Verbeke and Molenberghs, Biometrics 59 (2003) 254.
+
+The tests of a model: whether its residual is noise, and whether anything exceeds its declared uncertainty.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from scara_kinetostatic.calibration.fit_point import Point, select, unfitted
+from scara_kinetostatic.calibration.fit_point import Point, augmented, select, unfitted
+from scara_kinetostatic.calibration.gauss_helmert import noise_left, outer, whiten_by
 from scara_kinetostatic.calibration.identifiability import NOISE_SHARE
+from scara_kinetostatic.calibration.noise_estimation import by_axis, growing, whiten_matrix
+from scara_kinetostatic.calibration.observations import Observations, observe
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
-from scara_kinetostatic.diagnosis.thresholds import FORCE_LEVELS, INDEPENDENT_PART_CAUTIOUS, ROUNDING
+from scara_kinetostatic.diagnosis.candidates import CandidateSet
+from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects, orthonormal
+from scara_kinetostatic.diagnosis.model_selection import significance
+from scara_kinetostatic.diagnosis.thresholds import (
+    FORCE_LEVELS,
+    INDEPENDENT_PART_CAUTIOUS,
+    ROUNDING,
+    SIGNIFICANCE,
+)
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.model.touch_equations import view_arm
@@ -203,3 +227,147 @@ def _test(
     explained = float(((u.T @ residual) ** 2).sum())
     ratio = (explained / q) / (max(total - explained, 1e-300) / freedoms)
     return float(special.fdtrc(q, freedoms, ratio)), explained / total
+
+
+JOINT, FORCE, GROWING, OFF_NORMAL = 'joint', 'force', 'growing', 'off_normal'
+JOINT_AXES, FORCE_AXES = 'joint_axes', 'force_axes'
+"""Kinds of variance; the last two are differences between the axes, of either sign."""
+_TYPICAL_ANGLE = 0.01
+"""Scale of the variance of off-normal angles, rad; the p-value does not depend on it."""
+_LEAST_VARIANCE = 1e-12
+"""Lower limit of the residual variance by which the scores are scaled; keeps exact data solvable."""
+
+
+def excess_p_value(calibration: Calibration, kind: str, beside: Sequence[str] = (JOINT, FORCE)) -> float:
+    """P-value of "there is no variance of this kind", with those of other kinds of any size.
+
+    One-sided; two-sided for a difference between axes.
+
+    Args:
+        calibration: with or without effects.
+        kind: the variance tested.
+        beside: the others.
+    """
+    score = _score(calibration, kind, beside)
+    return float(2 * special.ndtr(-abs(score))) if kind in (JOINT_AXES, FORCE_AXES) else float(special.ndtr(-score))
+
+
+def _score(c: Calibration, kind: str, beside: Sequence[str]) -> float:
+    """The score of one variance in its standard deviations, less what the others explain of it; 0 if they are alike."""
+    observations = observe(c.touches.select(c.used), c.cell, c.errors)
+    point = select(c.projection, c.used)
+    jacobian = (point.whitened.derivative @ c.subspace.basis).reshape(2 * len(point.distance), -1)
+    base = orthonormal(augmented(point, jacobian)[: len(jacobian)])  # whatever the declared errors are
+    residual = point.whitened.residual.ravel()
+    left = residual - base @ (base.T @ residual)
+    size = max(float(left @ left) / max(len(left) - base.shape[1], 1), _LEAST_VARIANCE)
+    kinds = [_variance(name, c, observations, point) for name in (*beside, kind)]
+    rows = base.reshape(-1, 2, base.shape[1])
+    kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
+    e = (left / np.sqrt(size)).reshape(-1, 2)
+    score = np.array([np.einsum('ni,nij,nj->', e, part, e) - np.einsum('nij,nji->', part, kept) for part in kinds])
+    half = [np.einsum('nij,njk->nik', part, kept) for part in kinds]
+    information = 2 * np.array([[np.einsum('nij,nji->', first, second) for second in half] for first in half])
+    weights = np.linalg.lstsq(information[:-1, :-1], information[:-1, -1], rcond=1e-9)[0]
+    value, variance = score[-1] - weights @ score[:-1], information[-1, -1] - weights @ information[:-1, -1]
+    return float(value / np.sqrt(variance)) if variance > 0 else 0.0
+
+
+def _variance(name: str, c: Calibration, observations: Observations, point: Point) -> Floats:
+    """One kind of variance of each touch, whitened, of about unit size, (n, 2, 2)."""
+    linear, noise = point.linear, c.noise
+    if name == OFF_NORMAL:
+        by_off_normal = np.zeros((len(observations.radii), 2, 1))
+        by_off_normal[:, 1, 0] = _TYPICAL_ANGLE * observations.radii
+        entries = outer(by_off_normal)
+    elif name == GROWING:
+        square = float((linear.force**2).sum(axis=1).mean())
+        entries = noise.force_rms**2 / square * growing(linear)
+    elif name in (JOINT, JOINT_AXES):
+        first, second = by_axis(linear, JOINT)
+        entries = noise.joint_rms**2 * (first + second if name == JOINT else first - second)
+    else:
+        first, second = by_axis(linear, FORCE)
+        entries = noise.force_rms**2 * (first + second if name == FORCE else first - second)
+    return whiten_matrix(entries, point.whitened.root)
+
+
+class Adequacy(NamedTuple):
+    """The test of a model.
+
+    Attributes:
+        p_value: of "it is complete", Bonferroni-corrected over all tests but those of the next.
+        dependences: what the residual depends on, significant ones only, the most significant first.
+        declared_p_value: of "nothing exceeds its declared uncertainty", Bonferroni-corrected; None without any.
+    """
+
+    p_value: float
+    dependences: tuple[Dependence, ...]
+    declared_p_value: float | None = None
+
+
+def adequacy(
+    calibration: Calibration, problem: Problem | None = None, candidate_set: CandidateSet | None = None
+) -> Adequacy:
+    """Test a model against all that its residual could depend on.
+
+    Args:
+        calibration: with or without effects.
+        problem: its linear problem.
+        candidate_set: effects to test as well; None for none.
+    """
+    c = calibration
+    dependences, declared = list(find_dependences(with_free_off_normal_angles(c))), list[Dependence]()
+    if problem is not None and candidate_set is not None:
+        best_first = {candidate.effect.label: candidate for candidate in reversed(candidate_set.candidates)}
+        for candidate in best_first.values():
+            tested = Dependence(candidate.effect.title, *significance(problem, candidate))
+            (declared if problem.is_declared(candidate.effect) else dependences).append(tested)
+    given = c.noise_source == 'given'
+    if not given and problem is not None and c.prior_cost:
+        beyond = float(special.chdtrc(len(c.errors) + c.trusted, c.prior_cost))
+        declared.append(Dependence('errors beyond what is declared', beyond, c.prior_cost / c.chi_square))
+    size = float(special.chdtrc(c.degrees_of_freedom, c.chi_square)) if given else 1.0
+    tests = max(len(dependences) + given, 1)
+    smallest = tests * min([size, *(item.p_value for item in dependences)])
+    counted = [(item, tests) for item in dependences] + [(item, len(declared)) for item in declared]
+    significant = [item for item, number in counted if item.p_value * number < SIGNIFICANCE]
+    return Adequacy(
+        min(1.0, smallest),
+        tuple(sorted(significant, key=lambda item: item.p_value)),
+        len(declared) * min(item.p_value for item in declared) if declared else None,
+    )
+
+
+def off_normal_p_value(calibration: Calibration, beside_growing: bool = False) -> float:
+    """P-value of "the off-normal angles are noise", one-sided.
+
+    It does not depend on the size of the stated noise: the residuals are scaled to unit variance.
+
+    Args:
+        calibration: with or without effects, none of them with an off-normal angle.
+        beside_growing: whether the noise of the force may grow with it, which acts along the force as well as across.
+    """
+    beside = (JOINT, FORCE, GROWING) if beside_growing else (JOINT, FORCE)
+    return excess_p_value(calibration, OFF_NORMAL, beside)
+
+
+def growing_p_value(calibration: Calibration) -> float:
+    """P-value of "the noise of the force is the same at all forces", one-sided against noise that grows with it."""
+    return excess_p_value(calibration, GROWING, (JOINT, FORCE, OFF_NORMAL))
+
+
+def with_free_off_normal_angles(calibration: Calibration) -> Calibration:
+    """The same with unconstrained off-normal angles, where it has them: its residual is then free of them.
+
+    Off-normal angles may depend on anything; a test for a lack of fit is to use the other half of the residual.
+    """
+    effects = tuple(
+        effect.with_off_normal_std(_UNCONSTRAINED_STD) if effect.off_normal_std else effect
+        for effect, _, _ in fitted_effects(calibration)
+    )
+    return replace(calibration, model=replace(calibration.model, effects=effects))
+
+
+_UNCONSTRAINED_STD = 10.0
+"""A standard deviation of α that leaves it free, rad."""

@@ -15,19 +15,18 @@ multiplied by M (`calibration.declared_errors.Marginal`): an effect has to excee
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.declared_errors import Marginal
 from scara_kinetostatic.calibration.fit_point import Point, augmented, select, unfitted
+from scara_kinetostatic.calibration.gauss_helmert import noise_left, whiten_by
 from scara_kinetostatic.calibration.identifiability import scales_of, unidentifiable_directions
-from scara_kinetostatic.calibration.observations import Observations
-from scara_kinetostatic.calibration.prediction import observe
+from scara_kinetostatic.calibration.observations import Observations, observe
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.subspace import Subspace
-from scara_kinetostatic.calibration.whitening import noise_left, whiten_by
+from scara_kinetostatic.calibration.solver import Subspace
 from scara_kinetostatic.diagnosis.thresholds import FORCE_LEVELS
 from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.model.arrays import Floats
@@ -258,3 +257,24 @@ def orthonormal(columns: Floats, beside: Floats | None = None) -> Floats:
         columns = columns - beside @ (beside.T @ columns)
     u, values, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(u[:, values > _NEGLIGIBLE])
+
+
+class FittedEffect(NamedTuple):
+    """An effect of an extended model with its estimates.
+
+    Attributes:
+        effect: the effect.
+        values: of its parameters, (k,).
+        std: their standard deviations, (k,).
+    """
+
+    effect: Effect
+    values: Floats
+    std: Floats
+
+
+def fitted_effects(calibration: Calibration) -> list[FittedEffect]:
+    """The effects of a calibration with their estimates."""
+    model = calibration.model
+    rows = zip(model.effects, model.effect_arrays, calibration.effect_stds, strict=True)
+    return [FittedEffect(cast('Effect', effect), values, std) for effect, values, std in rows]

@@ -11,6 +11,13 @@ touches shows it:
 
 In both cases the touches are diagnosed anew with the noise found, and the likelier of the two diagnoses is kept. A
 model error is no noise: it depends on something, so the F-tests find it whatever the weights are.
+
+Contact friction as a random off-normal angle α of each force: score test, and estimate of its standard deviation.
+
+A random angle shifts no mean. It adds the variance σ_α² h_α h_αᵀ to that of the noise, which grows with the disc's
+radius, whereas that by noise of the force decreases with its size. The test is a score test of this variance
+component beside those of the noise (Rao; for variance components see Searle, Casella and McCulloch, 1992, section 6.8);
+σ_α is estimated by expectation and maximisation, σ_α² ← mean of α̂² plus its own variance.
 """
 
 from __future__ import annotations
@@ -20,13 +27,12 @@ from dataclasses import replace
 import numpy as np
 
 from scara_kinetostatic.calibration.estimate import WarmStart
+from scara_kinetostatic.calibration.fit_point import project
+from scara_kinetostatic.calibration.gauss_helmert import whiten_by
+from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.effort import Effort
-from scara_kinetostatic.diagnosis.lack_of_fit import find_dependences
-from scara_kinetostatic.diagnosis.refit import penalised_deviance, with_rejections_of
-from scara_kinetostatic.diagnosis.result import Diagnosis
-from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, STRICT_SIGNIFICANCE
-from scara_kinetostatic.diagnosis.variance_components import (
+from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.diagnosis.lack_of_fit import (
     FORCE,
     FORCE_AXES,
     GROWING,
@@ -34,7 +40,12 @@ from scara_kinetostatic.diagnosis.variance_components import (
     JOINT_AXES,
     OFF_NORMAL,
     excess_p_value,
+    find_dependences,
 )
+from scara_kinetostatic.diagnosis.refit import Effort, penalised_deviance, with_rejections_of
+from scara_kinetostatic.diagnosis.result import Diagnosis
+from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, STRICT_SIGNIFICANCE
+from scara_kinetostatic.effects.off_normal_force import OffNormalForce
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Noise
 
@@ -179,3 +190,46 @@ def _with_component(noise: Noise, kind: str) -> Noise:
     if kind == JOINT_AXES:
         return noise._replace(joint=noise.joint_levels)
     return noise._replace(force=noise.force_levels)
+
+
+_FIRST_STD = 0.03
+"""Where the estimation of σ_α begins, rad."""
+_LEAST_STD = 1e-4
+"""Lower limit of σ_α, rad: no sensor resolves less."""
+_ROUNDS = 8
+_MANY_STEPS = 150
+"""Steps of a fit beyond which it hardly converges: something else is wrong."""
+_MOST_SLOW = 2
+"""Such fits after which the estimation ends where it is."""
+_CONVERGED = 0.02
+"""Relative change of σ_α at which the estimation ends."""
+
+
+def fit_with_off_normal(calibration: Calibration, effort: Effort) -> Calibration:
+    """The touches of a calibration fitted with a random off-normal angle of each force, σ_α estimated.
+
+    Effects that the calibration has stay.
+    """
+    c = calibration
+    others = tuple(effect for effect in c.model.effects if not effect.off_normal_std)
+    off_normal, used, latest, slow = _FIRST_STD, np.ones(len(c.touches), dtype=bool), c, 0
+    for _ in range(_ROUNDS):
+        effects = (OffNormalForce(off_normal=off_normal), *others)
+        warm_start = WarmStart(latest.model.with_effects(effects), latest.noise, used, latest.errors)
+        latest = effort.fit(c.touches, c.cell, effects, fixed=c.fixed, warm_start=warm_start)
+        used, before = latest.used, off_normal
+        off_normal = max(_updated(latest, off_normal), _LEAST_STD)
+        slow += latest.termination is not Termination.CONVERGED or latest.iterations > _MANY_STEPS
+        if abs(off_normal / before - 1) < _CONVERGED or slow >= _MOST_SLOW:
+            break
+    return with_rejections_of(latest, c)
+
+
+def _updated(c: Calibration, off_normal: float) -> float:
+    """One step of expectation and maximisation."""
+    point = project(observe(c.touches.select(c.used), c.cell, c.errors), c.model, c.noise)
+    assert point.linear.by_off_normal is not None
+    assert point.adjusted.off_normal is not None
+    shrunk = whiten_by(point.linear.by_off_normal, point.whitened.root)
+    left = off_normal**2 * (1 - (shrunk**2).sum(axis=1))
+    return float(np.sqrt(np.mean(point.adjusted.off_normal**2 + left)))

@@ -8,9 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.diagnosis.discriminating_touches import DiscriminatingTouch
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
-from scara_kinetostatic.diagnosis.trusted import Contradiction
 from scara_kinetostatic.effects.base import Effect
 
 
@@ -118,3 +116,55 @@ class Diagnosis:
         """The role of a candidate; it is a rival only where `rivals` names it."""
         named = any(item.effect.label in group for group in self.rivals)
         return 'rejected' if item.role == 'rival' and not named else item.role
+
+
+class DiscriminatingTouch(NamedTuple):
+    """A touch that would discriminate between two rivals.
+
+    Attributes:
+        disc: name of the disc.
+        angle: place on it, direction from its centre, rad.
+        posture: elbow, +1 or -1.
+        force: N.
+        is_unloaded: whether it is preloaded beyond the force and then unloaded to it.
+        difference: of the two predictions, N.
+        in_std: the same in standard deviations.
+    """
+
+    disc: str
+    angle: float
+    posture: int
+    force: float
+    is_unloaded: bool
+    difference: float
+    in_std: float
+
+    def __str__(self) -> str:
+        """As in advice: ``disc_1 from 30°, elbow +1, with 40 N (predictions differ by 1.2 N)``."""
+        how = (
+            f'preloaded beyond {self.force:.0f} N, then unloaded to it'
+            if self.is_unloaded
+            else f'with {self.force:.0f} N'
+        )
+        side = f'{np.degrees(self.angle) % 360:.0f}°'
+        return (
+            f'{self.disc} from {side}, elbow {self.posture:+d}, {how} (predictions differ by {self.difference:.1f} N)'
+        )
+
+
+class Contradiction(NamedTuple):
+    """The test of one trusted nominal value.
+
+    Attributes:
+        name: of the parameter.
+        off: the trusted value less that of the touches, in its unit.
+        std: its declared standard uncertainty.
+        deviation: |t|.
+        p_value: of "it is right", Bonferroni-corrected over all that are trusted.
+    """
+
+    name: str
+    off: float
+    std: float
+    deviation: float
+    p_value: float

@@ -24,7 +24,7 @@ class OffNormalForce(Effect):
     `off_normal`; it is adjusted with the observations, d = r (R(-α) - I) n. It cannot be predicted: where a force is
     predicted, its off-normal angle is that of the measured one.
 
-    The diagnosis tests it beside the effects of the catalogue, as a variance: `diagnosis.contact_angle`.
+    The diagnosis tests it beside the effects of the catalogue, as a variance: `diagnosis.noise_structure`.
 
     Attributes:
         off_normal: standard deviation of α, rad; the coefficient of friction is larger than it.

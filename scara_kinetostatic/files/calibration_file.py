@@ -1,7 +1,7 @@
 """A calibrated arm as plain JSON values, in `calibration.json`, in `calibration.yaml` and on a topic; and back.
 
 All three hold the same: the cell under `cell`, the model with its covariance under `model`, `assessment.grade` and
-`diagnosis.verdict`. In `calibration.yaml` it is the text of the ROS parameter `calibration.model`.
+`diagnosis.diagnose`. In `calibration.yaml` it is the text of the ROS parameter `calibration.model`.
 """
 
 from __future__ import annotations

@@ -39,9 +39,9 @@ import numpy as np
 from scipy.special import chdtrc, chdtri, fdtrc, fdtri
 
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
+from scara_kinetostatic.calibration.fit_point import project
 from scara_kinetostatic.calibration.identifiability import scales_of
-from scara_kinetostatic.calibration.prediction import observe
-from scara_kinetostatic.calibration.projection import project
+from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.diagnosis.comparison import whitened_normal
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.arrays import Floats, Mask

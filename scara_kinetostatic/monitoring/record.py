@@ -19,10 +19,10 @@ import numpy as np
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
+from scara_kinetostatic.calibration.fit_point import base_force
 from scara_kinetostatic.calibration.identifiability import SCALES
-from scara_kinetostatic.calibration.prediction import base_force, observe
-from scara_kinetostatic.calibration.propagation import joint_covariance
-from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.observations import observe
+from scara_kinetostatic.calibration.result import Calibration, joint_covariance
 from scara_kinetostatic.errors import CalibrationFileError, CellError, InputError
 from scara_kinetostatic.files.calibration_file import read_arm, read_document, stored_covariance, stored_numbers
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor

@@ -28,7 +28,8 @@ from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark
 from scara_kinetostatic.assessment.outcome import Recording
 from scara_kinetostatic.assessment.thresholds import NOISE_OVERSTATED
 from scara_kinetostatic.bags.inputs import other_descriptions
-from scara_kinetostatic.calibration.prediction import base_force, observe
+from scara_kinetostatic.calibration.fit_point import base_force
+from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.touch_table import is_touch_table

@@ -157,7 +157,7 @@ def _calibrate(job: Job, progress: Callable[[str, float], None]) -> Any:
         ScaraKinetostaticError: there is no result.
     """
     from scara_kinetostatic.bags.inputs import other_descriptions, recorded_cell
-    from scara_kinetostatic.calibration.fixed import fixed_values
+    from scara_kinetostatic.calibration.calibrate import fixed_values
     from scara_kinetostatic.files.cell_file import load_cell
     from scara_kinetostatic.pipeline import calibrate_recordings
     from scara_kinetostatic.touches.left_out import check_named, kept_recordings, parse_left_out

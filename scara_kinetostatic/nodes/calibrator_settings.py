@@ -10,7 +10,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from scara_kinetostatic.calibration.fixed import parse_fixed
+from scara_kinetostatic.calibration.calibrate import parse_fixed
 from scara_kinetostatic.errors import ParameterError, RecordingError, ScaraKinetostaticError
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.nodes import declare

@@ -11,8 +11,7 @@ import numpy as np
 from scara_kinetostatic import __version__
 from scara_kinetostatic.assessment.grade import Assessment
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
-from scara_kinetostatic.calibration.propagation import joint_covariance
-from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.result import Calibration, joint_covariance
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value

@@ -10,8 +10,7 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from scara_kinetostatic.diagnosis.comparison import Bias
-from scara_kinetostatic.diagnosis.effect_residual import EffectResidual
+from scara_kinetostatic.diagnosis.comparison import Bias, EffectResidual
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.render.figure import FAINT, INK, LINE, PAPER, SERIES, WARN, as_svg, mark, new_figure
 

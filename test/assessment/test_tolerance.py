@@ -12,11 +12,9 @@ from scara_kinetostatic.assessment.conformity import Conformity, Decision, confo
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.assessment.tolerance import _fall, action
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.contributions import ALTERNATIVES, Contribution
-from scara_kinetostatic.calibration.improvements import Improvement
-from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.result import ALTERNATIVES, Calibration, Contribution
 from scara_kinetostatic.calibration.tip_uncertainty import tip_uncertainty
-from scara_kinetostatic.calibration.uncertainty_budget import Item
+from scara_kinetostatic.calibration.uncertainty_budget import Improvement, Item
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_touches

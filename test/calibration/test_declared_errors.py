@@ -12,7 +12,7 @@ from diagnosis.simulated import CELL, PLAN
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors, Marginal
 from scara_kinetostatic.calibration.gauss_helmert import first_guess, linearise
-from scara_kinetostatic.calibration.prediction import observe
+from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.model.cell import Cell, Noise, Plate, SensorFrame, Uncertainty
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import rotate

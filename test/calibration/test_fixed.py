@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import scara_kinetostatic as sk
-from scara_kinetostatic.calibration.fixed import check_units, fixed_effects, fixed_values, parse_fixed
+from scara_kinetostatic.calibration.calibrate import check_units, fixed_effects, fixed_values, parse_fixed
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.cell import PAPER_CELL, Uncertainty
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL

@@ -30,7 +30,7 @@ def test_damped_step_is_the_augmented_system():
 def test_blocks_of_rows_change_nothing(monkeypatch):
     jacobian, residual = system(n=100)
     whole = least_squares.compress(jacobian, residual)
-    monkeypatch.setattr('scara_kinetostatic.calibration.blocks.BLOCK', 7)
+    monkeypatch.setattr('scara_kinetostatic.calibration.observations.BLOCK', 7)
     parts = least_squares.compress(jacobian, residual)
     np.testing.assert_allclose(parts.values, whole.values, rtol=1e-12)
     np.testing.assert_allclose(least_squares.damped_step(parts, 0.0), least_squares.damped_step(whole, 0.0), rtol=1e-12)

@@ -9,7 +9,7 @@ from diagnosis.simulated import CELL, PLAN, effect
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.gauss_helmert import first_guess, linearise
-from scara_kinetostatic.calibration.prediction import observe
+from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL

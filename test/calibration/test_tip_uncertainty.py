@@ -9,7 +9,6 @@ import pytest
 
 import scara_kinetostatic as sk
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.improvements import MORE_TOUCHES, best_improvement, improvements, round_value
 from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import (
@@ -19,7 +18,14 @@ from scara_kinetostatic.calibration.tip_uncertainty import (
     tip_uncertainty,
     workspace,
 )
-from scara_kinetostatic.calibration.uncertainty_budget import source_title, uncertainty_budget
+from scara_kinetostatic.calibration.uncertainty_budget import (
+    MORE_TOUCHES,
+    best_improvement,
+    improvements,
+    round_value,
+    source_title,
+    uncertainty_budget,
+)
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Plate, Uncertainty
 from scara_kinetostatic.model.effect_law import TouchMetadata

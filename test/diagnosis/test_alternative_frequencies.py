@@ -11,7 +11,7 @@ from diagnosis.simulated import CELL, calibrate, deviations, effect, examined, s
 
 from scara_kinetostatic.diagnosis.alternatives import fit_alternative_frequencies
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.diagnosis.effort import Effort
+from scara_kinetostatic.diagnosis.refit import Effort
 from scara_kinetostatic.effects.base import JointEffect, Parameter
 from scara_kinetostatic.effects.off_normal_force import OffNormalForce
 from scara_kinetostatic.model.extended_model import ExtendedModel

@@ -10,8 +10,8 @@ from diagnosis.simulated import CELL, PLAN, calibrate, deviations, effect
 
 from scara_kinetostatic.diagnosis.alternatives import fit_alternative_laws, widened_by, widened_by_constants
 from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.diagnosis.effort import Effort
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
+from scara_kinetostatic.diagnosis.refit import Effort
 from scara_kinetostatic.effects.contact_compliance import ContactCompliance
 from scara_kinetostatic.effects.joint_hardening import JointHardening
 from scara_kinetostatic.effects.link_bending import LinkBending

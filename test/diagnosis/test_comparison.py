@@ -11,9 +11,9 @@ from diagnosis.simulated import CELL, effect, simulate
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.prediction import observe
-from scara_kinetostatic.calibration.projection import project
-from scara_kinetostatic.diagnosis import comparison, effect_residual
+from scara_kinetostatic.calibration.fit_point import project
+from scara_kinetostatic.calibration.observations import observe
+from scara_kinetostatic.diagnosis import comparison
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
 from scara_kinetostatic.model.cell import Noise
 
@@ -109,7 +109,7 @@ def test_the_off_normal_angle_of_every_force_is_not_corrected(rough: Outcome) ->
 def test_comparison_and_residuals_are_estimated_once(ambiguous: Outcome, monkeypatch: pytest.MonkeyPatch) -> None:
     fresh, posed = replace(ambiguous), []
     monkeypatch.setattr(comparison, 'project', lambda *a: posed.append('comparison') or project(*a))
-    monkeypatch.setattr(effect_residual, 'pose_problem', lambda c: posed.append('residual') or pose_problem(c))
+    monkeypatch.setattr(comparison, 'pose_problem', lambda c: posed.append('residual') or pose_problem(c))
     for _ in range(2):
         assert len(fresh.effect_residuals) == len(fresh.diagnosis.found) > 1
         assert fresh.comparison.biases[0].name == 'x0'

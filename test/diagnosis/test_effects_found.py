@@ -10,7 +10,7 @@ import pytest
 from diagnosis.simulated import CELL, UNKNOWN_NOISE, deviations, effect, examined, simulate
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.held_out import held_out_force_error
+from scara_kinetostatic.calibration.result import held_out_force_error
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.effects.base import DiscEffect, JointEffect, Parameter

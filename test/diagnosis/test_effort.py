@@ -6,7 +6,7 @@ import pytest
 from diagnosis.simulated import CELL, calibrate, diagnose, effect, simulate
 
 from scara_kinetostatic.diagnosis import diagnose as module
-from scara_kinetostatic.diagnosis.effort import Effort
+from scara_kinetostatic.diagnosis.refit import Effort
 
 TWO = (effect('object_position[disc_2]'), (2e-4, 1e-4)), (effect('encoder_gain[joint1]'), (3e-3,))
 

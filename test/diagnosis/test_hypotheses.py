@@ -9,8 +9,8 @@ import pytest
 from diagnosis.simulated import CELL, NOISE, UNKNOWN_NOISE, deviations, effect, simulate
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.diagnosis.contact_angle import growing_p_value, off_normal_p_value
 from scara_kinetostatic.diagnosis.diagnose import diagnose
+from scara_kinetostatic.diagnosis.lack_of_fit import growing_p_value, off_normal_p_value
 from scara_kinetostatic.model.kinematics import rotate
 
 

@@ -11,12 +11,10 @@ from diagnosis.simulated import CELL, effect, examined, simulate
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis import search
 from scara_kinetostatic.diagnosis.candidates import Scan, gains, gather
-from scara_kinetostatic.diagnosis.discriminating_touches import discriminating_touches
-from scara_kinetostatic.diagnosis.effort import Effort
+from scara_kinetostatic.diagnosis.comparison import discriminating_touches
 from scara_kinetostatic.diagnosis.linear_problem import pose_problem
-from scara_kinetostatic.diagnosis.model_selection import score_subsets
-from scara_kinetostatic.diagnosis.ranking import held_out_deviance, significance, undetected_bias
-from scara_kinetostatic.diagnosis.refit import fit_with
+from scara_kinetostatic.diagnosis.model_selection import held_out_deviance, score_subsets, significance, undetected_bias
+from scara_kinetostatic.diagnosis.refit import Effort, fit_with
 from scara_kinetostatic.diagnosis.thresholds import NONCENTRALITY
 from scara_kinetostatic.effects.registry import catalogue
 

@@ -9,8 +9,7 @@ import pytest
 from diagnosis.simulated import CELL, simulate
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.diagnosis.diagnose import diagnose
-from scara_kinetostatic.diagnosis.trusted import contradictions
+from scara_kinetostatic.diagnosis.diagnose import contradictions, diagnose
 from scara_kinetostatic.model.cell import Uncertainty
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 

@@ -12,10 +12,9 @@ import numpy as np
 from calibration.studies import CELL, NOISE
 from effects.scenes import exact_touches
 
-from scara_kinetostatic.calibration.gauss_helmert import linearise
-from scara_kinetostatic.calibration.prediction import observe
-from scara_kinetostatic.calibration.projection import project
-from scara_kinetostatic.calibration.whitening import whiten_by
+from scara_kinetostatic.calibration.fit_point import project
+from scara_kinetostatic.calibration.gauss_helmert import linearise, whiten_by
+from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.extended_model import ExtendedModel

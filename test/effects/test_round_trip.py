@@ -9,7 +9,7 @@ from effects.scenes import EFFECTS, LABELS, plausible, press, with_effect
 from model.helpers import ROBOTS
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.prediction import observe
+from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.effects.link_bending import LinkBending
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.extended_model import ExtendedModel

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from calibration.studies import CELL, EXACT
 
-from scara_kinetostatic.calibration.prediction import force_residual, observe
+from scara_kinetostatic.calibration.fit_point import force_residual
+from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.effects.joint_slip import JointSlip
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.load_history import play_operator, torques_of

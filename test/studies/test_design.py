@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.held_out import held_out_force_error
+from scara_kinetostatic.calibration.result import held_out_force_error
 from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model import kinematics
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Sensor, SensorFrame

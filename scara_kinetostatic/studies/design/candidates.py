@@ -45,8 +45,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.assessment.thresholds import HELD_OUT_CAUTION
+from scara_kinetostatic.calibration.gauss_helmert import whiten_by
 from scara_kinetostatic.calibration.identifiability import SCALES
-from scara_kinetostatic.calibration.whitening import whiten_by
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.parameters import NAMES

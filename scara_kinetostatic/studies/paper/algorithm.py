@@ -17,8 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from scara_kinetostatic.calibration.fit_point import base_force, force_error, force_residual
 from scara_kinetostatic.calibration.identifiability import SCALES
-from scara_kinetostatic.calibration.prediction import base_force, force_error, force_residual, observe
+from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, SensorFrame

@@ -12,11 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scara_kinetostatic.calibration.gauss_helmert import place_force
+from scara_kinetostatic.calibration.fit_point import project
+from scara_kinetostatic.calibration.gauss_helmert import place_force, whiten_by
 from scara_kinetostatic.calibration.identifiability import SCALES
-from scara_kinetostatic.calibration.prediction import observe
-from scara_kinetostatic.calibration.projection import project
-from scara_kinetostatic.calibration.whitening import whiten_by
+from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel

@@ -14,7 +14,7 @@ import numpy as np
 
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.identifiability import SCALES
-from scara_kinetostatic.calibration.prediction import observe
+from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, GripperSign, Noise
