@@ -44,10 +44,7 @@ def verbs() -> Iterator[tuple[str, argparse.ArgumentParser, str]]:
 
 def section(name: str, parser: argparse.ArgumentParser, summary: str) -> str:
     """One verb as Markdown."""
-    aliases = other_names(name)
     parts = [f'({name})=\n## {name}', f'{summary[:1].upper()}{summary[1:]}.']
-    if aliases:
-        parts.append(f'Former {"name" if len(aliases) == 1 else "names"}: {", ".join(map(code, aliases))}.')
     parts += [prose(parser.description or ''), f'```text\n{usage(parser)}\n```']
     for group in parser._action_groups:
         rows = [row(action) for action in group._group_actions if action.help is not argparse.SUPPRESS]
@@ -60,13 +57,6 @@ def section(name: str, parser: argparse.ArgumentParser, summary: str) -> str:
     if commands:
         parts.append('```bash\n' + '\n'.join(commands) + '\n```')
     return '\n\n'.join(part for part in parts if part)
-
-
-def other_names(name: str) -> list[str]:
-    """The aliases of a verb."""
-    (chooser,) = (action for action in build_parser()._actions if isinstance(action, argparse._SubParsersAction))
-    parser = chooser.choices[name]
-    return [alias for alias, one in chooser.choices.items() if one is parser and alias != name]
 
 
 def usage(parser: argparse.ArgumentParser) -> str:

@@ -1,15 +1,21 @@
-"""The argument parser of the command, and what several verbs share."""
+"""The argument parser of the command, and what several verbs share: options, checks of paths, what they print."""
 
 from __future__ import annotations
 
 import argparse
 import difflib
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
+
+from scara_kinetostatic.errors import OutputError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.model.cell import Cell
+    from scara_kinetostatic.render.json_file import Document
 
 EXIT_STATUSES = """\
 exit status:
@@ -27,51 +33,31 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f'{self.prog}: {" ".join(message.split())}; see {self.prog} --help\n')
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Names the verbs without their former names, and the one that resembles an unknown one."""
+        """Names the verb that resembles an unknown one."""
         if not isinstance(action, argparse._SubParsersAction) or value in action.choices:
             super()._check_value(action, value)
             return
-        verbs = [choice.dest for choice in action._choices_actions]
-        close = difflib.get_close_matches(value, verbs, 1)
-        remedy = f'did you mean {close[0]!r}?' if close else f'the verbs are {", ".join(verbs)}'
+        close = difflib.get_close_matches(value, action.choices, 1)
+        remedy = f'did you mean {close[0]!r}?' if close else f'the verbs are {", ".join(action.choices)}'
         raise argparse.ArgumentError(None, f'there is no verb {value!r}; {remedy}')
 
 
-Subparsers = argparse._SubParsersAction  # what `add_subparsers` returns; argparse has no public name for it
+def add_verb(subparsers: argparse._SubParsersAction[argparse.ArgumentParser], module: ModuleType) -> None:
+    """Adds the verb of a module: its `add_arguments`, its `run`, and its docstring as the help.
 
-
-def add_verb(
-    subparsers: Subparsers[argparse.ArgumentParser],
-    name: str,
-    summary: str,
-    description: str,
-    example: str,
-    run: Callable[[argparse.Namespace], int],
-    aliases: Sequence[str] = (),
-    unsupported: str = '',
-) -> argparse.ArgumentParser:
-    """A verb with its help: what it does, an example, the exit statuses.
-
-    Args:
-        subparsers: of the command.
-        name: of the verb.
-        summary: for the list of verbs.
-        description: for the verb's own help.
-        example: one or more command lines.
-        run: from the parsed arguments to the exit status.
-        aliases: former names of the verb, which the help does not list.
-        unsupported: when else the exit status is 3, a clause; empty for never.
+    The first line of the docstring is for the list of verbs, what follows describes the verb, up to ``Example:``.
     """
+    summary, _, rest = (module.__doc__ or '').partition('\n')
+    description, _, example = rest.partition('\nExample:\n')
     parser = subparsers.add_parser(
-        name,
-        help=summary,
-        description=description,
-        epilog=f'example:\n{example}\n{EXIT_STATUSES}{f"     {unsupported}" if unsupported else ""}',
+        module.__name__.rpartition('.')[2].replace('_', '-'),
+        help=summary[:1].lower() + summary[1:].rstrip('.'),
+        description=description.strip(),
+        epilog=f'example:\n{example}\n{EXIT_STATUSES}',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.set_defaults(run=run)
-    subparsers.choices.update(dict.fromkeys(aliases, parser))
-    return parser
+    module.add_arguments(parser)
+    parser.set_defaults(run=module.run)
 
 
 def real(lowest: float = float('-inf'), *, above: bool = False) -> Callable[[str], float]:
@@ -105,15 +91,33 @@ def whole(lowest: int) -> Callable[[str], int]:
     return convert
 
 
-def add_cell(parser: argparse.ArgumentParser, *, recorded: bool = False) -> None:
-    """Adds ``--cell``.
+def add_cell(parser: argparse.ArgumentParser, default: str = "the paper's cell") -> None:
+    """Adds ``--cell``; `default` says what is taken without it."""
+    parser.add_argument('--cell', type=Path, metavar='FILE', help=f'cell description (default: {default})')
+
+
+def add_seed(parser: argparse._ActionsContainer, of: str = 'the noise') -> None:
+    """Adds ``--seed``."""
+    parser.add_argument('--seed', type=whole(0), default=0, metavar='N', help=f'seed of {of} (default: 0)')
+
+
+def add_results(
+    parser: argparse.ArgumentParser, default: str = '', files: str = '', *, required: bool = False, json: bool = True
+) -> None:
+    """Adds ``--out`` for a folder, and ``--json``.
 
     Args:
         parser: of the verb.
-        recorded: whether the default is the cell description in the recordings, rather than the paper's cell.
+        default: folder; empty: nothing is written without the option.
+        files: that are written, for the help.
+        required: whether the folder has to be named.
+        json: whether there is ``--json``.
     """
-    default = 'the one in the recording' if recorded else "the paper's cell"
-    parser.add_argument('--cell', type=Path, metavar='FILE', help=f'cell description (default: {default})')
+    meaning = f'results (default: {default})' if default else f'folder for {files or "the results"}'
+    folder = Path(default) if default else None
+    parser.add_argument('--out', type=Path, default=folder, required=required, metavar='DIR', help=meaning)
+    if json:
+        parser.add_argument('--json', action='store_true', help='print JSON instead of text')
 
 
 def cell_or_paper(path: Path | None) -> Cell:
@@ -139,3 +143,71 @@ def cell_or_recorded(path: Path | None, bags: Sequence[Path]) -> Cell:
     from scara_kinetostatic.files.cell_file import load_cell
 
     return recorded_cell(bags, '--cell') if path is None else load_cell(path)
+
+
+def check_file(path: Path, inputs: Sequence[Path], option: str = '--out', suffix: str = '') -> None:
+    """Check, before anything is computed, that a file may be written.
+
+    Args:
+        path: of the file.
+        inputs: files and folders that it may not replace, nor be in.
+        option: that names the file.
+        suffix: that its name must have; empty: any.
+
+    Raises:
+        OutputError: it may not.
+    """
+    remedy = f'choose another file for {option}'
+    if path.is_dir():
+        raise OutputError(path, 'is a folder where a file is to be written', remedy)
+    if not path.name.lower().endswith(suffix):
+        raise OutputError(path, f'expected a file name that ends in {suffix}, got {path.name!r}', remedy)
+    for given in inputs:
+        if path.resolve() == given.resolve():
+            raise OutputError(path, 'is an input and would be replaced', remedy)
+        if given.resolve() in path.resolve().parents:
+            raise OutputError(path, f'is inside the input {given}', remedy)
+
+
+@contextmanager
+def progress() -> Iterator[Callable[[str, float], None]]:
+    """A function that shows in one line on stderr what is being done; it shows nothing if stderr is no terminal.
+
+    It is called with what is done and the part of the work that is done, 0 to 1.
+    """
+    if not sys.stderr.isatty():
+        yield lambda what, part: None
+        return
+    from rich.console import Console
+    from rich.markup import escape
+
+    with Console(stderr=True).status('starting') as status:
+        yield lambda what, part: status.update(f'{escape(what)} …')
+
+
+def note(text: str) -> None:
+    """One line on stderr."""
+    print(f'note: {text}', file=sys.stderr)
+
+
+def print_result(text: str, document: Document, as_json: bool, folder: Path | None, files: Mapping[str, str]) -> None:
+    """Write the files of a result and print it.
+
+    Args:
+        text: of the result, for people.
+        document: the same as plain JSON values.
+        as_json: whether to print the document instead of the text.
+        folder: of the files; None to write none.
+        files: text by name.
+
+    Raises:
+        OutputError: the folder cannot be written.
+    """
+    from scara_kinetostatic.files.atomic import write_texts
+    from scara_kinetostatic.render.json_file import json_text
+
+    if folder:
+        write_texts(folder, files)
+    print(json_text(document).rstrip() if as_json else text)
+    if folder and not as_json:
+        print(f'\nwritten: {", ".join(str(folder / name) for name in files)}')

@@ -1,17 +1,5 @@
-"""`scara-kinetostatic calibrate`: from recordings to the parameters of the robot and its model errors."""
+"""Estimate the parameters from recordings.
 
-from __future__ import annotations
-
-import argparse
-from collections.abc import Sequence
-from dataclasses import replace
-from pathlib import Path
-
-from scara_kinetostatic.cli.arguments import Subparsers, add_cell, add_verb, cell_or_recorded
-from scara_kinetostatic.cli.output import progress
-from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataError
-
-DESCRIPTION = """\
 Finds the touches in recordings of joint angles and forces, and estimates the
 twelve parameters of the robot with their uncertainties (the base model). Then
 tests this model against the touches: a physical effect that it lacks is
@@ -32,35 +20,29 @@ accepted as well: a .csv file with the columns q1_rad,q2_rad,fx_N,fy_N (force on
 the object, base frame) and, optional, object,time_s,approach1,approach2.
 Several inputs are calibrated together, as one longer recording of the same
 robot and cell.
-"""
-EXAMPLE = """\
+
+Example:
   scara-kinetostatic calibrate monday tuesday --cell cell.yaml --out result --fix p1 --fix l1=0.3302
   scara-kinetostatic calibrate touches.csv --cell cell.yaml --out result --residuals residuals.csv
 """
 
+from __future__ import annotations
 
-def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
-    """Adds the verb."""
-    parser = add_verb(
-        subparsers,
-        'calibrate',
-        'estimate the parameters from recordings',
-        DESCRIPTION,
-        EXAMPLE,
-        run,
-        unsupported='with --strict also: the result is unfit for use',
-    )
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+from scara_kinetostatic.cli.arguments import add_cell, add_results, cell_or_recorded, check_file, progress
+from scara_kinetostatic.errors import CellError, InputError, UnsupportedDataError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the verb."""
     parser.add_argument(
         'bags', nargs='+', type=Path, metavar='BAG', help='recordings, or touch tables (.csv), of one robot'
     )
-    add_cell(parser, recorded=True)
-    parser.add_argument(
-        '--out',
-        type=Path,
-        default=Path('calibration'),
-        metavar='DIR',
-        help='results (default: calibration)',
-    )
+    add_cell(parser, 'the one in the recording')
+    add_results(parser, 'calibration', json=False)
     parser.add_argument(
         '--fix',
         action='append',
@@ -83,7 +65,6 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         action='store_true',
         help='exit status 3 where the result is unfit for use; it is written all the same',
     )
-    return parser
 
 
 def run(args: argparse.Namespace) -> int:
@@ -100,19 +81,27 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.files.checksum import check_different
     from scara_kinetostatic.pipeline import calibrate_recordings
-    from scara_kinetostatic.report import residuals
+    from scara_kinetostatic.report.residuals import NAME, residual_table
     from scara_kinetostatic.report.text import text_report
     from scara_kinetostatic.report.write import RESULTS, write_results
     from scara_kinetostatic.touches.left_out import kept_recordings, parse_left_out
 
     check_different(args.bags)
     inputs = [*args.bags, *([args.cell] if args.cell else [])]
-    _check_results(args.out, RESULTS, inputs)
+    results = [(args.out / name).resolve() for name in RESULTS]
+    if replaced := [given for given in inputs if given.resolve() in results]:
+        remedy = 'choose another folder for --out'
+        raise InputError(replaced[0], 'is an input and would be replaced by the result', remedy)
     for text in args.fix:
         parse_fixed(text, '--fix')
     left_out = parse_left_out(args.leave_out, '--leave-out')
-    if args.residuals:
-        _check_residuals(args.residuals, inputs, args.out, RESULTS)
+    residuals = args.residuals
+    if residuals:
+        check_file(residuals, inputs, '--residuals', '.csv')
+        out = args.out.resolve()
+        if residuals.resolve() in (out, *out.parents, *(path for path in results if path.name != NAME)):
+            remedy = 'choose another file for --residuals'
+            raise InputError(residuals, 'is a result and would be replaced', remedy)
     kept = list(map(Path, kept_recordings(args.bags, left_out)))
     cell = cell_or_recorded(args.cell, kept)
     fixed = fixed_values(args.fix, cell.nominal, '--fix')
@@ -125,51 +114,14 @@ def run(args: argparse.Namespace) -> int:
         if args.cell:
             outcome = replace(outcome, warnings=(*outcome.warnings, *other_descriptions(cell, kept, '--cell')))
         show_progress('writing the report', 1.0)
-        if args.residuals and args.residuals.resolve() != (args.out / residuals.NAME).resolve():
-            write_texts(args.residuals.parent, {args.residuals.name: residuals.residual_table(outcome)})
+        if residuals and residuals.resolve() != (args.out / NAME).resolve():
+            write_texts(residuals.parent, {residuals.name: residual_table(outcome)})
         files = write_results(outcome, args.out)
     print(text_report(outcome))
     if files.note:
         print(f'{files.note}\n')
-    print('\n'.join(dict.fromkeys(map(str, (*files.paths, *([args.residuals] if args.residuals else []))))))
+    print('\n'.join(dict.fromkeys(map(str, (*files.paths, *([residuals] if residuals else []))))))
     if args.strict and outcome.assessment.grade is Grade.UNFIT:
-        raise UnsupportedDataError(
-            outcome.assessment.headline, f'the results are written to {files.folder} all the same'
-        )
+        remedy = f'the results are written to {files.folder} all the same'
+        raise UnsupportedDataError(outcome.assessment.headline, remedy)
     return 0
-
-
-def _check_results(out: Path, results: Sequence[str], inputs: Sequence[Path]) -> None:
-    """Check that no file of the result replaces an input.
-
-    Raises:
-        InputError: one would.
-    """
-    places = [(out / name).resolve() for name in results]
-    for given in inputs:
-        if given.resolve() in places:
-            raise InputError(
-                given, 'is an input and would be replaced by the result', 'choose another folder for --out'
-            )
-
-
-def _check_residuals(path: Path, inputs: Sequence[Path], out: Path, results: Sequence[str]) -> None:
-    """Check, before anything is computed, that the table of residuals replaces neither an input nor a result.
-
-    Raises:
-        InputError: it would, or its path names no ``.csv`` file.
-    """
-    remedy = 'choose another file for --residuals'
-    if path.is_dir():
-        raise InputError(path, 'is a folder where a file is to be written', remedy)
-    if path.suffix.lower() != '.csv':
-        raise InputError(path, f'expected a file name that ends in .csv, got {path.name!r}', remedy)
-    place, out = path.resolve(), out.resolve()
-    for given in inputs:
-        if place == given.resolve():
-            raise InputError(path, 'is an input and would be replaced', remedy)
-        if given.resolve() in place.parents:
-            raise InputError(path, f'is inside the input {given}', remedy)
-    others = (out / name for name in results if not name.endswith('.csv'))
-    if place in (out, *out.parents, *others):
-        raise InputError(path, 'is a result and would be replaced', remedy)

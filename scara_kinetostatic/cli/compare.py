@@ -1,14 +1,5 @@
-"""`scara-kinetostatic compare`: what changed between calibrations, in its uncertainty."""
+"""What changed between calibrations.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb
-from scara_kinetostatic.cli.output import print_result
-
-DESCRIPTION = """\
 Says what changed from each calibration of a robot to the next: every parameter
 with the uncertainty of its change, a p-value of no change at all, and which
 part moved most likely (base, tool, the zero of a joint, a link, a compliance,
@@ -17,23 +8,25 @@ a backlash, an object, the force sensor), with its rivals.
 Errors that the calibrations share, such as those of the places of the objects,
 cancel as far as both calibrations suffer from them alike. Writes
 comparison.json and comparison.html into DIR.
-"""
-EXAMPLE = """\
+
+Example:
   scara-kinetostatic compare monday/calibration.json tuesday/calibration.json
 """
 
+from __future__ import annotations
 
-def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
-    """Adds the verb."""
-    parser = add_verb(subparsers, 'compare', 'what changed between calibrations', DESCRIPTION, EXAMPLE, run)
+import argparse
+from pathlib import Path
+
+from scara_kinetostatic.cli.arguments import add_results, print_result
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the verb."""
     parser.add_argument(
         'calibrations', nargs='+', type=Path, metavar='CALIBRATION.json', help='two or more, in the order of time'
     )
-    parser.add_argument(
-        '--out', type=Path, default=Path('comparison'), metavar='DIR', help='results (default: comparison)'
-    )
-    parser.add_argument('--json', action='store_true', help='print JSON instead of text')
-    return parser
+    add_results(parser, 'comparison')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,25 +1,5 @@
-"""`scara-kinetostatic compensate`: joint angles that bring the tip to its place under load."""
+"""Joint angles for wanted places of the tip under force.
 
-from __future__ import annotations
-
-import argparse
-import sys
-from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from scara_kinetostatic.files.pose_table import PoseTable
-    from scara_kinetostatic.model.arm import Predictor
-    from scara_kinetostatic.model.arrays import Indices
-    from scara_kinetostatic.model.effect_law import TouchMetadata
-
-DESCRIPTION = """\
 The joint angles to command so that the tip of the calibrated arm reaches its
 place under a force (inverse kinetostatics): deflection of joints and gripper,
 backlash, and all effects that were found are compensated.
@@ -38,25 +18,34 @@ direction), and status, the last of these that applies:
   extrapolated  a force, an elbow or a time beyond those of the calibration
   undetermined  the calibration does not determine the uncertainty
   out_of_reach  no joint angles; they are nan
-"""
-EXAMPLE = """\
+The exit status is 3 where no pose is within reach.
+
+Example:
   scara-kinetostatic compensate result/calibration.json poses.csv --out commands.csv
 """
 
+from __future__ import annotations
 
-def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
-    """Adds the verb."""
-    parser = add_verb(
-        subparsers,
-        'compensate',
-        'joint angles for wanted places of the tip under force',
-        DESCRIPTION,
-        EXAMPLE,
-        run,
-        unsupported='no pose of the table is within reach',
-    )
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from scara_kinetostatic.cli.arguments import check_file, note
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from scara_kinetostatic.files.pose_table import PoseTable
+    from scara_kinetostatic.model.arm import Predictor
+    from scara_kinetostatic.model.arrays import Indices
+    from scara_kinetostatic.model.effect_law import TouchMetadata
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the verb."""
     add_files(parser, 'POSES.csv', 'wanted places of the tip and forces')
-    return parser
 
 
 def add_files(parser: argparse.ArgumentParser, table: str, meaning: str) -> None:
@@ -79,10 +68,10 @@ def run(args: argparse.Namespace) -> int:
 
     from scara_kinetostatic.errors import UnsupportedDataError
     from scara_kinetostatic.files.calibration_file import load_calibration
-    from scara_kinetostatic.files.pose_table import POSES, check_output, load_pose_table
+    from scara_kinetostatic.files.pose_table import POSES, load_pose_table
     from scara_kinetostatic.model.arm import Predictor
 
-    check_output(args.out, [args.calibration, args.table])
+    check_file(args.out, [args.calibration, args.table], suffix='.csv')
     predictor = Predictor(load_calibration(args.calibration))
     table = load_pose_table(args.table, POSES)
     sides = _sides(table, predictor)
@@ -148,8 +137,3 @@ def _of_table(table: PoseTable, results: Sequence[str], predictor: Predictor) ->
     if effects := predictor.effects_of('history'):
         notes.append(f'{effects[0]} depends on the load before; none, and no preload, is taken')
     return notes
-
-
-def note(text: str) -> None:
-    """One line on stderr."""
-    print(f'note: {text}', file=sys.stderr)

@@ -1,22 +1,5 @@
-"""`scara-kinetostatic contour`: the outline of an unknown object from a recording of slides along it."""
+"""Outline of an unknown object from a slide along it.
 
-from __future__ import annotations
-
-import argparse
-from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING
-
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real
-from scara_kinetostatic.cli.output import print_result
-from scara_kinetostatic.errors import InputError, UnsupportedDataError
-
-if TYPE_CHECKING:
-    from scara_kinetostatic.contour.fits import ShapeFit
-    from scara_kinetostatic.contour.result import Contour
-    from scara_kinetostatic.model.arm import CalibratedArm
-
-DESCRIPTION = """\
 Measures the outline of an object of unknown shape, from a recording in which
 the tip slides along it under force. Deflection and backlash of the arm
 are taken out by the calibrated model, the radius of the tip along the measured
@@ -30,19 +13,31 @@ joined and closed outlines closed. Writes into DIR
   contour.html   a page with figures
 
 The recording begins and ends with free motion: it gives the force zero.
-"""
-EXAMPLE = """\
+
+Example:
   scara-kinetostatic contour slide --calibration result/calibration.json --out contour
   scara-kinetostatic contour slide --calibration result/calibration.json --cell cell.yaml --fit circle --out contour
   scara-kinetostatic contour slide --calibration result/calibration.json --fit pieces --out contour
 """
 
+from __future__ import annotations
 
-def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
-    """Adds the verb."""
-    parser = add_verb(
-        subparsers, 'contour', 'outline of an unknown object from a slide along it', DESCRIPTION, EXAMPLE, run
-    )
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from scara_kinetostatic.cli.arguments import add_results, print_result, real
+from scara_kinetostatic.errors import InputError, UnsupportedDataError
+
+if TYPE_CHECKING:
+    from scara_kinetostatic.contour.fits import ShapeFit
+    from scara_kinetostatic.contour.result import Contour
+    from scara_kinetostatic.model.arm import CalibratedArm
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the verb."""
     parser.add_argument('bag', type=Path, metavar='BAG', help='recording of joint states and wrenches')
     parser.add_argument(
         '--calibration', type=Path, required=True, metavar='FILE', help='calibration.json of this robot'
@@ -53,7 +48,7 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         metavar='FILE',
         help='topics, frame and sign of the sensor, radius of the tip (default: as in the calibration)',
     )
-    parser.add_argument('--out', type=Path, required=True, metavar='DIR', help='folder for the results')
+    add_results(parser, required=True)
     parser.add_argument(
         '--tip-radius',
         type=real(0),
@@ -68,8 +63,6 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         help='pieces: split every outline into lines and arcs and fit each; else fit this shape to every outline as a '
         'whole; may be given several times',
     )
-    parser.add_argument('--json', action='store_true', help='print JSON instead of text')
-    return parser
 
 
 def run(args: argparse.Namespace) -> int:

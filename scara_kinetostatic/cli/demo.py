@@ -1,4 +1,13 @@
-"""`scara-kinetostatic demo`: the three nodes of a cell, run on this machine."""
+"""Simulate, record and calibrate over ROS.
+
+Starts the three nodes as processes in a private ROS domain: a simulated robot
+touches the discs of a cell, the collector records, the calibrator calibrates on
+a service call. Prints the estimated parameters beside the true ones of the
+simulator. Needs ROS 2 Jazzy, as wheels or from apt.
+
+Example:
+  scara-kinetostatic demo --seed 7
+"""
 
 from __future__ import annotations
 
@@ -7,33 +16,20 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import Subparsers, add_cell, add_verb, real, whole
+from scara_kinetostatic.cli.arguments import add_cell, add_seed, real
 from scara_kinetostatic.errors import InputError, OutputError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.nodes.demo_client import DemoResult
 
-DESCRIPTION = """\
-Starts the three nodes as processes in a private ROS domain: a simulated robot
-touches the discs of a cell, the collector records, the calibrator calibrates on
-a service call. Prints the estimated parameters beside the true ones of the
-simulator. Needs ROS 2 Jazzy, as wheels or from apt.
-"""
-EXAMPLE = """\
-  scara-kinetostatic demo --seed 7
-"""
-_TOUCHES_PER_LINE = 12
-"""Touches recorded between two lines."""
 
-
-def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
-    """Adds the verb."""
-    parser = add_verb(subparsers, 'demo', 'simulate, record and calibrate over ROS', DESCRIPTION, EXAMPLE, run)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the verb."""
     parser.add_argument(
         '--out', type=Path, default=Path('demo'), metavar='DIR', help='each run makes a folder in it (default: demo)'
     )
     add_cell(parser)
-    parser.add_argument('--seed', type=whole(0), default=0, metavar='N', help='seed of the noise (default: 0)')
+    add_seed(parser)
     parser.add_argument(
         '--time-factor',
         type=real(0.01),
@@ -41,7 +37,6 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         metavar='X',
         help='simulated seconds per second (default: 20)',
     )
-    return parser
 
 
 def run(args: argparse.Namespace) -> int:
@@ -80,7 +75,7 @@ def _new_folder(parent: Path) -> Path:
 
 
 class _ProgressPrinter:
-    """Prints each step and, while touches are recorded, their number now and then."""
+    """Prints each step and, while touches are recorded, every twelfth."""
 
     def __init__(self) -> None:
         self._step = ''
@@ -89,10 +84,10 @@ class _ProgressPrinter:
     def __call__(self, what: str, touches: int) -> None:
         if what != self._step:
             print(f'{what} …', flush=True)
-            self._step, self._next = what, _TOUCHES_PER_LINE
+            self._step, self._next = what, 12
         elif touches >= self._next:
             print(f'  {touches} touches recorded', flush=True)
-            self._next = touches - touches % _TOUCHES_PER_LINE + _TOUCHES_PER_LINE
+            self._next = touches - touches % 12 + 12
 
 
 def _print_result(result: DemoResult) -> None:

@@ -1,20 +1,5 @@
-"""`scara-kinetostatic design`: the touches for an accuracy of the tip."""
+"""The touches for an accuracy.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-from typing import TYPE_CHECKING
-
-from scara_kinetostatic.cli.arguments import Subparsers, add_cell, add_verb, cell_or_paper, real, whole
-from scara_kinetostatic.cli.output import print_result, progress
-from scara_kinetostatic.errors import InputError
-
-if TYPE_CHECKING:
-    from scara_kinetostatic.studies.design.optimal_design import Requirements
-    from scara_kinetostatic.studies.design.prediction import Robot
-
-DESCRIPTION = """\
 Predicts the uncertainty of a calibration before any touch is made: the standard
 deviation of every parameter, and of the tip over the workspace. Recommends the
 smallest set of touches that reaches an accuracy and checks itself: every disc is
@@ -22,16 +7,36 @@ touched, no touch counts on itself alone, and any one may fail. Finds the best
 places for discs, and shows what the accuracy depends on. The set is written as a
 plan for `simulate --plan` and for the simulated cell. What the cell description
 declares as uncertain counts.
-"""
-EXAMPLE = """\
+
+Example:
   scara-kinetostatic design --cell cell.yaml --accuracy 1e-5 --out design
   scara-kinetostatic simulate --cell cell.yaml --plan design/plan.yaml --out recording
 """
 
+from __future__ import annotations
 
-def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
-    """Adds the verb."""
-    parser = add_verb(subparsers, 'design', 'the touches for an accuracy', DESCRIPTION, EXAMPLE, run)
+import argparse
+from typing import TYPE_CHECKING
+
+from scara_kinetostatic.cli.arguments import (
+    add_cell,
+    add_results,
+    add_seed,
+    cell_or_paper,
+    print_result,
+    progress,
+    real,
+    whole,
+)
+from scara_kinetostatic.errors import InputError
+
+if TYPE_CHECKING:
+    from scara_kinetostatic.studies.design.optimal_design import Requirements
+    from scara_kinetostatic.studies.design.prediction import Robot
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the verb."""
     add_cell(parser)
     parser.add_argument(
         '--accuracy',
@@ -40,13 +45,9 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         help='largest standard deviation of the tip over the workspace, m (default: half the tolerance of the cell; '
         'without one 1e-5, or what the declared uncertainties allow)',
     )
-    parser.add_argument(
-        '--out', type=Path, metavar='DIR', help='folder for plan.yaml, plan_smallest.yaml, design.json, design.html'
-    )
-    parser.add_argument('--json', action='store_true', help='print JSON instead of text')
+    add_results(parser, files='plan.yaml, plan_smallest.yaml, design.json, design.html')
     _add_robot(parser)
     _add_candidates(parser)
-    return parser
 
 
 def _add_robot(parser: argparse.ArgumentParser) -> None:
@@ -92,7 +93,7 @@ def _add_candidates(parser: argparse.ArgumentParser) -> None:
         metavar=('MIN', 'MAX'),
         help='radius of placed discs, m (default: as in the cell)',
     )
-    group.add_argument('--seed', type=whole(0), default=0, metavar='N', help='seed of the searches (default: 0)')
+    add_seed(group, 'the searches')
 
 
 def run(args: argparse.Namespace) -> int:

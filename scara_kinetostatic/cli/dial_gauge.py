@@ -1,22 +1,5 @@
-"""`scara-kinetostatic dial-gauge`: compliance and backlash from a dial gauge and a force gauge."""
+"""Compliance and backlash from dial gauge readings.
 
-from __future__ import annotations
-
-import argparse
-import math
-from pathlib import Path
-from typing import TYPE_CHECKING
-
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real
-from scara_kinetostatic.cli.output import print_result
-from scara_kinetostatic.errors import InputError
-
-if TYPE_CHECKING:
-    from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
-
-_LONGEST_LEVER = 5.0
-"""No lever arm of an arm is longer, m."""
-DESCRIPTION = """\
 Estimates compliance and backlash from tables of loads and dial gauge readings,
 as in section 5.2 of the paper: load and unload in both directions, record force
 and displacement. The slope is the compliance, the gap at zero force the
@@ -30,27 +13,30 @@ The first line of a table names its columns with their units:
   lever_m                         of the force about the joint
   gauge_at                        where the dial gauge measures: tip or link
   time_s                          for a continuous record of loops
-"""
-EXAMPLE = """\
+
+Example:
   scara-kinetostatic dial-gauge gripper.csv --out result
   scara-kinetostatic dial-gauge joint2.csv --part joint2 --lever 0.33
 """
 
+from __future__ import annotations
 
-def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
-    """Adds the verb."""
-    parser = add_verb(
-        subparsers,
-        'dial-gauge',
-        'compliance and backlash from dial gauge readings',
-        DESCRIPTION,
-        EXAMPLE,
-        run,
-        aliases=('gauge',),
-    )
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from scara_kinetostatic.cli.arguments import add_results, print_result, real
+from scara_kinetostatic.errors import InputError
+
+if TYPE_CHECKING:
+    from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the verb."""
     parser.add_argument('tables', type=Path, nargs='+', metavar='FILE.csv', help='tables of readings')
-    parser.add_argument('--out', type=Path, metavar='DIR', help='folder for dial_gauge.json and dial_gauge.html')
-    parser.add_argument('--json', action='store_true', help='print JSON instead of text')
+    add_results(parser, files='dial_gauge.json and dial_gauge.html')
     group = parser.add_argument_group('for tables without these columns')
     group.add_argument('--part', choices=('gripper', 'joint1', 'joint2'), help='the elastic part (default: gripper)')
     group.add_argument('--lever', type=real(0, above=True), metavar='M', help='lever arm of the force, m')
@@ -58,7 +44,6 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     group.add_argument(
         '--gauge-at', choices=('tip', 'link'), help='place of the dial gauge (default: link for a joint)'
     )
-    group.add_argument('--seat', dest='gauge_at', choices=('tip', 'link'), help=argparse.SUPPRESS)  # former name
     group.add_argument(
         '--kind', choices=('auto', 'points', 'loops'), default='auto', help='of the tables (default: by their columns)'
     )
@@ -68,7 +53,6 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         metavar='SHARE',
         help='loads up to this share of the largest are taken for zero (default: 0.02)',
     )
-    return parser
 
 
 def run(args: argparse.Namespace) -> int:
@@ -102,9 +86,9 @@ def _tables(args: argparse.Namespace) -> list[DialGaugeReadings]:
     from scara_kinetostatic.files.checksum import check_different
     from scara_kinetostatic.studies.dial_gauge.table_file import TableDefaults, load_readings
 
-    if args.lever is not None and args.lever > _LONGEST_LEVER:
+    if args.lever is not None and args.lever > 5.0:  # no arm is longer
         remedy = f'it is in m, not mm: give {1e-3 * args.lever:g}'
-        raise InputError('--lever', f'expected at most {_LONGEST_LEVER:g} m, got {args.lever:g}', remedy)
+        raise InputError('--lever', f'expected at most 5 m, got {args.lever:g}', remedy)
     defaults = TableDefaults(
         part=args.part or 'gripper',
         lever=math.nan if args.lever is None else args.lever,

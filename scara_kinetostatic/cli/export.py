@@ -1,20 +1,5 @@
-"""`scara-kinetostatic export`: the calibrated arm in the formats of other software."""
+"""Write the calibrated arm as URDF, xacro, DH table, correction table or C header.
 
-from __future__ import annotations
-
-import argparse
-import sys
-from pathlib import Path
-from typing import TYPE_CHECKING
-
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real
-from scara_kinetostatic.errors import InputError
-
-if TYPE_CHECKING:
-    from scara_kinetostatic.model.arm import CalibratedArm
-
-FORMATS = ('urdf', 'xacro', 'dh', 'csv', 'header')
-DESCRIPTION = """\
 Writes the calibrated arm in a format of other software:
 
   urdf    for robot_state_publisher, MoveIt, ros2_control: rigid, the joint
@@ -28,27 +13,31 @@ Writes the calibrated arm in a format of other software:
           and force, and back
 
 URDF, xacro and DH table hold the geometry alone; compliance and backlash are in
-csv and header. Each file says from which calibration it is.
-"""
-EXAMPLE = """\
+csv and header. Each file says from which calibration it is. The exit status is 3
+where the format cannot hold the calibrated model.
+
+Example:
   scara-kinetostatic export result/calibration.json --format urdf --out arm.urdf
   scara-kinetostatic export result/calibration.json --format csv --force 0 --force 20 --out corrections.csv
 """
 
+from __future__ import annotations
 
-def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
-    """Adds the verb."""
-    parser = add_verb(
-        subparsers,
-        'export',
-        'write the calibrated arm as URDF, xacro, DH table, correction table or C header',
-        DESCRIPTION,
-        EXAMPLE,
-        run,
-        unsupported='the format cannot hold the calibrated model',
-    )
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from scara_kinetostatic.cli.arguments import check_file, note, real
+
+if TYPE_CHECKING:
+    from scara_kinetostatic.model.arm import CalibratedArm
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the verb."""
     parser.add_argument('calibration', type=Path, metavar='CALIBRATION.json', help='of the result of calibrate')
-    parser.add_argument('--format', choices=FORMATS, required=True, help='of the file')
+    formats = ('urdf', 'xacro', 'dh', 'csv', 'header')
+    parser.add_argument('--format', choices=formats, required=True, help='of the file')
     parser.add_argument('--out', type=Path, metavar='FILE', help='the file (default: stdout)')
     parser.add_argument(
         '--convention', choices=('standard', 'modified'), default='standard', help='of dh (default: standard)'
@@ -69,7 +58,6 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         help='force in eight directions, 0 for none; may be given several times (default: 0, and the middle of the '
         'forces of the touches)',
     )
-    return parser
 
 
 def run(args: argparse.Namespace) -> int:
@@ -83,18 +71,16 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.files.calibration_file import load_calibration
 
     out: Path | None = args.out
-    if out is not None and out.is_dir():
-        raise InputError(out, 'is a folder where a file is to be written', 'give the name of a file')
-    if out is not None and out.resolve() == args.calibration.resolve():
-        raise InputError(out, 'is the input and would be replaced', 'choose another file for --out')
+    if out is not None:
+        check_file(out, [args.calibration])
     text, notes = _exported(load_calibration(args.calibration), args)
     if out is None:
         print(text, end='')
     else:
         write_texts(out.parent, {out.name: text})
         print(out)
-    for note in notes:
-        print(f'note: {note}', file=sys.stderr)
+    for text in notes:
+        note(text)
     return 0
 
 

@@ -1,14 +1,5 @@
-"""`scara-kinetostatic history`: calibrations in one file, listed and as a page with the trend."""
+"""Keep calibrations in one file, with their trend.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb
-from scara_kinetostatic.errors import InputError
-
-DESCRIPTION = """\
 Keeps the calibrations of robots in one SQLite file: robot, date, parameters with
 their covariance, assessment, and the whole calibration.json.
 
@@ -19,18 +10,22 @@ their covariance, assessment, and the whole calibration.json.
   page     the same as a page with the trend of every parameter, history.html in DIR
   extract  write the calibration.json of a NUMBER of the list into DIR
   remove   take the calibrations of these NUMBERs out
-"""
-EXAMPLE = """\
+
+Example:
   scara-kinetostatic history add robots.sqlite result/calibration.json
   scara-kinetostatic history page robots.sqlite --out trend
 """
 
+from __future__ import annotations
 
-def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
-    """Adds the verb."""
-    parser = add_verb(
-        subparsers, 'history', 'keep calibrations in one file, with their trend', DESCRIPTION, EXAMPLE, run
-    )
+import argparse
+from pathlib import Path
+
+from scara_kinetostatic.errors import InputError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the verb."""
     parser.add_argument('action', choices=('add', 'list', 'page', 'extract', 'remove'), help='what to do')
     parser.add_argument('file', type=Path, metavar='FILE', help='the SQLite file')
     parser.add_argument(
@@ -43,7 +38,6 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     parser.add_argument(
         '--out', type=Path, default=Path('history'), metavar='DIR', help='of page and extract (default: history)'
     )
-    return parser
 
 
 def run(args: argparse.Namespace) -> int:

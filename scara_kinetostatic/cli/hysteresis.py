@@ -1,19 +1,5 @@
-"""`scara-kinetostatic hysteresis`: model selection for measured records of load and response."""
+"""The law of measured records of load and response.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-from typing import TYPE_CHECKING
-
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb, real
-from scara_kinetostatic.cli.output import print_result
-from scara_kinetostatic.errors import InputError
-
-if TYPE_CHECKING:
-    from scara_kinetostatic.studies.hysteresis.record_table import RecordTable
-
-DESCRIPTION = """\
 Fits law (6) of the paper, slope and gap, to measured records of load and
 response, and tests what its residual depends on. Other laws are fitted to a
 part of the data and compared by their prediction of the rest. The best one is
@@ -26,25 +12,28 @@ response is predicted; several records of one joint are judged together.
 
 A table needs time_s and a response with its load: displacement_m and force_N
 (or mm, um, kN), or angle_rad and torque_Nm (or mrad, urad, deg, mNm).
-"""
-EXAMPLE = """\
+
+Example:
   scara-kinetostatic hysteresis loop.csv --out result
   scara-kinetostatic hysteresis a.csv b.csv c.csv --tension 20 35 80
   scara-kinetostatic hysteresis pose_*.csv --response q2_rad --load tau2_Nm --predict other.csv
 """
 
+from __future__ import annotations
 
-def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
-    """Adds the verb."""
-    parser = add_verb(
-        subparsers,
-        'hysteresis',
-        'the law of measured records of load and response',
-        DESCRIPTION,
-        EXAMPLE,
-        run,
-        aliases=('loops',),
-    )
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from scara_kinetostatic.cli.arguments import add_results, print_result, real
+from scara_kinetostatic.errors import InputError
+
+if TYPE_CHECKING:
+    from scara_kinetostatic.studies.hysteresis.record_table import RecordTable
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the verb."""
     parser.add_argument('tables', type=Path, nargs='+', metavar='FILE.csv', help='continuous records')
     parser.add_argument('--response', metavar='COLUMN', help='column of the displacement or the angle, among many')
     parser.add_argument('--load', metavar='COLUMN', help='column of the force or the torque, among many')
@@ -65,9 +54,7 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         metavar='T',
         help='tension of the belt, one per file, any unit: predict each of three or more files from the others',
     )
-    parser.add_argument('--out', type=Path, metavar='DIR', help='folder for hysteresis.json and hysteresis.html')
-    parser.add_argument('--json', action='store_true', help='print JSON instead of text')
-    return parser
+    add_results(parser, files='hysteresis.json and hysteresis.html')
 
 
 def run(args: argparse.Namespace) -> int:

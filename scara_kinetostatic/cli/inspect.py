@@ -1,4 +1,12 @@
-"""`scara-kinetostatic inspect`: the contents of a recording and the touches in it."""
+"""List the touches of a recording.
+
+Lists the contents of a recording: its topics with their rates and gaps, and
+every touch that is found: time and duration of the hold, object, elbow posture,
+size and direction of the force, and for a rejected touch the reason.
+
+Example:
+  scara-kinetostatic inspect recording --cell cell.yaml
+"""
 
 from __future__ import annotations
 
@@ -7,8 +15,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scara_kinetostatic.cli.arguments import Subparsers, add_cell, add_verb, cell_or_recorded
-from scara_kinetostatic.cli.output import print_result
+from scara_kinetostatic.cli.arguments import add_cell, cell_or_recorded, print_result
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,23 +26,12 @@ if TYPE_CHECKING:
     from scara_kinetostatic.touches.detection import Detection
     from scara_kinetostatic.touches.streams import Streams
 
-DESCRIPTION = """\
-Lists the contents of a recording: its topics with their rates and gaps, and
-every touch that is found: time and duration of the hold, object, elbow posture,
-size and direction of the force, and for a rejected touch the reason.
-"""
-EXAMPLE = """\
-  scara-kinetostatic inspect recording --cell cell.yaml
-"""
 
-
-def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
-    """Adds the verb."""
-    parser = add_verb(subparsers, 'inspect', 'list the touches of a recording', DESCRIPTION, EXAMPLE, run)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the verb."""
     parser.add_argument('bag', type=Path, metavar='BAG', help='the recording, or a touch table (.csv)')
-    add_cell(parser, recorded=True)
+    add_cell(parser, 'the one in the recording')
     parser.add_argument('--json', action='store_true', help='print JSON instead of text')
-    return parser
 
 
 def run(args: argparse.Namespace) -> int:

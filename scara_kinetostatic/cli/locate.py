@@ -1,19 +1,5 @@
-"""`scara-kinetostatic locate`: where the tip is, from measured joint angles and force."""
+"""Where the tip is under force.
 
-from __future__ import annotations
-
-import argparse
-from typing import TYPE_CHECKING
-
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb
-from scara_kinetostatic.cli.compensate import add_files, metadata_of, note, write
-
-if TYPE_CHECKING:
-    from scara_kinetostatic.files.pose_table import PoseTable
-    from scara_kinetostatic.model.arm import Predictor
-    from scara_kinetostatic.model.arrays import Floats
-
-DESCRIPTION = """\
 Where the tip of the calibrated arm is under a force (direct kinetostatics), with
 its uncertainty. compensate is its inverse.
 
@@ -28,16 +14,28 @@ that applies:
   unloaded      force or torque too small for the sign of a backlash to be known
   extrapolated  a force, an elbow or a time beyond those of the calibration
   undetermined  the calibration does not determine the uncertainty: nan
-"""
-EXAMPLE = """\
+
+Example:
   scara-kinetostatic locate result/calibration.json states.csv --out places.csv
   scara-kinetostatic locate result/calibration.json states.csv --rigid --out rigid.csv
 """
 
+from __future__ import annotations
 
-def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
-    """Adds the verb."""
-    parser = add_verb(subparsers, 'locate', 'where the tip is under force', DESCRIPTION, EXAMPLE, run)
+import argparse
+from typing import TYPE_CHECKING
+
+from scara_kinetostatic.cli.arguments import check_file, note
+from scara_kinetostatic.cli.compensate import add_files, metadata_of, write
+
+if TYPE_CHECKING:
+    from scara_kinetostatic.files.pose_table import PoseTable
+    from scara_kinetostatic.model.arm import Predictor
+    from scara_kinetostatic.model.arrays import Floats
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the verb."""
     add_files(parser, 'STATES.csv', 'joint angles and forces')
     parser.add_argument('--rigid', action='store_true', help='leave out all deflection and backlash')
     parser.add_argument(
@@ -48,7 +46,6 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
         action='store_true',
         help='the forces are as the sensor reports them: its errors that the calibration found are removed first',
     )
-    return parser
 
 
 def run(args: argparse.Namespace) -> int:
@@ -60,11 +57,11 @@ def run(args: argparse.Namespace) -> int:
     import numpy as np
 
     from scara_kinetostatic.files.calibration_file import load_calibration
-    from scara_kinetostatic.files.pose_table import STATES, check_output, load_pose_table
+    from scara_kinetostatic.files.pose_table import STATES, load_pose_table
     from scara_kinetostatic.model.arm import Predictor
     from scara_kinetostatic.model.kinematics import posture
 
-    check_output(args.out, [args.calibration, args.table])
+    check_file(args.out, [args.calibration, args.table], suffix='.csv')
     predictor = Predictor(load_calibration(args.calibration), args.nominal, args.rigid)
     table = load_pose_table(args.table, STATES)
     joints = table.pair('q1_rad', 'q2_rad')

@@ -14,58 +14,17 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
-from types import FrameType
 from typing import NoReturn
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.cli.arguments import EXIT_STATUSES, Parser
+from scara_kinetostatic.cli.arguments import EXIT_STATUSES, Parser, add_verb
 from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
 
-_PROGRAM = 'scara-kinetostatic'
 VERBS = (
-    'calibrate',
-    'inspect',
-    'compensate',
-    'locate',
-    'contour',
-    'simulate',
-    'mujoco',
-    'demo',
-    'dial_gauge',
-    'hysteresis',
-    'design',
-    'paper',
-    'export',
-    'verify',
-    'compare',
-    'history',
-    'recalibrate',
-)
+    'calibrate', 'inspect', 'compensate', 'locate', 'contour', 'simulate', 'mujoco', 'demo', 'dial_gauge', 'hysteresis',
+    'design', 'paper', 'export', 'verify', 'compare', 'history', 'recalibrate',
+)  # fmt: skip
 """Modules of this package, one per verb, in the order of the help."""
-_DONE, _INTERNAL, _WRONG_INPUT, _UNSUPPORTED, _INTERRUPTED, _BROKEN_PIPE, _TERMINATED = 0, 1, 2, 3, 130, 141, 143
-_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-DEBUG = 'SCARA_KINETOSTATIC_DEBUG'
-
-DESCRIPTION = """\
-Kinetostatic calibration of a SCARA robot by touch: the robot presses against
-discs of known position while joint angles and forces are recorded; from the
-recording its link lengths, offsets, compliances and backlashes are estimated,
-each with its uncertainty. Model errors are detected, identified and corrected.
-"""
-EXAMPLE = """\
-try it without a robot:
-  scara-kinetostatic simulate --out recording
-  scara-kinetostatic inspect recording
-  scara-kinetostatic calibrate recording --out result
-with an effect that the base model lacks:
-  scara-kinetostatic simulate --effect 'object_radius[disc_2]:radius=6e-5' --out larger
-  scara-kinetostatic calibrate larger --out result
-
-"""
-
-
-_AFTER_FINALIZER = 0.02
-"""A signal that struck in a finalizer strikes again after so long, s."""
 
 
 class _TerminatedError(BaseException):
@@ -76,12 +35,14 @@ def command() -> int:
     """Runs the command as a process of its own.
 
     OpenBLAS gets one thread, unless the user says otherwise: for matrices of some hundred rows and 13 columns, a
-    second thread makes a fit several times slower. At the end garbage is not collected; it is freed with the process.
+    second thread makes a fit several times slower. Garbage is collected rarely, and not at the end: modules and figures
+    are needed to the end of the process and freed with it.
 
     Returns:
         Exit status; see `main`.
     """
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # read when NumPy is imported
+    gc.set_threshold(100_000)
     status = main()
     gc.freeze()
     return status
@@ -98,9 +59,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         130 interrupted by Ctrl-C; 143 by SIGTERM; 141 stdout was closed by its reader; 1 a bug.
     """
     _prepare_streams()
-    debug = bool(os.environ.get(DEBUG))
+    debug = bool(os.environ.get('SCARA_KINETOSTATIC_DEBUG'))
     try:
-        with _Termination(), _rare_collections():
+        with _termination():
             parser = build_parser()
             args = parser.parse_args(argv)
             if args.verb is None:  # after unknown options, which are named first
@@ -110,94 +71,70 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
             return status
     except SystemExit as end:  # from argparse: --help, --version, a wrong option
-        return _flushed(end.code if isinstance(end.code, int) else _WRONG_INPUT)
-    except UnsupportedDataError as error:
-        return _complain(error, _UNSUPPORTED, debug)
+        return _flushed(end.code if isinstance(end.code, int) else 2)
     except ScaraKinetostaticError as error:
-        return _complain(error, _WRONG_INPUT, debug)
+        return _complain(error, 3 if isinstance(error, UnsupportedDataError) else 2, debug)
     except KeyboardInterrupt:
-        return _say('interrupted', _INTERRUPTED)
+        return _say('interrupted', 130)
     except _TerminatedError:
-        return _say('terminated', _TERMINATED)
+        return _say('terminated', 143)
     except BrokenPipeError:
         return _reader_gone()
-    except OSError as error:
-        if error.filename is None and error.errno in _NO_ROOM:  # as in `… > /dev/full`; an error of a file has its name
-            return _unwritable(error)
-        return _complain_of_bug(error, debug)
     except Exception as error:
-        return _complain_of_bug(error, debug)
+        no_room = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+        if isinstance(error, OSError) and error.filename is None and error.errno in no_room:  # as in `… > /dev/full`
+            return _unwritable(error)
+        remedy = 'please report it with what scara-kinetostatic --debug … prints'
+        return _complain(f'internal error, {type(error).__name__}: {error}; {remedy}', 1, debug)
 
 
 def build_parser() -> argparse.ArgumentParser:
     """The parser of the whole command."""
-    parser = Parser(
-        prog=_PROGRAM,
-        description=DESCRIPTION,
-        epilog=EXAMPLE + EXIT_STATUSES,
+    description = """\
+Kinetostatic calibration of a SCARA robot by touch: the robot presses against
+discs of known position while joint angles and forces are recorded; from the
+recording its link lengths, offsets, compliances and backlashes are estimated,
+each with its uncertainty. Model errors are detected, identified and corrected.
+"""
+    example = """\
+try it without a robot:
+  scara-kinetostatic simulate --out recording
+  scara-kinetostatic inspect recording
+  scara-kinetostatic calibrate recording --out result
+with an effect that the base model lacks:
+  scara-kinetostatic simulate --effect 'object_radius[disc_2]:radius=6e-5' --out larger
+  scara-kinetostatic calibrate larger --out result
+
+"""
+    parser: argparse.ArgumentParser = Parser(
+        prog='scara-kinetostatic',
+        description=description,
+        epilog=example + EXIT_STATUSES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument('--version', action='version', version=f'{_PROGRAM} {__version__}')
+    parser.add_argument('--version', action='version', version=f'scara-kinetostatic {__version__}')
     parser.add_argument('--debug', action='store_true', help='show the traceback of an error')
     subparsers = parser.add_subparsers(dest='verb', metavar='VERB')
     for verb in VERBS:
-        import_module(f'scara_kinetostatic.cli.{verb}').add_parser(subparsers)
+        add_verb(subparsers, import_module(f'scara_kinetostatic.cli.{verb}'))
     return parser
 
 
 @contextmanager
-def _rare_collections() -> Iterator[None]:
-    """Makes Python collect garbage rarely: the modules and figures of a command are needed to its end."""
-    before = gc.get_threshold()
-    gc.set_threshold(100_000, *before[1:])
+def _termination() -> Iterator[None]:
+    """Makes SIGTERM unwind the stack, as Ctrl-C does, so that no half-written file is left."""
+
+    def terminate(*_: object) -> NoReturn:
+        raise _TerminatedError
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    former = signal.signal(signal.SIGTERM, terminate)
     try:
         yield
     finally:
-        gc.set_threshold(*before)
-
-
-class _Termination:
-    """Makes SIGTERM unwind the stack, as Ctrl-C does, so that no half-written file is left. A context manager.
-
-    Python drops an exception of a finalizer: where either signal strikes in one, it strikes again a little later.
-    """
-
-    def __init__(self) -> None:
-        self._dropped: type[BaseException] | None = None
-
-    def __enter__(self) -> None:
-        self._is_main = threading.current_thread() is threading.main_thread()
-        if self._is_main:
-            self._former = [(each, signal.getsignal(each)) for each in (signal.SIGTERM, signal.SIGALRM)]
-            signal.signal(signal.SIGTERM, _terminate)
-            signal.signal(signal.SIGALRM, self._strike)
-            self._hook, sys.unraisablehook = sys.unraisablehook, self._note
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if not self._is_main:
-            return
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        sys.unraisablehook = self._hook
-        for number, handler in self._former:
-            signal.signal(number, handler or signal.SIG_DFL)
-        if self._dropped is not None and kind is None:
-            raise self._dropped
-
-    def _note(self, dropped: sys.UnraisableHookArgs) -> None:
-        if issubclass(dropped.exc_type, KeyboardInterrupt | _TerminatedError):
-            self._dropped = dropped.exc_type
-            signal.setitimer(signal.ITIMER_REAL, _AFTER_FINALIZER)
-        else:
-            self._hook(dropped)
-
-    def _strike(self, number: int, frame: FrameType | None) -> None:
-        dropped, self._dropped = self._dropped, None
-        if dropped is not None:
-            raise dropped
-
-
-def _terminate(number: int, frame: FrameType | None) -> NoReturn:
-    raise _TerminatedError
+        signal.signal(signal.SIGTERM, former or signal.SIG_DFL)
 
 
 def _prepare_streams() -> None:
@@ -216,15 +153,10 @@ def _complain(error: object, status: int, debug: bool) -> int:
     return _say(error, status)
 
 
-def _complain_of_bug(error: Exception, debug: bool) -> int:
-    remedy = f'please report it with what {_PROGRAM} --debug … prints'
-    return _complain(f'internal error, {type(error).__name__}: {error}; {remedy}', _INTERNAL, debug)
-
-
 def _say(what: object, status: int) -> int:
     line = ' '.join(str(what).split())
     with suppress(OSError):  # a full disk behind stderr must not change the status
-        print(f'{_PROGRAM}: {line}', file=sys.stderr, flush=True)
+        print(f'scara-kinetostatic: {line}', file=sys.stderr, flush=True)
     return status
 
 
@@ -241,13 +173,13 @@ def _flushed(status: int) -> int:
 def _reader_gone() -> int:
     """As in `… | head`."""
     _forget_stdout()
-    return _BROKEN_PIPE
+    return 141
 
 
 def _unwritable(error: OSError) -> int:
     """As in `… > /dev/full`."""
     _forget_stdout()
-    return _say(f'stdout cannot be written: {error.strerror}; the result files are complete', _WRONG_INPUT)
+    return _say(f'stdout cannot be written: {error.strerror}; the result files are complete', 2)
 
 
 def _forget_stdout() -> None:

@@ -1,69 +1,41 @@
-"""`scara-kinetostatic mujoco`: a recording of a cell in the physics engine MuJoCo."""
+"""Write a recording of a cell in the engine MuJoCo.
+
+Builds a robot and its discs in the physics engine MuJoCo (bodies, springs,
+friction, contact; none of this package's own equations of the arm), simulates
+the touches, and records joint angles and forces. The true parameters and
+effects are written to OUT.truth.yaml; the recording and its cell description do
+not contain them. Needs MuJoCo: pip install '.[physics]' in the repository
+
+The scenes are plain, contact_friction, joint_friction, winding_friction,
+joint_slip, joint_slip_fast, displaced_disc, base_on_springs, link_flex,
+soft_contact, soft_disc, tilted_base, cable and two.
+
+Example:
+  scara-kinetostatic mujoco recording --scene contact_friction
+  scara-kinetostatic calibrate recording --out result
+"""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from scara_kinetostatic.cli.arguments import Subparsers, add_cell, add_verb, cell_or_paper, whole
+from scara_kinetostatic.cli.arguments import add_cell, add_seed, cell_or_paper, whole
 from scara_kinetostatic.errors import OutputError
 
-SCENE_NAMES = (
-    'plain',
-    'contact_friction',
-    'joint_friction',
-    'winding_friction',
-    'joint_slip',
-    'joint_slip_fast',
-    'displaced_disc',
-    'base_on_springs',
-    'link_flex',
-    'soft_contact',
-    'soft_disc',
-    'tilted_base',
-    'cable',
-    'two',
-)
-"""The scenes of `simulation.mujoco.scene`, listed here so that the help imports no numerics."""
-TRUTH = '.truth.yaml'
-"""Suffix of the truth file behind the name of the recording."""
-DESCRIPTION = """\
-Builds a robot and its discs in the physics engine MuJoCo (bodies, springs,
-friction, contact; none of this package's own equations of the arm), simulates
-the touches, and records joint angles and forces. The true parameters and
-effects are written to OUT.truth.yaml; the recording and its cell description do
-not contain them. Needs MuJoCo: pip install '.[physics]' in the repository
-"""
-EXAMPLE = """\
-  scara-kinetostatic mujoco recording --scene contact_friction
-  scara-kinetostatic calibrate recording --out result
-"""
 
-
-def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
-    """Adds the verb."""
-    parser = add_verb(
-        subparsers,
-        'mujoco',
-        'write a recording of a cell in the engine MuJoCo',
-        DESCRIPTION,
-        EXAMPLE,
-        run,
-        aliases=('physics',),
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the verb."""
     parser.add_argument(
         'out',
         type=Path,
         metavar='OUT',
         help='recording to make: a rosbag2 folder, or a file if it ends in .mcap or .bag; must not exist',
     )
-    parser.add_argument(
-        '--scene', default='plain', metavar='NAME', help=f'robot and discs: {", ".join(SCENE_NAMES)} (default: plain)'
-    )
+    parser.add_argument('--scene', default='plain', metavar='NAME', help='robot and discs (default: plain)')
     add_cell(parser)
-    parser.add_argument('--seed', type=whole(0), default=0, metavar='N', help='seed of the noise (default: 0)')
+    add_seed(parser)
     parser.add_argument('--per-disc', type=whole(1), default=12, metavar='N', help='points around a disc (default: 12)')
-    return parser
 
 
 def run(args: argparse.Namespace) -> int:
@@ -83,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     cell = cell_or_paper(args.cell)
     scene = scene_named(args.scene).with_parameters(truth_named('paper', cell).parameters)
     truth = truth_text(truth_of_scene(scene, cell, args.seed))
-    beside = args.out.with_name(args.out.name + TRUTH)
+    beside = args.out.with_name(args.out.name + '.truth.yaml')
     if args.out.exists():
         raise OutputError(args.out, 'exists already and is never overwritten', 'choose another name')
     with all_or_nothing(beside) as workshop:

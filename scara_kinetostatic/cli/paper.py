@@ -1,14 +1,5 @@
-"""`scara-kinetostatic paper`: reproduction of sections 4 and 5 of the paper."""
+"""Reproduce the studies of the paper.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb, whole
-from scara_kinetostatic.cli.output import progress
-
-DESCRIPTION = """\
 Reproduces the studies of the paper: its algorithm on the cell of figure 3, table
 2 without and with noise, the noise of its third column, the scatter of both
 estimators over many data sets, identifiability with one force level, the
@@ -18,19 +9,23 @@ experiments of section 5.2. Writes into DIR
   paper.html   the paper's figures and tables beside those computed here
   paper.json   all numbers
   design.*, plan.yaml, plan_smallest.yaml   the touches for an accuracy, as the verb design
-"""
-EXAMPLE = """\
+
+Example:
   scara-kinetostatic paper --out paper
 """
 
+from __future__ import annotations
 
-def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
-    """Adds the verb."""
-    parser = add_verb(subparsers, 'paper', 'reproduce the studies of the paper', DESCRIPTION, EXAMPLE, run)
-    parser.add_argument('--out', type=Path, default=Path('paper'), metavar='DIR', help='results (default: paper)')
+import argparse
+
+from scara_kinetostatic.cli.arguments import add_results, progress, whole
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the verb."""
+    add_results(parser, 'paper', json=False)
     parser.add_argument('--runs', type=whole(2), default=1000, metavar='N', help='noisy data sets (default: 1000)')
     parser.add_argument('--without-design', action='store_true', help='without the design of touches')
-    return parser
 
 
 def run(args: argparse.Namespace) -> int:

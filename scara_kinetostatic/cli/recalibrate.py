@@ -1,15 +1,5 @@
-"""`scara-kinetostatic recalibrate`: every recording of an archive by itself, in parallel."""
+"""Calibrate every recording of an archive by itself, in parallel.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-
-from scara_kinetostatic.cli.arguments import Subparsers, add_cell, add_verb, whole
-from scara_kinetostatic.cli.output import progress
-from scara_kinetostatic.errors import InputError, UnsupportedDataError
-
-DESCRIPTION = """\
 Calibrates every recording of an archive by itself, as after a correction of the
 cell description or with a new version: in parallel processes, or on a running
 Dask cluster. The results of each are in a folder of its name in DIR, as
@@ -17,29 +7,26 @@ calibrate writes them; with --history they are added to a history as well.
 
 A recording that cannot be calibrated is named with the reason, and the others
 go on; the exit status is then 3. After an interruption repeat with --resume.
-"""
-EXAMPLE = """\
+
+Example:
   scara-kinetostatic recalibrate archive/*.mcap --cell cell.yaml --out results --jobs 8 --history robots.sqlite
   scara-kinetostatic recalibrate archive/*.mcap --out results --dask tcp://cluster:8786
 """
 
+from __future__ import annotations
 
-def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
-    """Adds the verb."""
-    parser = add_verb(
-        subparsers,
-        'recalibrate',
-        'calibrate every recording of an archive by itself, in parallel',
-        DESCRIPTION,
-        EXAMPLE,
-        run,
-        unsupported='a recording of the archive cannot be calibrated',
-    )
+import argparse
+from pathlib import Path
+
+from scara_kinetostatic.cli.arguments import add_cell, add_results, progress, whole
+from scara_kinetostatic.errors import InputError, UnsupportedDataError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the verb."""
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='recordings, or touch tables (.csv)')
-    add_cell(parser, recorded=True)
-    parser.add_argument(
-        '--out', type=Path, default=Path('recalibrated'), metavar='DIR', help='results (default: recalibrated)'
-    )
+    add_cell(parser, 'the one in the recording')
+    add_results(parser, 'recalibrated', json=False)
     parser.add_argument('--jobs', type=whole(1), default=1, metavar='N', help='parallel processes (default: 1)')
     parser.add_argument('--dask', default='', metavar='ADDRESS', help='of the scheduler of a Dask cluster')
     parser.add_argument(
@@ -52,7 +39,6 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     )
     parser.add_argument('--history', type=Path, metavar='FILE', help='history to add the results to')
     parser.add_argument('--robot', default='', metavar='NAME', help='its name in the history')
-    return parser
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,4 +1,15 @@
-"""`scara-kinetostatic simulate`: a recording of a simulated cell, without ROS."""
+"""Write a recording of a simulated cell.
+
+Simulates a robot that touches the discs of a cell, and records joint angles and
+forces as its sensors would report them: approach, press, hold, retract, noise,
+sensor zero, irregular rates. The same seed gives the same recording. With
+--effect the robot has physical effects beyond the twelve parameters; nothing in
+the recording mentions them.
+
+Example:
+  scara-kinetostatic simulate --cell cell.yaml --truth measured --seed 7 --out recording
+  scara-kinetostatic simulate --effect 'object_radius[disc_2]:radius=6e-5' --truth-file truth.yaml --out recording
+"""
 
 from __future__ import annotations
 
@@ -9,7 +20,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scara_kinetostatic.cli.arguments import Subparsers, add_cell, add_verb, cell_or_paper, real, whole
+from scara_kinetostatic.cli.arguments import add_cell, add_seed, cell_or_paper, real, whole
 from scara_kinetostatic.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,22 +28,9 @@ if TYPE_CHECKING:
     from scara_kinetostatic.simulation.plan import Plan
     from scara_kinetostatic.simulation.sensors import SensorModel
 
-DESCRIPTION = """\
-Simulates a robot that touches the discs of a cell, and records joint angles and
-forces as its sensors would report them: approach, press, hold, retract, noise,
-sensor zero, irregular rates. The same seed gives the same recording. With
---effect the robot has physical effects beyond the twelve parameters; nothing in
-the recording mentions them.
-"""
-EXAMPLE = """\
-  scara-kinetostatic simulate --cell cell.yaml --truth measured --seed 7 --out recording
-  scara-kinetostatic simulate --effect 'object_radius[disc_2]:radius=6e-5' --truth-file truth.yaml --out recording
-"""
 
-
-def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
-    """Adds the verb."""
-    parser = add_verb(subparsers, 'simulate', 'write a recording of a simulated cell', DESCRIPTION, EXAMPLE, run)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the verb."""
     parser.add_argument(
         '--out',
         type=Path,
@@ -41,11 +39,10 @@ def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.Argu
     )
     add_cell(parser)
     _add_truth(parser)
-    parser.add_argument('--seed', type=whole(0), default=0, metavar='N', help='seed of the noise (default: 0)')
+    add_seed(parser)
     _add_plan(parser)
     _add_sensors(parser)
     _add_form(parser)
-    return parser
 
 
 def _add_truth(parser: argparse.ArgumentParser) -> None:
@@ -92,7 +89,6 @@ def _add_plan(parser: argparse.ArgumentParser) -> None:
         metavar='PART',
         help='press every other touch beyond its force by this part of it, then unload to the hold (default: 0)',
     )
-    group.add_argument('--overpress', dest='preload', type=real(0), help=argparse.SUPPRESS)  # former name
 
 
 def _add_sensors(parser: argparse.ArgumentParser) -> None:

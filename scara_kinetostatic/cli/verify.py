@@ -1,15 +1,5 @@
-"""`scara-kinetostatic verify`: touches that a calibration has not seen, against its prediction."""
+"""Hold new touches against a calibration.
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-
-from scara_kinetostatic.cli.arguments import Subparsers, add_verb
-from scara_kinetostatic.cli.output import print_result
-from scara_kinetostatic.errors import UnsupportedDataError
-
-DESCRIPTION = """\
 Holds touches that a calibration has not seen against its prediction. The grade
 says whether the calibration still holds: the error of the tip, what noise and
 the uncertainty of the calibration let expect, and a chi-square of all touches
@@ -17,36 +7,31 @@ with its quantile and p-value. Where they contradict, the likeliest changes are
 listed. Writes verification.json and verification.html into DIR.
 
 A recording that was part of the calibration verifies nothing; that is said.
-"""
-EXAMPLE = """\
+
+Example:
   scara-kinetostatic verify tuesday --calibration result/calibration.json --strict
 """
 
+from __future__ import annotations
 
-def add_parser(subparsers: Subparsers[argparse.ArgumentParser]) -> argparse.ArgumentParser:
-    """Adds the verb."""
-    parser = add_verb(
-        subparsers,
-        'verify',
-        'hold new touches against a calibration',
-        DESCRIPTION,
-        EXAMPLE,
-        run,
-        unsupported='with --strict also: the calibration is unfit for use',
-    )
+import argparse
+from pathlib import Path
+
+from scara_kinetostatic.cli.arguments import add_results, print_result
+from scara_kinetostatic.errors import UnsupportedDataError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of the verb."""
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='recordings, or touch tables (.csv)')
     parser.add_argument(
         '--calibration', type=Path, required=True, metavar='CALIBRATION.json', help='of the result of calibrate'
     )
     parser.add_argument('--cell', type=Path, metavar='FILE', help='cell description (default: that of the calibration)')
-    parser.add_argument(
-        '--out', type=Path, default=Path('verification'), metavar='DIR', help='results (default: verification)'
-    )
-    parser.add_argument('--json', action='store_true', help='print JSON instead of text')
+    add_results(parser, 'verification')
     parser.add_argument(
         '--strict', action='store_true', help='exit status 3 where the calibration is unfit; results are written anyway'
     )
-    return parser
 
 
 def run(args: argparse.Namespace) -> int:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scara_kinetostatic.errors import OutputError, RecordingError
+from scara_kinetostatic.errors import RecordingError
 from scara_kinetostatic.files.atomic import write_texts
 from scara_kinetostatic.files.columns import Column, load_table, one_of, plain, quoted
 from scara_kinetostatic.files.touch_table import APPROACH, FORCE, JOINTS, TIME
@@ -116,21 +116,6 @@ def load_pose_table(path: Path, needed: Sequence[Column]) -> PoseTable:
         tuple(table.heading[k] for k in kept),
         tuple(tuple(row[k] for k in kept) for row in texts),
     )
-
-
-def check_output(path: Path, inputs: Sequence[Path]) -> None:
-    """Check, before anything is computed, that a table may be written.
-
-    Raises:
-        OutputError: it would replace an input, or its path names no ``.csv`` file.
-    """
-    remedy = 'choose another file for --out'
-    if path.is_dir():
-        raise OutputError(path, 'is a folder where a file is to be written', remedy)
-    if path.suffix.lower() != '.csv':
-        raise OutputError(path, f'expected a file name that ends in .csv, got {path.name!r}', remedy)
-    if path.resolve() in [given.resolve() for given in inputs]:
-        raise OutputError(path, 'is an input and would be replaced', remedy)
 
 
 def write_pose_table(path: Path, table: PoseTable, results: Mapping[str, NDArray[Any]]) -> None:

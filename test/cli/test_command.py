@@ -14,7 +14,7 @@ from cli.command import Run
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.cli import simulate
-from scara_kinetostatic.cli.main import DEBUG, VERBS, build_parser
+from scara_kinetostatic.cli.main import VERBS
 
 ROOT = Path(__file__).parents[2]
 COMMAND = [sys.executable, '-m', 'scara_kinetostatic.cli.main']
@@ -60,7 +60,7 @@ def test_an_error_nobody_foresaw_is_one_line(run: Run, monkeypatch: pytest.Monke
     assert result.err.count('\n') == 1
     assert 'internal error, ZeroDivisionError: by zero' in result.err
     assert 'Traceback' in run('--debug', 'simulate', '--out', 'x').err
-    monkeypatch.setenv(DEBUG, '1')
+    monkeypatch.setenv('SCARA_KINETOSTATIC_DEBUG', '1')
     assert 'Traceback' in run('simulate', '--out', 'x').err
 
 
@@ -77,37 +77,6 @@ def test_interrupted(recordings: Path, tmp_path: Path, number: signal.Signals, s
     assert process.returncode in (status, -number)
     assert err.count('\n') == 1
     assert list(tmp_path.iterdir()) == []
-
-
-IN_A_FINALIZER = """
-import argparse, signal, sys, time
-from scara_kinetostatic.cli import main
-
-class Last:
-    def __del__(self):
-        signal.raise_signal(signal.Signals(int(sys.argv[1])))
-        time.sleep(0)
-
-def run(args):
-    Last()
-    time.sleep(float(sys.argv[2]))
-    return 0
-
-parser = argparse.ArgumentParser()
-parser.set_defaults(verb='wait', debug=False, run=run)
-main.build_parser = lambda: parser
-sys.exit(main.main([]))
-"""
-
-
-@pytest.mark.parametrize('rest', ['20', '0'])
-@pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_interrupted_in_a_finalizer(number: signal.Signals, status: int, rest: str) -> None:
-    """Where Python drops the exception, at any time or at the end of the work."""
-    command = [sys.executable, '-c', IN_A_FINALIZER, str(int(number)), rest]
-    process = subprocess.run(command, capture_output=True, env=ENVIRONMENT, check=False, text=True, timeout=15)
-    assert process.returncode == status
-    assert process.stderr.count('\n') == 1
 
 
 def test_a_reader_that_goes_away(recordings: Path) -> None:
@@ -143,15 +112,3 @@ def test_a_closed_stream_stops_no_calibration(recordings: Path, tmp_path: Path, 
     process = subprocess.run(['sh', '-c', f'exec "$@" {closed}', 'sh', *command], env=ENVIRONMENT, check=False)
     assert process.returncode == 0
     assert (tmp_path / 'result/report.html').exists()
-
-
-def test_former_names_work_but_are_not_shown(run: Run) -> None:
-    for former, verb in (('physics', 'mujoco'), ('gauge', 'dial-gauge'), ('loops', 'hysteresis')):
-        assert verb in run(former, '--help').out
-        assert f'({former})' not in run('--help').out
-        assert f"{former}'" not in run('fly').err
-    assert '--overpress' not in run('simulate', '--help').out
-    assert '--seat' not in run('dial-gauge', '--help').out
-    assert '--seat: invalid choice' in run('dial-gauge', 'a.csv', '--seat', 'x').err.replace('argument ', '')
-    args = build_parser().parse_args(['simulate', '--out', 'x', '--overpress', '0.3'])
-    assert args.preload == 0.3

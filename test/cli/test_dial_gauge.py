@@ -43,7 +43,7 @@ def table(tmp_path: Path) -> Path:
 
 
 def test_all_parts_as_tables(run: Run, table: Path) -> None:
-    result = run('gauge', table)
+    result = run('dial-gauge', table)
     assert result.status == 0
     for word in ('Gripper', 'Joint 1', 'Joint 2', 'half gap g', 'µrad/Nm', 'The gap depends on the direction'):
         assert word in result.out
@@ -52,7 +52,7 @@ def test_all_parts_as_tables(run: Run, table: Path) -> None:
 
 def test_json_and_page_in_a_folder(run: Run, table: Path, tmp_path: Path) -> None:
     (tmp_path / 'loops.csv').write_text(loops())
-    result = run('gauge', table, 'loops.csv', '--out', 'result')
+    result = run('dial-gauge', table, 'loops.csv', '--out', 'result')
     assert result.status == 0
     assert {path.name for path in (tmp_path / 'result').iterdir()} == {'dial_gauge.json', 'dial_gauge.html'}
     document = json.loads((tmp_path / 'result' / 'dial_gauge.json').read_text(encoding='utf-8'))
@@ -71,15 +71,16 @@ def test_json_and_page_in_a_folder(run: Run, table: Path, tmp_path: Path) -> Non
 
 def test_json_on_stdout_is_that_of_the_file(run: Run, tmp_path: Path) -> None:
     (tmp_path / 'one.csv').write_text(ONE)
-    printed = json.loads(run('gauge', 'one.csv', '--json', '--out', 'result').out)
+    printed = json.loads(run('dial-gauge', 'one.csv', '--json', '--out', 'result').out)
     assert printed == json.loads((tmp_path / 'result' / 'dial_gauge.json').read_text(encoding='utf-8'))
 
 
 def test_options_say_what_the_table_does_not(run: Run, tmp_path: Path) -> None:
     (tmp_path / 'one.csv').write_text(ONE)
-    gripper = json.loads(run('gauge', 'one.csv', '--direction', '30', '--json').out)['parts']['gripper']
+    gripper = json.loads(run('dial-gauge', 'one.csv', '--direction', '30', '--json').out)['parts']['gripper']
     assert gripper['runs'][0]['direction'] == pytest.approx(np.pi / 6)
-    joint = json.loads(run('gauge', 'one.csv', '--part', 'joint2', '--lever', '0.5', '--json').out)['parts']['joint2']
+    options = ['--part', 'joint2', '--lever', '0.5', '--json']
+    joint = json.loads(run('dial-gauge', 'one.csv', *options).out)['parts']['joint2']
     assert joint['compliance']['value'] == pytest.approx(gripper['compliance']['value'] / 0.25)
     assert joint['gap']['value'] == pytest.approx(gripper['gap']['value'] / 0.5)
 
@@ -106,7 +107,7 @@ def test_what_is_wrong_is_one_line(
     if text is not None:
         (tmp_path / 'one.csv').write_text(text)
     try:
-        result = run('gauge', 'one.csv', *options)
+        result = run('dial-gauge', 'one.csv', *options)
     except SystemExit as end:  # pragma: no cover - the command turns it into a status
         pytest.fail(f'SystemExit {end.code}')
     assert result.status == status
@@ -118,14 +119,14 @@ def test_what_is_wrong_is_one_line(
 
 def test_nothing_is_written_if_a_table_is_wrong(run: Run, table: Path, tmp_path: Path) -> None:
     table.write_text(TABLE + 'oops\n')
-    assert run('gauge', table, '--out', 'result').status == 2
+    assert run('dial-gauge', table, '--out', 'result').status == 2
     assert not (tmp_path / 'result').exists()
 
 
 def test_names_of_files_come_out_as_they_are(run: Run, tmp_path: Path) -> None:
     name = '<b>&$\\frac$.csv'
     (tmp_path / name).write_text(ONE.replace('displacement_um', 'displacement_um;what'))
-    assert run('gauge', name, '--out', 'result').status == 0
+    assert run('dial-gauge', name, '--out', 'result').status == 0
     page = (tmp_path / 'result' / 'dial_gauge.html').read_text(encoding='utf-8')
     assert '<b>' not in page
     assert '&lt;b&gt;&amp;$\\frac$.csv' in page

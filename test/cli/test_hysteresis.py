@@ -36,7 +36,7 @@ def records(tmp_path: Path) -> list[str]:
 
 
 def test_tables_json_and_page(run: Run, records: list[str], tmp_path: Path) -> None:
-    result = run('loops', *records, '--tension', '4', '6', '8', '--out', 'result')
+    result = run('hysteresis', *records, '--tension', '4', '6', '8', '--out', 'result')
     assert result.status == 0
     assert result.err == ''
     for word in (
@@ -64,14 +64,14 @@ def test_tables_json_and_page(run: Run, records: list[str], tmp_path: Path) -> N
 
 
 def test_json_on_stdout_is_that_of_the_file(run: Run, records: list[str], tmp_path: Path) -> None:
-    printed = json.loads(run('loops', records[0], '--json', '--out', 'result').out)
+    printed = json.loads(run('hysteresis', records[0], '--json', '--out', 'result').out)
     assert printed == json.loads((tmp_path / 'result' / 'hysteresis.json').read_text(encoding='utf-8'))
     assert printed['leave_one_out'] == []
 
 
 def test_a_joint_that_never_slips_needs_nothing(run: Run, tmp_path: Path) -> None:
     (tmp_path / 'still.csv').write_text(record(slip=1e9))
-    result = run('loops', 'still.csv', '--out', 'result')
+    result = run('hysteresis', 'still.csv', '--out', 'result')
     assert result.status == 0
     assert 'Law (6), slope and gap, is sufficient' in result.out
     assert 'friction in series' not in result.out
@@ -97,7 +97,7 @@ def test_what_is_wrong_is_one_line(
 ) -> None:
     if text is not None:
         (tmp_path / 'one.csv').write_text(text)
-    result = run('loops', 'one.csv', *options)
+    result = run('hysteresis', 'one.csv', *options)
     assert result.status == status
     assert message in result.err
     assert result.err.count('\n') == 1
@@ -108,14 +108,14 @@ def test_what_is_wrong_is_one_line(
 
 def test_nothing_is_written_if_a_table_is_wrong(run: Run, records: list[str], tmp_path: Path) -> None:
     (tmp_path / records[2]).write_text(record() + 'oops\n')
-    assert run('loops', *records, '--out', 'result').status == 2
+    assert run('hysteresis', *records, '--out', 'result').status == 2
     assert not (tmp_path / 'result').exists()
 
 
 def test_names_of_files_come_out_as_they_are(run: Run, tmp_path: Path) -> None:
     name = '<b>&$\\frac$.csv'
     (tmp_path / name).write_text(record())
-    assert run('loops', name, '--out', 'result').status == 0
+    assert run('hysteresis', name, '--out', 'result').status == 0
     page = (tmp_path / 'result' / 'hysteresis.html').read_text(encoding='utf-8')
     assert '<b>' not in page
     assert '&lt;b&gt;&amp;$\\frac$.csv' in page
@@ -127,8 +127,8 @@ def test_a_torque_over_an_angle_is_said_in_their_units(run: Run, tmp_path: Path)
     lines = [f'{time:.4f},{moved * 1e3:.6f},{force * 1e-3:.6f}' for time, moved, force in scaled]
     (tmp_path / 'force.csv').write_text('\n'.join([heading, *rows]) + '\n')
     (tmp_path / 'torque.csv').write_text('\n'.join(['time_s,angle_mrad,torque_Nm', *lines]) + '\n')
-    linear = json.loads(run('loops', 'force.csv', '--json').out)
-    result = run('loops', 'torque.csv', '--out', 'result')
+    linear = json.loads(run('hysteresis', 'force.csv', '--json').out)
+    result = run('hysteresis', 'torque.csv', '--out', 'result')
     assert 'Driven by their motion: the torque is predicted from the angle.' in result.out
     rotary = json.loads((tmp_path / 'result' / 'hysteresis.json').read_text(encoding='utf-8'))
     assert (linear['units'], rotary['units']) == ({'load': 'N', 'response': 'm'}, {'load': 'Nm', 'response': 'rad'})

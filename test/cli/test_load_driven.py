@@ -98,7 +98,7 @@ def test_an_elastic_joint_needs_nothing(run: Run, tmp_path: Path) -> None:
 def test_names_of_files_come_out_as_they_are(run: Run, tmp_path: Path) -> None:
     for number, name in enumerate(('<b>&$\\frac$.csv', 'b.csv')):
         (tmp_path / name).write_text(table(seed=number))
-    assert run('loops', '<b>&$\\frac$.csv', 'b.csv', '--out', 'result').status == 0
+    assert run('hysteresis', '<b>&$\\frac$.csv', 'b.csv', '--out', 'result').status == 0
     page = (tmp_path / 'result' / 'hysteresis.html').read_text(encoding='utf-8')
     assert '<b>' not in page
     assert '&lt;b&gt;&amp;$\\frac$.csv' in page
