@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,6 +23,15 @@ from scara_kinetostatic.simulation.streams import simulate_touches
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # started in the background of a script; children inherit that
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config: pytest.Config) -> None:
+    """Two processes, where pytest-xdist is installed and nothing else is asked for."""
+    is_worker = 'PYTEST_XDIST_WORKER' in os.environ
+    if not is_worker and getattr(config.option, 'numprocesses', 0) is None and not config.option.usepdb:
+        config.option.numprocesses, config.option.dist = 2, 'worksteal'
+
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 NASTY = ('<script>alert(1)</script>', '_x "q\' & $\\frac$', '日本')
