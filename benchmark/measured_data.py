@@ -32,8 +32,8 @@ from scara_kinetostatic.model.arrays import Floats, Mask, rms
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.render.figure import INK, LINE, SERIES, Margins, as_svg, new_figure, style, svg_file
-from scara_kinetostatic.render.quantities import p_equals
+from scara_kinetostatic.report.figure import INK, LINE, SERIES, Margins, as_svg, new_figure, style, svg_file
+from scara_kinetostatic.report.quantities import p_equals
 from scara_kinetostatic.studies.hysteresis.load_driven.analysis import (
     Candidate,
     LoadAnalysis,

@@ -19,14 +19,16 @@ from benchmark.contour import CELL as CONTOUR_CELL
 from benchmark.contour import MOVED_DISC, OBJECTS, calibrated, slide_along
 from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.calibration.calibrate import calibrate
+from scara_kinetostatic.contour import figures as contour_figures
+from scara_kinetostatic.contour.figures import ModelError
 from scara_kinetostatic.contour.trace import surfaces_of, trace_contour
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, NOMINAL_COLOUR
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.render.figure import style, svg_file
-from scara_kinetostatic.render.marker_picture import marker_picture
-from scara_kinetostatic.render.markers import (
+from scara_kinetostatic.report.figure import style, svg_file
+from scara_kinetostatic.report.marker_picture import marker_picture
+from scara_kinetostatic.report.markers import (
     Scales,
     SeenTouch,
     arm_markers,
@@ -35,9 +37,8 @@ from scara_kinetostatic.render.markers import (
     touch_markers,
     uncertainty_markers,
 )
-from scara_kinetostatic.report import contour_figures, effect_figures, figures, tip_maps
-from scara_kinetostatic.report.contour_figures import ModelError
-from scara_kinetostatic.report.document import as_document
+from scara_kinetostatic.results import effect_figures, figures, tip_maps
+from scara_kinetostatic.results.document import as_document
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects

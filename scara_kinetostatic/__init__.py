@@ -27,13 +27,13 @@ below it (`test/test_architecture.py` checks that):
     interface      the functions of this page
     studies        design of recordings, dial gauge, hysteresis, the paper
     monitoring     does a calibration still hold? verification, comparison, drift, history, archives
-    report         an outcome as text, JSON, ROS parameter file, page
-    render         figures, tables, quantities with units
+    results        what a calibration prints and writes: text, JSON, ROS parameter file, page
     pipeline       from recordings or touches to the outcome
     simulation     a simulated cell and its sensors
     contour        the outline of an object of unknown shape, from slides of the tip along it
     bags           recordings of all formats, read and written
     touches        from streams to touches, and the object each belongs to
+    report         headline, sentences, tables, figures: to a terminal, to a page, to JSON, for every verb
     files          cell description, touch table, safe YAML, atomic writing
     assessment     may the result be used? grade, reasons, actions; the outcome of it all
     diagnosis      is the model complete? which effects explain the residual, and which rivals have they?
@@ -85,8 +85,8 @@ if TYPE_CHECKING:
     from scara_kinetostatic.model.parameters import Parameters as Parameters
     from scara_kinetostatic.model.touch import TouchSet
     from scara_kinetostatic.pipeline import calibrate_recordings as calibrate_recordings
-    from scara_kinetostatic.report.document import as_document as as_document
-    from scara_kinetostatic.report.write import write_results
+    from scara_kinetostatic.results.document import as_document as as_document
+    from scara_kinetostatic.results.write import write_results
     from scara_kinetostatic.touches.detection import Detection as Detection
     from scara_kinetostatic.touches.detection import find_touches as find_touches
 
@@ -117,7 +117,7 @@ _HOME = {
     'register': 'effects.registry',
     'simulate': 'interface',
     'trace_contour': 'interface',
-    'write_results': 'report.write',
+    'write_results': 'results.write',
 }
 _FORMER = {
     'Detection': 'touches.detection',
@@ -131,7 +131,7 @@ _FORMER = {
     'Parameters': 'model.parameters',
     'ScaraKinetostaticError': 'errors',
     'Sensor': 'model.cell',
-    'as_document': 'report.document',
+    'as_document': 'results.document',
     'calibrate_recordings': 'pipeline',
     'find_touches': 'touches.detection',
     'fit_pieces': 'contour.pieces',

@@ -31,10 +31,10 @@ from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.report.document import as_document
-from scara_kinetostatic.report.page import html_text
-from scara_kinetostatic.report.parameter_file import parameter_text
-from scara_kinetostatic.report.text import text_report
+from scara_kinetostatic.results.document import as_document
+from scara_kinetostatic.results.page import html_text
+from scara_kinetostatic.results.parameter_file import parameter_text
+from scara_kinetostatic.results.text import text_report
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 

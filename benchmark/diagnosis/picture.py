@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from benchmark.diagnosis.record import NAMINGS, WITHIN, Record
 from benchmark.diagnosis.tables import REFERENCE_SIZE
-from scara_kinetostatic.render.figure import FAINT, INK, LINE, SERIES, WARN, light_colours, style
+from scara_kinetostatic.report.figure import FAINT, INK, LINE, SERIES, WARN, light_colours, style
 
 Pick = Callable[[Record, int], float]
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from benchmark.statistics.outliers import CASES, LEFT_OUT
 from benchmark.statistics.summary import COVERED, EFFICIENT, GROWTH, LEVEL, sizes_of
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.render.figure import INK, LINE, SERIES, WARN, light_colours, style
+from scara_kinetostatic.report.figure import INK, LINE, SERIES, WARN, light_colours, style
 
 Part = dict[str, Any]
 Panel = Callable[[Axes, Part, dict[str, str]], None]

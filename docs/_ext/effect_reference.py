@@ -20,8 +20,8 @@ from scara_kinetostatic.effects.variables import VARIABLES
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.render.figure import style
-from scara_kinetostatic.report.effect_figures import residual_picture
+from scara_kinetostatic.report.figure import style
+from scara_kinetostatic.results.effect_figures import residual_picture
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects

@@ -15,7 +15,7 @@ from scara_kinetostatic.errors import OutputError
 
 if TYPE_CHECKING:
     from scara_kinetostatic.model.cell import Cell
-    from scara_kinetostatic.render.json_file import Document
+    from scara_kinetostatic.report.json_file import Document
 
 EXIT_STATUSES = """\
 exit status:
@@ -204,7 +204,7 @@ def print_result(text: str, document: Document, as_json: bool, folder: Path | No
         OutputError: the folder cannot be written.
     """
     from scara_kinetostatic.files.atomic import write_texts
-    from scara_kinetostatic.render.json_file import json_text
+    from scara_kinetostatic.report.json_file import json_text
 
     if folder:
         write_texts(folder, files)

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.monitoring import report
     from scara_kinetostatic.monitoring.comparison import compare_records
     from scara_kinetostatic.monitoring.record import CalibrationRecord
-    from scara_kinetostatic.render.json_file import json_text
+    from scara_kinetostatic.report.json_file import json_text
 
     check_different(args.calibrations)
     changes = compare_records([CalibrationRecord.load(path) for path in args.calibrations])

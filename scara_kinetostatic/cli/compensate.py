@@ -110,7 +110,7 @@ def metadata_of(table: PoseTable, sides: Indices) -> TouchMetadata:
 def write(path: Path, table: PoseTable, results: dict[str, NDArray[Any]], predictor: Predictor) -> None:
     """Writes the table, and says what is to be known of it."""
     from scara_kinetostatic.files.pose_table import write_pose_table
-    from scara_kinetostatic.render.quantities import count
+    from scara_kinetostatic.report.quantities import count
 
     write_pose_table(path, table, results)
     reservations = () if predictor.nominal else predictor.arm.reservations

@@ -73,12 +73,13 @@ def run(args: argparse.Namespace) -> int:
         UnsupportedDataError: the tip touches nothing, does not slide, or jumps.
     """
     from scara_kinetostatic.bags.reader import read_streams
+    from scara_kinetostatic.contour.report import contour_document, contour_report
     from scara_kinetostatic.contour.result import CSV, DXF, SVG, csv_text, dxf_text, svg_text
     from scara_kinetostatic.contour.trace import trace_contour
     from scara_kinetostatic.files.calibration_file import load_calibration
     from scara_kinetostatic.files.cell_file import load_cell
     from scara_kinetostatic.monitoring.record import check_same_arm, check_same_recorded
-    from scara_kinetostatic.report import contour_page, contour_text
+    from scara_kinetostatic.report import as_page, as_text
 
     arm = load_calibration(args.calibration)
     cell = load_cell(args.cell) if args.cell else arm.cell
@@ -91,13 +92,14 @@ def run(args: argparse.Namespace) -> int:
     contour = trace_contour(read_streams(args.bag, cell), arm, cell.sensor, radius)
     fits, failed = _fits(contour, arm, tuple(dict.fromkeys(args.fit)))
     contour = replace(contour, warnings=(*contour.warnings, *failed))
+    report = contour_report(contour, arm, fits, str(args.calibration))
     files = {
         CSV: csv_text(contour),
         SVG: svg_text(contour.outlines),
         DXF: dxf_text(contour.outlines),
-        contour_page.NAME: contour_page.html_text(contour, arm, fits, str(args.calibration)),
+        'contour.html': as_page(report),
     }
-    print_result(contour_text.text(contour, fits), contour_text.document(contour, fits), args.json, args.out, files)
+    print_result(as_text(report), contour_document(contour, fits), args.json, args.out, files)
     return 0
 
 

@@ -94,7 +94,7 @@ def _print_result(result: DemoResult) -> None:
     import numpy as np
 
     from scara_kinetostatic.model.parameters import NAMES, UNITS
-    from scara_kinetostatic.render.table import Table
+    from scara_kinetostatic.report.table import Table
 
     deviation = (result.estimate - result.truth) / result.std
     numbers = zip(result.truth, result.estimate, result.std, deviation, strict=True)

@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     document = dial_gauge_document(analysis)
     files = {}
     if args.out:
-        from scara_kinetostatic.render.json_file import json_text
+        from scara_kinetostatic.report.json_file import json_text
         from scara_kinetostatic.studies.dial_gauge import page
 
         files = {NAME: json_text(document), page.NAME: page.html_text(analysis)}

@@ -68,8 +68,8 @@ def _add(args: argparse.Namespace) -> int:
 def _extract(args: argparse.Namespace) -> int:
     from scara_kinetostatic.files.atomic import write_texts, writing
     from scara_kinetostatic.monitoring.history import History
-    from scara_kinetostatic.report.document import NAME
-    from scara_kinetostatic.report.write import dated_names
+    from scara_kinetostatic.results.document import NAME
+    from scara_kinetostatic.results.write import dated_names
 
     document = History(args.file).document(*_numbers(args))
     with writing(args.out):

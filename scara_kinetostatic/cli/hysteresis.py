@@ -86,7 +86,7 @@ def _run_motion_driven(args: argparse.Namespace, tables: list[RecordTable]) -> i
     document = hysteresis_document(analysis)
     files = {}
     if args.out:
-        from scara_kinetostatic.render.json_file import json_text
+        from scara_kinetostatic.report.json_file import json_text
         from scara_kinetostatic.studies.hysteresis import page
 
         files = {NAME: json_text(document), page.NAME: page.html_text(analysis)}
@@ -109,7 +109,7 @@ def _run_load_driven(args: argparse.Namespace, tables: list[RecordTable]) -> int
     document = load_driven_document(analysis, predicted)
     files = {}
     if args.out:
-        from scara_kinetostatic.render.json_file import json_text
+        from scara_kinetostatic.report.json_file import json_text
         from scara_kinetostatic.studies.hysteresis import page as names
         from scara_kinetostatic.studies.hysteresis.load_driven import page
 

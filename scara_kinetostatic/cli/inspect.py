@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from scara_kinetostatic.model.cell import Cell
-    from scara_kinetostatic.render.table import Table
+    from scara_kinetostatic.report.table import Table
     from scara_kinetostatic.touches.detection import Detection
     from scara_kinetostatic.touches.streams import Streams
 
@@ -129,7 +129,7 @@ def _touches(detection: Detection, cell: Cell) -> list[dict[str, Any]]:
 
 
 def _as_text(found: dict[str, Any]) -> str:
-    from scara_kinetostatic.render.quantities import count
+    from scara_kinetostatic.report.quantities import count
 
     accepted = sum(touch['accepted'] for touch in found['touches'])
     rejected = len(found['touches']) - accepted
@@ -144,7 +144,7 @@ def _as_text(found: dict[str, Any]) -> str:
 
 
 def _topic_table(found: dict[str, Any]) -> Table:
-    from scara_kinetostatic.render.table import Table
+    from scara_kinetostatic.report.table import Table
 
     rows = []
     for topic in found['topics']:
@@ -157,7 +157,7 @@ def _topic_table(found: dict[str, Any]) -> Table:
 
 
 def _touch_table(touches: list[dict[str, Any]]) -> Table:
-    from scara_kinetostatic.render.table import Table
+    from scara_kinetostatic.report.table import Table
 
     rows: list[tuple[str, ...]] = []
     for touch in touches:

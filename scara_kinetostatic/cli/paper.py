@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
         OutputError: DIR cannot be written.
     """
     from scara_kinetostatic.files.atomic import write_texts
-    from scara_kinetostatic.render.json_file import json_text
+    from scara_kinetostatic.report.json_file import json_text
     from scara_kinetostatic.studies.design.report import design_files, headline
     from scara_kinetostatic.studies.paper import document, page
     from scara_kinetostatic.studies.paper.study import reproduce

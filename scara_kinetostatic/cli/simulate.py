@@ -133,7 +133,7 @@ def run(args: argparse.Namespace) -> int:
         advice = 'leave out --per-disc, --levels and --preload'
         raise InputError('--plan', 'a plan defines all touches', advice)
     from scara_kinetostatic.bags.writer import write_streams
-    from scara_kinetostatic.render.quantities import count
+    from scara_kinetostatic.report.quantities import count
     from scara_kinetostatic.simulation.sliding.plan_file import holds_slides, load_slides
     from scara_kinetostatic.simulation.sliding.streams import simulate_slides
     from scara_kinetostatic.simulation.streams import simulate_streams
@@ -165,7 +165,7 @@ def run(args: argparse.Namespace) -> int:
 def _list_of_effects(cell: Cell) -> str:
     """Label, parameters, unit and meaning of every effect that the cell may have."""
     from scara_kinetostatic.effects.registry import catalogue
-    from scara_kinetostatic.render.table import Table
+    from scara_kinetostatic.report.table import Table
 
     rows = [
         (effect.label if number == 0 else '', p.name, p.unit, p.meaning)

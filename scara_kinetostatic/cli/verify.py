@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.monitoring import report
     from scara_kinetostatic.monitoring.record import CalibrationRecord
     from scara_kinetostatic.monitoring.verification import verify_recordings
-    from scara_kinetostatic.render.json_file import json_text
+    from scara_kinetostatic.report.json_file import json_text
 
     check_different(args.bags)
     record = CalibrationRecord.load(args.calibration)

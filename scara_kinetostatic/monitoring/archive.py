@@ -26,10 +26,10 @@ from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.files.checksum import recording_checksum
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.render.json_file import json_text
-from scara_kinetostatic.report.document import NAME
-from scara_kinetostatic.report.page import NAME as PAGE_NAME
-from scara_kinetostatic.report.write import write_results
+from scara_kinetostatic.report.json_file import json_text
+from scara_kinetostatic.results.document import NAME
+from scara_kinetostatic.results.page import NAME as PAGE_NAME
+from scara_kinetostatic.results.write import write_results
 
 _ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
 

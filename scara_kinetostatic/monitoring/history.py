@@ -29,7 +29,7 @@ from scara_kinetostatic.errors import CalibrationFileError, InputError
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.monitoring.comparison import Change, compare
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_robot
-from scara_kinetostatic.render.json_file import json_text
+from scara_kinetostatic.report.json_file import json_text
 
 APPLICATION = 0x5C4A2A01
 """`application_id` of the file."""

@@ -15,7 +15,7 @@ import numpy as np
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.monitoring.linear import Evidence, State
-from scara_kinetostatic.render.quantities import shown
+from scara_kinetostatic.report.quantities import shown
 
 PENALTY = 4.0
 """Of each changed value, as Schwarz's criterion log n for about fifty measured numbers."""

@@ -33,8 +33,8 @@ from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.sensor_error import reported_force
 from scara_kinetostatic.model.touch import TouchSet, stacked_histories
-from scara_kinetostatic.render.json_file import Document
-from scara_kinetostatic.report.document import as_document
+from scara_kinetostatic.report.json_file import Document
+from scara_kinetostatic.results.document import as_document
 
 _REMEDY = 'calibrate again with this version'
 _ROW = ('joints', 'posture', 'index', 'order', 'time', 'approach', 'press', 'history')

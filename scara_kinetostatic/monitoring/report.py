@@ -27,13 +27,12 @@ from scara_kinetostatic.monitoring.history import Trend
 from scara_kinetostatic.monitoring.hypotheses import Explanation, change_title
 from scara_kinetostatic.monitoring.linear import QUANTILE
 from scara_kinetostatic.monitoring.verification import POWER, Detectable, Outlying, Verification
-from scara_kinetostatic.render.figure import FAINT, INK, MICRO, WARN, as_svg, new_figure, style
-from scara_kinetostatic.render.json_file import Document
-from scara_kinetostatic.render.page import page_template
-from scara_kinetostatic.render.quantities import chance, count, p_equals, shown
-from scara_kinetostatic.render.table import NOT_DETERMINED, Table
-from scara_kinetostatic.report.document import utc
-from scara_kinetostatic.report.messages import ANSWERS, sentence
+from scara_kinetostatic.report.figure import FAINT, INK, MICRO, WARN, as_svg, new_figure, style
+from scara_kinetostatic.report.json_file import Document, utc
+from scara_kinetostatic.report.page import page_template
+from scara_kinetostatic.report.quantities import chance, count, p_equals, shown
+from scara_kinetostatic.report.table import NOT_DETERMINED, Table
+from scara_kinetostatic.results.messages import ANSWERS, sentence
 
 _TEMPLATE = Path(__file__).with_name('page.html.j2')
 LEVELS = {'fit': 'good', 'caution': 'caution', 'unfit': 'bad'}

@@ -66,7 +66,7 @@ class Reply(NamedTuple):
         values: the twelve parameters, SI units.
         deviations: their standard deviations; NaN where there is none.
         effects: path, value, standard deviation, unit and meaning of each parameter of the effects found.
-        facts: what the result is made from and worth (`report.facts`).
+        facts: what the result is made from and worth (`results.facts`).
         document: what `calibration.json` holds.
         folder: that holds the files.
         note: what was kept of an earlier result; empty if nothing.
@@ -101,10 +101,10 @@ def do(job: Job, progress: Callable[[str, float], None]) -> Reply:
     from scara_kinetostatic.files.checksum import check_different
     from scara_kinetostatic.nodes.outcome_text import details
     from scara_kinetostatic.nodes.outcome_text import one_line as outcome_line
-    from scara_kinetostatic.report.document import as_document
-    from scara_kinetostatic.report.facts import facts
-    from scara_kinetostatic.report.parameter_file import effect_parameters
-    from scara_kinetostatic.report.write import write_results
+    from scara_kinetostatic.results.document import as_document
+    from scara_kinetostatic.results.facts import facts
+    from scara_kinetostatic.results.parameter_file import effect_parameters
+    from scara_kinetostatic.results.write import write_results
 
     check_different([Path(path) for path in job.recordings])
     outcome = _calibrate(job, progress)

@@ -34,9 +34,9 @@ from scara_kinetostatic.nodes.outcome_text import stored_document, summary, warn
 from scara_kinetostatic.nodes.result_parameters import ResultParameters
 from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.stream_subscription import LATCHED
-from scara_kinetostatic.report import parameter_file
-from scara_kinetostatic.report.document import NAME
-from scara_kinetostatic.report.parameter_file import EffectParameter, load_result
+from scara_kinetostatic.results import parameter_file
+from scara_kinetostatic.results.document import NAME
+from scara_kinetostatic.results.parameter_file import EffectParameter, load_result
 
 POLL = 0.05
 """Between two looks at the process that calibrates, s."""

@@ -16,7 +16,7 @@ from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.announced import CHOICES, SESSION, Announced
 from scara_kinetostatic.nodes.calibration_job import UNFIT, Job
-from scara_kinetostatic.report import parameter_file
+from scara_kinetostatic.results import parameter_file
 from scara_kinetostatic.touches.left_out import parse_left_out
 
 _NAME = re.compile(r'[A-Za-z0-9_-][A-Za-z0-9._-]*')

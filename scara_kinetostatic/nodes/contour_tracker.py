@@ -27,6 +27,7 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from scara_kinetostatic.contour.joining import Outline
+from scara_kinetostatic.contour.markers import known_markers, outline_markers, tip_markers
 from scara_kinetostatic.contour.online import SECOND, OnlineContour
 from scara_kinetostatic.contour.result import NO_RADIUS, remarks_on
 from scara_kinetostatic.contour.trace import LARGEST_TIP
@@ -43,7 +44,6 @@ from scara_kinetostatic.nodes.marker_messages import marker_array
 from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.stream_monitor import StreamMonitor
 from scara_kinetostatic.nodes.stream_subscription import LATCHED, StreamSubscription
-from scara_kinetostatic.render.contour_markers import known_markers, outline_markers, tip_markers
 
 REST = 0.005
 """Between two callbacks, s: messages of 1 kHz are taken several at a time."""

@@ -9,7 +9,7 @@ from geometry_msgs.msg import Point, Vector3
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from scara_kinetostatic.render.markers import Primitive, Shape
+from scara_kinetostatic.report.markers import Primitive, Shape
 
 _TYPES = {
     Shape.STRIP: Marker.LINE_STRIP,

@@ -33,8 +33,8 @@ from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN, Condition, Dia
 from scara_kinetostatic.nodes.monitored_touch import touch_of, was_seen
 from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.stream_subscription import LATCHED, LATCHED_TOUCHES
-from scara_kinetostatic.render.quantities import count
-from scara_kinetostatic.report.document import NAME
+from scara_kinetostatic.report.quantities import count
+from scara_kinetostatic.results.document import NAME
 
 TOUCHES = 'collector/touch'
 MOST_TOUCHES = 500

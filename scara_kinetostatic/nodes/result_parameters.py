@@ -17,9 +17,9 @@ from rclpy.parameter import Parameter
 
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, UNITS
-from scara_kinetostatic.report import parameter_file
-from scara_kinetostatic.report.facts import FACTS, GROUP, Value
-from scara_kinetostatic.report.parameter_file import EffectParameter
+from scara_kinetostatic.results import parameter_file
+from scara_kinetostatic.results.facts import FACTS, GROUP, Value
+from scara_kinetostatic.results.parameter_file import EffectParameter
 
 VALUE = 'calibrated'
 DEVIATION = 'calibrated_std'

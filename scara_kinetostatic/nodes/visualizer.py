@@ -40,7 +40,7 @@ from scara_kinetostatic.nodes.marker_messages import marker_array
 from scara_kinetostatic.nodes.outcome_text import stored_document
 from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.stream_subscription import LATCHED, LATCHED_TOUCHES
-from scara_kinetostatic.render.markers import (
+from scara_kinetostatic.report.markers import (
     Primitive,
     Scales,
     SeenTouch,
@@ -51,7 +51,7 @@ from scara_kinetostatic.render.markers import (
     touch_markers,
     uncertainty_markers,
 )
-from scara_kinetostatic.report.document import NAME
+from scara_kinetostatic.results.document import NAME
 
 PERIOD = 0.1
 """Between two messages on `~/arm`, s."""

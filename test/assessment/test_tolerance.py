@@ -18,9 +18,9 @@ from scara_kinetostatic.calibration.uncertainty_budget import Improvement, Item
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.report.budget_table import largest_of_tip
-from scara_kinetostatic.report.head import numbers
-from scara_kinetostatic.report.text import text_report
+from scara_kinetostatic.results.budget_table import largest_of_tip
+from scara_kinetostatic.results.head import numbers
+from scara_kinetostatic.results.text import text_report
 
 CELL = replace(PAPER_CELL, discs=tuple(disc._replace(center_std=1.5e-5) for disc in PAPER_CELL.discs))
 

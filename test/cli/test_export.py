@@ -11,8 +11,8 @@ import pytest
 from cli.command import Run
 
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.render.json_file import json_text
-from scara_kinetostatic.report.document import as_document
+from scara_kinetostatic.report.json_file import json_text
+from scara_kinetostatic.results.document import as_document
 
 
 @pytest.fixture

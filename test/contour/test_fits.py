@@ -12,13 +12,14 @@ import pytest
 from contour.slides import CELL, DISC, arm
 
 from scara_kinetostatic.contour.fits import fit_shape
+from scara_kinetostatic.contour.report import contour_report
 from scara_kinetostatic.contour.result import COLUMNS, csv_text, dxf_text, svg_text
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.report.contour_text import text
+from scara_kinetostatic.report import as_text
 from scara_kinetostatic.simulation.sliding.outline import polygon
 from scara_kinetostatic.simulation.sliding.slide import Slide, SlideTiming
 from scara_kinetostatic.simulation.sliding.streams import simulate_slides
@@ -42,8 +43,8 @@ def test_a_shape_that_does_not_fit_is_said(contour):
     line = fit_shape(contour, arm(), 'line')
     assert not line.fits
     assert line.misfit > 1000
-    assert 'Remark: the outline is no line' in text(contour, [line])
-    assert 'Remark' not in text(contour, [fit_shape(contour, arm(), 'circle')])
+    assert 'Remark: the outline is no line' in as_text(contour_report(contour, arm(), [line], ''))
+    assert 'Remark' not in as_text(contour_report(contour, arm(), [fit_shape(contour, arm(), 'circle')], ''))
 
 
 def test_arc_and_line():

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from contour.slides import CELL, DISC, SQUARE, arm
 
-from scara_kinetostatic.contour.fits import divided, fit_pieces, fit_shape
+from scara_kinetostatic.contour.fits import divided, fit_pieces, fit_shape, joined_residuals
 from scara_kinetostatic.contour.joining import Outline
+from scara_kinetostatic.contour.report import fit_sections
 from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.render.figure import style
-from scara_kinetostatic.report.contour_figures import residual_picture
-from scara_kinetostatic.report.contour_text import fit_sections
+from scara_kinetostatic.report.figure import style
 from scara_kinetostatic.simulation.sliding.outline import polygon
 from scara_kinetostatic.simulation.sliding.slide import Slide
 from scara_kinetostatic.simulation.sliding.streams import simulate_slides
@@ -58,16 +57,17 @@ def test_a_rounded_square(square):
 def test_points_belong_to_one_piece_at_most(square):
     fits = fit_pieces(square, arm())
     assert np.sum([fit.points for fit in fits], axis=0).max() == 1
-    lines, arcs = fit_sections(fits)
+    lines, arcs = fit_sections(square, fits)
     assert (lines.title, arcs.title) == ('Lines of outline 1', 'Arcs of outline 1')
-    assert [row[0] for row in lines.table.rows] == ['1', '3', '5', '7']
-    assert lines.fit.points.sum() == sum(fit.points.sum() for fit in fits[::2]) == len(lines.fit.residual)
+    assert [row[0] for row in lines.blocks[0].rows] == ['1', '3', '5', '7']
+    joined = joined_residuals(fits[::2])
+    assert joined.points.sum() == sum(fit.points.sum() for fit in fits[::2]) == len(joined.residual)
 
 
 def test_residuals_of_pieces_are_not_joined_across_the_others(square):
-    lines, _ = fit_sections(fit_pieces(square, arm()))
+    lines, _ = fit_sections(square, fit_pieces(square, arm()))
     with style():
-        picture = str(residual_picture(square, lines.fit, 'fit'))
+        picture = str(lines.blocks[-1].draw())
     assert max(path.count('M') for path in re.findall(r' d="([^"]*)"', picture)) >= 4
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.errors import OutputError
-from scara_kinetostatic.report import write
-from scara_kinetostatic.report.write import write_results
+from scara_kinetostatic.results import write
+from scara_kinetostatic.results.write import write_results
 
 FILES = {'calibration.yaml', 'calibration.json', 'report.html', 'residuals.csv'}
 

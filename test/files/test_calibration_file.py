@@ -20,9 +20,9 @@ from scara_kinetostatic.files.calibration_file import arm_document, load_calibra
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.render.json_file import json_text
-from scara_kinetostatic.report.document import as_document
-from scara_kinetostatic.report.parameter_file import parameter_text
+from scara_kinetostatic.report.json_file import json_text
+from scara_kinetostatic.results.document import as_document
+from scara_kinetostatic.results.parameter_file import parameter_text
 
 
 def same(one: CalibratedArm, other: CalibratedArm) -> None:

@@ -24,8 +24,8 @@ from scara_kinetostatic.monitoring.archive import Done, in_processes, on_cluster
 from scara_kinetostatic.monitoring.history import History, trends_of
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.report import _axis
-from scara_kinetostatic.render.json_file import json_text
-from scara_kinetostatic.report.document import as_document
+from scara_kinetostatic.report.json_file import json_text
+from scara_kinetostatic.results.document import as_document
 
 assert recordings and run  # fixtures
 

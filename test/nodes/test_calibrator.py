@@ -110,7 +110,7 @@ def test_a_calibration_becomes_parameters_and_files(
 def test_a_parameter_file_of_results_can_be_loaded_again(
     spin: Callable[..., Node], client: DemoClient, recording: Path, tmp_path: Path
 ) -> None:
-    from scara_kinetostatic.report.write import write_results
+    from scara_kinetostatic.results.write import write_results
 
     outcome = calibrate_recordings([recording], PAPER_CELL, fixed={'g_ee': 1e-4})
     files = write_results(outcome, tmp_path / 'results')
@@ -178,7 +178,7 @@ def test_effects_come_and_go_with_the_calibration_that_finds_them(
 def test_a_parameter_file_with_effects_can_be_loaded_again(
     spin: Callable[..., Node], client: DemoClient, recording: Path, grown: Path, tmp_path: Path
 ) -> None:
-    from scara_kinetostatic.report.write import write_results
+    from scara_kinetostatic.results.write import write_results
 
     outcome = calibrate_recordings([grown], PAPER_CELL)
     files = write_results(outcome, tmp_path / 'results')

@@ -25,8 +25,8 @@ from scara_kinetostatic.nodes.monitor import TOUCHES, Monitor, String
 from scara_kinetostatic.nodes.monitored_touch import touch_of, was_seen
 from scara_kinetostatic.nodes.stream_subscription import LATCHED_TOUCHES
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.render.json_file import json_text
-from scara_kinetostatic.report.document import as_document
+from scara_kinetostatic.report.json_file import json_text
+from scara_kinetostatic.results.document import as_document
 from scara_kinetostatic.touches.detection import DISCARDED
 
 

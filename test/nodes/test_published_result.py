@@ -31,10 +31,10 @@ from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN
 from scara_kinetostatic.nodes.outcome_text import SCHEMA, details, one_line
 from scara_kinetostatic.nodes.stream_subscription import LATCHED
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.render.json_file import json_text
-from scara_kinetostatic.report.document import as_document
-from scara_kinetostatic.report.facts import FACTS, facts
-from scara_kinetostatic.report.parameter_file import parameter_text
+from scara_kinetostatic.report.json_file import json_text
+from scara_kinetostatic.results.document import as_document
+from scara_kinetostatic.results.facts import FACTS, facts
+from scara_kinetostatic.results.parameter_file import parameter_text
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 

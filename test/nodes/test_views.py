@@ -126,8 +126,8 @@ def test_foxglove_in_a_namespace(tmp_path: Path) -> None:
 
 
 def test_the_groups_are_those_of_the_markers() -> None:
-    folder = CONFIG.parent / 'scara_kinetostatic/render'
-    source = ''.join((folder / f'{name}.py').read_text() for name in ('markers', 'contour_markers'))
+    folder = CONFIG.parent / 'scara_kinetostatic'
+    source = ''.join((folder / f'{name}/markers.py').read_text() for name in ('report', 'contour'))
     for group in set().union(*GROUPS.values()) - {'nominal', 'calibrated'}:
         assert f"'{group}'" in source
 

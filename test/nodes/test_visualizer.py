@@ -30,8 +30,8 @@ from scara_kinetostatic.nodes.judged_touch import JudgedTouch
 from scara_kinetostatic.nodes.outcome_text import summary
 from scara_kinetostatic.nodes.stream_subscription import LATCHED, LATCHED_TOUCHES, RELIABLE_STREAM
 from scara_kinetostatic.nodes.visualizer import Visualizer
-from scara_kinetostatic.render.json_file import json_text
-from scara_kinetostatic.report.document import as_document
+from scara_kinetostatic.report.json_file import json_text
+from scara_kinetostatic.results.document import as_document
 
 TOUCH = JudgedTouch(0, 10**9, (0, 2 * 10**9), '', 'disc_2', (0.0, 20.0), (0.8, 2.1))
 

@@ -16,7 +16,7 @@ from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.files.cell_file import load_cell
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.pipeline import calibrate_recordings
-from scara_kinetostatic.render.quantities import SCALES, decimals
+from scara_kinetostatic.report.quantities import SCALES, decimals
 
 
 class Row(NamedTuple):

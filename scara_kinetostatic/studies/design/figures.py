@@ -14,7 +14,7 @@ from matplotlib.ticker import FixedLocator, NullLocator
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
-from scara_kinetostatic.render.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, as_svg, mark, new_figure
+from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, as_svg, mark, new_figure
 from scara_kinetostatic.studies.design.optimal_design import Design, DesignedSet
 from scara_kinetostatic.studies.design.prediction import free_tip, loaded_tip, make_workspace, reach, tip_std
 

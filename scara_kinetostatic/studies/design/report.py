@@ -16,11 +16,11 @@ import numpy as np
 from scara_kinetostatic import __version__
 from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.render.figure import COLOURS, mark, style
-from scara_kinetostatic.render.json_file import json_text
-from scara_kinetostatic.render.page import page_template
-from scara_kinetostatic.render.quantities import SCALES, count
-from scara_kinetostatic.render.table import NOT_DETERMINED, Table
+from scara_kinetostatic.report.figure import COLOURS, mark, style
+from scara_kinetostatic.report.json_file import json_text
+from scara_kinetostatic.report.page import page_template
+from scara_kinetostatic.report.quantities import SCALES, count
+from scara_kinetostatic.report.table import NOT_DETERMINED, Table
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
 from scara_kinetostatic.studies.design import figures

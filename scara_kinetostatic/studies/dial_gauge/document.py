@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.render.json_file import Document
+from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, LoopRecord, sense_name
 from scara_kinetostatic.studies.dial_gauge.directions import DirectionMap
 from scara_kinetostatic.studies.dial_gauge.loop_analysis import Sense

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 
-from scara_kinetostatic.render.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, as_svg, new_figure
+from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, as_svg, new_figure
 from scara_kinetostatic.studies.dial_gauge.analysis import LoopRecord, sense_name
 from scara_kinetostatic.studies.dial_gauge.directions import DirectionMap
 from scara_kinetostatic.studies.dial_gauge.loop_analysis import Sense

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.render.figure import style
-from scara_kinetostatic.render.page import page_template
+from scara_kinetostatic.report.figure import style
+from scara_kinetostatic.report.page import page_template
 from scara_kinetostatic.studies.dial_gauge import figures, text
 from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, LoopRecord, sense_name
 from scara_kinetostatic.studies.dial_gauge.readings import GRIPPER

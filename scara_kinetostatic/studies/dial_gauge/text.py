@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from scara_kinetostatic.render.quantities import chance, count, decimals, p_equals
-from scara_kinetostatic.render.table import NOT_DETERMINED, Table
+from scara_kinetostatic.report.quantities import chance, count, decimals, p_equals
+from scara_kinetostatic.report.table import NOT_DETERMINED, Table
 from scara_kinetostatic.studies.dial_gauge.analysis import DialGaugeAnalysis, LoopRecord, sense_name
 from scara_kinetostatic.studies.dial_gauge.directions import DirectionMap
 from scara_kinetostatic.studies.dial_gauge.loop_analysis import Sense

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.render.json_file import Document
+from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
 from scara_kinetostatic.studies.hysteresis.analysis import HysteresisAnalysis, Record
 from scara_kinetostatic.studies.hysteresis.dependence import Dependence

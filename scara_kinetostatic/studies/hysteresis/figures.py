@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.render.figure import FAINT, INK, SERIES, as_svg
+from scara_kinetostatic.report.figure import FAINT, INK, SERIES, as_svg
 from scara_kinetostatic.studies.hysteresis.analysis import HysteresisAnalysis, Record
 from scara_kinetostatic.studies.hysteresis.leave_one_out import IDENTIFICATION_SWEEPS
 from scara_kinetostatic.studies.hysteresis.model_selection import CrossValidation

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.render.figure import style
-from scara_kinetostatic.render.page import page_template
+from scara_kinetostatic.report.figure import style
+from scara_kinetostatic.report.page import page_template
 from scara_kinetostatic.studies.hysteresis import figures, tables, text
 from scara_kinetostatic.studies.hysteresis.analysis import HysteresisAnalysis, Record
 from scara_kinetostatic.studies.hysteresis.model_selection import AMBIGUOUS, LEVEL, UNEXPLAINED

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from scara_kinetostatic.render.quantities import chance
-from scara_kinetostatic.render.table import Table
+from scara_kinetostatic.report.quantities import chance
+from scara_kinetostatic.report.table import Table
 from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
 from scara_kinetostatic.studies.dial_gauge.text import with_std
 from scara_kinetostatic.studies.hysteresis.analysis import HysteresisAnalysis, Record

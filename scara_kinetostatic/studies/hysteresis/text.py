@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from scara_kinetostatic.render.quantities import count, p_equals
+from scara_kinetostatic.report.quantities import count, p_equals
 from scara_kinetostatic.studies.hysteresis.analysis import HysteresisAnalysis, Record
 from scara_kinetostatic.studies.hysteresis.dependence import Dependence
 from scara_kinetostatic.studies.hysteresis.model_selection import AMBIGUOUS, LEVEL, NONE, UNEXPLAINED

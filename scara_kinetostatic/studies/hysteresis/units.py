@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from scara_kinetostatic.render.quantities import Scale
+from scara_kinetostatic.report.quantities import Scale
 
 
 class Units(NamedTuple):

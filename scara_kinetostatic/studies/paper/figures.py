@@ -8,7 +8,7 @@ from matplotlib.ticker import MaxNLocator
 
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, PAPER_NOMINAL
-from scara_kinetostatic.render.figure import FAINT, INK, LINE, PAPER, SERIES, as_svg, new_figure
+from scara_kinetostatic.report.figure import FAINT, INK, LINE, PAPER, SERIES, as_svg, new_figure
 from scara_kinetostatic.studies.paper.study import Reproduction
 from scara_kinetostatic.studies.paper.table_2 import (
     ESTIMATED,

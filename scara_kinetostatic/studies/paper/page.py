@@ -10,9 +10,9 @@ import numpy as np
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL, UNITS, Parameters
-from scara_kinetostatic.render.figure import style
-from scara_kinetostatic.render.page import page_template
-from scara_kinetostatic.render.table import Table
+from scara_kinetostatic.report.figure import style
+from scara_kinetostatic.report.page import page_template
+from scara_kinetostatic.report.table import Table
 from scara_kinetostatic.studies.design import figures as design_figures
 from scara_kinetostatic.studies.design import report as design_text
 from scara_kinetostatic.studies.design.optimal_design import Design

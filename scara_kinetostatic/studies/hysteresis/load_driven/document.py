@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.render.json_file import Document
+from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.studies.hysteresis.document import SCHEMA
 from scara_kinetostatic.studies.hysteresis.load_driven.analysis import Candidate, LoadAnalysis, PredictedRecord
 from scara_kinetostatic.studies.hysteresis.load_driven.dependence import Dependence

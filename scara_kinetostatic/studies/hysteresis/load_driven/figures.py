@@ -9,8 +9,8 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.render.figure import FAINT, INK, LINE, SERIES, Margins, as_svg, new_figure
-from scara_kinetostatic.render.quantities import Scale
+from scara_kinetostatic.report.figure import FAINT, INK, LINE, SERIES, Margins, as_svg, new_figure
+from scara_kinetostatic.report.quantities import Scale
 from scara_kinetostatic.studies.hysteresis.units import Units
 
 WIDTH, HEIGHT = 450.0, 300.0

@@ -10,9 +10,9 @@ import numpy as np
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.render.figure import style
-from scara_kinetostatic.render.page import page_template
-from scara_kinetostatic.render.quantities import p_equals
+from scara_kinetostatic.report.figure import style
+from scara_kinetostatic.report.page import page_template
+from scara_kinetostatic.report.quantities import p_equals
 from scara_kinetostatic.studies.hysteresis.load_driven import figures, tables, text
 from scara_kinetostatic.studies.hysteresis.load_driven.analysis import LoadAnalysis, PredictedRecord
 from scara_kinetostatic.studies.hysteresis.load_driven.fit import Prediction

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, Mask, rms
-from scara_kinetostatic.render.quantities import Scale
+from scara_kinetostatic.report.quantities import Scale
 from scara_kinetostatic.studies.hysteresis.load_driven.analysis import LoadAnalysis, earlier_half
 from scara_kinetostatic.studies.hysteresis.load_driven.fit import Prediction
 from scara_kinetostatic.studies.hysteresis.load_driven.load_path import LoadPath

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from scara_kinetostatic.render.quantities import chance, shown
-from scara_kinetostatic.render.table import NOT_DETERMINED, Table
+from scara_kinetostatic.report.quantities import chance, shown
+from scara_kinetostatic.report.table import NOT_DETERMINED, Table
 from scara_kinetostatic.studies.hysteresis.load_driven.analysis import Candidate, LoadAnalysis, PredictedRecord
 from scara_kinetostatic.studies.hysteresis.load_driven.dependence import MEMORY, VARIABLES, Dependence
 from scara_kinetostatic.studies.hysteresis.load_driven.quantities import (

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from scara_kinetostatic.render.quantities import count, p_equals
+from scara_kinetostatic.report.quantities import count, p_equals
 from scara_kinetostatic.studies.hysteresis.load_driven.analysis import LoadAnalysis, PredictedRecord
 from scara_kinetostatic.studies.hysteresis.load_driven.dependence import LOAD, MEMORY, TIME, Dependence
 from scara_kinetostatic.studies.hysteresis.load_driven.quantities import error_scale, explained_share

@@ -1,0 +1,74 @@
+"""A traced contour as geometric primitives: outlines, their uncertainty, known objects, the tip and its force."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
+from scara_kinetostatic.contour.joining import Outline
+from scara_kinetostatic.contour.result import Contour
+from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Colour
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import Disc
+from scara_kinetostatic.model.quantity import quantity
+from scara_kinetostatic.report.markers import TEXT, Primitive, Shape, label, object_markers, places
+from scara_kinetostatic.touches.signals import runs
+
+_WIDTH, _THIN = 0.002, 0.0008
+"""Widths of an outline and of the bounds of its uncertainty, m."""
+_BOUND: Colour = (*CALIBRATED_COLOUR[:3], 0.5)
+_FORCE: Colour = (0.84, 0.37, 0.0, 1.0)
+_SHAFT = 0.003
+_ABOVE = 0.012
+"""Height at which a contour is drawn, m: above the objects."""
+
+
+def outline_markers(outlines: Iterable[Outline], uncertainty_scale: float) -> list[Primitive]:
+    """The outlines, and on both sides of each the bounds of its expanded uncertainty (k = 2), magnified.
+
+    There are no bounds where the uncertainty is not known.
+    """
+    made = []
+    for outline in outlines:
+        ring = outline.ring
+        closing = [*range(len(outline.points)), 0][: len(ring)]
+        made.append(Primitive('outlines', Shape.STRIP, places(ring, _ABOVE), CALIBRATED_COLOUR, _WIDTH))
+        expanded = COVERAGE_FACTOR * outline.std[closing]
+        away = uncertainty_scale * expanded[:, None] * outline.normals[closing]
+        for side in (1.0, -1.0):
+            made += _bounds(ring + side * away)
+        if np.isfinite(expanded).any() and uncertainty_scale > 0:
+            made.append(_uncertainty_text(outline, float(np.nanmedian(expanded)), uncertainty_scale))
+    return made
+
+
+def known_markers(discs: Sequence[Disc], tip_radius: float) -> list[Primitive]:
+    """The objects of the cell, as large as their surfaces; a disc is described by the place of the tip's centre."""
+    return object_markers(
+        [disc._replace(radius=disc.radius - tip_radius) for disc in discs if disc.radius > tip_radius]
+    )
+
+
+def tip_markers(contour: Contour | None, force_scale: float) -> list[Primitive]:
+    """The last place on the surface with the force of the tip there; none without contact."""
+    if contour is None:
+        return []
+    at, force = contour.surface[-1], contour.force[-1]
+    arrow = places([at - force_scale * force, at], _ABOVE)
+    dot = Primitive('tip', Shape.DOT, places([at], _ABOVE), _FORCE, 2 * _SHAFT)
+    return [dot, Primitive('tip', Shape.ARROW, arrow, _FORCE, _SHAFT)]
+
+
+def _bounds(points: Floats) -> list[Primitive]:
+    """A line, left out where it is not known."""
+    begins, ends = runs(np.asarray(np.isfinite(points).all(axis=1)))
+    parts = [points[begin : end + 1] for begin, end in zip(begins, ends, strict=True) if end > begin]
+    return [Primitive('uncertainty', Shape.STRIP, places(part, _ABOVE), _BOUND, _THIN) for part in parts]
+
+
+def _uncertainty_text(outline: Outline, expanded: float, scale: float) -> Primitive:
+    text = f'±{quantity(expanded, "m")} (k = 2), × {scale:g}'
+    low = outline.points[outline.points[:, 1].argmin()]
+    return label('uncertainty', (float(low[0]), float(low[1]) - 0.03), text, TEXT)

@@ -1,1 +1,0 @@
-"""What every report shares: figures, tables, pages, JSON text, quantities with units."""

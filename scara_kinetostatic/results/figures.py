@@ -1,0 +1,208 @@
+"""Figures of the report: the cell, force errors, residuals and their distribution, correlations."""
+
+from __future__ import annotations
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PatchCollection
+from matplotlib.patches import Circle, Rectangle
+from scipy.special import betaincinv
+
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.parameters import NAMES
+from scara_kinetostatic.report.figure import FAINT, INK, LINE, PAPER, SERIES, WARN, Margins, as_svg, mark, new_figure
+
+_WIDTH, _HALF = 920.0, 450.0
+_LONGEST_ARROW = 0.14
+"""Of the largest force, as a part of the arm's length."""
+_BAND = 0.95
+
+
+def cell_picture(c: Calibration) -> Markup:
+    """The cell from above, in the base frame."""
+    tip, elbow, base = _arm(c)
+    arm = c.parameters.l1 + c.parameters.l2
+    low, high = _extent(c, tip, elbow, base, arm)
+    height = _WIDTH * float(np.clip((high[1] - low[1]) / (high[0] - low[0]), 0.3, 1.0))
+    figure, (axes,) = new_figure(_WIDTH, height, margins=Margins())
+    _draw_discs(axes, c)
+    _draw_arms(axes, c, tip, elbow, base, arm)
+    _draw_touches(axes, c, tip, arm)
+    axes.set(xlabel='x  [mm]', ylabel='y  [mm]', aspect='equal')
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(lambda value, _: f'{1e3 * value:.0f}'.replace('-', '−'))
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    return as_svg(figure, 'cell', 'the cell from above with its discs, the arm and the touches')
+
+
+def _arm(c: Calibration) -> tuple[Floats, Floats, Floats]:
+    """Tip and elbow at each touch, (n, 2), and the base, (2,), without deflections."""
+    p, q = c.parameters, c.touches.joints
+    base = np.array([p.x0, p.y0])
+    angle = q[:, 0] + p.theta1
+    elbow = base + p.l1 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return forward(p, q), elbow, base
+
+
+def _extent(c: Calibration, tip: Floats, elbow: Floats, base: Floats, arm: float) -> tuple[Floats, Floats]:
+    reach = c.cell.radii[:, None]
+    everything = [c.cell.centers - reach, c.cell.centers + reach, tip, elbow, base[None]]
+    points = np.concatenate(everything)
+    margin = _LONGEST_ARROW * arm * 1.05
+    return points.min(axis=0) - margin, points.max(axis=0) + margin
+
+
+def _draw_discs(axes: Axes, c: Calibration) -> None:
+    for number, disc in enumerate(c.cell.discs):
+        colour = mark(number).colour
+        axes.add_patch(Circle((disc.x, disc.y), disc.radius, facecolor=colour, alpha=0.13, lw=0))
+        axes.add_patch(Circle((disc.x, disc.y), disc.radius, fill=False, edgecolor=colour, lw=1.2))
+        text = axes.text(disc.x, disc.y, disc.name, ha='center', va='center', color=INK)
+        text.set_parse_math(False)
+
+
+def _draw_arms(axes: Axes, c: Calibration, tip: Floats, elbow: Floats, base: Floats, arm: float) -> None:
+    """All arms as a faint trace, one of each posture in full, in front of the farthest disc, where it covers least."""
+    touched = np.unique(c.touches.disc)
+    farthest = touched[np.argmax(np.linalg.norm(c.cell.centers[touched] - base, axis=1))]
+    lines = np.stack([np.broadcast_to(base, tip.shape), elbow, tip], axis=1)
+    axes.add_collection(LineCollection(list(lines), colors=FAINT, linewidths=0.6, alpha=0.16))
+    for posture, dashes in ((1, 'solid'), (-1, (0, (5, 2.5)))):
+        members = np.flatnonzero((c.touches.posture == posture) & (c.touches.disc == farthest))
+        if len(members):
+            nearest = members[np.argmin(np.linalg.norm(tip[members] - base, axis=1))]
+            x, y = lines[nearest].T
+            axes.plot(x, y, color=INK, lw=2.2, ls=dashes, solid_capstyle='round', dash_capstyle='round')
+            axes.plot(x[1], y[1], 'o', ms=6.5, mfc=PAPER, mec=INK, mew=1.4)
+    axes.add_patch(Circle((base[0], base[1]), 0.022 * arm, facecolor=PAPER, edgecolor=INK, lw=1.6, zorder=4))
+    axes.add_patch(Circle((base[0], base[1]), 0.006 * arm, facecolor=INK, lw=0, zorder=5))
+    axes.annotate('base', (base[0], base[1]), (11, 8), textcoords='offset points', color=FAINT)
+    axes.axhline(base[1], color=LINE, lw=0.7, zorder=0)
+
+
+def _draw_touches(axes: Axes, c: Calibration, tip: Floats, arm: float) -> None:
+    """An arrow per touch, head at the contact, length as the force."""
+    magnitude = np.hypot(c.force[:, 0], c.force[:, 1])
+    along = c.force / np.maximum(magnitude, 1e-9)[:, None]
+    aside = np.stack([-along[:, 1], along[:, 0]], axis=-1) * c.touches.posture[:, None] * 0.004 * arm
+    head = tip + aside
+    tail = head - _LONGEST_ARROW * arm * c.force / max(float(magnitude.max()), 1e-9)
+    for number in range(len(c.cell.discs)):
+        for posture in (1, -1):
+            chosen = (c.touches.disc == number) & (c.touches.posture == posture) & c.used
+            shaft = np.stack([tail[chosen], head[chosen]], axis=1)
+            look = mark(number)
+            axes.add_collection(LineCollection(list(shaft), colors=look.colour, linewidths=1.0, alpha=0.55))
+            fill = look.colour if posture > 0 else PAPER
+            x, y = head[chosen].T
+            axes.plot(x, y, look.shape, ls='none', ms=4.6, mfc=fill, mec=look.colour, mew=1.1, zorder=3)
+    for k in np.flatnonzero(~c.used):
+        axes.plot(*tip[k], 'X', ms=9, mfc=WARN, mec=PAPER, zorder=6)
+        axes.annotate(str(c.touches.index[k]), (tip[k, 0], tip[k, 1]), (7, -4), textcoords='offset points', color=WARN)
+
+
+def error_picture(c: Calibration) -> Markup:
+    """The length of F - A(Q, L̄) per touch, nominal and calibrated, on a logarithmic scale."""
+    figure, (axes,) = new_figure(_WIDTH, 280, margins=Margins())
+    before = np.hypot(c.nominal_residual[:, 0], c.nominal_residual[:, 1])
+    after = np.hypot(c.residual[:, 0], c.residual[:, 1])
+    axes.vlines(c.touches.index, after, before, color=LINE, lw=1.0)
+    axes.plot(c.touches.index, before, 'o', ms=5, mfc=PAPER, mec=FAINT, mew=1.1)
+    _scatter(axes, c, after)
+    axes.set(xlabel='touch', ylabel='force error  [N]', yscale='log')
+    axes.minorticks_off()
+    axes.yaxis.set_major_formatter(lambda value, _: f'{value:g}')
+    axes.grid(visible=False, axis='x')
+    axes.margins(x=0.015)
+    return as_svg(figure, 'errors', 'force error of each touch before and after the calibration')
+
+
+def residual_picture(c: Calibration) -> Markup:
+    """The parts of the calibrated residual along and across the force, per touch."""
+    along = c.force / np.maximum(np.hypot(c.force[:, 0], c.force[:, 1]), 1e-9)[:, None]
+    parts = (
+        ('along the force  [N]', (c.residual * along).sum(axis=1)),
+        ('across it  [N]', c.residual[:, 1] * along[:, 0] - c.residual[:, 0] * along[:, 1]),
+    )
+    figure, (first, second) = new_figure(_WIDTH, 380, rows=2, margins=Margins(), sharex=True)
+    for axes, (label, values) in zip((first, second), parts, strict=True):
+        largest = 1.25 * float(np.abs(values[c.used]).max(initial=1e-6))
+        axes.axhline(0, color=FAINT, lw=0.9)
+        _scatter(axes, c, np.clip(values, -0.94 * largest, 0.94 * largest))
+        axes.set(ylabel=label, ylim=(-largest, largest))
+        axes.grid(visible=False, axis='x')
+    second.set(xlabel='touch')
+    second.margins(x=0.015)
+    figure.align_ylabels()
+    return as_svg(figure, 'residuals', 'residual force of each touch along and across the force')
+
+
+def quantile_picture(c: Calibration) -> Markup:
+    """The touches' distances against their expected quantiles, in standard deviations."""
+    figure, (axes,) = new_figure(_HALF, 400, margins=Margins())
+    used = np.flatnonzero(c.used)
+    order = used[np.argsort(c.standardized[used])]
+    rank = np.arange(1, len(order) + 1)
+    expected, low, high = (
+        np.sqrt(-2 * np.log1p(-part))  # of chi-square with 2 degrees of freedom
+        for part in (
+            (rank - 0.5) / len(order),
+            betaincinv(rank, len(order) + 1 - rank, (1 - _BAND) / 2),
+            betaincinv(rank, len(order) + 1 - rank, (1 + _BAND) / 2),
+        )
+    )
+    axes.fill_between(expected, low, high, color=SERIES[0], alpha=0.13, lw=0)
+    end = float(max(expected[-1], c.standardized[order].max(initial=0.0))) * 1.06
+    axes.plot([0, end], [0, end], color=FAINT, lw=0.9)
+    axes.plot(expected, c.standardized[order], 'o', ms=4, mfc=SERIES[0], mec=PAPER, mew=0.4)
+    axes.set(xlabel='expected  [σ]', ylabel='residual of the touch  [σ]')
+    axes.set_xlim(0, float(expected[-1]) * 1.06)
+    axes.set_ylim(0, max(end, float(high[-1]) * 1.03))
+    return as_svg(figure, 'quantiles', 'residuals of the touches against their expected quantiles')
+
+
+def correlation_picture(c: Calibration) -> Markup | None:
+    """Correlations of the estimated parameters; None where there are fewer than two."""
+    names = [name for name in NAMES if c.status[name] == 'estimated']
+    places = [NAMES.index(name) for name in names]
+    if len(names) < 2:
+        return None
+    covariance = c.covariance[np.ix_(places, places)]
+    std = np.sqrt(np.diag(covariance))
+    matrix = covariance / np.where(std > 0, np.outer(std, std), 1.0)
+    figure, (axes,) = new_figure(_HALF, 400, margins=Margins(bottom=10, top=52))
+    squares, colours = [], []
+    for (row, column), value in np.ndenumerate(matrix):
+        size = 1.0 if row == column else abs(float(value))
+        side, alpha = 0.92 * np.sqrt(size), 0.12 if row == column else 0.25 + 0.6 * min(size, 1.0)
+        squares.append(Rectangle((column - side / 2, row - side / 2), side, side))
+        colours.append((INK if row == column else SERIES[0] if value > 0 else SERIES[1], alpha))
+        if row != column and size >= 0.5:
+            percent = f'{100 * value:.0f}'.replace('-', '−')
+            axes.text(column, row, percent, ha='center', va='center', fontsize=9.5, color=INK, clip_on=True)
+    axes.add_collection(PatchCollection(squares, facecolors=colours, linewidths=0))
+    axes.set(xlim=(-0.6, len(names) - 0.4), ylim=(len(names) - 0.4, -0.6), aspect='equal')
+    axes.set_xticks(range(len(names)), names, rotation=90)
+    axes.set_yticks(range(len(names)), names)
+    axes.tick_params(length=0)
+    axes.xaxis.tick_top()
+    axes.grid(visible=False)
+    axes.spines[:].set_visible(False)
+    return as_svg(figure, 'correlations', 'correlations of the estimated parameters')
+
+
+def _scatter(axes: Axes, c: Calibration, values: Floats) -> None:
+    """Touches by disc (colour and shape) and posture (full: left, hollow: right); crosses for those not used."""
+    for number in range(len(c.cell.discs)):
+        look = mark(number)
+        for posture in (1, -1):
+            chosen = (c.touches.disc == number) & (c.touches.posture == posture) & c.used
+            fill = look.colour if posture > 0 else PAPER
+            x, y = c.touches.index[chosen], values[chosen]
+            axes.plot(x, y, look.shape, ls='none', ms=5, mfc=fill, mec=look.colour, mew=1.1)
+    x, y = c.touches.index[~c.used], values[~c.used]
+    axes.plot(x, y, 'X', ls='none', ms=8, mfc=WARN, mec=PAPER)

@@ -1,0 +1,220 @@
+"""`calibration.yaml`: the result as ROS parameters, for `--params-file`.
+
+The names are those of the node `calibrator`: `calibrated.<name>` and `calibrated_std.<name>`, and for the effects
+that were found `effects.<name>.<target>.<parameter>` and `effects_std…`. An effect without a target has `all` there, a
+fitted curve its channel and variable; whatever is not a letter, a digit or `_` becomes `_`. A standard deviation that
+the data do not determine is `.nan`. `calibration.<name>` says what they are made from and worth (`facts`); a list
+without entries is left out, as it has no type in ROS.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.diagnosis.result import Found
+from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.files.yaml_text import parse_yaml, read_text
+from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, UNITS
+from scara_kinetostatic.results.facts import FACTS, GROUP, Value, facts
+
+NAME = 'calibration.yaml'
+EFFECTS, EFFECTS_STD = 'effects', 'effects_std'
+_NOT_ALLOWED = re.compile(r'[^A-Za-z0-9_]+')
+
+
+class EffectParameter(NamedTuple):
+    """One parameter of one effect.
+
+    Attributes:
+        path: name of the effect, target, name of the parameter; unique.
+        value: estimate.
+        std: standard deviation; NaN where the data do not determine it.
+        unit: of both.
+        meaning: in a few words.
+    """
+
+    path: tuple[str, str, str]
+    value: float
+    std: float
+    unit: str
+    meaning: str
+
+
+def effect_parameters(found: Sequence[Found]) -> list[EffectParameter]:
+    """All parameters of the effects found, effect by effect."""
+    rows: list[EffectParameter] = []
+    taken: set[tuple[str, str]] = set()
+    for item in found:
+        name, target = _word(item.effect.name), _word(item.effect.subject)
+        number, place = 1, (name, target)
+        while place in taken:
+            number += 1
+            place = (name, f'{target}_{number}')
+        taken.add(place)
+        doubt = ' (possible, not proved)' if item.is_possible else ''
+        rows += [
+            EffectParameter((*place, _word(v.name)), v.value, v.std, v.unit, v.meaning + doubt) for v in item.values
+        ]
+    return rows
+
+
+def _word(text: str) -> str:
+    return _NOT_ALLOWED.sub('_', text)
+
+
+class StoredResult(NamedTuple):
+    """What a parameter file of a result holds.
+
+    Attributes:
+        values: the twelve parameters in the order of `NAMES`.
+        deviations: their standard deviations; NaN where there is none.
+        effects: the parameters of the effects; their units are not in the file.
+        facts: what the result is made from and worth, by the names of `FACTS`; as far as the file says so.
+    """
+
+    values: list[float]
+    deviations: list[float]
+    effects: list[EffectParameter]
+    facts: dict[str, Value]
+
+
+def load_result(path: str | Path) -> StoredResult:
+    """Read a parameter file of a result.
+
+    Raises:
+        ParameterError: it cannot be read, or is no such file.
+    """
+    tree = parse_yaml(read_text(path, ParameterError), path, ParameterError)
+    try:
+        given = tree['/**']['ros__parameters']
+        return StoredResult(
+            values=[_finite(given['calibrated'][name]) for name in NAMES],
+            deviations=[float(given['calibrated_std'][name]) for name in NAMES],
+            effects=_stored_effects(given.get(EFFECTS, {}), given.get(EFFECTS_STD, {})),
+            facts=_stored_facts(given.get(GROUP)),
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ParameterError(
+            path, 'is no result of a calibration', f'expected what calibrate writes as {NAME}'
+        ) from error
+
+
+def _finite(value: float) -> float:
+    if not math.isfinite(value):
+        raise ValueError(value)
+    return float(value)
+
+
+def _stored_effects(values: Mapping[str, Any], deviations: Mapping[str, Any]) -> list[EffectParameter]:
+    return [
+        EffectParameter((name, target, key), float(value), float(deviations[name][target][key]), '', 'of an effect')
+        for name, targets in values.items()
+        for target, parameters in targets.items()
+        for key, value in parameters.items()
+    ]
+
+
+def _stored_facts(group: Mapping[str, Any] | None) -> dict[str, Value]:
+    """The facts; a list that the file leaves out has no entries. None where the file has none of them."""
+    if group is None:
+        return {}
+    found: dict[str, Value] = {}
+    for name, fact in FACTS.items():
+        value: Any = group
+        for key in name.split('.'):
+            value = value.get(key) if isinstance(value, Mapping) else None
+        if value is not None or fact.kind is list:
+            found[name] = fact.kind(value or []) if fact.kind is list else fact.kind(value)
+    return found
+
+
+def parameter_text(outcome: Outcome) -> str:
+    """The ROS parameter file."""
+    c, effects = outcome.final, effect_parameters(outcome.diagnosis.found)
+    lines = [
+        '# Result of a kinetostatic calibration, SI units. Load it into a node by',
+        '#   ros2 run PACKAGE NODE --ros-args --params-file calibration.yaml',
+        *(f'# from {_comment(source)}' for source in outcome.sources),
+        '/**:',
+        '  ros__parameters:',
+        '    calibrated:',
+        *(f'      {name}: {_real(value)}  # {_meaning(name, c)}' for name, value in c.parameters.as_dict().items()),
+        '    calibrated_std:',
+        *(f'      {name}: {_real(c.std_of(name))}' for name in NAMES),
+        *_effects(EFFECTS, effects, lambda item: f'{_real(item.value)}  # {_comment(f"{item.unit}, {item.meaning}")}'),
+        *_effects(EFFECTS_STD, effects, lambda item: _real(item.std)),
+        f'    {GROUP}:',
+        *_facts(facts(outcome)),
+    ]
+    return '\n'.join(lines) + '\n'
+
+
+def _facts(values: Mapping[str, Value]) -> list[str]:
+    """The branch of the tree that says what the result is made from and worth; no lists without entries."""
+    lines = []
+    given = {name: value for name, value in values.items() if value != []}
+    for head, names in groupby(given, lambda name: name.rpartition('.')[0]):
+        lines += [f'      {head}:'] if head else []
+        for name in names:
+            indent = '        ' if head else '      '
+            comment = f'  # {FACTS[name].meaning}' if isinstance(given[name], (int, float)) else ''
+            lines.append(f'{indent}{name.rpartition(".")[2]}: {_plain(given[name])}{comment}')
+    return lines
+
+
+def _plain(value: Value) -> str:
+    """Any value of a ROS parameter in YAML."""
+    if isinstance(value, list):
+        return f'[{", ".join(map(_plain, value))}]'
+    if isinstance(value, str):
+        return json.dumps(_comment(value), ensure_ascii=False)
+    return _real(value) if isinstance(value, float) else str(value)
+
+
+def _effects(group: str, items: Sequence[EffectParameter], text: Callable[[EffectParameter], str]) -> list[str]:
+    """The branch of the tree with one number per parameter of an effect; nothing where there is none."""
+    lines = [f'    {group}:'] if items else []
+    for name, same in groupby(sorted(items, key=lambda item: item.path[0]), lambda item: item.path[0]):
+        lines.append(f'      {_key(name)}:')
+        for target, members in groupby(same, lambda item: item.path[1]):
+            lines.append(f'        {_key(target)}:')
+            lines += [f'          {_key(item.path[2])}: {text(item)}' for item in members]
+    return lines
+
+
+def _key(word: str) -> str:
+    """A key that no YAML reader takes for a number or a truth value."""
+    plain = word[:1].isalpha() and word.lower() not in ('y', 'n', 'yes', 'no', 'on', 'off', 'true', 'false', 'null')
+    return word if plain else f'"{word}"'
+
+
+def _meaning(name: str, c: Calibration) -> str:
+    status = {
+        'estimated': '',
+        'fixed': '; held at this value',
+        'confounded': '; these data do not determine it',
+    }
+    return f'{UNITS[name]}, {DESCRIPTIONS[name]}{status[c.status[name]]}'
+
+
+def _comment(text: str) -> str:
+    """On one line, whatever the name of a file may hold."""
+    return ''.join(character if character.isprintable() else '?' for character in text)
+
+
+def _real(value: float) -> str:
+    """A number that every YAML reader takes for a real one: with a point, even before an exponent."""
+    if not math.isfinite(value):
+        return '.nan'
+    text = repr(float(value))
+    if 'e' in text and '.' not in text:
+        return text.replace('e', '.0e')
+    return text

@@ -1,0 +1,133 @@
+"""Writes the files of a result, all or none; an earlier result in the same folder is kept under dated names."""
+
+from __future__ import annotations
+
+import json
+import re
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import NamedTuple
+
+from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.errors import ParameterError, expect
+from scara_kinetostatic.files.atomic import write_texts, writing
+from scara_kinetostatic.report.json_file import json_text, utc
+from scara_kinetostatic.results import document as json_file
+from scara_kinetostatic.results import page, parameter_file, residuals
+
+RESULTS = (parameter_file.NAME, json_file.NAME, page.NAME, residuals.NAME)
+"""The files of a result."""
+_LARGEST_DOCUMENT = 1 << 28
+"""A document beyond this is not searched for its date, bytes."""
+_CREATED = re.compile(r'\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ')
+
+
+class WrittenFiles(NamedTuple):
+    """Where the results are.
+
+    Attributes:
+        folder: that holds them.
+        parameters: the ROS parameter file.
+        document: the JSON.
+        report: the page; it is not there where it was not wanted.
+        residuals: the table of touches.
+        kept: the files of an earlier result under their new names; empty if there was none.
+    """
+
+    folder: Path
+    parameters: Path
+    document: Path
+    report: Path
+    residuals: Path
+    kept: tuple[Path, ...] = ()
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The files of this result, the page last."""
+        page = (self.report,) if self.report.is_file() else ()
+        return (self.parameters, self.document, self.residuals, *page)
+
+    @property
+    def note(self) -> str:
+        """What was kept, one sentence; empty if nothing."""
+        names = [path.name for path in self.kept]
+        return f'the earlier result in {self.folder} is kept as {", ".join(names)}' if names else ''
+
+
+def write_results(outcome: Outcome, folder: str | Path, *, report: bool = True) -> WrittenFiles:
+    """Write `calibration.yaml`, `calibration.json`, `report.html` and `residuals.csv` into a folder.
+
+    All files are written to a hidden folder inside first and then renamed. If anything fails, Ctrl-C included, the
+    folder is as before.
+
+    Args:
+        outcome: the result.
+        folder: made if it is not there; files of an earlier result in it are kept under the date of that result,
+            `calibration_2026-11-21T14-03-22Z.json`.
+        report: whether to draw the page, which takes several times as long as the calibration.
+
+    Raises:
+        OutputError: the folder cannot be written.
+        ParameterError: `outcome` is none, or `folder` no path.
+
+    Example:
+        >>> import scara_kinetostatic as sk
+        >>> cell = sk.load_cell('cell.yaml')
+        >>> files = sk.write_results(sk.diagnose('touches.csv', cell), 'result')
+        >>> files.document.name, files.report.name
+        ('calibration.json', 'report.html')
+    """
+    expect(outcome, Outcome, 'outcome', 'give what diagnose returns')
+    if not isinstance(folder, (str, Path)):
+        raise ParameterError('folder', f'expected a path, got {type(folder).__name__}')
+    folder = Path(folder)
+    contents = {
+        parameter_file.NAME: parameter_file.parameter_text(outcome),
+        json_file.NAME: json_text(json_file.as_document(outcome)),
+        **({page.NAME: page.html_text(outcome)} if report else {}),
+        residuals.NAME: residuals.residual_table(outcome),
+    }
+    with writing(folder):
+        kept = dated_names(folder)
+    write_texts(folder, contents, kept)
+    parameters, document, drawn, table = (folder / name for name in RESULTS)
+    return WrittenFiles(folder, parameters, document, drawn, table, tuple(folder / name for name in kept.values()))
+
+
+def dated_names(folder: Path) -> dict[str, str]:
+    """The names under which the result in a folder is kept, by their present names; empty if there is none.
+
+    Raises:
+        OSError: the folder cannot be read.
+    """
+    present = [folder / name for name in RESULTS if (folder / name).is_file()]
+    if not present:
+        return {}
+    date = _date(folder).replace(':', '-')
+    number, ending = 1, date
+    while any((folder / _dated(path, ending)).exists() for path in present):
+        number += 1
+        ending = f'{date}_{number}'
+    return {path.name: _dated(path, ending) for path in present}
+
+
+def _dated(path: Path, ending: str) -> str:
+    return f'{path.stem}_{ending}{path.suffix}'
+
+
+def _date(folder: Path) -> str:
+    """When the result in a folder was calculated: what its document says, else when its last file was written.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
+    document = folder / json_file.NAME
+    if document.is_file() and document.stat().st_size < _LARGEST_DOCUMENT:
+        try:
+            created = json.loads(document.read_text(encoding='utf-8')).get('created')
+        except (AttributeError, ValueError, RecursionError):
+            created = None
+        if isinstance(created, str) and _CREATED.fullmatch(created):
+            return created
+    times = [(folder / name).stat().st_mtime for name in RESULTS if (folder / name).is_file()]
+    return utc(datetime.fromtimestamp(max(times), timezone.utc))

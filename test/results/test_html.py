@@ -1,0 +1,244 @@
+"""The page: complete, self-contained, and immune to what names hold."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from datetime import datetime, timezone
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import pytest
+
+from scara_kinetostatic.assessment.outcome import Outcome, Recording
+from scara_kinetostatic.model.cell import Identification
+from scara_kinetostatic.results.page import html_text
+
+VOID = {'meta', 'br', 'img', 'hr', 'input', 'link'}
+
+
+class Reader(HTMLParser):
+    """Notes tags, attributes and text, and whether everything that opens closes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.metadata: set[str] = set()
+        self.identifiers: list[str] = []
+        self.attributes: list[tuple[str, str | None]] = []
+        self.text: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.metadata.add(tag)
+        self.attributes += attrs
+        self.identifiers += [value for name, value in attrs if name == 'id' and value]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text.append(data)
+
+
+def parse(page: str) -> Reader:
+    reader = Reader()
+    reader.feed(page)
+    reader.close()
+    assert reader.open == []
+    return reader
+
+
+EXTENDED = ('grown', 'ambiguous', 'unnamed')
+
+
+@pytest.fixture(scope='module')
+def extended_pages(request: pytest.FixtureRequest) -> dict[str, str]:
+    return {which: html_text(request.getfixturevalue(which)) for which in EXTENDED}
+
+
+def words_of(page: str) -> str:
+    return ' '.join(''.join(parse(page).text).split())
+
+
+@pytest.fixture(scope='module')
+def page(nasty: Outcome) -> str:
+    return html_text(nasty)
+
+
+def test_names_come_out_as_text(page: str, nasty: Outcome) -> None:
+    reader = parse(page)
+    assert 'script' not in reader.metadata
+    text = ''.join(reader.text)
+    for disc in nasty.calibration.cell.discs:
+        assert text.count(disc.name) >= 2  # in the pictures' legend and in the tables
+    check_pictures(page)
+
+
+def check_pictures(page: str) -> None:
+    for svg in re.findall(r'<svg.*?</svg>', page, re.DOTALL):
+        ElementTree.fromstring(svg.replace('xlink:href', 'href'))
+
+
+def test_nothing_comes_from_outside(page: str, extended_pages: dict[str, str]) -> None:
+    for each in (page, *extended_pages.values()):
+        check_self_contained(each)
+
+
+def check_self_contained(page: str) -> None:
+    reader = parse(page)
+    assert not {'link', 'img', 'iframe', 'object', 'embed'} & reader.metadata
+    for name, value in reader.attributes:
+        if name in ('src', 'href', 'xlink:href', 'action', 'data'):
+            assert value is not None
+            assert value.startswith('#'), f'{name}={value}'
+    assert not re.search(r'@import|url\((?!#)', page)
+    without_namespaces = re.sub(r'xmlns(:\w+)?="[^"]*"', '', page)
+    assert '//' not in re.sub(r'<!--.*?-->', '', without_namespaces, flags=re.DOTALL)
+
+
+def test_identifiers_are_unique_and_found(page: str, extended_pages: dict[str, str]) -> None:
+    for each in (page, *extended_pages.values()):
+        identifiers = parse(each).identifiers
+        assert len(identifiers) == len(set(identifiers))
+        used = set(re.findall(r'(?:href="|url\()#([\w-]+)', each))
+        assert used <= set(identifiers)
+
+
+def test_everything_is_said(page: str, nasty: Outcome) -> None:
+    text = words_of(page)
+    c = nasty.calibration
+    assert 'The base model explains these touches' in text
+    assert f'{c.force_error:.3g} N in the fit, {c.force_error_nominal:.3g} N with nominal parameters' in text
+    compared = nasty.comparison
+    assert f'{1e3 * compared.nominal_tip:.3g} → {1e3 * compared.extended.tip.held_out:.3g} mm' in text
+    assert '2 of 37 touches were not used' in text
+    assert 'disagrees with the other touches' in text
+    assert nasty.warnings[0] in text
+    assert page.count('<svg') == 5 + 4
+    assert len(re.findall(r'<tr[^>]*><td class="n">', page)) == 2 + len(c.touches)
+    assert 'nan' not in text.lower().split()
+
+
+def test_what_is_not_determined_is_marked(confounded: Outcome) -> None:
+    page = html_text(confounded)
+    text = words_of(page)
+    assert 'The touches do not determine p_ee' in text
+    assert re.search(r'Only the combination g_ee \+ [\d.]+ N · p_ee = .* mm is determined', text)
+    assert page.count('class="confounded') == 2
+    assert page.count('class="fixed') == 1
+
+
+def test_the_same_outcome_gives_the_same_page(page: str, nasty: Outcome) -> None:
+    assert html_text(nasty) == page
+
+
+def test_nothing_missing_is_said_with_what_was_tested(page: str) -> None:
+    text = words_of(page)
+    assert 'The base model explains these touches. No model error detected (p = ' in text
+    assert 'Effects that these touches cannot identify' in text
+    assert 'bending of link 2 is always part of p2' in text
+    assert 'Errors of both models' not in text
+
+
+def test_an_effect_is_shown_with_all_about_it(extended_pages: dict[str, str], grown: Outcome) -> None:
+    page, text = extended_pages['grown'], words_of(extended_pages['grown'])
+    check_pictures(page)
+    assert 'script' not in parse(page).metadata
+    (item,) = grown.diagnosis.found
+    assert f'{item.effect.title} {item.effect.label}' in text
+    compared = grown.comparison
+    for side in (compared.base, compared.extended):
+        cells = (f'{side.force_error:.3g}', f'{side.held_out:.3g}', f'{1e3 * side.tip.fitted:.3g}')
+        assert ''.join(f'<td class="n">{cell}</td>' for cell in cells) in page
+    assert f'{1e3 * item.values[0].value:.4f} ± {1e3 * item.values[0].std:.4f} mm' in text
+    assert page.count('<svg') == 5 + 2 + 4
+    assert re.search(r'<tr class="found"><td>[^<]* of another radius', page)
+    assert re.search(r'<tr class="rejected"><td>', page)
+    (l2,) = (bias for bias in compared.biases if bias.name == 'l2')
+    assert f'{l2.in_std:+.1f}'.replace('-', '−') in text
+    assert 'nan' not in text.lower().split()
+
+
+def test_rivals_stand_side_by_side(extended_pages: dict[str, str]) -> None:
+    page, text = extended_pages['ambiguous'], words_of(extended_pages['ambiguous'])
+    assert 'these data cannot distinguish its possible causes' in text
+    assert 'the twelve parameters are valid whichever is present' in text
+    assert text.count('one of several possible causes') == 2
+    assert 'These touches cannot distinguish: force sensor turned, friction at the contact' in text
+    assert page.count('<tr class="rival">') == 2
+    assert page.count('<tr class="found">') == 0
+
+
+def test_what_has_no_name_is_described(extended_pages: dict[str, str]) -> None:
+    text = words_of(extended_pages['unnamed'])
+    assert 'a fitted curve (joint 1 deviates by an angle, depending on the angle of joint 2)' in text
+    assert 'No effect of the catalogue explains the model error' in text
+    assert 'cos1' not in text, 'coefficients say nothing by themselves'
+
+
+def test_of_a_scatter_it_is_said_that_nothing_predicts_it(rough: Outcome) -> None:
+    page = html_text(rough)
+    assert 'it does not remove it' in words_of(page)
+    assert 'off-normal angle of the force' in page
+
+
+FOLDED = ('limits', 'noise', 'cell', 'residuals', 'touches')
+
+
+def test_what_is_folded_is_open_on_paper(page: str) -> None:
+    """By a hidden checkbox: no style opens <details> on paper in every browser."""
+    assert '<details' not in page
+    on_paper = page.rpartition('@media print {')[2]
+    assert re.search(r'\.folded \{ display: block', on_paper)
+    for name in FOLDED:
+        assert f'<input type="checkbox" id="{name}">' in page
+        assert f'<label for="{name}">' in page
+    assert page.count('<div class="folded">') == page.count('<input type="checkbox"') >= len(FOLDED)
+
+
+def test_the_answer_comes_first_and_the_appendix_last(page: str) -> None:
+    parts = [
+        'class="head"',
+        'class="verdict',
+        'class="facts numbers"',
+        '>Parameters<',
+        '>Uncertainty of the tip<',
+        '>Deviation',
+    ]
+    parts += ['>Diagnosis<', '>Appendix<', 'for="noise"', 'for="touches"']
+    places = [page.index(part) for part in parts]
+    assert places == sorted(places)
+
+
+def test_head_says_what_was_calibrated_by_whom_and_from_what(plain: Outcome) -> None:
+    known = Identification(robot='TS60 <b>', serial_number='0047', operator='Ä. Sato', customer='ACME')
+    cell = replace(plain.calibration.cell, identification=known)
+    start = datetime(2026, 11, 21, 14, 3, 22, tzinfo=timezone.utc)
+    outcome = replace(
+        plain,
+        calibration=replace(plain.calibration, cell=cell),
+        recordings=(Recording('a/monday', '0' * 64, start), Recording('touches.csv', '1' * 64, None)),
+        created=start,
+    )
+    text = words_of(html_text(outcome))
+    assert 'Date 2026-11-21 14:03 UTC Robot TS60 <b>, serial No. 0047 Cell not stated Force sensor not stated' in text
+    assert 'Operator Ä. Sato Customer ACME' in text
+    assert f'a/monday 2026-11-21 14:03 UTC SHA-256 {"0" * 64} touches.csv SHA-256 {"1" * 64}' in text
+
+
+def test_the_tolerance_is_beside_the_uncertainty(plain: Outcome) -> None:
+    worst = plain.tip_uncertainty.worst
+    cell = plain.calibration.cell
+    for factor, words in ((1.2, 'conformity shown'), (0.5, 'conformity excluded')):
+        known = replace(plain.calibration, cell=replace(cell, tolerance=factor * worst))
+        text = words_of(html_text(replace(plain, calibration=known)))
+        assert f'{1e3 * worst:.3g} of {1e3 * factor * worst:.3g} mm' in text
+        assert words in text
+
+
+def test_no_zero_has_a_sign(page: str, extended_pages: dict[str, str]) -> None:
+    for each in (page, *extended_pages.values()):
+        cells = re.findall(r'<td[^>]*>([^<]*)</td>', each)
+        assert not [cell for cell in cells if re.fullmatch(r'[-−+]0(\.0*)?( .*)?', cell)]
