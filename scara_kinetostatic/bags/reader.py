@@ -13,8 +13,6 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from scara_kinetostatic.bags.bag_folder import METADATA
 from scara_kinetostatic.bags.cell_topics import cell_topics
 from scara_kinetostatic.bags.decoding import Decoder, Samples, decode_string
@@ -36,8 +34,8 @@ from scara_kinetostatic.errors import CellError, RecordingError, one_line
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Sensor
-from scara_kinetostatic.touches import arrivals
-from scara_kinetostatic.touches.clock import Judgement, counted, judge_clocks
+from scara_kinetostatic.touches import clock
+from scara_kinetostatic.touches.clock import counted
 from scara_kinetostatic.touches.interleaving import INTERLEAVED, interleaved_seconds
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 from scara_kinetostatic.touches.wrench_frame import FixedTransform, WrenchFrame
@@ -105,16 +103,16 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
         if interleaved_seconds(streams[names[0]].log_time, streams[names[0]].values):
             warnings.append(f'{names[0]}: {INTERLEAVED}')
         warnings += [f'{names[1]}: {said}' for name in contents.frame_ids if (said := frame.complaint(name))]
-        clocked = {topic: arrivals.Samples(*samples[:3]) for topic, samples in streams.items()}
-        judged = judge_clocks(str(path), clocked, warnings)
-        joints, wrench = judged.topics
+        clocked = [clock.Samples(*samples[:3]) for samples in streams.values()]
+        offset = cell.sensor.time_offset
+        (joints, wrench), valid = clock.on_one_clock(str(path), names, clocked, warnings, offset)
         return Streams(
             str(path),
             JointStream(*joints),
             WrenchStream(*wrench),
             warnings=tuple(map(one_line, warnings)),
             topics=names,
-            discarded=tuple(_on_that_clock(item, judged, names[1]) for item in contents.discarded),
+            discarded=tuple(item.received if valid.by_log_time else item.stamp for item in contents.discarded),
             turned=one_line('; '.join(map(frame.description, turns))),
         )
 
@@ -167,17 +165,6 @@ def _read_once(path: str | Path, names: tuple[str, str], cell: Cell, turns: Mapp
                     transforms += decode_transforms(payload, batch.topic.encoding)
     samples = {topic: decoder.samples() for topic, decoder in decoders.items()}
     return _Contents(source, samples, tuple(discarded), tuple(sorted(wrenches.frame_ids)), tuple(transforms))
-
-
-def _on_that_clock(discard: _Discard, judged: Judgement, wrench: str) -> int:
-    """A stamp within the hold of a discarded touch, by the clock that is valid for the recording, ns.
-
-    The collector may have judged the clocks before they stepped.
-    """
-    if judged.by_log_time or discard.received == discard.stamp:
-        return discard.received
-    samples = judged.arrived[wrench]
-    return int(samples.stamp[np.argmin(np.abs(samples.log_time - discard.received))])
 
 
 def _discarded(batch: Batch) -> list[_Discard]:

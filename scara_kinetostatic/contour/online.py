@@ -27,9 +27,8 @@ from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Sensor
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.touches.buffer import StreamPair
+from scara_kinetostatic.touches.online import StreamPair
 from scara_kinetostatic.touches.signals import Signals, as_signals
-from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 from scara_kinetostatic.touches.tare import AFTER_CONTACT
 
 MOST_NODES = 20_000
@@ -54,7 +53,7 @@ _SHORTEST = 0.2
 """Between two jumps of the tip, a shorter slide is not traced, s."""
 _SAID = 30 * SECOND
 """So long a jump of the tip is said, ns."""
-_LATE = 'messages came late at first: nothing is traced until it is sure that the clocks agree, for 15 s at most'
+_LATE = 'the clocks of the topics seem to differ: nothing is traced until that is sure, for 15 s at most'
 _NEVER = -(1 << 62)
 """Before all stamps, ns."""
 
@@ -91,7 +90,8 @@ class OnlineContour:
 
     def restart(self) -> None:
         """Drops samples and zero, as where forces are turned otherwise from here on; the outlines stay."""
-        self._pair = StreamPair(self._topics, _MOST)
+        self._pair = StreamPair(self._topics, _MOST, self._sensor.time_offset)
+        self._clock_problem = ''
         self._until = _NEVER
         self.zero: Floats | None = None
         self.contour: Contour | None = None
@@ -148,7 +148,7 @@ class OnlineContour:
     @property
     def clock_problem(self) -> str:
         """What had to be corrected in the stamps; or empty."""
-        return self._pair.problem
+        return self._pair.problem or self._clock_problem
 
     def tare(self, span: int) -> Floats:
         """Takes the mean force of the last so many ns as zero, (2,), N; nothing must be touched.
@@ -186,17 +186,14 @@ class OnlineContour:
         """The samples that are kept, on one clock; None where there are too few."""
         if any(len(buffer.samples.stamp) < 2 for buffer in self._pair.buffers):
             return None
-        judged = self._pair.judged()
-        if judged is None:
+        streams = self._pair.streams(_SOURCE, now=now)
+        if streams is None:
+            if self._pair.is_refused:
+                self._clock_problem = self._pair.problem
+                self._pair = StreamPair(self._topics, _MOST, self._sensor.time_offset)
+            else:
+                self._problem = _LATE
             return None
-        if not self._pair.is_sure(judged, now):
-            self._problem = '' if judged.on_time else _LATE
-            return None
-        self._until = self._pair.moved(self._until, self._pair.joints, judged)
-        self._happened = self._pair.moved(self._happened, self._pair.joints, judged)
-        self._pair.correct(judged)
-        joints, wrench = judged.topics
-        streams = Streams(_SOURCE, JointStream(*joints), WrenchStream(*wrench), topics=self._topics)
         return as_signals(streams, self.arm.cell)
 
     def _last_contact(self, signals: Signals) -> float:

@@ -1,16 +1,20 @@
-"""One clock for both topics: the header stamps where they are valid, else the recording times.
+"""One clock for both topics: that of the header stamps where they are set, else the times of recording.
 
-Joint angles and forces are matched by their stamps, so both must come from one clock. Where the clocks of the topics
-differ, by the messages that were least late (`arrivals`), the stamps of one topic are shifted. Header stamps are not
-valid where they are zero or constant, where they step back by more than `_LARGEST_STEP_BACK` (a simulation restarted, a
-bag played in a loop), or where the clocks drift apart. The recording times (log times) then replace them in both
-topics, if these are valid, and messages that were received late are dropped. Where both step back, as when the
-computer's clock was set back, the parts between the steps are placed one after another. The same judgement serves
-recordings and the streams of a running cell.
+Joint angles and forces are matched by time, so both must come from one clock. Lag is stamp - recording time: the
+difference of two clocks, less a delay that is never negative. The best lags of both topics, of the messages that were
+least late, so tell the difference of the clocks that stamp them; the recorder's own clock cancels out:
+
+    D = max(lag of the wrench) - max(lag of the joint states).
+
+A constant D is taken from the stamps of the wrench, with a warning. Messages that come late, by seconds even, change
+nothing. What else may be wrong with clocks is refused. `sensor.time_offset` of the cell description states D instead;
+then nothing is compared. The same rule serves recordings and, observed bit by bit, the streams of a running cell.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,259 +22,258 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.touches.arrivals import (
-    LARGEST_OFFSET,
-    LeastLags,
-    Samples,
-    lags_at_pace,
-    least_lags,
-    paused_share,
-    rate,
-    received_late,
-)
+from scara_kinetostatic.model.arrays import Mask
 
-_LARGEST_STEP_BACK = 1_000_000_000
-"""Stamps that step back by more than this are from a clock that was set; by less, from messages out of order, ns."""
-_OUTLIER = 60_000_000_000
-"""A stamp that differs by more than this from the median of its neighbours is an outlier, ns."""
-_LARGEST_OUTLIER_SHARE = 20
-"""Outliers are dropped if they are at most one in so many stamps."""
-_PAUSE = 1_000_000_000
-"""Time inserted between the parts of a recording whose clock was set back, ns: longer than a gap within a touch."""
-_LARGEST_SHARE_PAUSED = 0.1
-"""Recording times are doubtful where nothing is received for a larger part of the time: what follows may be late."""
-_FINE = 10_000_000
-"""A smaller rest of a difference that was taken out stays, ns."""
+Stamps = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class ClockRule:
+    """What counts as one clock.
+
+    Attributes:
+        tolerance: a smaller difference of the clocks or step back stays, ns: holds last longer.
+        stray_share: stamps off those around them are dropped where they are at most this part.
+        interval: the best lags are compared in intervals of this, ns.
+        fewest: intervals in which a drift is looked for.
+        straight: clocks drift where half of the differences lie within this part of their change off a line.
+        fastest: by this factor stamps may be faster or slower than real time where clocks differ.
+        sure: of running streams, a difference is believed after this time, ns: at first messages may be late.
+    """
+
+    tolerance: int = 250_000_000
+    stray_share: float = 0.05
+    interval: int = 1_000_000_000
+    fewest: int = 8
+    straight: float = 0.1
+    fastest: float = 2.0
+    sure: int = 15_000_000_000
+
+
+class Samples(NamedTuple):
+    """The samples of one topic in the order of their arrival.
+
+    Attributes:
+        stamp: header stamps, (n,), ns.
+        log_time: when each was recorded, (n,), ns.
+        values: q1, q2 or fx, fy, (n, 2), rad or N.
+    """
+
+    stamp: Stamps
+    log_time: Stamps
+    values: NDArray[np.float64]
+
+    def select(self, which: slice | Mask) -> Samples:
+        """Some of them."""
+        return Samples(self.stamp[which], self.log_time[which], self.values[which])
 
 
 class Timed(NamedTuple):
     """Samples in the order of their stamps, each stamp once: (n,) ns and (n, 2)."""
 
-    stamp: NDArray[np.int64]
+    stamp: Stamps
     values: NDArray[np.float64]
 
 
-class KnownClocks(NamedTuple):
-    """What is known of the clocks from samples that are kept no longer.
+class Clock(NamedTuple):
+    """The clock that is valid for both topics.
 
     Attributes:
-        by_log_time: whether the stamps are recording times.
-        shifts: what was added to the stamps of each topic, ns.
-        apart: by how much the stamps of the first topic are ahead of those of the second, shifts left out, when both
-            were last received on time, ns; None where that is not known.
+        by_log_time: whether it is that of the recording times.
+        offset: what is added to the stamps of the wrench, ns.
+        warning: what was corrected; or empty.
+        is_sure: whether more samples will not change it.
     """
 
-    by_log_time: bool = False
-    shifts: tuple[int, int] = (0, 0)
-    apart: int | None = None
+    by_log_time: bool
+    offset: int
+    warning: str = ''
+    is_sure: bool = True
 
 
-class Judgement(NamedTuple):
-    """Which clock is valid for both topics.
+class _Topic:
+    """What was observed of one topic."""
 
-    Attributes:
-        topics: the samples of each topic in the order given, on that clock.
-        arrived: the same by topic, in the order of arrival.
-        known: what to hand to the next judgement of these streams.
-        shifts: what was added to the stamps of each topic, ns, beside the shifts known before.
-        joined: whether parts between steps back were placed one after another.
-        at_one_rate: whether stamps and recording times run at the same rate.
-        on_time: whether both topics were on time when their clocks were last compared.
-    """
-
-    topics: list[Timed]
-    arrived: dict[str, Samples]
-    known: KnownClocks
-    shifts: tuple[int, int] = (0, 0)
-    joined: bool = False
-    at_one_rate: bool = True
-    on_time: bool = True
+    def __init__(self, name: str, rule: ClockRule) -> None:
+        self.name, self._rule = name, rule
+        self.first = self.last = (0, 0)
+        self.count = 0
+        self._varies = False
+        self.best: dict[int, int] = {}
+        self.problem = ''
+        self._highest = -(1 << 62)
 
     @property
-    def by_log_time(self) -> bool:
-        """Whether the clock is that of the recording times."""
-        return self.known.by_log_time
+    def is_set(self) -> bool:
+        """Whether the driver stamps its messages."""
+        return self._varies or (self.count < 3 and self.first[0] != 0)
+
+    def observe(self, stamp: Stamps, log_time: Stamps) -> None:
+        """Takes in samples in the order of arrival, without stray ones."""
+        if not len(stamp):
+            return
+        if not self.count:
+            self.first = self.last = (int(stamp[0]), int(log_time[0]))
+        self._varies |= bool((stamp != self.first[0]).any())
+        time = np.maximum.accumulate(np.append(self.last[1], log_time))
+        lag = stamp - log_time
+        self._check_steps(np.diff(np.append(self.last[0], stamp)), np.diff(time), lag)
+        intervals = time[1:] // self._rule.interval
+        first = np.append(0, np.flatnonzero(np.diff(intervals)) + 1)
+        for number, most in zip(intervals[first].tolist(), np.maximum.reduceat(lag, first).tolist(), strict=True):
+            self.best[number] = max(most, self.best.get(number, most))
+        self._highest = max(self._highest, int(lag.max()))
+        self.last = int(stamp[-1]), int(time[-1])
+        self.count += len(stamp)
+
+    def _check_steps(self, steps: Stamps, between: Stamps, lag: Stamps) -> None:
+        """Notes a step of the clock: back, or ahead without a pause and beyond all lags before."""
+        name, tolerance = f'`header.stamp` of {self.name}', self._rule.tolerance
+        back = int(steps.min())
+        if back < -tolerance and not self.problem:
+            self.problem = f'{name} steps back by {-back / 1e9:.3g} s'
+        before = np.maximum.accumulate(np.append(self._highest, lag[:-1]))
+        count = max(self.count + len(lag) - 1, 1)
+        usual_step = (self.last[0] - self.first[0] + int(steps.sum())) / count
+        usual_time = (self.last[1] - self.first[1] + int(between.sum())) / count
+        ahead = (steps - between > tolerance) & (steps > 5.0 * usual_step) & (between < 5.0 * usual_time)
+        ahead &= lag - before > tolerance
+        ahead[0] &= self.count > 0
+        if ahead.any() and not self.problem:
+            self.problem = f'{name} steps ahead by {int(steps[ahead].max()) / 1e9:.3g} s'
 
 
-def judge_clocks(
-    source: str, streams: dict[str, Samples], warnings: list[str], known: KnownClocks | None = None
-) -> Judgement:
-    """Both topics sorted by time on one clock, and which that is.
+class ClockComparison:
+    """Compares the clocks of both topics by what was observed so far.
 
     Args:
         source: the recording, for messages.
-        streams: of both topics, at least one sample each.
+        topics: names of joint states and wrenches.
+        time_offset: of the cell description, s.
+        rule: what counts as one clock.
+    """
+
+    def __init__(
+        self, source: str, topics: Sequence[str], time_offset: float | None = None, rule: ClockRule | None = None
+    ) -> None:
+        self._source, self._stated, self.rule = source, time_offset, rule or ClockRule()
+        self._topics = [_Topic(name, self.rule) for name in topics]
+        self._waited = ''
+
+    def observe(self, joints: Samples, wrench: Samples) -> None:
+        """Takes in samples that came since the last call, in the order of arrival, without stray ones."""
+        for topic, samples in zip(self._topics, (joints, wrench), strict=True):
+            topic.observe(samples.stamp, samples.log_time)
+
+    def check_reception(self, joints: Samples, wrench: Samples) -> None:
+        """Notes where messages without stamps waited before they were received: recording times are then not valid."""
+        if all(topic.is_set for topic in self._topics):
+            return
+        for topic, samples in zip(self._topics, (joints, wrench), strict=True):
+            if not self._waited and (wait := longest_wait(samples.log_time, self.rule.tolerance)):
+                self._waited = f'messages of {topic.name} were received {1e-9 * wait:.2g} s late, in a burst'
+
+    def clock(self, now: int = 0) -> Clock:
+        """The clock that is valid.
+
+        Args:
+            now: on the clock of the reception, ns; 0: when the last was received.
+
+        Raises:
+            RecordingError: it is not sure that any is.
+        """
+        stated = round(1e9 * (self._stated or 0.0))
+        unset = next((topic.name for topic in self._topics if not topic.is_set), '')
+        if unset:
+            return self._by_log_time(f'`header.stamp` of {unset} is zero or constant', stated)
+        steps = next((topic.problem for topic in self._topics if topic.problem), '')
+        if steps and (self._stated is None or 'back' in steps):
+            raise self._refusal(steps, 'record in one run, with stamps from one clock')
+        return Clock(False, stated) if self._stated is not None else self._compared(now)
+
+    def _by_log_time(self, problem: str, offset: int) -> Clock:
+        for topic in self._topics:
+            if topic.count > 2 and topic.first[1] == topic.last[1]:
+                raise self._refusal(f'{problem}, and all were recorded at once', 'let the drivers stamp their messages')
+        if self._waited:
+            raise self._refusal(f'{problem}, and {self._waited}', 'let the drivers stamp their messages')
+        return Clock(True, offset, f'{problem}: the recording times were used instead')
+
+    def _compared(self, now: int) -> Clock:
+        rule, (one, other) = self.rule, self._topics
+        common = sorted(one.best.keys() & other.best.keys())
+        if not common:
+            return Clock(False, 0)
+        lags = np.array([(one.best[number], other.best[number]) for number in common])
+        apart = lags[:, 1] - lags[:, 0]
+        best, usual = int(np.subtract(*lags.max(axis=0)[::-1])), int(np.median(apart))
+        what = f'`header.stamp` of {one.name} and {other.name} comes from clocks that'
+        if drift := self._drift(np.array(common, dtype=float), apart.astype(float)):
+            raise self._refusal(f'{what} drift apart, by {1e-9 * drift:.3g} s')
+        if min(abs(best), abs(usual)) < rule.tolerance:
+            return Clock(False, 0)
+        what += f' differ by {1e-9 * abs(best):.3g} s'
+        for topic in self._topics:
+            stamped, recorded = (last - first for first, last in zip(topic.first, topic.last, strict=True))
+            if not recorded < rule.fastest * stamped < rule.fastest**2 * recorded:
+                raise self._refusal(f'{what}, or messages came late, and time is simulated or a bag was played')
+        if abs(best - usual) >= rule.tolerance:
+            raise self._refusal(f'{what}, or messages of one topic came late')
+        observed = max(now, one.last[1]) - max(one.first[1], other.first[1])
+        return Clock(False, -best, f'{what}: the stamps of {other.name} were shifted', observed > rule.sure)
+
+    def _drift(self, number: NDArray[np.float64], apart: NDArray[np.float64]) -> float:
+        """How far clocks drift apart, ns, whose differences lie on a line; 0 if they do not."""
+        third = len(apart) // 3
+        if len(apart) < self.rule.fewest:
+            return 0.0
+        (begin, low), (end, high) = (
+            (np.median(number[part]), np.median(apart[part])) for part in (slice(third), slice(-third, None))
+        )
+        slope = (high - low) / (end - begin)
+        change = float(abs(slope) * (number[-1] - number[0]))
+        off = float(np.median(np.abs(apart - low - slope * (number - begin))))
+        return change if change > self.rule.tolerance and off < self.rule.straight * change else 0.0
+
+    def _refusal(
+        self, problem: str, remedy: str = 'record again with one clock, or state the difference'
+    ) -> RecordingError:
+        return RecordingError(self._source, problem, f'{remedy} (`sensor.time_offset` states a constant difference)')
+
+
+def on_one_clock(
+    source: str, topics: Sequence[str], samples: Sequence[Samples], warnings: list[str], time_offset: float | None
+) -> tuple[list[Timed], Clock]:
+    """Joint angles and forces of a whole recording sorted by time on one clock, and which that is.
+
+    Args:
+        source: the recording, for messages.
+        topics: names of joint states and wrenches.
+        samples: of both, at least one each.
         warnings: what was corrected is appended here.
-        known: from earlier samples of the same streams; None for a whole recording.
+        time_offset: of the cell description, s; None to compare the clocks.
 
     Raises:
-        RecordingError: neither the header stamps nor the recording times are valid.
+        RecordingError: it is not sure that the samples can be put on one clock.
     """
-    is_whole, known = known is None, known or KnownClocks()
-    streams = {topic: _without_outliers(topic, samples, warnings) for topic, samples in streams.items()}
-    if known.by_log_time:
-        return _as_received(streams, warnings)
-    problem, shifts, on_time = _problem(streams, 'stamp'), (0, 0), True
-    comparable = not (problem or _problem(streams, 'log_time'))
-    if comparable and not _at_one_rate(streams):
-        on_time = known.apart is not None or _paused(streams) < _LARGEST_SHARE_PAUSED
-        warnings += _doubt(streams) if is_whole else []
-    elif comparable:
-        lags, shifted = least_lags(*streams.values()), known.shifts[0] - known.shifts[1]
-        found = lags.difference()
-        known = known._replace(apart=known.apart if found is None else found - shifted)
-        on_time = known.apart is not None
-        apart = lags.guess() - shifted if known.apart is None else known.apart
-        problem = _drift(streams, lags.drift(apart + shifted))
-        shifts = _shifts(lags, apart, known.shifts)
-    if problem:
-        return _without_stamps(source, streams, problem, warnings, known)
-    total = (known.shifts[0] + shifts[0], known.shifts[1] + shifts[1])
-    if any(total):
-        shifted_topics = ' and '.join(topic for topic, shift in zip(streams, total, strict=True) if shift)
-        warnings.append(f'{_differ(streams, total[0] - total[1])}: the stamps of {shifted_topics} were shifted')
-    moved = {
-        topic: samples._replace(stamp=samples.stamp + shift) if shift else samples
-        for (topic, samples), shift in zip(streams.items(), shifts, strict=True)
-    }
-    known = known._replace(shifts=total)
-    return Judgement(_all_in_order(moved, warnings), moved, known, shifts, on_time=on_time)
+    comparison = ClockComparison(source, topics, time_offset)
+    kept = [without_strays(topic, one, warnings) for topic, one in zip(topics, samples, strict=True)]
+    comparison.observe(*kept)
+    comparison.check_reception(*kept)
+    clock = comparison.clock()
+    warnings += [clock.warning] if clock.warning else []
+    return by_clock(topics, kept, clock, warnings), clock
 
 
-def _without_stamps(
-    source: str, streams: dict[str, Samples], problem: str, warnings: list[str], known: KnownClocks
-) -> Judgement:
-    """Both topics by their recording times, or with the parts between steps back in turn."""
-    joined = _parts_in_turn(streams, 'stamp')
-    valid = not _problem(streams, 'log_time')
-    one_rate = _at_one_rate(streams)
-    if valid and (joined is None or one_rate):
-        warnings.append(f'{problem}: the recording times were used instead')
-        judged, paused = _as_received(streams, warnings), _paused(streams)
-        dropped = any(len(judged.arrived[topic].stamp) < len(samples.stamp) for topic, samples in streams.items())
-        if dropped and paused > _LARGEST_SHARE_PAUSED:
-            doubt = f'nothing was received during {100 * paused:.0f} % of the time, and messages came late'
-            warnings.append(f'{doubt}: without valid stamps some forces may belong to other joint angles')
-        return judged._replace(at_one_rate=one_rate)
-    if (joined := joined or _parts_in_turn(streams, 'log_time')) is None:
-        remedy = 'record in one run, with stamps from one clock'
-        raise RecordingError(source, f'{problem}, and the recording times are not valid either', remedy)
-    why = 'the recording times run at another rate' if valid else 'so do the recording times'
-    warnings.append(f'{problem}, {why}: the parts were placed one after another')
-    known = known._replace(apart=None)
-    return Judgement(_all_in_order(joined, warnings), joined, known, joined=True, at_one_rate=one_rate)
+def by_clock(topics: Sequence[str], samples: Sequence[Samples], clock: Clock, warnings: list[str]) -> list[Timed]:
+    """Both topics sorted by time on a clock, the first of equal stamps only."""
+    found = []
+    for topic, (stamp, log_time, values), offset in zip(topics, samples, (0, clock.offset), strict=True):
+        found.append(_in_order(topic, (log_time if clock.by_log_time else stamp) + offset, values, warnings))
+    return found
 
 
-def _as_received(streams: dict[str, Samples], warnings: list[str]) -> Judgement:
-    """Both topics by their recording times, without the messages that were received late."""
-    received = {}
-    for topic, samples in streams.items():
-        late = received_late(samples)
-        if late.any():
-            warnings.append(f'{topic}: {counted(int(late.sum()))} dropped that were received late')
-        stamp, values = samples.log_time[~late], samples.values[~late]
-        received[topic] = Samples(stamp, stamp, values)
-    return Judgement(_all_in_order(received, warnings), received, KnownClocks(by_log_time=True))
-
-
-def _without_outliers(topic: str, samples: Samples, warnings: list[str]) -> Samples:
-    """The samples without the few whose stamp is zero or more than `_OUTLIER` from those around it."""
-    if np.all(np.abs(np.diff(samples.stamp)) < _OUTLIER):
-        return samples
-    around = sliding_window_view(np.pad(samples.stamp, 3, mode='symmetric'), 7)
-    outlier = np.abs(samples.stamp - np.median(around, axis=1)) > _OUTLIER
-    number = int(np.sum(outlier))
-    if number == 0 or number > max(1, len(outlier) // _LARGEST_OUTLIER_SHARE):
-        return samples
-    warnings.append(f'{topic}: {counted(number)} dropped whose stamp is more than 60 s off')
-    return samples._replace(
-        stamp=samples.stamp[~outlier], log_time=samples.log_time[~outlier], values=samples.values[~outlier]
-    )
-
-
-def _problem(streams: dict[str, Samples], use: str) -> str:
-    """Why stamps (`use` is stamp) or recording times (log_time) are not valid; empty if they are."""
-    for topic, samples in streams.items():
-        times: NDArray[np.int64] = getattr(samples, use)
-        if np.all(times == 0):
-            return f'`header.stamp` of {topic} is zero'
-        if len(times) > 2 and np.all(times == times[0]):
-            return f'`header.stamp` of {topic} is constant'
-        step = int(np.min(np.diff(times), initial=0))
-        if step < -_LARGEST_STEP_BACK:
-            return f'`header.stamp` of {topic} steps back by {-step / 1e9:.3g} s'
-    return ''
-
-
-def _drift(streams: dict[str, Samples], away: int) -> str:
-    """Why the stamps of the topics drift apart, by `away` ns; empty if they do not."""
-    topics = ' and '.join(streams)
-    return f'`header.stamp` of {topics} comes from clocks that drift apart, by up to {away / 1e9:.3g} s' if away else ''
-
-
-def _doubt(streams: dict[str, Samples]) -> list[str]:
-    """That clocks seem to differ in what was recorded while it was played fast or slowly; nothing is corrected there.
-
-    What is a short delay in real time is a long one by the stamps.
-    """
-    lags = lags_at_pace(*streams.values())
-    apart = None if lags is None else lags.difference()
-    if lags is None or apart is None or abs(apart) < LARGEST_OFFSET or lags.drift(apart):
-        return []
-    return [
-        f'{_differ(streams, round(apart / lags.pace))}, or one of them was late: they were recorded at another speed, '
-        'and nothing was shifted; forces may belong to other joint angles'
-    ]
-
-
-def _shifts(lags: LeastLags, apart: int, known: tuple[int, int]) -> tuple[int, int]:
-    """What to add to the stamps of each topic, ns, beside what is known: to those farther from reception."""
-    if abs(apart) < LARGEST_OFFSET:
-        return -known[0], -known[1]
-    rest = apart + known[0] - known[1]
-    if abs(rest) < _FINE or not len(lags.lags):
-        return 0, 0
-    first = known[0] != 0 if any(known) else np.subtract(*np.abs(lags.lags.max(axis=0))) > 0
-    return (-rest, 0) if first else (0, rest)
-
-
-def _differ(streams: dict[str, Samples], apart: int) -> str:
-    return f'`header.stamp` of {" and ".join(streams)} comes from clocks that differ by {abs(apart) / 1e9:.3g} s'
-
-
-def _at_one_rate(streams: dict[str, Samples]) -> bool:
-    """Whether stamps and recording times run at the same rate within a factor of 2, unlike in a bag played fast."""
-    return all(0.5 < rate(samples) < 2.0 for samples in streams.values())
-
-
-def _paused(streams: dict[str, Samples]) -> float:
-    """The part of the time in which a topic pauses, by the recording times."""
-    return max(paused_share(samples) for samples in streams.values())
-
-
-def _parts_in_turn(streams: dict[str, Samples], use: str) -> dict[str, Samples] | None:
-    """The samples with the parts between steps back placed one after another; None where the topics step differently.
-
-    All topics are shifted by the same time in each part, so that forces and joint angles stay together.
-    """
-    times = [np.array(getattr(samples, use)) for samples in streams.values()]
-    cuts = [[0, *(np.flatnonzero(np.diff(time) < -_LARGEST_STEP_BACK) + 1).tolist(), len(time)] for time in times]
-    if len({len(cut) for cut in cuts}) != 1 or len(cuts[0]) < 3 or any(np.all(time == 0) for time in times):
-        return None
-    for part in range(1, len(cuts[0]) - 1):
-        end = max(int(time[: cut[part]].max()) for time, cut in zip(times, cuts, strict=True))
-        begin = min(int(time[cut[part] : cut[part + 1]].min()) for time, cut in zip(times, cuts, strict=True))
-        for time, cut in zip(times, cuts, strict=True):
-            time[cut[part] : cut[part + 1]] += end + _PAUSE - begin
-    return {topic: samples._replace(stamp=time) for (topic, samples), time in zip(streams.items(), times, strict=True)}
-
-
-def _all_in_order(streams: dict[str, Samples], warnings: list[str]) -> list[Timed]:
-    return [_in_order(topic, samples.stamp, samples.values, warnings) for topic, samples in streams.items()]
-
-
-def _in_order(topic: str, stamp: NDArray[np.int64], values: NDArray[np.float64], warnings: list[str]) -> Timed:
-    """The samples sorted by stamp, the first of equal stamps only."""
+def _in_order(topic: str, stamp: Stamps, values: NDArray[np.float64], warnings: list[str]) -> Timed:
     backwards = int(np.sum(np.diff(stamp) < 0))
     if backwards:
         warnings.append(f'{topic}: {counted(backwards)} out of order, sorted')
@@ -283,6 +286,50 @@ def _in_order(topic: str, stamp: NDArray[np.int64], values: NDArray[np.float64],
     stamp.flags.writeable = False
     values.flags.writeable = False
     return Timed(stamp, values)
+
+
+def without_strays(topic: str, samples: Samples, warnings: list[str]) -> Samples:
+    """The samples without the few whose stamp is far off those around it, as those of zero."""
+    stray = strays(samples.stamp, ClockRule())
+    if not stray.any():
+        return samples
+    warnings.append(f'{topic}: {counted(int(stray.sum()))} dropped whose stamp is far off those around it')
+    return samples.select(~stray)
+
+
+def strays(stamp: Stamps, rule: ClockRule) -> Mask:
+    """Which stamps are far off the median of the seven around them, (n,); none where they are too many."""
+    steps = np.abs(np.diff(stamp))
+    stray = np.zeros(len(stamp), dtype=bool)
+    if np.all(steps <= rule.tolerance):
+        return stray
+    limit = max(rule.tolerance, 5.0 * float(np.median(steps)))
+    near = np.convolve(np.append(0, steps > limit), np.ones(7), 'full')[3 : 3 + len(stamp)] > 0
+    around = sliding_window_view(np.pad(stamp, 3, mode='symmetric'), 7)[near]
+    stray[near] = np.abs(stamp[near] - np.median(around, axis=1)) > limit
+    return stray if stray.sum() <= max(1, rule.stray_share * len(stray)) else np.zeros_like(stray)
+
+
+def longest_wait(log_time: Stamps, tolerance: int) -> float:
+    """By how much messages were received late, ns, by the recording times alone; 0 where none is seen to be.
+
+    What waited comes after a pause, and then faster than it was sent: in three times the pause, more messages come than
+    were sent meanwhile. The same counts from the first message on, after a pause of `tolerance`.
+    """
+    time = np.maximum.accumulate(log_time)
+    # the rate is that of most seconds: in pauses nothing comes, and bursts are short
+    width = max(1_000_000_000, 20 * int(time[-1] - time[0]) // len(time))
+    counts = np.bincount((time - time[0]) // width)[:-1]
+    some = np.sort(counts[counts > 0])
+    usual = int(some[len(some) // 2]) if len(some) else 0
+    near = counts[np.abs(counts - usual) <= 0.3 * usual]
+    period = width / float(near.mean()) if usual else 0.0
+    pause = np.append(tolerance, np.diff(time))
+    at = np.flatnonzero(pause >= np.append(tolerance, np.full(len(time) - 1, max(tolerance, 5.0 * period))))
+    came = np.searchsorted(time, time[at] + 3 * pause[at], side='right') - at - 1
+    made_up = came * period - 3.0 * pause[at]
+    most = float(made_up.max(initial=0.0))
+    return most if most > tolerance else 0.0
 
 
 def counted(number: int) -> str:

@@ -5,9 +5,8 @@ poll compares only the new forces, smoothed, with the zero of the sensor; once t
 returned, `find_touches` runs on all kept samples, and each contact that has ended is reported once. What the joints
 remember of the load is kept without a limit of time.
 
-Which clock is valid for both topics is judged as for a recording (`clock.judge_clocks`), by the samples kept: the
-header stamps, shifted where the clocks differ, else the times at which the messages were received. Once these had to
-be used, they are used on.
+Which clock is valid for both topics is found as for a recording (`clock`), by all that came so far. Where there is
+none, nothing more is reported: the recording could not be used either.
 """
 
 from __future__ import annotations
@@ -17,9 +16,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.touches.buffer import StreamPair
-from scara_kinetostatic.touches.clock import Judgement
+from scara_kinetostatic.touches.clock import ClockComparison, Samples, by_clock, strays, without_strays
 from scara_kinetostatic.touches.detection import Detection, find_touches, no_touches
 from scara_kinetostatic.touches.load_history import LoadMemory
 from scara_kinetostatic.touches.segmentation import CONTACT_FORCE, END_RATIO
@@ -43,6 +43,180 @@ _ALERT = 0.8
 _NEVER = -(1 << 62)
 
 
+class SampleBuffer:
+    """The latest samples of one topic in the order of arrival.
+
+    They come into lists and go into arrays many at a time: one by one an array takes five times as long.
+
+    Args:
+        most: samples that are kept at most, whatever their stamps.
+
+    Attributes:
+        total: number of samples so far, those that are no longer kept as well.
+        by_log_time: whether times are those of reception, not the header stamps.
+        offset: what is added to them, ns.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._times: list[int] = []
+        self._pairs: list[float] = []
+        self._room = _room(1024)
+        self._first = self._last = self.total = 0
+        self.by_log_time, self.offset = False, 0
+
+    def append(self, stamp: int, log_time: int, value: Sequence[float]) -> None:
+        """One sample with its header stamp and when it was received, ns."""
+        self._times += (stamp, log_time)
+        self._pairs.extend(value)
+        self.total += 1
+        if len(self._times) > self._most:
+            self._store()
+
+    @property
+    def samples(self) -> Samples:
+        """All that are kept, as they came."""
+        if self._times:
+            self._store()
+        return self._room.select(slice(self._first, self._last))
+
+    def last(self, number: int) -> Samples:
+        """At most so many of the latest that are kept."""
+        count = len(self.samples.stamp)
+        return self._room.select(slice(self._last - min(number, count), self._last))
+
+    @property
+    def times(self) -> NDArray[np.int64]:
+        """Of the samples that are kept, by the valid clock, (n,), ns."""
+        samples = self.samples
+        return (samples.log_time if self.by_log_time else samples.stamp) + self.offset
+
+    @property
+    def now(self) -> int:
+        """The latest time, ns; a single stamp that is far off does not count."""
+        stamp, log_time, _ = self.last(7)
+        latest = sorted((log_time if self.by_log_time else stamp).tolist())
+        return int(latest[len(latest) // 2]) + self.offset if latest else 0
+
+    @property
+    def received(self) -> int:
+        """When the latest sample was received, ns; 0 where there is none."""
+        times = self.samples.log_time
+        return int(times[-1]) if len(times) else 0
+
+    def latest(self, span: int) -> Floats:
+        """The values of the last so many ns, at least one, (k, 2)."""
+        values = self.last(2048).values
+        recent = self.times[-2048:] > self.now - span
+        return values[recent] if recent.any() else values[-1:]
+
+    def log_time_of(self, time: int) -> int:
+        """When the sample was received whose time is nearest, ns."""
+        return int(self.samples.log_time[np.argmin(np.abs(self.times - time))])
+
+    def clear(self) -> None:
+        """Drops all samples."""
+        self._store()
+        self._first = self._last
+
+    def drop_before(self, time: int) -> None:
+        """Drops the samples that came before the first one with this time or a later one."""
+        times = self.times
+        if len(times) and times[0] < time:
+            later = times >= time
+            self._first += int(later.argmax()) if later.any() else len(later)
+
+    def _store(self) -> None:
+        """Moves what came into the arrays, and the oldest samples out of them if they are too many."""
+        times = np.array(self._times, dtype=np.int64).reshape(-1, 2)
+        new = Samples(times[:, 0], times[:, 1], np.array(self._pairs, dtype=float).reshape(-1, 2))
+        self._times, self._pairs = [], []
+        count = len(times)
+        if self._last + count > len(self._room.stamp):
+            self._first = max(self._first, self._last + count - self._most)
+            kept = self._room.select(slice(self._first, self._last))
+            size = len(kept.stamp)
+            self._room = _room(max(1024, 2 * (size + count)))
+            for room, values in zip(self._room, kept, strict=True):
+                room[:size] = values
+            self._first, self._last = 0, size
+        for room, values in zip(self._room, new, strict=True):
+            room[self._last : self._last + count] = values
+        self._last += count
+
+
+def _room(size: int) -> Samples:
+    return Samples(np.empty(size, np.int64), np.empty(size, np.int64), np.empty((size, 2)))
+
+
+class StreamPair:
+    """The latest samples of joint angles and forces, and the clock that both have in common.
+
+    Args:
+        topics: their names, for messages.
+        most: samples of a topic that are kept at most.
+        time_offset: of the cell description, s; None to compare the clocks.
+
+    Attributes:
+        joints: joint angles, rad.
+        wrench: forces as the sensor reports them, N.
+        problem: what was corrected in the stamps the last time, or why they cannot be used; or empty.
+        is_refused: whether they cannot be used.
+    """
+
+    def __init__(self, topics: tuple[str, str], most: int, time_offset: float | None = None) -> None:
+        self._topics = topics
+        self.joints, self.wrench = self.buffers = SampleBuffer(most), SampleBuffer(most)
+        self.problem, self.is_refused = '', False
+        self._comparison = ClockComparison('online', topics, time_offset)
+        self._observed = [0, 0]
+
+    def restart(self) -> None:
+        """Drops all samples; what is known of the clocks stays."""
+        self.observe()
+        for buffer in self.buffers:
+            buffer.clear()
+
+    def observe(self) -> None:
+        """Compares the clocks by what came since the last call; to be called before samples are dropped."""
+        fresh = []
+        for place, buffer in enumerate(self.buffers):
+            new = min(buffer.total - self._observed[place], len(buffer.samples.stamp))
+            around = buffer.last(new + 100)
+            sound = ~strays(around.stamp, self._comparison.rule)
+            sound[: len(sound) - new] = False
+            fresh.append(around.select(sound))
+            self._observed[place] = buffer.total
+        self._comparison.observe(*fresh)
+
+    def streams(self, source: str, at_end: bool = False, now: int = 0) -> Streams | None:
+        """What is kept on one clock; None where there is none, or where it is not yet sure.
+
+        Args:
+            source: for messages.
+            at_end: whether nothing more will come.
+            now: on the clock of the reception, ns, where nothing may come for a while; 0: when the last was received.
+        """
+        self.observe()
+        samples = [
+            without_strays(topic, buffer.samples, []) for topic, buffer in zip(self._topics, self.buffers, strict=True)
+        ]
+        self._comparison.check_reception(*samples)
+        try:
+            clock = self._comparison.clock(now)
+        except RecordingError as error:
+            self.problem, self.is_refused = f'{error.problem}: {error.remedy}', True
+            return None
+        self.is_refused = False
+        if not (at_end or clock.is_sure):
+            return None
+        self.problem = clock.warning
+        for buffer, offset in zip(self.buffers, (0, clock.offset), strict=True):
+            buffer.by_log_time, buffer.offset = clock.by_log_time, offset
+        joints, wrench = by_clock(self._topics, samples, clock, [])
+        return Streams(source, JointStream(*joints), WrenchStream(*wrench), topics=self._topics)
+
+
 class OnlineDetector:
     """Finds touches in two streams that are still running.
 
@@ -62,9 +236,10 @@ class OnlineDetector:
         self._topics = topics or cell.sensor.topics
         self._horizon = horizon
         self._found = 0
-        self._pair = StreamPair(self._topics, _MOST)
+        self._pair = StreamPair(self._topics, _MOST, cell.sensor.time_offset)
         self._tare: NDArray[np.float64] | None = None
         self._width = 1
+        self._polled = 0
         self._reported = self._searched = self._searched_stamp = _NEVER
         self._in_contact = False
         self._memory = LoadMemory()
@@ -110,19 +285,21 @@ class OnlineDetector:
 
     def _is_due(self) -> bool:
         """Whether a contact has ended, or `_LONGEST_WAIT` is over."""
-        fresh = self._pair.wrench.fresh(self._width)
-        if not len(fresh):
-            return False
-        if self._searched == _NEVER:
-            first = self._pair.wrench.samples
-            self._searched, self._searched_stamp = int(first.log_time[0]), int(first.stamp[0])
         wrench = self._pair.wrench
+        new, self._polled = wrench.total - self._polled, wrench.total
+        if not new:
+            return False
+        self._pair.observe()
+        fresh = wrench.last(new + self._width).values
+        if self._searched == _NEVER:
+            first = wrench.samples
+            self._searched, self._searched_stamp = int(first.log_time[0]), int(wrench.times[0])
         waited = max(abs(wrench.received - self._searched), abs(wrench.now - self._searched_stamp))
         if self._tare is None:
             return waited > _SHORTEST_WAIT
         smooth = moving_mean(median_of_three(fresh), self._width)
         self._in_contact |= bool(np.any(_deviation(smooth, self._tare) > _ALERT * CONTACT_FORCE))
-        last = self._pair.wrench.latest(4 * _CLEAR // 3).mean(axis=0)
+        last = wrench.latest(4 * _CLEAR // 3).mean(axis=0)
         back = bool(_deviation(last, self._tare) < END_RATIO * CONTACT_FORCE)
         return self._in_contact and (waited > _LONGEST_WAIT or (back and waited > _SHORTEST_WAIT))
 
@@ -131,40 +308,21 @@ class OnlineDetector:
         none = Detection(no_touches())
         if not (len(self._pair.joints.samples.stamp) and len(self._pair.wrench.samples.stamp)):
             return none
-        judged = self._pair.judged()
-        if judged is None or not (open_too or self._pair.is_sure(judged)):
-            self.clock_warning = self._pair.problem if judged is None else self.clock_warning
-            self._note_search()
+        streams = self._pair.streams('online', at_end=open_too)
+        self._searched, self._searched_stamp = self._pair.wrench.received, self._pair.wrench.now
+        self.clock_warning = self._pair.problem
+        if streams is None:
             self._forget()
             return none
-        self._correct(judged)
-        self._note_search()
-        joints, wrench = judged.topics
-        streams = Streams('online', JointStream(*joints), WrenchStream(*wrench), topics=self._topics)
         signals = as_signals(streams, self._cell)
         if signals is None:
             return none
         self._tare = coarse_tare(signals)[-1]
         self._width = 2 * round(0.5 * SMOOTHING / signals.wrench.period) + 1
-        latest = min(int(wrench.stamp[-1]) - _CLEAR, int(joints.stamp[-1]))
+        latest = min(int(streams.wrench.stamp[-1]) - _CLEAR, int(streams.joints.stamp[-1]))
         new = self._new(find_touches(streams, self._cell, self._memory), np.iinfo(np.int64).max if open_too else latest)
         self._forget()
         return new
-
-    def _correct(self, judged: Judgement) -> None:
-        """Puts the kept samples, and those to come, on the clock that was found valid."""
-        wrench = self._pair.wrench
-        if self._reported != _NEVER:
-            self._reported = self._pair.moved(self._reported, wrench, judged)
-        if self._memory.turns:
-            self._memory = self._memory._replace(stamp=self._pair.moved(self._memory.stamp, wrench, judged))
-        self._pair.correct(judged)
-        if self._pair.problem or any(judged.shifts):
-            self.clock_warning = self._pair.problem
-
-    def _note_search(self) -> None:
-        """From here on it is counted how long the next search has waited."""
-        self._searched, self._searched_stamp = self._pair.wrench.received, self._pair.wrench.now
 
     def _new(self, detection: Detection, latest: int) -> Detection:
         """The touches of a detection that have not been reported and whose contact had ended at `latest`, ns."""

@@ -167,7 +167,7 @@ def test_a_light_slide_under_a_noisy_sensor() -> None:
 
 
 def test_messages_that_are_late_until_they_end() -> None:
-    """The clocks cannot be compared on a computer that hesitates; after 15 s what has come is traced all the same."""
+    """The computer hesitates, for both topics alike; stamps of one clock are traced at once."""
     streams, online, rng = slides((0.0, 0.6)), OnlineContour(arm()), np.random.default_rng(0)
     topics = ((streams.joints.stamp, streams.joints.position), (streams.wrench.stamp, streams.wrench.force))
     samples = [
@@ -175,15 +175,11 @@ def test_messages_that_are_late_until_they_end() -> None:
         for number, (stamps, samples) in enumerate(topics)
         for stamp, values in zip(stamps.tolist(), samples.tolist(), strict=True)
     ]
-    begin = now = min(samples)[0]
+    now = min(samples)[0]
     for stamp, number, values in sorted(samples):
         now += round(1e9 * (rng.exponential(2e-3) + (rng.random() < 2e-3) * rng.exponential(1.0)))
         (online.add_wrench if number else online.add_joint_state)(stamp, values, now)
-    assert now < begin + 14 * 10**9
-    assert not online.poll()
-    assert not online.poll(begin + 14 * 10**9)
-    assert 'came late' in online.problem
-    assert online.poll(begin + 16 * 10**9)
+    assert online.poll()
     assert not online.problem
     (joined,) = online.outlines
     assert rms(DISC.normal_error(joined.points)) < 2e-5

@@ -136,7 +136,7 @@ def test_round_trip(nominal, joint_names, disc_name, sensor, noise, gripper_sign
         (changed('l1: 0.33, ', ''), "robot.nominal: the key 'l1' is missing"),
         (changed('theta1: 0.0', 'theta_1: 0.0'), "'theta_1'; did you mean 'theta1'?"),
         (changed('radius: 0.15', 'radius: -0.15'), 'objects[0].radius: expected a number above 0'),
-        (changed('sign: on_object', 'sign: on_object, time_offset: 5.0e+9'), 'sensor.time_offset: expected seconds'),
+        (changed('  sign: on_object', '  time_offset: 5.0e+9\n  sign: on_object'), 'time_offset: expected seconds'),
         (changed('radius: 0.15', 'radius: 0'), 'objects[0].radius: expected a number above 0'),
         (changed('radius: 0.15', 'radius: true'), 'objects[0].radius: expected a number, got True'),
         (changed('radius: 0.15', 'radius: "0.15"'), 'objects[0].radius: expected a number'),

@@ -13,7 +13,7 @@ from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
-from scara_kinetostatic.touches.clock import Samples, judge_clocks
+from scara_kinetostatic.touches.clock import Samples, on_one_clock
 from scara_kinetostatic.touches.detection import find_touches
 from scara_kinetostatic.touches.online import _MOST, OnlineDetector
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
@@ -82,23 +82,6 @@ def test_long_run_keeps_little():
     assert len(detector._pair.wrench._room.stamp) < 3 * len(stamps) + 2048
 
 
-def test_clock_that_starts_again():
-    detector, _ = feed(Scene().touches(3).streams(), CELL)
-    streams = Scene().touches(2).streams()
-    joints = [
-        (int(s) - 10**12, q, detector.add_joint_state)
-        for s, q in zip(streams.joints.stamp, streams.joints.position, strict=True)
-    ]
-    forces = [
-        (int(s) - 10**12, f, detector.add_wrench)
-        for s, f in zip(streams.wrench.stamp, streams.wrench.force, strict=True)
-    ]
-    for stamp, value, add in sorted(joints + forces, key=lambda sample: sample[0]):
-        add(stamp, value)
-    detector.finish()
-    assert detector.found == 5
-
-
 def test_nothing_to_report():
     detector = OnlineDetector(CELL)
     assert detector.poll().found == 0
@@ -130,7 +113,7 @@ def test_clocks_are_judged_live_as_in_a_recording(offsets):
     for stamp, offset, value in zip((streams.joints.stamp, streams.wrench.stamp), offsets, values, strict=True):
         late = np.sort(stamp + rng.integers(0, 1_000_000, len(stamp)))
         topics.append(Samples(stamped(stamp, offset), late, value))
-    joints, wrench = judge_clocks('recorded', dict(zip('jw', topics, strict=True)), []).topics
+    (joints, wrench), _ = on_one_clock('recorded', 'jw', topics, [], None)
     recorded = Streams('recorded', JointStream(*joints), WrenchStream(*wrench))
     offline = find_touches(recorded, CELL)
     detector, found = OnlineDetector(CELL), []
