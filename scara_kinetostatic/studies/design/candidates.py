@@ -16,10 +16,8 @@ What a set of touches has to have so that it checks itself: small leverages, and
 and C the covariance with all touches. With λ its larger eigenvalue, the residual shows at least the part 1 - λ of an
 error of the touch. Without the touch the covariance is C + C Jᵀ (I - H)⁻¹ J C, so that the standard deviation of any
 combination of parameters becomes at most 1/√(1 - λ) times as large. In a set without a leverage above `MOST_LEVERAGE`
-no single touch is so important that its loss makes a standard deviation more than `LOSS_FACTOR` times as large: one
-bound on the leverages stands for both.
-
-**Touches not seen.** One touch lost is not all that the assessment of a calibration asks for: see `held_out`.
+no single touch is so important that its loss makes a standard deviation more than 2.24 times as large: one bound on the
+leverages stands for both.
 
 **Discs.** A disc that was moved or measured wrongly shows in its own touches. Two find its new place, a third one
 checks that.
@@ -27,13 +25,11 @@ checks that.
 Source: Förstner, Zeitschrift für Vermessungswesen 104 (1979) 446: the redundancy number 1 - λ; in adjustment practice
 errors count as well detectable above 0.3, as hardly detectable below 0.1.
 
-How well touches would predict those that a fit has not seen: what the assessment of a calibration asks, predicted.
-
-With B the whitened derivative of a touch's equations by its force, C' the covariance of a fit without the touch and J
-its whitened Jacobian, the error of its predicted force has the covariance B⁻¹ (I + J C' Jᵀ) B⁻ᵀ; in a fit with the
-touch and the covariance C, the residual has B⁻¹ (I - J C Jᵀ) B⁻ᵀ. As in the assessment, a fifth of the touches is left
-out at a time, and the error is compared with that of the fit, or the noise of the force where that is larger. Averaged
-over random divisions of the touches.
+**Touches not seen**, which the assessment of a calibration asks for. With B the whitened derivative of a touch's
+equations by its force, C' the covariance of a fit without the touch and J its whitened Jacobian, the error of its
+predicted force has the covariance B⁻¹ (I + J C' Jᵀ) B⁻ᵀ; in a fit with the touch and the covariance C, the residual has
+B⁻¹ (I - J C Jᵀ) B⁻ᵀ. As in the assessment, a fifth of the touches is left out at a time, and the error is compared with
+that of the fit, or the noise of the force where that is larger. Averaged over random divisions of the touches.
 """
 
 from __future__ import annotations
@@ -57,8 +53,6 @@ LEAST_ARM = 0.02
 """Smallest distance of the line of force from each joint's axis, m; well above usual errors of the nominal geometry."""
 PER_DISC = 36
 """Points around a disc."""
-_SINGLE_THREAD = 200_000
-"""Size of a matrix product up to which OpenBLAS works in one thread, multiplications."""
 PRIOR = np.eye(len(NAMES))
 """Information of the prior of the search, in `SCALES`, (12, 12)."""
 
@@ -91,9 +85,10 @@ class CandidateTouches(NamedTuple):
     def traces(self, packed: Floats) -> Floats:
         """Trace of TᵀT times packed matrices (…, k (k + 1) / 2) at each place, (…, g).
 
-        Computed in pieces small enough for a single BLAS thread: threads cost more than they gain on such products.
+        Computed in pieces small enough for a single BLAS thread (200 000 multiplications in OpenBLAS): threads cost
+        more than they gain on such products.
         """
-        piece = max(1, _SINGLE_THREAD // self.quadric.size)
+        piece = max(1, 200_000 // self.quadric.size)
         if packed.ndim < 2 or len(packed) <= piece:
             return packed @ self.quadric
         return np.concatenate([packed[i : i + piece] @ self.quadric for i in range(0, len(packed), piece)])
@@ -174,8 +169,6 @@ def pack(matrices: Floats, *, twice: bool = False) -> Floats:
 
 MOST_LEVERAGE = 0.8
 """Largest leverage in a set that checks itself: a fifth of any error of a touch shows in its residual."""
-LOSS_FACTOR = float(1 / np.sqrt(1 - MOST_LEVERAGE))
-"""The factor by which the loss of one touch of such a set increases a standard deviation at most: 2.24."""
 TOUCHES_PER_DISC = 3
 """Touches on each disc in a set that checks itself."""
 
@@ -256,30 +249,34 @@ MOST_HELD_OUT = HELD_OUT_CAUTION / 1.15
 is not fit for use; the factor leaves room for the scatter of that error. Source: with twenty touches the simulated
 error is 0.85 times the predicted one, and scatters by a sixth.
 """
-_FOLDS, _DIVISIONS = 5, 20
-_REGULAR = 1e-4
-"""Part of the prior of the search that keeps fits of few touches regular."""
 
 
-def held_out_ratio(robot: Robot, plan: Plan) -> float:
-    """Force error on touches not seen, in that of the fit to all touches of a plan."""
+def held_out_ratio(robot: Robot, plan: Plan, folds: int = 5, divisions: int = 20) -> float:
+    """Force error on touches not seen, in that of the fit to all touches of a plan.
+
+    Args:
+        robot: the robot.
+        plan: the touches.
+        folds: one part of so many is left out at a time.
+        divisions: random divisions of the touches over which the error is averaged.
+    """
     exact, (scales, declared) = exact_plan(robot, plan), declared_rows(robot)
     n, rows = len(plan), exact.point.whitened.jacobian * scales
     by_force = np.linalg.inv(whiten_by(exact.point.linear.by_force, exact.point.whitened.root))
     weight = np.swapaxes(by_force, 1, 2) @ by_force
     information = np.einsum('nik,nil->nkl', rows, rows)
     together = information.sum(axis=0) + declared.T @ declared
-    together[: len(PRIOR), : len(PRIOR)] += _REGULAR * PRIOR
+    together[: len(PRIOR), : len(PRIOR)] += 1e-4 * PRIOR  # keeps fits of few touches regular
 
     def spread(which: NDArray[np.intp], covariance: Floats, sign: int) -> Floats:
         blocks = np.eye(2) + sign * rows[which] @ covariance @ np.swapaxes(rows[which], 1, 2)
         return np.sqrt(np.einsum('nij,nji->n', weight[which], blocks))
 
     fitted = float(spread(np.arange(n), np.linalg.inv(together), -1).mean())
-    random, errors = np.random.default_rng(0), np.empty((_DIVISIONS, n))
-    for k in range(_DIVISIONS):
-        part = random.permutation(n) % _FOLDS
-        for fold in range(_FOLDS):
+    random, errors = np.random.default_rng(0), np.empty((divisions, n))
+    for k in range(divisions):
+        part = random.permutation(n) % folds
+        for fold in range(folds):
             left = np.flatnonzero(part == fold)
             errors[k, left] = spread(left, np.linalg.inv(together - information[left].sum(axis=0)), 1)
     return float(errors.mean()) / max(fitted, robot.noise.force_rms)

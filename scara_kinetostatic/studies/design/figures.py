@@ -15,7 +15,7 @@ from matplotlib.ticker import FixedLocator, NullLocator
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
 from scara_kinetostatic.report.figure import FAINT, INK, LINE, MICRO, PAPER, SERIES, WARN, as_svg, mark, new_figure
-from scara_kinetostatic.studies.design.optimal_design import Design, DesignedSet
+from scara_kinetostatic.studies.design.optimal_design import Design
 from scara_kinetostatic.studies.design.prediction import free_tip, loaded_tip, make_workspace, reach, tip_std
 
 WIDTH, HALF = 920.0, 450.0
@@ -35,7 +35,7 @@ def number_picture(design: Design) -> Markup:
     axes.plot(n, MICRO * c.bound, color=INK, lw=1.0, ls=(0, (1, 2)))
     axes.plot(n, MICRO * c.chosen, 'o-', color=SERIES[0], lw=1.6, ms=5)
     axes.axhline(target, color=WARN, lw=1.0)
-    best = (len(design.recommended.plan), MICRO * design.tip_of(design.recommended).largest)
+    best = (len(design.recommended.plan), MICRO * design.tip_std.largest)
     axes.plot(*best, 'o', ms=11, mfc='none', mec=WARN, mew=1.6)
     axes.annotate('recommended', best, (9, 7), textcoords='offset points', color=WARN)
     axes.set_xscale('log')
@@ -76,7 +76,7 @@ def without_picture(design: Design) -> Markup:
     """Largest standard deviation of the tip without each touch of the recommended set."""
     figure, (axes,) = new_figure(HALF, 300)
     values, plan = MICRO * design.recommended.check.without_each, design.recommended.plan
-    target, base = MICRO * design.requirements.accuracy, MICRO * design.tip_of(design.recommended).largest
+    target, base = MICRO * design.requirements.accuracy, MICRO * design.tip_std.largest
     axes.vlines(np.arange(len(plan)), base, values, color=FAINT, lw=1.2)
     for k, value in enumerate(values):
         look = mark(int(plan.disc[k]))
@@ -96,7 +96,7 @@ def random_picture(design: Design) -> Markup:
     """Histogram of the largest standard deviation of the tip over random sets of the same size."""
     figure, (axes,) = new_figure(HALF, 300)
     values = MICRO * design.recommended.check.random
-    base = MICRO * design.tip_of(design.recommended).largest
+    base = MICRO * design.tip_std.largest
     edges = np.geomspace(0.9 * base, min(float(values.max()), 40 * base) * 1.02, 32)
     axes.hist(np.minimum(values, edges[-1] * 0.999), bins=edges.tolist(), color=FAINT, alpha=0.55)
     axes.axvline(base, color=SERIES[0], lw=2.0)
@@ -146,10 +146,10 @@ def tip_picture(design: Design) -> Markup:
     return as_svg(figure, 'tip', 'standard deviation of the tip over the workspace, both postures')
 
 
-def plan_picture(designed: DesignedSet, design: Design, name: str) -> Markup:
+def plan_picture(design: Design) -> Markup:
     """The chosen touches from above: arrows as long as the forces, filled heads for the left posture."""
     figure, (axes,) = new_figure(HALF, 400)
-    cell, plan = design.robot.cell, designed.plan
+    cell, plan = design.robot.cell, design.recommended.plan
     contact, normal = plan.contact(cell), plan.normal()
     for number, disc in enumerate(cell.discs):
         look = mark(number)
@@ -167,7 +167,7 @@ def plan_picture(designed: DesignedSet, design: Design, name: str) -> Markup:
     axes.plot(*base, 'o', ms=7, mfc=PAPER, mec=INK, mew=1.4)
     axes.annotate('base', base, (9, 4), textcoords='offset points', color=FAINT)
     axes.set(aspect='equal', xlabel='x  [m]', ylabel='y  [m]')
-    return as_svg(figure, name, 'the chosen touches from above')
+    return as_svg(figure, 'recommended', 'the chosen touches from above')
 
 
 def additional_disc_picture(design: Design) -> Markup:

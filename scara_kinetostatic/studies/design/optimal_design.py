@@ -1,17 +1,13 @@
-"""Requirements and result of an optimal design.
+"""Optimal design of a calibration for one cell, the design question of section 5.1.
 
-The accuracy that touches can reach where the cell declares uncertainties.
+`optimal_design` gives the smallest set of touches that reaches an accuracy of the tip and checks itself, with the lower
+bound of their number and checks, the dependence of the accuracy on number, discs, force levels and postures, and the
+best places for discs.
 
-However many touches are made, an error that is an alias of parameters stays as large as it was declared: with one error
-of all radii, say, g_ee is never known better. Other errors, such as those of the places of the discs, could be reduced,
-but only by very many touches. So the standard deviation of the tip soon hardly depends on the number of touches, and
-what is left with the largest number that a design considers is the limit.
-
-Optimal design of a calibration for one cell, the design question of section 5.1.
-
-`optimal_design` gives the smallest set of touches that reaches an accuracy of the tip and checks itself, beside it the
-smallest set at all, the lower bound of their number and checks, the dependence of the accuracy on number, discs, force
-levels and postures, and the best places for discs.
+**Declared uncertainties.** However many touches are made, an error that is an alias of parameters stays as large as it
+was declared: with one error of all radii, say, g_ee is never known better. Other errors, such as those of the places of
+the discs, could be reduced, but only by very many touches. So the standard deviation of the tip soon hardly depends on
+the number of touches, and what is left with the largest number that a design considers is the limit.
 """
 
 from __future__ import annotations
@@ -56,7 +52,6 @@ from scara_kinetostatic.studies.design.search import (
     MOST_TOUCHES,
     FoundSet,
     LowerBound,
-    NumberProgress,
     SetCheck,
     check_set,
     find_lower_bound,
@@ -68,10 +63,8 @@ from scara_kinetostatic.studies.design.sensitivity import (
     Row,
     Tips,
     row_of_discs,
-    study_discs,
-    study_levels,
+    study_factors,
     study_number,
-    study_postures,
 )
 
 _EVERYWHERE = Region()
@@ -124,16 +117,18 @@ class Requirements:
 
 
 class DesignedSet(NamedTuple):
-    """The smallest set of touches found for the required accuracy, with checks or without.
+    """The smallest set of touches found that reaches the required accuracy and checks itself.
+
+    It keeps the accuracy after the loss of any one touch, no leverage is too large, and every disc is touched.
 
     Attributes:
         plan: the touches, in the order in which to make them.
         row: their prediction.
         check: checks of the set.
-        tried: largest standard deviation of the tip of the best smaller sets, by number of touches, m; of those that
-            check themselves that after the worst loss, infinite where a leverage is too large.
+        tried: largest standard deviation of the tip after the worst loss of the best smaller sets, by number of
+            touches, m; infinite where a leverage is too large.
         least: lower bound of the number of touches.
-        value: largest standard deviation of the tip, m; of a set that checks itself that after the worst loss.
+        value: largest standard deviation of the tip after the worst loss, m.
     """
 
     plan: Plan
@@ -164,12 +159,10 @@ class PlacedDiscs(NamedTuple):
     Attributes:
         layout: the discs.
         row: prediction for evenly distributed touches on them.
-        needed: number of touches of the smallest set found there for the accuracy, None if it is out of reach.
     """
 
     layout: Layout
     row: Row | None
-    needed: int | None
 
 
 @dataclass(frozen=True)
@@ -180,9 +173,7 @@ class Design:
         robot: the robot with its cell; with all discs on one plate, in the frame of that plate.
         requirements: of the design.
         workspace: where the tip is evaluated.
-        recommended: the smallest set that reaches the accuracy and checks itself: it keeps the accuracy after the loss
-            of any one touch, no leverage is too large, and every disc is touched.
-        smallest: the smallest set that reaches the accuracy; it may check nothing.
+        recommended: the touches to make.
         curve: accuracy by the number of touches.
         tables: predictions by what is varied: ``levels``, ``postures``, ``discs``, ``radius``.
         placed: new layouts of one disc, two, ….
@@ -199,7 +190,6 @@ class Design:
     requirements: Requirements
     workspace: Workspace
     recommended: DesignedSet
-    smallest: DesignedSet
     curve: Curve
     tables: dict[str, list[Row]]
     placed: tuple[PlacedDiscs, ...]
@@ -210,15 +200,15 @@ class Design:
     least_possible: float = 0.0
     in_base_frame: float | None = None
 
-    def tip_of(self, designed: DesignedSet) -> TipStd:
-        """Standard deviation of the tip of which the accuracy is required, with a set."""
-        return designed.row.loaded if self.requirements.under_load else designed.row.free
+    @property
+    def tip_std(self) -> TipStd:
+        """Standard deviation of the tip of which the accuracy is required, with the recommended set."""
+        row = self.recommended.row
+        return row.loaded if self.requirements.under_load else row.free
 
 
 _ABOVE_LIMIT = 1.1
 """Accuracy over the limit where none is required and the usual one is out of reach; more touches could gain a tenth."""
-_COVERAGE = 2.0
-"""Coverage factor of a tolerance."""
 
 
 def required_tip(robot: Robot, requirements: Requirements) -> Tip:
@@ -242,7 +232,7 @@ def limit(robot: Robot, requirements: Requirements, tip: Tip) -> tuple[float, Pr
 def with_usual_accuracy(robot: Robot, requirements: Requirements) -> Requirements:
     """The requirements with the accuracy that counts where none is required.
 
-    It is the tolerance of the cell in standard deviations if there is one; else `USUAL_ACCURACY`, or somewhat more than
+    It is half the tolerance of the cell (k = 2) if there is one; else `USUAL_ACCURACY`, or somewhat more than
     the declared uncertainties leave where that is out of reach.
 
     Args:
@@ -251,7 +241,7 @@ def with_usual_accuracy(robot: Robot, requirements: Requirements) -> Requirement
     """
     tolerance = robot.cell.tolerance
     if tolerance is not None:
-        return replace(requirements, accuracy=tolerance / _COVERAGE, accuracy_source=AccuracySource.TOLERANCE)
+        return replace(requirements, accuracy=tolerance / 2, accuracy_source=AccuracySource.TOLERANCE)
     robot = robot.on_plate() if robot.common_plate else robot
     lowest, _ = limit(robot, requirements, required_tip(robot, requirements))
     attainable = _ABOVE_LIMIT * lowest
@@ -315,17 +305,6 @@ KINDS = {
 Progress = Callable[[str, float], None]
 """Receives what is being done, and the share of all that is done, 0 to 1."""
 
-_GOLDEN_RATIO = 0.6180339887498949
-"""Step of the low-discrepancy order of the touches."""
-_TIGHTENING = 0.999
-"""Factor by which the target of the search is lowered when a set misses the accuracy on the full workspace."""
-_LAYOUT_EFFORT = 60
-"""Effort for the smallest set of a new layout; see `smallest_set`."""
-_LAYOUT_SEARCHES = 2
-"""Searches for a layout with different seeds; the best result counts."""
-_WITHIN_REACH = 10
-"""For a new layout that misses the accuracy by more than this factor no smallest set is searched for."""
-
 
 class _Task(NamedTuple):
     """What is designed: the robot with its cell, the requirements, and the tip over the full workspace."""
@@ -363,36 +342,31 @@ def optimal_design(robot: Robot, requirements: Requirements | None = None, repor
     candidates = _candidates(robot, requirements)
     bound = find_lower_bound(candidates, requirements.accuracy)
     lowest = check_attainable(robot, requirements, task.tip, bound)
-    smallest, recommended = _both_sets(task, candidates, bound, report)
+    recommended = _recommended(task, candidates, bound, report)
     report('accuracy by the number of touches', 0.6)
-    found = {**smallest.tried, len(smallest.plan): smallest.value}
-    known = [(number, value) for number, value in found.items() if np.isfinite(value)]
-    curve = study_number(robot, task.tip, candidates, bound, known, requirements.seed)
+    curve = study_number(robot, task.tip, candidates, bound, requirements.seed)
     report('force levels, postures, discs', 0.7)
-    tables = _tables(task)
+    tables = study_factors(robot, tips, requirements.levels, requirements.postures, requirements.number)
     placed = tuple(_placed(task, report))
     report('additional disc', 0.95)
+    chosen, every = (
+        np.bincount(plan.disc, minlength=len(robot.cell.discs)).tolist() for plan in (recommended.plan, candidates.plan)
+    )
     return Design(
         robot=robot,
         requirements=requirements,
         workspace=workspace,
         recommended=recommended,
-        smallest=smallest,
         curve=curve,
         tables=tables,
         placed=placed,
         additional_disc=_additional_disc(robot, requirements),
         tip=task.tip,
         plate=in_base.common_plate,
-        discs=_disc_use(robot, candidates, recommended.plan),
+        discs=tuple(DiscUse(disc.name, *used) for disc, *used in zip(robot.cell.discs, chosen, every, strict=True)),
         least_possible=lowest,
         in_base_frame=None if robot is in_base else tip_std(task.tip, predict(in_base, recommended.plan)).largest,
     )
-
-
-def _disc_use(robot: Robot, candidates: CandidateTouches, plan: Plan) -> tuple[DiscUse, ...]:
-    chosen, every = (np.bincount(disc, minlength=len(robot.cell.discs)) for disc in (plan.disc, candidates.plan.disc))
-    return tuple(DiscUse(disc.name, int(chosen[k]), int(every[k])) for k, disc in enumerate(robot.cell.discs))
 
 
 def _candidates(robot: Robot, requirements: Requirements) -> CandidateTouches:
@@ -405,71 +379,49 @@ def _candidates(robot: Robot, requirements: Requirements) -> CandidateTouches:
     return prepare_candidates(robot, plan, tip)
 
 
-def _both_sets(
-    task: _Task, candidates: CandidateTouches, bound: LowerBound, report: Progress
-) -> tuple[DesignedSet, DesignedSet]:
-    """The smallest set, and the smallest that checks itself."""
-    first = _designed_set(task, candidates, bound, report=lambda n: report(f'sets of {n} touches', 0.05))
-    second = _designed_set(
-        task, candidates, bound, checked=True, least=len(first.plan) + 1,
-        report=lambda n: report(f'sets of {n} touches that check themselves', 0.3),
-    )  # fmt: skip
-    return first, second
-
-
-def _designed_set(
-    task: _Task,
-    candidates: CandidateTouches,
-    bound: LowerBound,
-    *,
-    checked: bool = False,
-    least: int = 0,
-    effort: int | None = None,
-    report: NumberProgress | None = None,
-) -> DesignedSet:
-    """The smallest set found that reaches the accuracy on the full workspace, with its checks."""
+def _recommended(task: _Task, candidates: CandidateTouches, bound: LowerBound, report: Progress) -> DesignedSet:
+    """The smallest set found that checks itself and keeps the accuracy on the full workspace, with its checks."""
     robot, requirements, tip = task.robot, task.requirements, task.tip
     every = predict(robot, candidates.plan)
     _check_determined(tip_std(tip, every).largest, robot, requirements)
-    target, evaluated = requirements.accuracy, dict[int, float]()
+    target, least, evaluated = requirements.accuracy, 0, dict[int, float]()
     while True:
         found = smallest_set(
-            candidates, bound, target, checked=checked, least=least, seed=requirements.seed, effort=effort,
-            report=report,
+            candidates, bound, target, least=least, seed=requirements.seed,
+            report=lambda number: report(f'sets of {number} touches', 0.1),
         )  # fmt: skip
         evaluated = {**found.tried, **evaluated}  # values on the full workspace replace those of the search
         chosen = _mixed_order(found, candidates)
         plan = candidates.plan.select(np.array(chosen))
-        reached = _reached(robot, plan, tip, checked, every.rank)
+        reached = _after_a_loss(robot, plan, tip, every.rank)
         if reached <= requirements.accuracy:
             break
         # the full workspace has more places than the search; a set may have a lower rank than all candidates
         evaluated[len(chosen)] = min(reached, evaluated.get(len(chosen), np.inf))
         if np.isfinite(reached):
-            target, least = min(_TIGHTENING, _TIGHTENING * requirements.accuracy / reached) * target, len(chosen)
+            target, least = min(0.999, 0.999 * requirements.accuracy / reached) * target, len(chosen)
         else:
             least = len(chosen) + 1
     return DesignedSet(
         plan=plan,
-        row=task.tips.row('recommended set' if checked else 'smallest set', robot, plan),
+        row=task.tips.row('recommended set', robot, plan),
         check=check_set(robot, candidates, chosen, plan, tip, requirements.seed),
         tried={number: value for number, value in evaluated.items() if number < len(plan)},
-        least=max(FEWEST_TOUCHES, bound.number(requirements.accuracy)) + checked,
+        least=max(FEWEST_TOUCHES, bound.number(requirements.accuracy)) + 1,
         value=reached,
     )
 
 
-def _reached(robot: Robot, plan: Plan, tip: Tip, checked: bool, rank: int) -> float:
-    """Largest standard deviation of the tip over the full workspace; with checks after the worst loss, m.
+def _after_a_loss(robot: Robot, plan: Plan, tip: Tip, rank: int) -> float:
+    """Largest standard deviation of the tip over the full workspace after the worst loss, m.
 
     Infinite where the rank is too low, and of a set that does not check itself.
     """
     prediction = predict(robot, plan)
-    if prediction.rank < rank:
+    too_low = prediction.rank < rank or prediction.leverage.max() > MOST_LEVERAGE
+    if too_low or held_out_ratio(robot, plan) > MOST_HELD_OUT:
         return float('inf')
-    if checked and (prediction.leverage.max() > MOST_LEVERAGE or held_out_ratio(robot, plan) > MOST_HELD_OUT):
-        return float('inf')
-    return float(without_each(robot, plan, tip).max()) if checked else tip_std(tip, prediction).largest
+    return float(without_each(robot, plan, tip).max())
 
 
 def _check_determined(largest: float, robot: Robot, requirements: Requirements) -> None:
@@ -487,65 +439,29 @@ def _mixed_order(found: FoundSet, candidates: CandidateTouches) -> list[int]:
     plan = candidates.plan
     chosen = np.array(found.chosen)
     around = chosen[np.lexsort((plan.posture[chosen], plan.angle[chosen], plan.disc[chosen]))]
-    return around[np.argsort(np.arange(len(around)) * _GOLDEN_RATIO % 1.0, kind='stable')].tolist()
+    golden_ratio = 0.6180339887498949  # steps of a low-discrepancy order
+    return around[np.argsort(np.arange(len(around)) * golden_ratio % 1.0, kind='stable')].tolist()
 
 
-def _tables(task: _Task) -> dict[str, list[Row]]:
-    """The tables of predictions, by what is varied."""
-    robot, requirements, tips = task
-    levels, postures, number = requirements.levels, requirements.postures, requirements.number
-    discs, radius = study_discs(robot, tips, levels, postures, number)
-    return {
-        'discs': discs,
-        'radius': radius,
-        'levels': study_levels(robot, tips, levels, postures, number),
-        'postures': study_postures(robot, tips, levels, number),
-    }
-
-
-def _placed(task: _Task, report: Progress) -> list[PlacedDiscs]:
-    """New layouts of one disc, two, …; a number of discs without a feasible layout is left out."""
-    robot, requirements, _ = task
-    found = []
-    tip = free_tip(robot, make_workspace(robot, requirements.region, 3, 24))
-    pattern = TouchPattern(requirements.levels, requirements.postures)
-    for count in range(1, requirements.most_discs + 1):
-        part = 0.75 + 0.2 * (count - 1) / requirements.most_discs
-        report(f'places for {count} {"disc" if count == 1 else "discs"}', part)
+def _placed(task: _Task, report: Progress, searches: int = 2) -> list[PlacedDiscs]:
+    """New layouts of one disc, two, …, the best of some searches; a number without a feasible layout is left out."""
+    (robot, q, tips), found = task, []
+    tip = free_tip(robot, make_workspace(robot, q.region, 3, 24))
+    pattern = TouchPattern(q.levels, q.postures)
+    for number in range(1, q.most_discs + 1):
+        report(f'places for {number} {"disc" if number == 1 else "discs"}', 0.75 + 0.2 * (number - 1) / q.most_discs)
         layouts = [
             place_discs(
-                robot, count, _radius_limits(requirements, robot), tip, pattern=pattern, number=requirements.number,
-                region=requirements.region, seed=requirements.seed + k,
+                robot, number, _radius_limits(q, robot), tip, pattern=pattern, number=q.number, region=q.region,
+                seed=q.seed + k,
             )
-            for k in range(_LAYOUT_SEARCHES)
+            for k in range(searches)
         ]  # fmt: skip
-        feasible = [layout for layout in layouts if layout]
-        if feasible:
-            found.append(_with_smallest_set(task, min(feasible, key=lambda layout: layout.largest)))
+        if feasible := [layout for layout in layouts if layout]:
+            layout = min(feasible, key=lambda layout: layout.largest)
+            row = row_of_discs(robot, tips, f'{number} placed', layout.discs, q.levels, q.postures, q.number)
+            found.append(PlacedDiscs(layout, row))
     return found
-
-
-def _with_smallest_set(task: _Task, layout: Layout) -> PlacedDiscs:
-    """A new layout with the prediction for it and the number of touches that it needs."""
-    robot, requirements, tips = task
-    label = f'{len(layout.discs)} placed'
-    row = row_of_discs(
-        robot, tips, label, layout.discs, requirements.levels, requirements.postures, requirements.number
-    )
-    if row is None or row.free.largest > _WITHIN_REACH * requirements.accuracy:
-        return PlacedDiscs(layout, row, None)
-    other = replace(robot, cell=replace(robot.cell, discs=layout.discs))
-    candidates = _candidates(other, requirements)
-    try:
-        designed = _designed_set(
-            task._replace(robot=other),
-            candidates,
-            find_lower_bound(candidates, requirements.accuracy),
-            effort=_LAYOUT_EFFORT,
-        )
-    except UnsupportedDataError:
-        return PlacedDiscs(layout, row, None)
-    return PlacedDiscs(layout, row, len(designed.plan))
 
 
 def _radius_limits(requirements: Requirements, robot: Robot) -> tuple[float, float]:

@@ -14,14 +14,12 @@ from typing import Any
 import numpy as np
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.model.cell import Cell, Disc
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.report.figure import COLOURS, mark, style
 from scara_kinetostatic.report.json_file import json_text
 from scara_kinetostatic.report.page import page_template
 from scara_kinetostatic.report.quantities import SCALES, count
 from scara_kinetostatic.report.table import NOT_DETERMINED, Table
-from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
 from scara_kinetostatic.studies.design import figures
 from scara_kinetostatic.studies.design.candidates import MOST_LEVERAGE, TOUCHES_PER_DISC
@@ -29,112 +27,123 @@ from scara_kinetostatic.studies.design.optimal_design import (
     USUAL_ACCURACY,
     AccuracySource,
     Design,
-    DesignedSet,
-    PlacedDiscs,
     contributions,
 )
-from scara_kinetostatic.studies.design.prediction import TipStd
 from scara_kinetostatic.studies.design.search import COMPLIANCE_FACTOR, MOST_TOUCHES, NOISE_FACTOR
 from scara_kinetostatic.studies.design.sensitivity import BAND, Row
 
-SCHEMA = 'scara_kinetostatic/design/1'
-
 
 def design_document(design: Design) -> dict[str, Any]:
-    """Plain JSON values."""
+    """`design.json`: SI units; None where a quantity is not determined."""
     q, robot, curve, additional = design.requirements, design.robot, design.curve, design.additional_disc
-    place = design.additional_disc.best
-    return {
-        'schema': SCHEMA,
+    place = additional.best
+    document = {
+        'schema': 'scara_kinetostatic/design/1',
         'requirements': {
             'accuracy': q.accuracy,
             'accuracy_source': q.accuracy_source.value,
             'of': 'loaded tip' if q.under_load else 'free tip',
-            'levels': list(q.levels),
+            'levels': q.levels,
             'postures': [POSTURE_NAMES[posture] for posture in q.postures],
             'load': q.load,
-            'region': [_number(value) for value in q.region],
+            'region': q.region,
             'touches_compared': q.number,
             'seed': q.seed,
         },
         'robot': {
             'parameters': robot.parameters.as_dict(),
             'noise': robot.noise.as_dict(),
-            'noise_assumed': list(robot.assumed),
+            'noise_assumed': robot.assumed,
         },
         'declared_uncertainties': _declared(design),
-        'recommended': {
-            **_designed_set(design.recommended, design),
-            'most_leverage': MOST_LEVERAGE,
-            'touches_on_discs': {use.name: use.touches for use in design.discs},
-        },
-        'smallest': _designed_set(design.smallest, design),
+        'recommended': _recommended(design),
         'by_number': {
-            'touches': curve.number.tolist(),
-            'chosen': _numbers(curve.chosen),
-            'evenly_distributed': _numbers(curve.even),
-            'random': {f'{100 * share:g} %': _numbers(curve.random[:, k]) for k, share in enumerate(BAND)},
-            'lower_bound': _numbers(curve.bound),
+            'touches': curve.number,
+            'chosen': curve.chosen,
+            'evenly_distributed': curve.even,
+            'random': {f'{100 * share:g} %': curve.random[:, k] for k, share in enumerate(BAND)},
+            'lower_bound': curve.bound,
         },
         'tables': {name: [_row(row) for row in rows] for name, rows in design.tables.items()},
-        'placed': [_placed(placed) for placed in design.placed],
+        'placed': [
+            {
+                'discs': [
+                    {'name': disc.name, 'center': (disc.x, disc.y), 'radius': disc.radius} for disc in layout.discs
+                ],
+                'prediction': None if row is None else _row(row),
+            }
+            for layout, row in design.placed
+        ],
         'additional_disc': {
             'radius': additional.radius,
-            'touches': list(additional.touches),
-            'without': _number(additional.without),
-            'best': None if place is None else {'center': list(place[:2]), 'tip': place[2]},
+            'touches': additional.touches,
+            'without': additional.without,
+            'best': None if place is None else {'center': place[:2], 'tip': place[2]},
         },
     }
+    return dict(_plain(document))
+
+
+def _plain(value: Any) -> Any:
+    """Arrays and tuples as lists, numbers that are not finite as None."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _declared(design: Design) -> dict[str, Any] | None:
     """What the cell declares as uncertain, and what it leaves however many touches are made; None without any."""
-    declared = design.robot.declared
+    declared, plate = design.robot.declared, design.plate
     if declared is None and design.in_base_frame is None:
         return None
     sources = () if declared is None else declared.prior.sources
-    plate = design.plate
     return {
         'sources': [{'source': source.label, 'declared': source.std, 'unit': source.unit} for source in sources],
         'least_possible': design.least_possible,
         'frame': 'base' if plate is None else f'plate {plate.name}',
-        'tip_in_base_frame': None if design.in_base_frame is None else _number(design.in_base_frame),
+        'tip_in_base_frame': design.in_base_frame,
     }
 
 
-def _designed_set(designed: DesignedSet, design: Design) -> dict[str, Any]:
-    check, prediction = designed.check, designed.row.prediction
+def _recommended(design: Design) -> dict[str, Any]:
+    """The recommended set with its checks."""
+    designed, discs = design.recommended, design.robot.cell.discs
+    check, prediction, plan = designed.check, designed.row.prediction, designed.plan
+    touches = zip(plan.disc, np.degrees(plan.angle), plan.posture, plan.force, strict=True)
     return {
         **_row(designed.row),
         'value': designed.value,
         'lower_bound': designed.least,
-        'smaller_sets': {str(number): _number(value) for number, value in sorted(designed.tried.items())},
+        'smaller_sets': {str(number): value for number, value in sorted(designed.tried.items())},
         'largest_leverage': float(prediction.leverage.max()),
-        'leverage': _numbers(prediction.leverage),
-        'without_each_touch': _numbers(check.without_each),
-        'held_out_ratio': _number(check.held_out),
-        'std_growth_by_loss': _numbers(check.growth),
-        'random_sets': {'number': len(check.random), 'best': _number(check.random[0]),
-                        'median': _number(float(np.median(check.random)))},
-        'more_compliant': {'factor': COMPLIANCE_FACTOR, 'largest': _number(check.more_compliant)},
-        'more_noise': {'factor': NOISE_FACTOR, 'joint': _number(check.more_joint_noise),
-                       'force': _number(check.more_force_noise)},
-        'contributions': {kind: _number(value) for kind, value in contributions(prediction, design.tip).items()},
-        'plan': _plan(designed.plan, design.robot.cell),
-    }  # fmt: skip
-
-
-def _plan(plan: Plan, cell: Cell) -> list[dict[str, Any]]:
-    rows = zip(plan.disc, np.degrees(plan.angle), plan.posture, plan.force, strict=True)
-    return [
-        {
-            'disc': cell.discs[d].name,
-            'angle_deg': round(float(a), 9),
-            'posture': POSTURE_NAMES[int(s)],
-            'force': float(f),
-        }
-        for d, a, s, f in rows
-    ]
+        'leverage': prediction.leverage,
+        'without_each_touch': check.without_each,
+        'held_out_ratio': check.held_out,
+        'std_growth_by_loss': check.growth,
+        'random_sets': {
+            'number': len(check.random),
+            'best': float(check.random[0]),
+            'median': float(np.median(check.random)),
+        },
+        'more_compliant': {'factor': COMPLIANCE_FACTOR, 'largest': check.more_compliant},
+        'more_noise': {'factor': NOISE_FACTOR, 'joint': check.more_joint_noise, 'force': check.more_force_noise},
+        'contributions': contributions(prediction, design.tip),
+        'plan': [
+            {
+                'disc': discs[disc].name,
+                'angle_deg': round(float(angle), 9),
+                'posture': POSTURE_NAMES[int(posture)],
+                'force': float(force),
+            }
+            for disc, angle, posture, force in touches
+        ],
+        'most_leverage': MOST_LEVERAGE,
+        'touches_on_discs': {use.name: use.touches for use in design.discs},
+    }
 
 
 def _row(row: Row) -> dict[str, Any]:
@@ -143,48 +152,13 @@ def _row(row: Row) -> dict[str, Any]:
         'label': row.label,
         'touches': p.touches,
         'rank': p.rank,
-        'confounded': [list(group) for group in p.confounded],
-        'condition': _number(p.condition),
-        'observability': {name.upper(): _number(value) for name, value in p.indices._asdict().items()},
-        'tip_free': _tip(row.free),
-        'tip_loaded': _tip(row.loaded),
-        'std': {name: _number(value) for name, value in zip(NAMES, p.std, strict=True)},
+        'confounded': p.confounded,
+        'condition': p.condition,
+        'observability': {name.upper(): value for name, value in p.indices._asdict().items()},
+        'tip_free': {'largest': row.free.largest, 'rms': row.free.rms},
+        'tip_loaded': {'largest': row.loaded.largest, 'rms': row.loaded.rms},
+        'std': dict(zip(NAMES, p.std.tolist(), strict=True)),
     }
-
-
-def _tip(tip: TipStd) -> dict[str, float | None]:
-    return {'largest': _number(tip.largest), 'rms': _number(tip.rms)}
-
-
-def _placed(placed: PlacedDiscs) -> dict[str, Any]:
-    return {
-        'discs': [_disc(disc) for disc in placed.layout.discs],
-        'prediction': None if placed.row is None else _row(placed.row),
-        'touches_needed': placed.needed,
-    }
-
-
-def _disc(disc: Disc) -> dict[str, Any]:
-    return {'name': disc.name, 'center': [disc.x, disc.y], 'radius': disc.radius}
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _numbers(values: Any) -> list[float | None]:
-    return [_number(value) for value in values]
-
-
-_TITLES = {
-    'levels': 'Force levels',
-    'postures': 'Postures of the elbow',
-    'discs': 'Discs touched',
-    'radius': 'Radius of the discs',
-    'placed': 'New layouts of discs',
-}
-_NAMED_PART = 0.05
-"""Smallest contribution that is named, in largest ones."""
 
 
 def _micrometres(value: float, digits: int = 3) -> str:
@@ -241,7 +215,7 @@ def condition_sentences(design: Design) -> list[str]:
     if design.robot.declared is not None:
         parts = contributions(design.recommended.row.prediction, design.tip)
         largest = sorted(parts.items(), key=lambda item: -item[1])
-        said = ', '.join(f'{kind} {um(value)} µm' for kind, value in largest if value >= _NAMED_PART * largest[0][1])
+        said = ', '.join(f'{kind} {um(value)} µm' for kind, value in largest if value >= 0.05 * largest[0][1])
         sentences += [
             f'Declared uncertainties count: {MOST_TOUCHES} touches, evenly distributed, would leave '
             f'{um(design.least_possible)} µm.',
@@ -275,15 +249,12 @@ def _unused(design: Design) -> list[str]:
     return sentences
 
 
-def set_sentences(designed: DesignedSet, design: Design) -> list[str]:
-    """Accuracy and checks of a set, one sentence each."""
-    return _recommended(designed, design) if designed is design.recommended else _smallest(designed, design)
-
-
-def _recommended(designed: DesignedSet, design: Design) -> list[str]:
-    n, check, um = len(designed.plan), designed.check, _micrometres
+def set_sentences(design: Design) -> list[str]:
+    """Accuracy and checks of the recommended set, one sentence each."""
+    designed, um = design.recommended, _micrometres
+    n, check = len(designed.plan), designed.check
     sentences = [
-        f'{n} touches give {um(design.tip_of(designed).largest)} µm at the worst place of the workspace, and '
+        f'{n} touches give {um(design.tip_std.largest)} µm at the worst place of the workspace, and '
         f'{um(designed.value)} µm after the loss of any one touch. Lower bound for any set that survives a loss: '
         f'{designed.least}.'
     ]
@@ -293,7 +264,8 @@ def _recommended(designed: DesignedSet, design: Design) -> list[str]:
         if not math.isfinite(designed.tried[fewer]):
             reached = 'does not check itself'
         sentences.append(f'The best set of {fewer} touches found {reached}.')
-    sentences += [
+    return [
+        *sentences,
         f'Every touch is checked by the others: largest leverage {100 * designed.row.prediction.leverage.max():.0f} %. '
         f'The loss of one makes the standard deviation of no parameter more than {check.growth.max():.2g} times as '
         f'large. Touches that a fit has not seen are predicted with {check.held_out:.2g} times its force error.',
@@ -301,31 +273,6 @@ def _recommended(designed: DesignedSet, design: Design) -> list[str]:
         f'{um(float(np.median(check.random)))} µm in the median.',
         f'With compliances 1.5 times as large: {um(check.more_compliant)} µm.',
     ]
-    return sentences
-
-
-def _smallest(designed: DesignedSet, design: Design) -> list[str]:
-    n, check, um = len(designed.plan), designed.check, _micrometres
-    sentences = [
-        f'{n} touches give {um(designed.value)} µm as long as none fails. Lower bound for any set: {designed.least}.'
-    ]
-    if designed.tried:
-        fewer = max(designed.tried)
-        reached = f'gives {um(designed.tried[fewer])} µm'
-        if not math.isfinite(designed.tried[fewer]):
-            reached = 'does not determine all parameters'
-        sentences.append(f'The best set of {fewer} touches found {reached}.')
-    sentences.append(
-        f'Without the touch that matters most: {um(float(check.without_each.max()))} µm; without the one that matters '
-        f'least: {um(float(check.without_each.min()))} µm.'
-    )
-    leverage = designed.row.prediction.leverage
-    high = np.flatnonzero(leverage > MOST_LEVERAGE)
-    unchecked = f'Largest leverage of a touch: {100 * leverage.max():.0f} %.'
-    if len(high):
-        listed = ' '.join(str(k) for k in high)
-        unchecked += f' The others do not check touches {listed}: an error in one of them would hardly be detected.'
-    return [*sentences, unchecked]
 
 
 def disc_sentences(design: Design) -> list[str]:
@@ -340,8 +287,7 @@ def disc_sentences(design: Design) -> list[str]:
         if not math.isfinite(placed.row.free.largest):
             alone = ': touches of one disc do not determine the rotation about its centre' if number == 1 else ''
             reached = f'the tip is not determined{alone}'
-        needed = f'; the smallest set at all has {placed.needed} touches' if placed.needed else ''
-        sentences.append(f'{count(number, "disc")}: {places}: {reached}{needed}.')
+        sentences.append(f'{count(number, "disc")}: {places}: {reached}.')
     place, additional = design.additional_disc.best, design.additional_disc
     if place is not None:
         sentences.append(
@@ -352,26 +298,10 @@ def disc_sentences(design: Design) -> list[str]:
     return sentences
 
 
-def _prediction_table(title: str, rows: list[Row]) -> Table:
-    """One row per prediction: rank, condition, observability indices, tip."""
-    heading = (title, 'rank', 'condition', 'O1', 'O2', 'O3', 'O4', 'O5', 'tip', 'rms', 'loaded', 'rms')
-    units = ('', '', '', '', '', '', '', '', 'µm', 'µm', 'µm', 'µm')
-    return Table(heading, units, tuple(_cells(row) for row in rows))
-
-
-def _cells(row: Row) -> tuple[str, ...]:
-    p = row.prediction
-    tips = (row.free.largest, row.free.rms, row.loaded.largest, row.loaded.rms)
-    indices = tuple(f'{value:.3g}' for value in p.indices)
-    return (row.label, str(p.rank), f'{p.condition:.3g}', *indices, *(_micrometres(value) for value in tips))
-
-
 def parameter_table(design: Design) -> Table:
-    """Predicted standard deviations of the twelve parameters: both sets, and touches evenly distributed."""
-    n = design.requirements.number
-    every = design.tables['levels'][-1]
-    rows = [design.recommended.row, design.smallest.row, every]
-    heading = ('standard deviation', 'unit', 'recommended', 'smallest set', f'{n} evenly distributed')
+    """Predicted standard deviations of the twelve parameters: the recommended set, and touches evenly distributed."""
+    rows = [design.recommended.row, design.tables['levels'][-1]]
+    heading = ('standard deviation', 'unit', 'recommended', f'{design.requirements.number} evenly distributed')
     body = []
     for k, name in enumerate(NAMES):
         unit, per_si = SCALES[name]
@@ -379,11 +309,12 @@ def parameter_table(design: Design) -> Table:
             unit, per_si = {'mm': 'µm', 'mrad': 'µrad'}[unit], 1e3 * per_si
         values = (row.prediction.std[k] * per_si for row in rows)
         body.append((name, unit, *(f'{value:.3g}' if math.isfinite(value) else 'not determined' for value in values)))
-    return Table(heading, ('',) * 5, tuple(body))
+    return Table(heading, ('',) * 4, tuple(body))
 
 
-def plan_table(designed: DesignedSet, design: Design) -> Table:
-    """The touches in their order."""
+def plan_table(design: Design) -> Table:
+    """The recommended touches in their order."""
+    designed = design.recommended
     plan, leverage = designed.plan, designed.row.prediction.leverage
     rows = tuple(
         (
@@ -397,8 +328,8 @@ def plan_table(designed: DesignedSet, design: Design) -> Table:
         )
         for k in range(len(plan))
     )
-    return Table(('touch', 'disc', 'angle', 'posture', 'force', 'leverage', 'tip without it'),
-                 ('', '', 'deg', '', 'N', '%', 'µm'), rows)  # fmt: skip
+    heading = ('touch', 'disc', 'angle', 'posture', 'force', 'leverage', 'tip without it')
+    return Table(heading, ('', '', 'deg', '', 'N', '%', 'µm'), rows)
 
 
 def number_table(design: Design) -> Table:
@@ -413,10 +344,24 @@ def number_table(design: Design) -> Table:
 
 
 def factor_tables(design: Design) -> list[Table]:
-    """The tables of what the accuracy depends on."""
-    placed = [placed.row for placed in design.placed if placed.row is not None]
-    every = {**design.tables, 'placed': placed}
-    return [_prediction_table(title, every[name]) for name, title in _TITLES.items() if every.get(name)]
+    """The tables of what the accuracy depends on, one row per prediction."""
+    every = {
+        'Force levels': design.tables['levels'],
+        'Postures of the elbow': design.tables['postures'],
+        'Discs touched': design.tables['discs'],
+        'Radius of the discs': design.tables['radius'],
+        'New layouts of discs': [placed.row for placed in design.placed if placed.row is not None],
+    }
+    heading = ('rank', 'condition', 'O1', 'O2', 'O3', 'O4', 'O5', 'tip', 'rms', 'loaded', 'rms')
+    units = ('',) * 8 + ('µm',) * 4
+    return [Table((title, *heading), units, tuple(map(_cells, rows))) for title, rows in every.items() if rows]
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    p = row.prediction
+    tips = (row.free.largest, row.free.rms, row.loaded.largest, row.loaded.rms)
+    indices = tuple(f'{value:.3g}' for value in p.indices)
+    return (row.label, str(p.rank), f'{p.condition:.3g}', *indices, *map(_micrometres, tips))
 
 
 def text(design: Design) -> str:
@@ -425,9 +370,8 @@ def text(design: Design) -> str:
     parts = [
         '\n'.join(noise_sentences(design)),
         f'{headline(design)}: {requirement(design)}',
-        '\n'.join([*condition_sentences(design), *set_sentences(design.recommended, design)]),
-        plan_table(design.recommended, design).text(),
-        'The smallest set at all, not recommended: ' + '\n'.join(set_sentences(design.smallest, design)),
+        '\n'.join([*condition_sentences(design), *set_sentences(design)]),
+        plan_table(design).text(),
         parameter_table(design).text(),
         'Largest standard deviation of the tip by the number of touches\n' + number_table(design).text(),
         f'{n} touches evenly distributed: standard deviation of the tip, largest and rms over the workspace, free and '
@@ -438,10 +382,6 @@ def text(design: Design) -> str:
     return '\n\n'.join(parts)
 
 
-PLAN, SMALLEST_PLAN = 'plan.yaml', 'plan_smallest.yaml'
-_TEMPLATE = Path(__file__).parent / 'page.html.j2'
-
-
 def html_text(design: Design) -> str:
     """The page."""
     with style():
@@ -450,14 +390,13 @@ def html_text(design: Design) -> str:
             'without': figures.without_picture(design),
             'random': figures.random_picture(design),
             'tip': figures.tip_picture(design),
-            'recommended': figures.plan_picture(design.recommended, design, 'recommended'),
-            'smallest': figures.plan_picture(design.smallest, design, 'smallest'),
+            'recommended': figures.plan_picture(design),
             'additional_disc': figures.additional_disc_picture(design),
             'placed': figures.placed_picture(design) if any(placed.row for placed in design.placed) else None,
         }
     discs = design.robot.cell.discs
     marks = [mark(number) for number in range(len(discs))]
-    return page_template(_TEMPLATE).render(
+    return page_template(Path(__file__).parent / 'page.html.j2').render(
         version=__version__,
         design=design,
         pictures=pictures,
@@ -465,11 +404,9 @@ def html_text(design: Design) -> str:
         requirement=requirement(design),
         noise=noise_sentences(design),
         conditions=condition_sentences(design),
-        recommended=set_sentences(design.recommended, design),
-        smallest=set_sentences(design.smallest, design),
+        recommended=set_sentences(design),
         places=disc_sentences(design),
-        plan=plan_table(design.recommended, design),
-        smallest_plan=plan_table(design.smallest, design),
+        plan=plan_table(design),
         parameters=parameter_table(design),
         numbers=number_table(design),
         tables=factor_tables(design),
@@ -478,12 +415,10 @@ def html_text(design: Design) -> str:
 
 
 def design_files(design: Design) -> dict[str, str]:
-    """The text of each file of a design by its name: both plans, the numbers, the page."""
-    cell = design.robot.cell
-    remarks = (*noise_sentences(design), *condition_sentences(design))
+    """The text of each file of a design by its name: the plan, the numbers, the page."""
+    remarks = (*noise_sentences(design), *condition_sentences(design), *set_sentences(design))
     return {
-        PLAN: dump_plan(design.recommended.plan, cell, (*remarks, *set_sentences(design.recommended, design))),
-        SMALLEST_PLAN: dump_plan(design.smallest.plan, cell, (*remarks, *set_sentences(design.smallest, design))),
+        'plan.yaml': dump_plan(design.recommended.plan, design.robot.cell, remarks),
         'design.json': json_text(design_document(design)),
         'design.html': html_text(design),
     }

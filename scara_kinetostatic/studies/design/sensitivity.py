@@ -24,15 +24,8 @@ from scara_kinetostatic.studies.design.layouts import overlap
 from scara_kinetostatic.studies.design.prediction import Prediction, Robot, Tip, TipStd, predict, tip_std
 from scara_kinetostatic.studies.design.search import LowerBound, best_set, largest_of_sets, random_sets
 
-_RADIUS_FACTORS = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
-"""Factors on the radii of the cell's discs."""
-_NUMBERS = (16, 20, 24, 30, 36, 48, 72, 108)
-"""Numbers of touches in the curve, beside those that the search for the smallest set has evaluated."""
-_STARTS, _LARGE = 2, 30
-"""Starts of the search for the best set of a number; one only from `_LARGE` touches on."""
 BAND = (0.05, 0.5, 0.95)
 """Quantiles of random sets."""
-_POSTURES = {(1,): 'left', (-1,): 'right', (1, -1): 'both', (-1, 1): 'both'}
 
 
 class Row(NamedTuple):
@@ -81,48 +74,34 @@ class Curve(NamedTuple):
     bound: Floats
 
 
-def study_levels(robot: Robot, tips: Tips, levels: Sequence[float], postures: Sequence[int], number: int) -> list[Row]:
-    """Predictions for every subset of the force levels."""
-    rows = []
-    for count in range(1, len(levels) + 1):
-        for some in combinations(levels, count):
-            label = ', '.join(f'{level:g}' for level in some) + ' N'
-            rows.append(tips.row(label, robot, candidate_plan(robot, some, postures), number))
-    return rows
-
-
-def study_postures(robot: Robot, tips: Tips, levels: Sequence[float], number: int) -> list[Row]:
-    """Predictions for each posture alone, and for both."""
-    rows = []
-    for postures in ((1,), (-1,), (1, -1)):
-        try:
-            plan = candidate_plan(robot, levels, postures)
-        except (CellError, UnsupportedDataError):
-            continue
-        rows.append(tips.row(_POSTURES[postures], robot, plan, number))
-    return rows
-
-
-def study_discs(
+def study_factors(
     robot: Robot, tips: Tips, levels: Sequence[float], postures: Sequence[int], number: int
-) -> tuple[list[Row], list[Row]]:
-    """Predictions for subsets of the cell's discs (of more than four: the first one, two, …), and for other radii."""
+) -> dict[str, list[Row]]:
+    """The tables of predictions for a number of touches, by what is varied.
+
+    ``levels``: every subset of the force levels; ``postures``: each alone, and both; ``discs``: subsets of the cell's
+    discs (of more than four: the first one, two, …); ``radius``: all radii smaller or larger.
+    """
     discs = robot.cell.discs
     some = [chosen for count in range(1, len(discs) + 1) for chosen in combinations(discs, count)]
     if len(discs) > 4:
         some = [discs[:count] for count in range(1, len(discs) + 1)]
-    number_rows = [
-        row_of_discs(robot, tips, ', '.join(disc.name for disc in chosen), chosen, levels, postures, number)
-        for chosen in some
-    ]
-    radius_rows = []
-    for scaling in _RADIUS_FACTORS:
-        scaled = tuple(disc._replace(radius=scaling * disc.radius) for disc in discs)
+    subsets = [some for count in range(1, len(levels) + 1) for some in combinations(levels, count)]
+    varied: dict[str, list[tuple[str, tuple[Disc, ...], Sequence[float], Sequence[int]]]] = {
+        'discs': [(', '.join(disc.name for disc in chosen), chosen, levels, postures) for chosen in some],
+        'radius': [],
+        'levels': [(', '.join(f'{level:g}' for level in some) + ' N', discs, some, postures) for some in subsets],
+        'postures': [(name, discs, levels, p) for name, p in (('left', (1,)), ('right', (-1,)), ('both', (1, -1)))],
+    }
+    for factor in (0.25, 0.5, 0.75, 1.0, 1.25, 1.5):
+        scaled = tuple(disc._replace(radius=factor * disc.radius) for disc in discs)
         layout = np.array([[disc.x, disc.y, disc.radius] for disc in scaled])[None]
-        if scaling <= 1 or overlap(robot, layout)[0] <= 0:
-            row = row_of_discs(robot, tips, f'radii × {scaling:g}', scaled, levels, postures, number)
-            radius_rows.append(row)
-    return [row for row in number_rows if row], [row for row in radius_rows if row]
+        if factor <= 1 or overlap(robot, layout)[0] <= 0:
+            varied['radius'].append((f'radii × {factor:g}', scaled, levels, postures))
+    return {
+        name: [row for factors in rows if (row := row_of_discs(robot, tips, *factors, number)) is not None]
+        for name, rows in varied.items()
+    }
 
 
 def row_of_discs(
@@ -142,14 +121,7 @@ def row_of_discs(
         return None
 
 
-def study_number(
-    robot: Robot,
-    tip: Tip,
-    candidates: CandidateTouches,
-    bound: LowerBound,
-    best: Sequence[tuple[int, float]],
-    seed: int = 0,
-) -> Curve:
+def study_number(robot: Robot, tip: Tip, candidates: CandidateTouches, bound: LowerBound, seed: int = 0) -> Curve:
     """The accuracy by the number of touches.
 
     Args:
@@ -157,30 +129,20 @@ def study_number(
         tip: whose largest standard deviation counts.
         candidates: the candidates.
         bound: lower bound for them.
-        best: numbers of touches for which the best set is known already, with its largest standard deviation, m.
         seed: of random sets and starts.
     """
-    reached = dict(best)
-    for number in _NUMBERS:
-        if max(reached, default=0) < number <= len(candidates.plan):
-            reached[number] = best_set(
-                candidates, bound, number, seed=seed, starts=_STARTS if number < _LARGE else 1
-            ).value
-    numbers = np.array(sorted(reached))
-    random = [
-        np.quantile(largest_of_sets(candidates, random_sets(candidates, int(n), seed=seed)), BAND) for n in numbers
+    numbers = np.array([number for number in (16, 20, 24, 30, 36, 48, 72, 108) if number <= len(candidates.plan)])
+    chosen = [
+        best_set(candidates, bound, number, seed=seed, starts=2 if number < 30 else 1).value
+        for number in numbers.tolist()
     ]
-    return Curve(
-        numbers,
-        np.array([reached[int(number)] for number in numbers]),
-        _evenly_distributed(robot, tip, candidates.plan, numbers),
-        np.array(random),
-        np.sqrt([bound.variance(int(number)) for number in numbers]),
-    )
-
-
-def _evenly_distributed(robot: Robot, tip: Tip, plan: Plan, numbers: NDArray[np.intp]) -> Floats:
-    """Largest standard deviation of the tip for numbers of touches evenly distributed over a plan, (k,), m."""
+    random = [
+        np.quantile(largest_of_sets(candidates, random_sets(candidates, number, seed=seed)), BAND)
+        for number in numbers.tolist()
+    ]
     if robot.declared is None:
-        return np.asarray(tip_std(tip, predict(robot, plan, 1)).largest / np.sqrt(numbers))
-    return np.array([tip_std(tip, predict(robot, plan, int(number))).largest for number in numbers])
+        even = tip_std(tip, predict(robot, candidates.plan, 1)).largest / np.sqrt(numbers)
+    else:
+        even = np.array([tip_std(tip, predict(robot, candidates.plan, number)).largest for number in numbers.tolist()])
+    variances = [bound.variance(number) for number in numbers.tolist()]
+    return Curve(numbers, np.array(chosen), even, np.array(random), np.sqrt(variances))

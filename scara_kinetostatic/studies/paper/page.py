@@ -161,10 +161,9 @@ def _gripper_table(r: Reproduction) -> Table:
 
 def _design(design: Design) -> dict[str, Any]:
     """Headline, sentences and figures of the optimal design; the rest is in `design.html`."""
-    sentences = [*design_text.set_sentences(design.recommended, design), *design_text.disc_sentences(design)]
+    sentences = [*design_text.set_sentences(design), *design_text.disc_sentences(design)]
     return {
         'headline': design_text.headline(design),
-        'smallest': design_text.set_sentences(design.smallest, design),
         'requirement': design_text.requirement(design),
         'sentences': sentences,
         'number': design_figures.number_picture(design),
