@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='largest standard deviation of the tip over the workspace, m (default: half the tolerance of the cell; '
         'without one 1e-5, or what the declared uncertainties allow)',
     )
-    add_results(parser, files='plan.yaml, plan_smallest.yaml, design.json, design.html')
+    add_results(parser, files='plan.yaml, design.json, design.html')
     _add_robot(parser)
     _add_candidates(parser)
 

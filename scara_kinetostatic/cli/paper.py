@@ -8,7 +8,7 @@ experiments of section 5.2. Writes into DIR
 
   paper.html   the paper's figures and tables beside those computed here
   paper.json   all numbers
-  design.*, plan.yaml, plan_smallest.yaml   the touches for an accuracy, as the verb design
+  design.*, plan.yaml   the touches for an accuracy, as the verb design
 
 Example:
   scara-kinetostatic paper --out paper
