@@ -20,13 +20,12 @@ from benchmark.common import machine, parser, peak_memory, print_targets, repeat
 from benchmark.diagnosis.cells import SETUPS, Setup, random_effect
 from benchmark.uncertainty.worlds import declared_setup
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.model.arm import CHUNK, CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.declared_world import World
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -144,7 +143,7 @@ def _inside(arm: CalibratedArm, robot: Parameters, poses: Poses) -> dict[str, Fl
     joints, _ = inverse_kinetostatics(robot, *poses, gripper)
     found = predictor.locate(joints, poses.force)
     angles = predictor.compensate(*poses)
-    tip, _ = tip_under_force(ExtendedModel(robot), angles.joints, poses.force, gripper)
+    tip, _ = direct_kinetostatics(ExtendedModel(robot), angles.joints, poses.force, gripper)
     normal = poses.force / np.hypot(*poses.force.T)[:, None]
     aside = np.abs(((tip - poses.tip) * normal).sum(axis=1))
     known = np.isfinite(angles.std_normal)

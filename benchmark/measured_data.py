@@ -30,7 +30,7 @@ from benchmark.common import parser, save
 from scara_kinetostatic.files.columns import load_table
 from scara_kinetostatic.model.arrays import Floats, Mask, rms
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
+from scara_kinetostatic.model.kinetostatics import joint_deflection
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.report.figure import INK, LINE, SERIES, Margins, as_svg, new_figure, style, svg_file
 from scara_kinetostatic.report.quantities import p_equals
@@ -235,7 +235,7 @@ def tip_displacement(halves: Sequence[Half], laws: Sequence[LoadFit]) -> Tip:
         angles - np.stack([each.residual for each in several], axis=1)
         for several in ([half.own for half in halves], [half.carried for half in halves])
     )
-    before = direct_kinetostatics(robot, np.zeros_like(torques), torques)[0] - forward(robot, np.zeros(2))
+    before = forward(robot, -joint_deflection(robot, torques)) - forward(robot, np.zeros(2))
     return Tip(halves[0].record.time, moved(angles), before, moved(own), moved(carried), halves[0].later)
 
 

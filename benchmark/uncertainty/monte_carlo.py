@@ -13,13 +13,13 @@ from benchmark.uncertainty.worlds import declared_setup
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.estimate import WarmStart
-from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR, WorstPose, tip_uncertainty
 from scara_kinetostatic.calibration.uncertainty_budget import NOISE, Item, uncertainty_budget
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.simulation.declared_world import World
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -99,7 +99,7 @@ def _draw(there: Reference, task: Task, number: int) -> Floats:
     c = calibrate(world.reported(touches), there.setup.cell, warm_start=start)
     joints, force = there.at.joints[None], there.at.force[None]
     tips = [
-        tip_under_force(model, joints, force, there.setup.cell.gripper)[0][0]
+        direct_kinetostatics(model, joints, force, there.setup.cell.gripper)[0][0]
         for model in (c.model, ExtendedModel(robot))
     ]
     return np.append(c.parameters.as_array() - robot.as_array(), there.at.direction @ (tips[0] - tips[1]))

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.kinematics import LoadedJoints, component_by_parameters, stacked
 from scara_kinetostatic.model.parameters import (
     G1,
     G2,
@@ -219,16 +220,12 @@ def _scene(s: Statements, change: Floats) -> _Scene:
 
 def _derivatives(arm: _Arm, size: Floats, inward: Floats, away: Floats, tool: Floats) -> tuple[Floats, Floats]:
     """Those of d and a by the twelve parameters and φ, (k, n, 13) each; `size` of the force, (k, n), N."""
+    at = LoadedJoints(torque=(arm.torque1, arm.torque2), sense=arm.senses)
     moves = np.zeros((*size.shape, len(NAMES) + 1, 2))
-    moves[..., X0, 0] = moves[..., Y0, 1] = 1.0
-    moves[..., THETA1, :], moves[..., THETA2, :] = arm.turn1, arm.turn2
-    moves[..., L1, :], moves[..., L2, :] = arm.u, arm.v
-    moves[..., P1, :], moves[..., P2, :] = (
-        -arm.torque1[..., None] * arm.turn1,
-        -arm.torque2[..., None] * arm.turn2,
-    )
-    sense1, sense2 = arm.senses
-    moves[..., G1, :], moves[..., G2, :] = -sense1[..., None] * arm.turn1, -sense2[..., None] * arm.turn2
+    for k in (0, 1):
+        links, turns = (arm.u[..., k], arm.v[..., k]), (arm.turn1[..., k], arm.turn2[..., k])
+        column = component_by_parameters((1.0 - k, k), links, turns, (0.0, 0.0), at)
+        moves[..., :-1, k] = stacked([column], size.shape)[:, 0].transpose(1, 2, 0)
     by_distance = -(moves * inward[:, :, None]).sum(-1)
     by_distance[..., P_EE], by_distance[..., G_EE] = size, 1.0
     by_angle = (moves * _quarter_turn(inward)[:, :, None]).sum(-1) / away[..., None]

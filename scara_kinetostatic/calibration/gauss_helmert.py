@@ -38,8 +38,8 @@ from scara_kinetostatic.model.cell import ForceCovariance, Noise, SensorFrame, f
 from scara_kinetostatic.model.contact import (
     all_derivatives,
     extended_equations,
-    extended_link_angles,
     off_normal_derivative,
+    solve_links,
 )
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
@@ -51,7 +51,7 @@ from scara_kinetostatic.model.sensor_error import (
     true_force,
     true_force_derivative,
 )
-from scara_kinetostatic.model.touch_equations import Arm, LinkAngles, State, free_state, solve_link_angles
+from scara_kinetostatic.model.touch_equations import Arm, State, free_state
 
 _GROSS_DISTANCE = 200.0
 """A touch whose squared distance is beyond this keeps its observations as measured."""
@@ -221,7 +221,7 @@ def adjust(
     off_normal = None
     if linear.by_off_normal is not None:
         off_normal = -model.off_normal_std * np.where(close, (linear.by_off_normal * multiplier).sum(axis=-1), 0.0)
-    state, arm = solve_links(o, model, joints, state, frozen, off_normal, again=True)
+    state, arm = solve_links(model, o.contact_problem(joints, off_normal), state, frozen, again=True)
     return Adjusted(joints, force, state, off_normal), arm
 
 
@@ -250,23 +250,6 @@ def _multiplier(whitened: Whitened, step: Floats) -> tuple[Floats, Mask]:
     return multiplier, close
 
 
-def solve_links(
-    observations: Observations,
-    model: ExtendedModel,
-    joints: Floats,
-    state: State,
-    frozen: bool = False,
-    off_normal: Floats | None = None,
-    again: bool = False,
-) -> LinkAngles:
-    """Link angles and modes that go with joints and force; the second step, `again`, is for changed modes."""
-    if not model.effects:
-        return solve_link_angles(model.parameters, joints, state, observations.gripper, frozen, again)
-    contact_problem = observations.contact_problem(joints, off_normal)
-    state, arm = extended_link_angles(model, contact_problem, state, frozen)
-    return extended_link_angles(model, contact_problem, state, frozen, arm) if again else LinkAngles(state, arm)
-
-
 def _turned_radial(observations: Observations, model: ExtendedModel, state: State) -> Floats:
     """The measured forces turned so that they point from the tip to the disc's centre, as the sensor reports them."""
     o = observations
@@ -292,7 +275,7 @@ def as_radial(observations: Observations, model: ExtendedModel, state: State) ->
     return Adjusted(
         o.joints,
         force,
-        solve_links(o, model, o.joints, state, off_normal=off_normal, again=True).state,
+        solve_links(model, o.contact_problem(o.joints, off_normal), state, again=True)[0],
         off_normal,
     )
 
@@ -301,7 +284,7 @@ def as_measured(observations: Observations, model: ExtendedModel, state: State) 
     """The observations as measured, with the link angles that go with a new L̄: the coarse stage. As `adjust`."""
     o = observations
     state = place_force(o, model, o.joints, o.force, state)
-    state, arm = solve_links(o, model, o.joints, state, again=True)
+    state, arm = solve_links(model, o.contact_problem(o.joints), state, again=True)
     return Adjusted(o.joints, o.force, state), arm
 
 

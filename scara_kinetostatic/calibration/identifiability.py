@@ -21,11 +21,12 @@ import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import Prior
 from scara_kinetostatic.calibration.fit_point import Point, select
-from scara_kinetostatic.calibration.gauss_helmert import linearise, noise_left, place_force, solve_links, whiten_by
+from scara_kinetostatic.calibration.gauss_helmert import linearise, noise_left, place_force, whiten_by
 from scara_kinetostatic.calibration.least_squares import Compressed, compress, upper_triangle
 from scara_kinetostatic.calibration.observations import Observations, pick
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Noise
+from scara_kinetostatic.model.contact import solve_links
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 
@@ -181,7 +182,7 @@ def _noise_derivatives(observations: Observations, point: Point, noise: Noise) -
     every = np.tile(np.arange(n), _VARIANTS)
     o, adjusted, force = observations.select(every), pick(a, every), moved.reshape(2, -1).T
     placed = place_force(o, model, adjusted.joints, force, adjusted.state)
-    state, arm = solve_links(o, model, adjusted.joints, placed, off_normal=adjusted.off_normal)
+    state, arm = solve_links(model, o.contact_problem(adjusted.joints, adjusted.off_normal), placed)
     linear = linearise(o, model, adjusted._replace(force=force, state=state), arm)
     root = (np.tile(l11, _VARIANTS), np.tile(l21, _VARIANTS), np.tile(l22, _VARIANTS))
     derivative = linear.derivative

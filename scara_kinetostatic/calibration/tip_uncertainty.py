@@ -29,12 +29,18 @@ import numpy as np
 
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.model.contact import ContactProblem
-from scara_kinetostatic.model.effect_law import TouchMetadata
-from scara_kinetostatic.model.kinematics import forward, inverse, jacobian, link_vectors, quarter_turn, wrap
+from scara_kinetostatic.model.effect_law import TouchMetadata, TouchState
+from scara_kinetostatic.model.kinematics import (
+    LoadedJoints,
+    forward,
+    inverse,
+    jacobian,
+    link_vectors,
+    tip_by_parameters,
+    wrap,
+)
 from scara_kinetostatic.model.kinetostatics import joint_deflection, joint_torques
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.model.touch_equations import State
 
 COVERAGE_FACTOR = 2.0
 """k of the expanded uncertainty U = k u: about 95 % of a normal distribution."""
@@ -48,8 +54,6 @@ _STEP = 1e-3
 """Step of the difference over a value of an effect, in plausible sizes."""
 _DEPENDS = 1.0
 """A change of the tip by the plausible range of what is undetermined that counts, in standard uncertainties."""
-_DISC_RADIUS = 0.1
-"""Radius of the disc that effects are given as the touched one, m."""
 
 
 class Poses(NamedTuple):
@@ -186,39 +190,18 @@ def tip_derivative(c: Calibration, poses: Poses) -> Floats:
     p, force = c.parameters, poses.force
     links = poses.joints - joint_deflection(p, joint_torques(p, poses.joints, force))
     torques = joint_torques(p, links, force)
-    link1, link2 = link_vectors(p, links)
-    turns = jacobian(p, links)
-    magnitude = np.hypot(*force.T)[:, None]
-    unit = force / np.where(magnitude > 0, magnitude, 1.0)
-    columns = {
-        'x0': np.broadcast_to([1.0, 0.0], link1.shape),
-        'y0': np.broadcast_to([0.0, 1.0], link1.shape),
-        'theta1': quarter_turn(link1 + link2),
-        'l1': link1 / p.l1,
-        'theta2': quarter_turn(link2),
-        'l2': link2 / p.l2,
-        'p_ee': c.cell.gripper.factor * force,
-        'p1': -turns[..., 0] * torques[:, :1],
-        'p2': -turns[..., 1] * torques[:, 1:],
-        'g_ee': -unit,
-        'g1': -turns[..., 0] * np.sign(torques[:, :1]),
-        'g2': -turns[..., 1] * np.sign(torques[:, 1:]),
-    }
-    base = np.stack([columns[name] for name in NAMES], axis=-1)
+    at = LoadedJoints(torque=tuple(torques.T), sense=tuple(np.sign(torques).T))
+    base = tip_by_parameters(p, links, force, c.cell.gripper.factor, at)
     if not c.model.effects:
         return base
-    return np.concatenate([base, _by_effects(c, poses, links, torques, turns)], axis=-1)
+    return np.concatenate([base, _by_effects(c, poses, links, torques)], axis=-1)
 
 
-def _by_effects(c: Calibration, poses: Poses, links: Floats, torques: Floats, turns: Floats) -> Floats:
+def _by_effects(c: Calibration, poses: Poses, links: Floats, torques: Floats) -> Floats:
     """∂S/∂(values of the effects), (n, 2, k), by differences of d - J δ."""
-    n, values = len(links), c.model.as_array()
-    magnitude, direction = np.hypot(*poses.force.T), np.arctan2(poses.force[:, 1], poses.force[:, 0])
-    normal = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
-    metadata = TouchMetadata.plain(n)._replace(posture=poses.posture)
-    centers = forward(c.parameters, links) + _DISC_RADIUS * normal
-    problem = ContactProblem(poses.joints, centers, np.full(n, _DISC_RADIUS), c.cell.gripper, metadata)
-    at = problem.touch_state(c.parameters, State(links[:, 0], links[:, 1], magnitude, direction, *np.sign(torques).T))
+    n, p, values = len(links), c.parameters, c.model.as_array()
+    metadata, turns = TouchMetadata.plain(n)._replace(posture=poses.posture), jacobian(p, links)
+    at = TouchState.of_poses(p, poses.joints, poses.force, torques, link_vectors(p, links), forward(p, links), metadata)
     found = np.zeros((n, 2, len(values) - len(NAMES)))
     for k, scale in enumerate(c.model.effect_scales):
         change = _STEP * scale * (np.arange(len(values)) == len(NAMES) + k)

@@ -40,7 +40,6 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.calibration.fit_point import Point, augmented, base_force, force_error, project
 from scara_kinetostatic.calibration.observations import Observations, observe
-from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.linear_problem import Problem, orthonormal, pose_problem
 from scara_kinetostatic.diagnosis.result import DiscriminatingTouch, Found
@@ -51,7 +50,7 @@ from scara_kinetostatic.model.contact import contact, contact_derivatives
 from scara_kinetostatic.model.effect_law import Shift, TouchState
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.touch import LATER, TouchSet
 
@@ -167,7 +166,7 @@ def compare(base: Calibration, final: Calibration, held_out: float, final_held_o
 def _nominal_tip(c: Calibration) -> float:
     """Root mean square of the distance of H̄(L̄n, Q, F) from the circle of contact over the used touches, m."""
     o, nominal = observe(c.touches.select(c.used), c.cell), ExtendedModel(c.cell.nominal)
-    tip, _ = tip_under_force(nominal, o.joints, base_force(o, nominal), o.gripper)
+    tip, _ = direct_kinetostatics(nominal, o.joints, base_force(o, nominal), o.gripper)
     return rms(np.linalg.norm(tip - o.centers, axis=1) - o.radii)
 
 

@@ -32,13 +32,12 @@ from scara_kinetostatic.model.parameters import NAMES, THETA1, THETA2, Parameter
 from scara_kinetostatic.model.touch_equations import (
     Arm,
     Equations,
-    LinkAngles,
     State,
     free_state,
     move_links,
     next_modes,
     parameter_derivative,
-    solve_link_angles,
+    step_links,
     touch_equations,
     view_arm,
 )
@@ -210,25 +209,21 @@ def off_normal_derivative(model: ExtendedModel, state: State, equations: Equatio
     return shift_column(model.difference(up, down, 2 * _ANGLE_STEP, ForceDependence.DIRECTION), state, equations)
 
 
-def with_updated_modes(model: ExtendedModel, contact_problem: ContactProblem, state: State) -> LinkAngles:
-    """`update_modes` of an extended model."""
-    arm = view_arm(model.parameters, *state[:4], contact_problem.gripper)
-    shifted = contact_problem.shifted(model, state, arm)
-    return LinkAngles(next_modes(model.parameters, shifted.joints, state, arm), arm)
+def solve_links(
+    model: ExtendedModel, contact_problem: ContactProblem, state: State, frozen: bool = False, again: bool = False
+) -> tuple[State, Arm]:
+    """Link angles and modes that go with a force: one Newton step, and with `again` a second one where it changes them.
 
-
-def extended_link_angles(
-    model: ExtendedModel,
-    contact_problem: ContactProblem,
-    state: State,
-    frozen: bool = False,
-    arm: Arm | None = None,
-) -> LinkAngles:
-    """`solve_link_angles` of an extended model, one step; `arm` saves work where that of the state is known."""
-    if arm is None:
-        arm = view_arm(model.parameters, *state[:4], contact_problem.gripper)
-    shifted = contact_problem.shifted(model, state, arm)
-    return solve_link_angles(model.parameters, shifted.joints, state, contact_problem.gripper, frozen, arm=arm)
+    Returns:
+        The state, and the arm there.
+    """
+    p, gripper, first = model.parameters, contact_problem.gripper, state
+    arm = view_arm(p, *state[:4], gripper)
+    for _ in range(1 + again):
+        state, arm = step_links(p, contact_problem.shifted(model, state, arm).joints, state, gripper, frozen, arm)
+        if not model.effects and (frozen or ((state.mode1 == first.mode1) & (state.mode2 == first.mode2)).all()):
+            break
+    return state, arm
 
 
 _TOLERANCE = 1e-13
@@ -257,7 +252,9 @@ def solve_state(model: ExtendedModel, contact_problem: ContactProblem) -> tuple[
             solved = _obeys(e, model, state)
             if solved.all():
                 return _newton_step(e, state), solved
-            state, arm = with_updated_modes(model, contact_problem, _newton_step(e, state))
+            state = _newton_step(e, state)
+            arm = view_arm(model.parameters, *state[:4], contact_problem.gripper)
+            state = next_modes(model.parameters, contact_problem.shifted(model, state, arm).joints, state, arm)
         todo = ~_is_solved(model, contact_problem, state)
         part, done = _solve_by_modes(model, contact_problem.select(todo))
     state, solved = _put(state, todo, part), _put_mask(~todo, todo, done)

@@ -132,6 +132,34 @@ class TouchState(NamedTuple):
     metadata: TouchMetadata
     off_normal: Floats
 
+    @classmethod
+    def of_poses(
+        cls,
+        parameters: Parameters,
+        joints: Floats,
+        force: Floats,
+        torques: Floats,
+        links: tuple[Floats, Floats],
+        tip: Floats,
+        metadata: TouchMetadata,
+    ) -> TouchState:
+        """Poses under a force as if each touched a disc of 0.1 m, its normal along the force.
+
+        Args:
+            parameters: L̄.
+            joints: Q, (n, 2), rad.
+            force: F on the object, base frame, (n, 2), N.
+            torques: C, (n, 2), Nm.
+            links: both links as vectors in the base frame, (n, 2) each, m.
+            tip: S, (n, 2), m.
+            metadata: of the poses.
+        """
+        magnitude, radii, still = np.hypot(*force.T), np.full(len(force), 0.1), np.zeros(len(force))
+        normal = np.where(magnitude[:, None] > 0, force, (1.0, 0.0)) / np.where(magnitude > 0, magnitude, 1.0)[:, None]
+        link1, link2 = links[0] / parameters.l1, links[1] / parameters.l2
+        centers = tip + radii[:, None] * normal
+        return cls(parameters, joints, force, magnitude, normal, torques, link1, link2, centers, radii, metadata, still)
+
     @property
     def tangent(self) -> Floats:
         """T = R90 n, (n, 2)."""

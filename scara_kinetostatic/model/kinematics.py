@@ -7,6 +7,9 @@ printed under (5) lacks the l2 term in the first column, a misprint.)
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -58,6 +61,95 @@ def jacobian(parameters: Parameters, joints: ArrayLike) -> Floats:
     """
     link1, link2 = link_vectors(parameters, joints)
     return np.stack([quarter_turn(link1 + link2), quarter_turn(link2)], axis=-1)
+
+
+class LoadedJoints(NamedTuple):
+    """What L̄ changes the link angles by under a given force; pairs of joint 1 and joint 2, floats or arrays alike.
+
+    Attributes:
+        slope: change of the deflection per torque, rad/Nm; 0 where the change of the torques is left out.
+        moment: of the force about a joint per length of its link, N.
+        torque: C, Nm.
+        sense: place in the dead band, sign(c) beyond it.
+        rests: 1 where the joint rests on a flank or in a dead band that is crossed continuously, 0 where it floats.
+    """
+
+    slope: tuple[Any, Any] = (0.0, 0.0)
+    moment: tuple[Any, Any] = (0.0, 0.0)
+    torque: tuple[Any, Any] = (0.0, 0.0)
+    sense: tuple[Any, Any] = (0.0, 0.0)
+    rests: tuple[Any, Any] = (1.0, 1.0)
+
+
+def component_by_parameters(
+    axis: tuple[Any, Any], links: tuple[Any, Any], turns: tuple[Any, Any], gripper: tuple[Any, Any], at: LoadedJoints
+) -> tuple[Any, ...]:
+    """∂S/∂L̄ (5) (6) (7) (8) of one component of the tip at fixed Q and F; floats, or arrays of any one shape.
+
+    With G_i = ∂S/∂q_i, the change of the row of joint i of law (6) moves the tip by -G_i times it: by G_i for theta_i,
+    -G_i c_i for p_i, -G_i sign(c_i) for g_i, and by what the length of a link adds to the torques for l_i.
+
+    Args:
+        axis: parts of x and y in the component: (1, 0) for x.
+        links: the component of the unit vectors of both links.
+        turns: the component of G_1 and G_2, m/rad.
+        gripper: the component of the tip's change by p_ee, N, and by g_ee.
+        at: the joints.
+
+    Returns:
+        The twelve, in the order of `NAMES`.
+    """
+    (u, v), (g1, g2) = links, turns
+    (k1, k2), (m1, m2), (c1, c2), (s1, s2), (rests1, rests2) = at
+    by1, by2 = g1 * k1, g2 * k2
+    l1, l2 = u - by1 * m1, v - (by1 + by2) * m2
+    return (*axis, g1 * rests1, l1, g2 * rests2, l2, gripper[0], -g1 * c1, -g2 * c2, gripper[1], -g1 * s1, -g2 * s2)
+
+
+def stacked(rows: Sequence[Sequence[Any]], shape: tuple[int, ...]) -> Floats:
+    """R rows of k floats or arrays of a shape as one array (k, r, *shape)."""
+    out = np.empty((len(rows[0]), len(rows), *shape))
+    for number, row in enumerate(rows):
+        for k, part in enumerate(row):
+            out[k, number] = part
+    return out
+
+
+def tip_by_parameters(
+    parameters: Parameters, links: ArrayLike, force: Floats, factor: float, at: LoadedJoints | None = None
+) -> Floats:
+    """∂S/∂L̄ at fixed Q and F with G = J: what the deflection changes in the lever arms is left out.
+
+    Args:
+        parameters: L̄.
+        links: link angles Q*, (..., 2), rad.
+        force: F on the object, (..., 2), N.
+        factor: sign of the elastic part of the gripper's law, `Gripper.factor`.
+        at: torque and sense of the joints; None without a force.
+
+    Returns:
+        (..., 2, 12), in the order of `NAMES`.
+    """
+    link1, link2 = link_vectors(parameters, links)
+    turn1, turn2 = quarter_turn(link1 + link2), quarter_turn(link2)
+    size = np.hypot(force[..., 0], force[..., 1])[..., None]
+    unit = force / np.where(size > 0, size, 1.0)
+    rows = [
+        component_by_parameters(
+            (1.0 - k, k),
+            (link1[..., k] / parameters.l1, link2[..., k] / parameters.l2),
+            (turn1[..., k], turn2[..., k]),
+            (factor * force[..., k], -unit[..., k]),
+            at or LoadedJoints(),
+        )
+        for k in (0, 1)
+    ]
+    return np.moveaxis(stacked(rows, link1.shape[:-1]), (0, 1), (-1, -2))
+
+
+def forward_by_parameters(parameters: Parameters, joints: ArrayLike) -> Floats:
+    """∂H/∂L̄ at link angles (n, 2), rad: (n, 2, 12). By the joints it is J."""
+    return tip_by_parameters(parameters, joints, np.zeros(np.shape(joints)), 0.0)
 
 
 def inverse(parameters: Parameters, tip: ArrayLike, posture: ArrayLike) -> Floats:

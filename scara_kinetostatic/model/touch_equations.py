@@ -42,24 +42,8 @@ import numpy as np
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.effect_law import TouchState
 from scara_kinetostatic.model.gripper import Gripper, Skew
-from scara_kinetostatic.model.parameters import (
-    G1,
-    G2,
-    G_EE,
-    L1,
-    L2,
-    NAMES,
-    P1,
-    P2,
-    P_EE,
-    THETA1,
-    THETA2,
-    X0,
-    Y0,
-    Parameters,
-)
-
-_ISOTROPIC = Gripper().excess
+from scara_kinetostatic.model.kinematics import LoadedJoints, component_by_parameters, stacked
+from scara_kinetostatic.model.parameters import Parameters
 
 
 class Arm(NamedTuple):
@@ -132,17 +116,12 @@ def view_arm(
     vn, vt = vx * nx + vy * ny, vy * nx - vx * ny
     a2, b2 = -parameters.l2 * vt, parameters.l2 * vn
     a1, b1 = a2 - parameters.l1 * ut, b2 + parameters.l1 * un
-    skew = None if gripper.excess == _ISOTROPIC else gripper.skew(direction - second)
+    skew = None if gripper.excess == ((0.0, 0.0), (0.0, 0.0)) else gripper.skew(direction - second)
     if skew is None:
         return Arm(ux, uy, vx, vy, nx, ny, a1, a2, b1, b2, a1, a2, b1, b2, None, un, ut, vn, vt)
     aside, turn = magnitude * skew.tangent, magnitude * skew.tangent_turn
     levers = a1 - aside, a2 - aside, b1 - turn, b2 - turn
     return Arm(ux, uy, vx, vy, nx, ny, a1, a2, b1, b2, *levers, skew, un, ut, vn, vt)
-
-
-_MODE_SCALE = 1.0
-"""Weight of lever arm against backlash in the choice of a mode, rad/m. Any positive value is right; with this one a
-lever arm of a millimetre already outweighs a usual backlash, so that a flank gives way to the other one at once."""
 
 
 class State(NamedTuple):
@@ -178,7 +157,8 @@ def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -
 
     The law of the backlash is β ∈ g Sign(a) with β = q - q* - p f a, that is: on a
     flank β = ±g and a has its sign; floating, a = 0 and |β| ≤ g. Which of the
-    two holds follows from β + κ a for any κ > 0: outside [-g, g] it is on that flank.
+    two holds follows from β + κ a for any κ > 0: outside [-g, g] it is on that flank. With κ = 1 rad/m a lever arm of
+    a millimetre already outweighs a usual backlash, so that a flank gives way to the other one at once.
 
     Args:
         parameters: L̄.
@@ -190,8 +170,8 @@ def next_modes(parameters: Parameters, joints: Floats, state: State, arm: Arm) -
         The state with its modes renewed.
     """
     p, f = parameters, state.magnitude
-    floats1 = joints[:, 0] - state.link1 + (_MODE_SCALE - p.p1 * f) * arm.lever1
-    floats2 = joints[:, 1] - state.link2 + (_MODE_SCALE - p.p2 * f) * arm.lever2
+    floats1 = joints[:, 0] - state.link1 + (1.0 - p.p1 * f) * arm.lever1
+    floats2 = joints[:, 1] - state.link2 + (1.0 - p.p2 * f) * arm.lever2
     return state._replace(mode1=_mode(floats1, arm.lever1, p.g1), mode2=_mode(floats2, arm.lever2, p.g2))
 
 
@@ -260,27 +240,9 @@ def joint_rows(parameters: Parameters, joints: Floats, state: State, gripper: Gr
     return Rows(arm, joints, row1, row2, w1, w2, on1, on2, i11, i12, i21, i22)
 
 
-class LinkAngles(NamedTuple):
-    """A state and what was worked out on the way.
-
-    Attributes:
-        state: the state.
-        arm: the arm there.
-    """
-
-    state: State
-    arm: Arm
-
-
-def solve_link_angles(
-    parameters: Parameters,
-    joints: Floats,
-    state: State,
-    gripper: Gripper,
-    frozen: bool = False,
-    again: bool = False,
-    arm: Arm | None = None,
-) -> LinkAngles:
+def step_links(
+    parameters: Parameters, joints: Floats, state: State, gripper: Gripper, frozen: bool = False, arm: Arm | None = None
+) -> tuple[State, Arm]:
     """One Newton step of the rows alone, then, unless frozen, the modes that the new link angles call for.
 
     Args:
@@ -289,32 +251,17 @@ def solve_link_angles(
         state: where from; its force stays.
         gripper: the form of (7).
         frozen: whether every joint stays on its flank.
-        again: whether to repeat it where a mode has changed.
         arm: the arm at `state`, where it is known.
+
+    Returns:
+        The state, and the arm there.
     """
-    moved = _step_links(parameters, joints, state, gripper, arm)
-    if frozen:
-        return LinkAngles(moved, view_arm(parameters, *moved[:4], gripper))
-    updated, arm = update_modes(parameters, joints, moved, gripper)
-    if not again or ((updated.mode1 == state.mode1) & (updated.mode2 == state.mode2)).all():
-        return LinkAngles(updated, arm)
-    moved = _step_links(parameters, joints, updated, gripper, arm)
-    return update_modes(parameters, joints, moved, gripper)
-
-
-def update_modes(parameters: Parameters, joints: Floats, state: State, gripper: Gripper) -> LinkAngles:
-    """The state with the modes it calls for."""
-    arm = view_arm(parameters, *state[:4], gripper)
-    return LinkAngles(next_modes(parameters, joints, state, arm), arm)
-
-
-def _step_links(
-    parameters: Parameters, joints: Floats, state: State, gripper: Gripper, arm: Arm | None = None
-) -> State:
     r = joint_rows(parameters, joints, state, gripper, arm)
-    return state._replace(
+    state = state._replace(
         link1=state.link1 - (r.i11 * r.row1 + r.i12 * r.row2), link2=state.link2 - (r.i21 * r.row1 + r.i22 * r.row2)
     )
+    arm = view_arm(parameters, *state[:4], gripper)
+    return (state if frozen else next_modes(parameters, joints, state, arm)), arm
 
 
 class Equations(NamedTuple):
@@ -407,18 +354,10 @@ def touch_equations(
     )
 
 
-class _Circle(NamedTuple):
-    """H(Q*) + (S - S*) + r n - S_c along n and t, and what it becomes with Q*, f and φ."""
-
-    normal: Floats
-    tangent: Floats
-    normal_1: Floats
-    normal_2: Floats
-    by_f: tuple[Floats | float, Floats | float]
-    by_d: tuple[Floats | float, Floats]
-
-
-def _circle(p: Parameters, centers: Floats, radii: Floats, state: State, arm: Arm, gripper: Gripper) -> _Circle:
+def _circle(
+    p: Parameters, centers: Floats, radii: Floats, state: State, arm: Arm, gripper: Gripper
+) -> tuple[Floats, Floats, Floats, Floats, tuple[Floats | float, Floats | float], tuple[Floats | float, Floats]]:
+    """H(Q*) + (S - S*) + r n - S_c along n and t; its part along n by both joints; both parts by f, and by φ."""
     f = state.magnitude
     reach = radii + gripper.stretch(p, f)
     cx, cy = p.x0 - centers[:, 0], p.y0 - centers[:, 1]
@@ -426,8 +365,8 @@ def _circle(p: Parameters, centers: Floats, radii: Floats, state: State, arm: Ar
     tangent = -arm.a1 - cx * arm.ny + cy * arm.nx
     slope, skew = gripper.slope(p), arm.skew
     if skew is None:
-        return _Circle(normal, tangent, arm.a1, arm.a2, (slope, 0.0), (0.0, reach))
-    return _Circle(
+        return normal, tangent, arm.a1, arm.a2, (slope, 0.0), (0.0, reach)
+    return (
         normal + f * skew.normal,
         tangent + f * skew.tangent,
         arm.a1 - f * skew.normal_turn,
@@ -445,20 +384,17 @@ def parameter_derivative(state: State, equations: Equations, gripper: Gripper) -
     """
     e, r, f = equations, equations.rows, state.magnitude
     arm = r.arm
-    torque1, torque2 = f * arm.lever1 * r.on1, f * arm.lever2 * r.on2
-    out = np.empty((len(NAMES), 2, len(f)))
-    normal = out[:, 0], arm.nx, arm.ny, arm.un, arm.vn, e.g11, e.g12
-    tangent = out[:, 1], -arm.ny, arm.nx, arm.ut, arm.vt, e.g21, e.g22
-    for row, x, y, along1, along2, g_1, g_2 in (normal, tangent):
-        w_1 = g_1 * r.w1
-        row[X0], row[Y0] = x, y
-        row[THETA1], row[THETA2] = g_1 * r.on1, g_2 * r.on2
-        row[L1], row[L2] = along1 + w_1 * arm.ut, along2 + (w_1 + g_2 * r.w2) * arm.vt
-        row[P1], row[P2] = -g_1 * torque1, -g_2 * torque2
-        row[G1], row[G2] = -g_1 * state.mode1, -g_2 * state.mode2
-    out[P_EE, 0], out[P_EE, 1] = gripper.factor * f, 0.0
-    out[G_EE, 0], out[G_EE, 1] = -1.0, 0.0
-    return out.transpose(2, 1, 0)
+    joints = LoadedJoints(
+        slope=(r.w1, r.w2),
+        moment=(-arm.ut, -arm.vt),
+        torque=(f * arm.lever1 * r.on1, f * arm.lever2 * r.on2),
+        sense=(state.mode1, state.mode2),
+        rests=(r.on1, r.on2),
+    )
+    push = (gripper.factor * f, -1.0)
+    along = component_by_parameters((arm.nx, arm.ny), (arm.un, arm.vn), (e.g11, e.g12), push, joints)
+    across = component_by_parameters((-arm.ny, arm.nx), (arm.ut, arm.vt), (e.g21, e.g22), (0.0, 0.0), joints)
+    return stacked((along, across), f.shape).transpose(2, 1, 0)
 
 
 def excess_derivative(state: State, equations: Equations, gripper: Gripper) -> Floats:

@@ -30,7 +30,6 @@ from scara_kinetostatic.assessment.thresholds import NOISE_OVERSTATED
 from scara_kinetostatic.bags.inputs import other_descriptions
 from scara_kinetostatic.calibration.fit_point import base_force
 from scara_kinetostatic.calibration.observations import observe
-from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.touch_table import is_touch_table
 from scara_kinetostatic.model.arm import Predictor
@@ -38,6 +37,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices, Mask, rms
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, UNITS
 from scara_kinetostatic.model.quantity import quantity
 from scara_kinetostatic.model.touch import LATER, Rejection, TouchSet
@@ -459,5 +459,5 @@ def _magnitudes(detection: Detection, cell: Cell) -> Floats:
 def _nominal_tip_error(detection: Detection, cell: Cell) -> float:
     """Rms distance of the nominal tip under load from the circle of contact, m."""
     o, nominal = observe(detection.touches, cell), ExtendedModel(cell.nominal)
-    tip, _ = tip_under_force(nominal, o.joints, base_force(o, nominal), o.gripper)
+    tip, _ = direct_kinetostatics(nominal, o.joints, base_force(o, nominal), o.gripper)
     return rms(np.linalg.norm(tip - o.centers, axis=1) - o.radii)

@@ -19,7 +19,7 @@ from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.files.urdf import CALIBRATED_COLOUR, Colour
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Disc
-from scara_kinetostatic.model.kinematics import forward, link_vectors, quarter_turn, rotate
+from scara_kinetostatic.model.kinematics import forward, forward_by_parameters, link_vectors, rotate
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.quantity import quantity
 
@@ -216,21 +216,12 @@ def tip_covariance(document: Mapping[str, Any], joints: ArrayLike) -> Floats | N
     load the deflection parameters have none. None where a parameter of the geometry is not determined, or the document
     has no covariance.
     """
-    geometry = ('x0', 'y0', 'theta1', 'l1', 'theta2', 'l2')
     stated = document.get('covariance')
-    if stated is None or any(document['parameters'][name]['status'] == 'confounded' for name in geometry):
+    if stated is None or any(document['parameters'][name]['status'] == 'confounded' for name in NAMES[:6]):
         return None
     parameters = estimated(document)
-    link1, link2 = link_vectors(parameters, joints)
-    columns = {
-        'x0': np.array([1.0, 0.0]),
-        'y0': np.array([0.0, 1.0]),
-        'theta1': quarter_turn(link1 + link2),
-        'l1': link1 / parameters.l1,
-        'theta2': quarter_turn(link2),
-        'l2': link2 / parameters.l2,
-    }
-    derivative = np.stack([columns.get(name, np.zeros(2)) for name in stated['names']], axis=-1)
+    by_name = dict(zip(NAMES, forward_by_parameters(parameters, joints).T, strict=True))
+    derivative = np.stack([by_name.get(name, np.zeros(2)) for name in stated['names']], axis=-1)
     return np.asarray(derivative @ np.asarray(stated['matrix']) @ derivative.T)
 
 

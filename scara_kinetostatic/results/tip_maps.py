@@ -22,7 +22,6 @@ from matplotlib.ticker import MaxNLocator
 from scipy.spatial import ConvexHull, QhullError
 
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import (
     COVERAGE_FACTOR,
@@ -33,6 +32,7 @@ from scara_kinetostatic.calibration.tip_uncertainty import (
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward, inverse, wrap
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.report.figure import FAINT, INK, PAPER, SERIES, WARN, Margins, as_svg, mark, new_figure
 
 _WIDTH = 450.0
@@ -215,7 +215,7 @@ def _moved(c: Calibration, joints: Floats, force: Floats) -> Floats:
     """Calibrated less nominal place of the tip, (n, 2), m."""
     each = np.broadcast_to(force, joints.shape)
     models = (c.model, ExtendedModel(c.cell.nominal))
-    calibrated, nominal = (tip_under_force(model, joints, each, c.cell.gripper)[0] for model in models)
+    calibrated, nominal = (direct_kinetostatics(model, joints, each, c.cell.gripper)[0] for model in models)
     return np.asarray(calibrated - nominal)
 
 

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Sensor, SensorFrame, SensorSign
-from scara_kinetostatic.model.kinematics import forward, link_vectors, posture, quarter_turn, rotate
-from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.model.kinematics import forward, forward_by_parameters, posture, quarter_turn, rotate
+from scara_kinetostatic.model.parameters import L2, THETA1, THETA2, Parameters
 
 _LENGTH_PRIOR = 0.015
 """Standard deviation of the errors of the nominal lengths and offsets, m."""
@@ -129,12 +129,10 @@ def _fit_geometry(joints: Floats, force: Floats, cell: Cell, rounds: int = 8) ->
 
 def _miss_jacobian(parameters: Parameters, joints: Floats, lever: Floats, sensor: Sensor) -> Floats:
     """Derivative of the miss by x0, y0, theta1, l1, theta2, l2, (n, 2, 6); `lever` is r_d F/|F|, (n, 2), m."""
-    link1, link2 = link_vectors(parameters, joints)
-    turned = quarter_turn(lever) if sensor.frame is SensorFrame.TOOL else np.zeros_like(lever)
-    x, y = np.broadcast_to([1.0, 0.0], link1.shape), np.broadcast_to([0.0, 1.0], link1.shape)
-    theta1, theta2 = quarter_turn(link1 + link2) + turned, quarter_turn(link2) + turned
-    columns = [x, y, theta1, link1 / parameters.l1, theta2, link2 / parameters.l2]
-    return np.stack(columns, axis=-1)
+    derivative = forward_by_parameters(parameters, joints)[..., : L2 + 1]
+    if sensor.frame is SensorFrame.TOOL:
+        derivative[..., [THETA1, THETA2]] += quarter_turn(lever)[..., None]
+    return derivative
 
 
 def _other_convention(joints: Floats, force: Floats, cell: Cell, lost: int) -> tuple[str, str]:

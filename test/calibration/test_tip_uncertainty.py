@@ -9,7 +9,6 @@ import pytest
 
 import scara_kinetostatic as sk
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.calibration.tip_uncertainty import (
     COVERAGE_FACTOR,
@@ -30,6 +29,7 @@ from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Plate, Uncertainty
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 
 MEASURED = replace(
@@ -68,7 +68,7 @@ def test_derivative_of_the_tip_agrees_with_differences(measured: Calibration, ef
     for k, name in enumerate(c.model.names):
         step = 1e-3 * (np.arange(len(values)) == k) * (c.model.effect_scales[k - 12] if k >= 12 else 1e-3)
         ends = [
-            tip_under_force(c.model.with_array(values + sign * step), *poses[::2], c.cell.gripper, metadata)[0]
+            direct_kinetostatics(c.model.with_array(values + sign * step), *poses[::2], c.cell.gripper, metadata)[0]
             for sign in (1, -1)
         ]
         wanted = (ends[0] - ends[1]) / (2 * step[k])

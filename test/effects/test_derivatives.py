@@ -15,7 +15,7 @@ from scara_kinetostatic.model.contact import (
     ContactProblem,
     all_derivatives,
     extended_equations,
-    extended_link_angles,
+    solve_links,
 )
 from scara_kinetostatic.model.effect_law import ForceDependence
 from scara_kinetostatic.model.extended_model import ExtendedModel
@@ -56,7 +56,7 @@ def test_derivatives_of_friction_whose_slide_follows_the_estimate():
 def converged_state(model: ExtendedModel, contact_problem: ContactProblem, state: State, frozen: bool) -> State:
     """The state whose link angles go with the joint angles."""
     for _ in range(5):
-        state = extended_link_angles(model, contact_problem, state, frozen).state
+        state = solve_links(model, contact_problem, state, frozen)[0]
     return state
 
 

@@ -34,9 +34,11 @@ def check_identity(scene, model, gripper):
     joints, torques = inverse_kinetostatics(
         model, poses.tip, poses.force, poses.posture, gripper, metadata=scene.metadata
     )
-    tip, force = direct_kinetostatics(model, joints, torques, gripper, metadata=scene.metadata)
-    np.testing.assert_allclose(tip, poses.tip, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(force, poses.force, rtol=0, atol=1e-9)
+    clear = (np.abs(torques) > 0.01 * np.hypot(*poses.force.T)[:, None]).all(axis=1)
+    metadata = scene.metadata.select(clear)
+    tip, found = direct_kinetostatics(model, joints[clear], poses.force[clear], gripper, metadata)
+    np.testing.assert_allclose(tip, poses.tip[clear], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found, torques[clear], rtol=0, atol=1e-9)
     return joints
 
 
@@ -76,8 +78,8 @@ def test_effects_of_the_object_are_no_matter_of_the_robot(effect):
     extended = inverse_kinetostatics(model, poses.tip, poses.force, poses.posture, metadata=metadata)
     plain = inverse_kinetostatics(scene.parameters, poses.tip, poses.force, poses.posture)
     np.testing.assert_array_equal(extended, plain)
-    again = direct_kinetostatics(model, *plain, metadata=metadata)
-    np.testing.assert_array_equal(again, direct_kinetostatics(scene.parameters, *plain))
+    again = direct_kinetostatics(model, plain[0], poses.force, metadata=metadata)
+    np.testing.assert_array_equal(again, direct_kinetostatics(scene.parameters, plain[0], poses.force))
 
 
 @pytest.mark.parametrize('label', ['link_bending[link1]', 'transmission_error[joint2]', 'thermal_drift'])
@@ -89,6 +91,6 @@ def test_without_force_and_out_of_reach(label):
     joints, torques = inverse_kinetostatics(model, tip, force, 1, metadata=metadata)
     assert np.isnan(joints[1]).all()
     assert not torques[0].any()
-    back, still = direct_kinetostatics(model, joints[:1], torques[:1], metadata=metadata.select(np.array([0])))
+    back, still = direct_kinetostatics(model, joints[:1], force[:1], metadata=metadata.select(np.array([0])))
     np.testing.assert_allclose(back, tip[:1], rtol=0, atol=1e-13)
     assert not still.any()

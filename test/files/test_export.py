@@ -14,7 +14,6 @@ import pytest
 from files.test_urdf import pose
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.export.corrections import Grid, correction_file
@@ -28,6 +27,7 @@ from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.cell import PAPER_CELL, GripperSign
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward, inverse
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
 
 JOINTS = np.random.default_rng(0).uniform(-np.pi, np.pi, (30, 2))
@@ -148,9 +148,9 @@ def test_the_corrections_bring_the_nominal_arm_to_the_place(arm: CalibratedArm) 
     tip, force = column('x_m', 'y_m'), column('fx_N', 'fy_N')
     joints = column('q1_nominal_rad', 'q2_nominal_rad') + column('dq1_rad', 'dq2_rad')
     loaded = np.array([row['status'] == 'ok' for row in rows])
-    found, _ = tip_under_force(arm.model, joints, force, arm.cell.gripper)
+    found, _ = direct_kinetostatics(arm.model, joints, force, arm.cell.gripper)
     np.testing.assert_allclose(found[loaded], tip[loaded], rtol=0, atol=1e-9)
-    nominal, _ = tip_under_force(arm.model, column('q1_nominal_rad', 'q2_nominal_rad'), force, arm.cell.gripper)
+    nominal, _ = direct_kinetostatics(arm.model, column('q1_nominal_rad', 'q2_nominal_rad'), force, arm.cell.gripper)
     assert loaded.sum() > 50
     miss = np.linalg.norm(nominal - tip, axis=1)
     np.testing.assert_allclose(miss[loaded], column('miss_m')[loaded, 0], rtol=0, atol=2e-5)  # in the dead bands

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import scara_kinetostatic as sk
-from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.model import kinematics
-from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 
 FORCE = np.array([[-20.0, 5.0], [0.0, 30.0], [12.0, -9.0], [3.0, 4.0]])
 POSITION = np.array([[0.3, 0.2], [-0.25, 0.3], [0.1, 0.4], [-0.1, -0.35]])
@@ -46,7 +45,7 @@ def test_uncertainty_is_that_of_monte_carlo(outcome):
     drawn = random.multivariate_normal(c.model.as_array(), c.covariance, SAMPLES, method='eigh')
     models = [c.model.with_array(values) for values in drawn]
     gripper, sides = c.cell.gripper, np.array([1, -1, 1, -1])
-    tips = np.array([tip_under_force(model, angles.joints, FORCE, gripper)[0] for model in models])
+    tips = np.array([direct_kinetostatics(model, angles.joints, FORCE, gripper)[0] for model in models])
     joints = np.array([inverse_kinetostatics(model, POSITION, FORCE, sides, gripper)[0] for model in models])
     assert place.loaded.all()
     for found, sample in ((place, tips), (angles, joints)):

@@ -24,9 +24,10 @@ PHYSICAL = GRIPPERS[0]
 def test_direct_undoes_inverse(gripper):
     poses = random_poses(11, 2000)
     joints, torques = inverse_kinetostatics(PAPER_ACTUAL, poses.tip, poses.force, poses.posture, gripper)
-    tip, force = direct_kinetostatics(PAPER_ACTUAL, joints, torques, gripper)
-    np.testing.assert_allclose(tip, poses.tip, atol=1e-11)
-    np.testing.assert_allclose(force, poses.force, atol=1e-8)
+    clear = (np.abs(torques) > 0.01 * np.hypot(*poses.force.T)[:, None]).all(axis=1)
+    tip, found = direct_kinetostatics(PAPER_ACTUAL, joints[clear], poses.force[clear], gripper)
+    np.testing.assert_allclose(tip, poses.tip[clear], atol=1e-11)
+    np.testing.assert_allclose(found, torques[clear], atol=1e-8)
 
 
 def test_contact_undoes_inverse(gripper=PHYSICAL):

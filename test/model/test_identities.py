@@ -41,9 +41,29 @@ def test_inverse_is_nan_out_of_reach():
 def test_direct_undoes_inverse_kinetostatics(robot, sign):
     poses = random_poses(3, 3000)
     joints, torques = inverse_kinetostatics(robot, poses.tip, poses.force, poses.posture, sign)
-    tip, force = direct_kinetostatics(robot, joints, torques, sign)
-    np.testing.assert_allclose(tip, poses.tip, atol=1e-12)
-    np.testing.assert_allclose(force, poses.force, atol=1e-10)
+    # where a torque is small, a joint pressed along its link may rest on either flank
+    clear = (np.abs(torques) > 0.01 * np.hypot(*poses.force.T)[:, None]).all(axis=1)
+    assert clear.mean() > 0.8
+    tip, found = direct_kinetostatics(robot, joints[clear], poses.force[clear], sign)
+    np.testing.assert_allclose(tip, poses.tip[clear], atol=1e-12)
+    np.testing.assert_allclose(found, torques[clear], atol=1e-10)
+
+
+def test_angles_torques_and_tip_are_those_of_one_state_also_where_a_torque_changes_its_sign():
+    random = np.random.default_rng(5)
+    joints = random.uniform(-3.0, 3.0, (20_000, 2))
+    joints = joints[np.abs(np.sin(joints[:, 1])) > 0.1]
+    # forces nearly along link 2 or through the base: there the torques change their signs
+    link2 = joints.sum(axis=1) + PAPER_ACTUAL.theta1 + PAPER_ACTUAL.theta2
+    direction = link2 + np.where(random.random(len(joints)) < 0.5, 0.0, np.pi) + random.normal(0, 2e-3, len(joints))
+    force = 25.0 * np.stack([np.cos(direction), np.sin(direction)], axis=-1)
+    tip, torques = direct_kinetostatics(PAPER_ACTUAL, joints, force)
+    clear = np.abs(torques).min(axis=1) > 1e-6  # a floating joint may be anywhere in its dead band
+    assert 0.1 < clear.mean() < 1.0
+    posture = kinematics.posture(PAPER_ACTUAL, joints)
+    back, found = inverse_kinetostatics(PAPER_ACTUAL, tip[clear], force[clear], posture[clear])
+    np.testing.assert_allclose(found, torques[clear], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(kinematics.wrap(back - joints[clear]), 0, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize('sign', SIGNS)
@@ -80,9 +100,6 @@ def test_contact_inside_the_dead_band(robot, joint):
     radii = np.full(n, 0.08)
     found = contact(robot, joints, real + radii[:, None] * unit, radii, warm_start=force)
     np.testing.assert_allclose(found.force, force, atol=1e-8)
-    again, force_again = direct_kinetostatics(robot, joints, torques, slack=slack)
-    np.testing.assert_allclose(again, real, atol=1e-12)
-    np.testing.assert_allclose(force_again, force, atol=1e-10)
 
 
 def test_without_a_hint_the_contact_is_in_equilibrium_and_rarely_another_one():

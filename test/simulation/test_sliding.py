@@ -50,7 +50,7 @@ def test_contact_obeys_model_and_friction(slide, truth):
     assert beyond.mean() > 0.8
     turned = (state.joints[sliding] - expected + np.pi) % (2 * np.pi) - np.pi
     assert np.abs(turned[beyond]).max() < 1e-12
-    again = direct_kinetostatics(truth, state.joints[sliding][beyond], torques[beyond])[0]
+    again = direct_kinetostatics(truth, state.joints[sliding][beyond], force[beyond])[0]
     np.testing.assert_allclose(again, tip[beyond], atol=1e-12)
 
 

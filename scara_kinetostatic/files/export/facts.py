@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.calibration.propagation import tip_under_force
 from scara_kinetostatic.errors import one_line
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES
 
 _POSES = 24
@@ -111,7 +111,7 @@ def rigid_miss(arm: CalibratedArm) -> float:
     """Largest displacement of the unloaded tip by effects that act on the robot, over all joint angles, m."""
     angles = np.linspace(-np.pi, np.pi, _POSES)
     joints = np.stack(np.meshgrid(angles, angles), axis=-1).reshape(-1, 2)
-    tip, _ = tip_under_force(arm.model, joints, np.zeros_like(joints), arm.cell.gripper)
+    tip, _ = direct_kinetostatics(arm.model, joints, np.zeros_like(joints), arm.cell.gripper)
     miss = np.linalg.norm(tip - forward(arm.model.parameters, joints), axis=1)
     largest = float(np.nanmax(miss))
     return largest if largest > _NO_MISS else 0.0

@@ -60,12 +60,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise, Plate
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.kinetostatics import (
-    forward_by_parameters,
-    inverse_kinetostatics,
-    inverse_kinetostatics_derivatives,
-    joint_deflection,
-)
+from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics, joint_deflection, loaded_tip_by_parameters
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch_equations import State
 from scara_kinetostatic.simulation.plan import BASE_MARGIN, REACH_MARGIN, Plan
@@ -445,14 +440,16 @@ def make_workspace(robot: Robot, region: Region | None = None, radii: int = _RAD
 def free_tip(robot: Robot, workspace: Workspace) -> Tip:
     """The free tip: T = ∂H/∂L̄."""
     blocks = [
-        forward_by_parameters(robot.parameters, kinematics.inverse(robot.parameters, workspace.places, posture))
+        kinematics.forward_by_parameters(
+            robot.parameters, kinematics.inverse(robot.parameters, workspace.places, posture)
+        )
         for posture in POSTURES
     ]
     return Tip(np.concatenate(blocks)[:, None], np.tile(workspace.area, 2) / 2)
 
 
 def loaded_tip(robot: Robot, workspace: Workspace, load: float, directions: int = _DIRECTIONS) -> Tip:
-    """The loaded tip: T = dS/dL̄ at given Q and F, from the derivatives of Ḡ.
+    """The loaded tip: T = dS/dL̄ at given Q and F.
 
     Args:
         robot: the robot.
@@ -466,8 +463,7 @@ def loaded_tip(robot: Robot, workspace: Workspace, load: float, directions: int 
     sign = robot.cell.gripper_sign
     blocks = []
     for posture in POSTURES:
-        joints, _ = inverse_kinetostatics_derivatives(robot.parameters, places, force, posture, sign)
-        derivative = -np.linalg.solve(joints.first, joints.parameters)
+        derivative = loaded_tip_by_parameters(robot.parameters, places, force, posture, sign)
         blocks.append(derivative.reshape(-1, directions, *derivative.shape[1:]))
     return Tip(np.concatenate(blocks), np.tile(workspace.area, 2) / 2)
 
