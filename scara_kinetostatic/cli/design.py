@@ -105,13 +105,14 @@ def run(args: argparse.Namespace) -> int:
     """
     robot = _robot(args)
     requirements = _requirements(args, robot)
+    from scara_kinetostatic.report import as_text
     from scara_kinetostatic.studies.design.optimal_design import optimal_design
-    from scara_kinetostatic.studies.design.report import design_document, design_files, text
+    from scara_kinetostatic.studies.design.report import design_document, design_files, design_report
 
     with progress() as show_progress:
         design = optimal_design(robot, requirements, show_progress)
         files = design_files(design) if args.out else {}
-    print_result(text(design), design_document(design), args.json, args.out, files)
+    print_result(as_text(design_report(design)), design_document(design), args.json, args.out, files)
     return 0
 
 

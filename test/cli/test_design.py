@@ -15,7 +15,7 @@ from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.plan_file import dump_plan, parse_plan
 from scara_kinetostatic.studies.design.optimal_design import Requirements, optimal_design
 from scara_kinetostatic.studies.design.prediction import Robot
-from scara_kinetostatic.studies.design.report import text
+from scara_kinetostatic.studies.design.report import design_report
 
 ROOT = Path(__file__).parents[2]
 _LAYOUT_EFFORT = ['--accuracy', '2.5e-5', '--per-disc', '9', '--levels', '10', '40', '--discs', '0']
@@ -80,9 +80,9 @@ def small_cell(tmp_path):
 def test_noise_that_is_assumed_is_said_first():
     cell = Cell(PAPER_NOMINAL, PAPER_DISCS)
     design = optimal_design(Robot.of(cell), Requirements(accuracy=4e-5, levels=(10.0, 40.0), per_disc=6, most_discs=0))
-    said = text(design)
-    assert said.startswith('Noise of a touch is assumed: 1e-05 rad (joint), 0.3 N (force)')
-    assert 'proportional to the noise' in said
+    said = design_report(design).answer.sentences
+    assert said[0].startswith('Noise of a touch is assumed: 1e-05 rad (joint), 0.3 N (force)')
+    assert 'proportional to the noise' in said[1]
 
 
 def test_an_accuracy_that_declared_uncertainties_do_not_allow(small_cell, capsys):

@@ -1,25 +1,32 @@
-"""`design.json`: the optimal design as data, SI units; null where a quantity is not determined.
-
-The design as sentences and tables, for a terminal and for the page.
-
-The files of a design: `design.html`, one self-contained page, `design.json`, and two plans of touches.
-"""
+"""The optimal design as JSON, for the terminal and as a page."""
 
 from __future__ import annotations
 
 import math
-from pathlib import Path
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
-from scara_kinetostatic import __version__
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.report.figure import COLOURS, mark, style
-from scara_kinetostatic.report.json_file import json_text
-from scara_kinetostatic.report.page import page_template
+from scara_kinetostatic.report import (
+    NOT_DETERMINED,
+    Block,
+    Figure,
+    Figures,
+    Legend,
+    Note,
+    Report,
+    Section,
+    Table,
+    Verdict,
+    as_page,
+    json_text,
+)
+from scara_kinetostatic.report.figure import COLOURS, mark
 from scara_kinetostatic.report.quantities import SCALES, count
-from scara_kinetostatic.report.table import NOT_DETERMINED, Table
 from scara_kinetostatic.simulation.plan_file import POSTURE_NAMES, dump_plan
 from scara_kinetostatic.studies.design import figures
 from scara_kinetostatic.studies.design.candidates import MOST_LEVERAGE, TOUCHES_PER_DISC
@@ -37,7 +44,7 @@ def design_document(design: Design) -> dict[str, Any]:
     """`design.json`: SI units; None where a quantity is not determined."""
     q, robot, curve, additional = design.requirements, design.robot, design.curve, design.additional_disc
     place = additional.best
-    document = {
+    return {
         'schema': 'scara_kinetostatic/design/1',
         'requirements': {
             'accuracy': q.accuracy,
@@ -46,7 +53,7 @@ def design_document(design: Design) -> dict[str, Any]:
             'levels': q.levels,
             'postures': [POSTURE_NAMES[posture] for posture in q.postures],
             'load': q.load,
-            'region': q.region,
+            'region': list(q.region),
             'touches_compared': q.number,
             'seed': q.seed,
         },
@@ -81,18 +88,6 @@ def design_document(design: Design) -> dict[str, Any]:
             'best': None if place is None else {'center': place[:2], 'tip': place[2]},
         },
     }
-    return dict(_plain(document))
-
-
-def _plain(value: Any) -> Any:
-    """Arrays and tuples as lists, numbers that are not finite as None."""
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _declared(design: Design) -> dict[str, Any] | None:
@@ -364,54 +359,68 @@ def _cells(row: Row) -> tuple[str, ...]:
     return (row.label, str(p.rank), f'{p.condition:.3g}', *indices, *map(_micrometres, tips))
 
 
-def text(design: Design) -> str:
-    """The whole result for a terminal."""
-    n = design.requirements.number
-    parts = [
-        '\n'.join(noise_sentences(design)),
-        f'{headline(design)}: {requirement(design)}',
-        '\n'.join([*condition_sentences(design), *set_sentences(design)]),
-        plan_table(design).text(),
-        parameter_table(design).text(),
-        'Largest standard deviation of the tip by the number of touches\n' + number_table(design).text(),
-        f'{n} touches evenly distributed: standard deviation of the tip, largest and rms over the workspace, free and '
-        f'under {design.requirements.load:g} N; {NOT_DETERMINED}: not determined',
-        *(table.text() for table in factor_tables(design)),
-        'Best places for discs\n' + '\n'.join(disc_sentences(design)),
-    ]
-    return '\n\n'.join(parts)
-
-
-def html_text(design: Design) -> str:
-    """The page."""
-    with style():
-        pictures = {
-            'number': figures.number_picture(design),
-            'without': figures.without_picture(design),
-            'random': figures.random_picture(design),
-            'tip': figures.tip_picture(design),
-            'recommended': figures.plan_picture(design),
-            'additional_disc': figures.additional_disc_picture(design),
-            'placed': figures.placed_picture(design) if any(placed.row for placed in design.placed) else None,
-        }
-    discs = design.robot.cell.discs
-    marks = [mark(number) for number in range(len(discs))]
-    return page_template(Path(__file__).parent / 'page.html.j2').render(
-        version=__version__,
-        design=design,
-        pictures=pictures,
-        headline=headline(design),
-        requirement=requirement(design),
-        noise=noise_sentences(design),
-        conditions=condition_sentences(design),
-        recommended=set_sentences(design),
-        places=disc_sentences(design),
-        plan=plan_table(design),
-        parameters=parameter_table(design),
-        numbers=number_table(design),
-        tables=factor_tables(design),
-        legend=[(each.sign, COLOURS[each.colour], disc.name) for each, disc in zip(marks, discs, strict=True)],
+def design_report(design: Design) -> Report:
+    """The design for the terminal and for `design.html`."""
+    q = design.requirements
+    what = (
+        f'{q.number} touches evenly distributed over all candidates: standard deviation of the tip, largest and rms '
+        f'over workspace and postures, free and under {q.load:g} N in any direction; {NOT_DETERMINED}: not determined.'
     )
+    indices = Note(
+        'O1 to O5: observability indices of Borm and Menq, Driels and Pathre, Nahvi (two) and Sun and Hollerbach, of '
+        'the Jacobian whitened by the noise and in units of each parameter’s plausible range. Larger is better.'
+    )
+    number = _picture(design, figures.number_picture, 'Dotted: lower bound for every set, repeated touches included.')
+    return Report(
+        title='Optimal design of a calibration',
+        answer=Verdict(
+            headline(design),
+            'caution' if design.robot.assumed else 'good',
+            (*noise_sentences(design), *set_sentences(design), *condition_sentences(design)),
+        ),
+        source=f'Required: {requirement(design)}.',
+        blocks=(
+            Section('The recommended touches', _touches(design)),
+            Section('The parameters', (parameter_table(design),)),
+            Section('Largest standard deviation of the tip by the number of touches', (number, number_table(design))),
+            Section('What the accuracy depends on', (what, *factor_tables(design), indices)),
+            Section('Best places for discs', (*disc_sentences(design), *_places(design))),
+        ),
+        footer='all numbers in full in design.json',
+    )
+
+
+def _picture(design: Design, draw: Callable[[Design], Markup], caption: str) -> Figure:
+    return Figure(partial(draw, design), caption)
+
+
+def _touches(design: Design) -> tuple[Block, ...]:
+    """The recommended touches, as pictures and as a table."""
+    marks = [(mark(number), disc.name) for number, disc in enumerate(design.robot.cell.discs)]
+    legend = Legend((*((m.sign, COLOURS[m.colour], name) for m, name in marks), ('', '', 'hollow: posture right')))
+    above = _picture(design, figures.plan_picture, 'From above; the length of a shaft is proportional to the force.')
+    without = _picture(design, figures.without_picture, 'With one touch left out. Red: required; blue: the whole set.')
+    order = Note(
+        'In the order of plan.yaml. Leverage: the share of a touch’s measurement that its own fitted value follows; at '
+        '100 % no other touch checks it, and an error in it is not detected.'
+    )
+    tip = _picture(design, figures.tip_picture, 'Predicted standard deviation of the tip after a calibration.')
+    random = _picture(design, figures.random_picture, 'Random sets of this size. Red: required; blue: this set.')
+    return legend, Figures((above, without)), plan_table(design), order, tip, random
+
+
+def _places(design: Design) -> tuple[Figure, ...]:
+    """Pictures of the best places for discs."""
+    placed = f'For {design.requirements.number} touches evenly distributed; the rings are the reach of the arm.'
+    radius, without = design.additional_disc.radius, 1e6 * design.additional_disc.without
+    additional = (
+        f'An additional disc of radius {radius:.3g} m: largest standard deviation of the tip by the place of its '
+        f'centre; orange: the best place. With as many more touches on the discs of the cell instead: {without:.3g} µm.'
+    )
+    pictures = (_picture(design, figures.additional_disc_picture, additional),)
+    if not any(layout.row for layout in design.placed):
+        return pictures
+    return (_picture(design, figures.placed_picture, placed), *pictures)
 
 
 def design_files(design: Design) -> dict[str, str]:
@@ -420,5 +429,5 @@ def design_files(design: Design) -> dict[str, str]:
     return {
         'plan.yaml': dump_plan(design.recommended.plan, design.robot.cell, remarks),
         'design.json': json_text(design_document(design)),
-        'design.html': html_text(design),
+        'design.html': as_page(design_report(design)),
     }
