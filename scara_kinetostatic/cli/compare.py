@@ -40,11 +40,12 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.monitoring import report
     from scara_kinetostatic.monitoring.comparison import compare_records
     from scara_kinetostatic.monitoring.record import CalibrationRecord
-    from scara_kinetostatic.report.json_file import json_text
+    from scara_kinetostatic.report import as_page, as_text, json_text
 
     check_different(args.calibrations)
     changes = compare_records([CalibrationRecord.load(path) for path in args.calibrations])
     document = report.comparison_document(changes)
-    files = {'comparison.json': json_text(document), 'comparison.html': report.comparison_page(changes)}
-    print_result(report.comparison_text(changes), document, args.json, args.out, files)
+    shown = report.comparison_report(changes)
+    files = {'comparison.json': json_text(document), 'comparison.html': as_page(shown)}
+    print_result(as_text(shown), document, args.json, args.out, files)
     return 0

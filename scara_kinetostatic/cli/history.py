@@ -95,15 +95,17 @@ def _numbers(args: argparse.Namespace) -> list[int]:
 
 def _show(args: argparse.Namespace) -> int:
     from scara_kinetostatic.files.atomic import write_texts
-    from scara_kinetostatic.monitoring import report
     from scara_kinetostatic.monitoring.history import History, trends_of
+    from scara_kinetostatic.monitoring.report import history_report
+    from scara_kinetostatic.report import as_page, as_text
 
     entries = History(args.file).entries(args.robot, replaced=args.all)
     if not entries:
         raise InputError(args.file, f'holds no calibration of {args.robot!r}' if args.robot else 'holds no calibration')
     trends = trends_of(entries)
-    print(report.history_text(trends))
+    shown = history_report(trends)
+    print(as_text(shown))
     if args.action == 'page':
-        write_texts(args.out, {'history.html': report.history_page(trends)})
+        write_texts(args.out, {'history.html': as_page(shown)})
         print(f'\nwritten: {args.out / "history.html"}')
     return 0

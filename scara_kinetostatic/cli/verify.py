@@ -47,15 +47,16 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.monitoring import report
     from scara_kinetostatic.monitoring.record import CalibrationRecord
     from scara_kinetostatic.monitoring.verification import verify_recordings
-    from scara_kinetostatic.report.json_file import json_text
+    from scara_kinetostatic.report import as_page, as_text, json_text
 
     check_different(args.bags)
     record = CalibrationRecord.load(args.calibration)
     cell = load_cell(args.cell) if args.cell else None
     found = verify_recordings(args.bags, record, cell)
     document = report.verification_document(found)
-    files = {'verification.json': json_text(document), 'verification.html': report.verification_page(found)}
-    print_result(report.verification_text(found), document, args.json, args.out, files)
+    shown = report.verification_report(found)
+    files = {'verification.json': json_text(document), 'verification.html': as_page(shown)}
+    print_result(as_text(shown), document, args.json, args.out, files)
     if args.strict and found.assessment.grade is Grade.UNFIT:
         raise UnsupportedDataError(found.assessment.headline, f'the results are written to {args.out} all the same')
     return 0

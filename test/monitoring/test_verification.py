@@ -17,8 +17,9 @@ from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.drift import DriftMonitor
 from scara_kinetostatic.monitoring.record import CalibrationRecord
-from scara_kinetostatic.monitoring.report import verification_document, verification_page
+from scara_kinetostatic.monitoring.report import verification_document, verification_report
 from scara_kinetostatic.monitoring.verification import verify
+from scara_kinetostatic.report import as_page
 from scara_kinetostatic.touches.detection import Detection
 
 
@@ -124,7 +125,7 @@ def test_few_touches_on_one_object_cannot_show_the_tolerance(record: Calibration
     assert 'do not show a change of' in ' '.join(found.assessment.reasons)
     document = verification_document(found)
     assert document['detectable']['l1']['change'] > 0 and document['detectable']['p_ee']['unit'] == 'm/N'
-    assert 'What these touches show' in verification_page(found)
+    assert '<h2>What these touches show</h2>' in as_page(verification_report(found))
 
 
 def test_touches_that_were_seen_or_are_few(record: CalibrationRecord) -> None:
