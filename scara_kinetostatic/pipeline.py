@@ -24,10 +24,15 @@ from scara_kinetostatic.files.checksum import recording_checksum
 from scara_kinetostatic.files.touch_table import is_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import Rejection, TouchSet, common_reason
-from scara_kinetostatic.touches.detection import Detection, find_touches
+from scara_kinetostatic.touches.detection import (
+    UNKNOWN_SEQUENCE,
+    Detection,
+    find_touches,
+    first_places,
+    offset_touches,
+    sequence_of,
+)
 from scara_kinetostatic.touches.left_out import LeftOut, kept_recordings, leave_out
-from scara_kinetostatic.touches.sequence import UNKNOWN_SEQUENCE, first_places, sequence_of
-from scara_kinetostatic.touches.stamp_offset import offset_touches
 from scara_kinetostatic.touches.streams import Streams
 from scara_kinetostatic.touches.table import cell_of_files, touches_of_table
 

@@ -36,9 +36,15 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Sensor
 from scara_kinetostatic.touches import clock
 from scara_kinetostatic.touches.clock import counted
-from scara_kinetostatic.touches.interleaving import INTERLEAVED, interleaved_seconds
-from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
-from scara_kinetostatic.touches.wrench_frame import FixedTransform, WrenchFrame
+from scara_kinetostatic.touches.streams import (
+    INTERLEAVED,
+    FixedTransform,
+    JointStream,
+    Streams,
+    WrenchFrame,
+    WrenchStream,
+    interleaved_seconds,
+)
 
 _ENCODINGS = ('cdr', 'ros1')
 _ATTEMPTS = 5

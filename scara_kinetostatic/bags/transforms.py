@@ -8,7 +8,7 @@ from typing import Any
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from scara_kinetostatic.touches.wrench_frame import FixedTransform
+from scara_kinetostatic.touches.streams import FixedTransform
 
 TF_STATIC = '/tf_static'
 TF_MESSAGE = 'tf2_msgs/msg/TFMessage'

@@ -16,9 +16,8 @@ import numpy as np
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
-from scara_kinetostatic.touches.segmentation import Contacts, find_contacts
+from scara_kinetostatic.touches.contacts import SHORTEST_FREE, Contacts, find_contacts, tare_before
 from scara_kinetostatic.touches.signals import SMOOTHING, Signals, moving_mean, white_noise
-from scara_kinetostatic.touches.tare import SHORTEST_FREE, tare_before
 
 LEAST_FORCE = 0.3
 """Contact counts as lost where the force is below this part of the median force in contact."""

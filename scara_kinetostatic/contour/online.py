@@ -27,9 +27,9 @@ from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Sensor
 from scara_kinetostatic.model.kinematics import forward
+from scara_kinetostatic.touches.contacts import AFTER_CONTACT
 from scara_kinetostatic.touches.online import StreamPair
 from scara_kinetostatic.touches.signals import Signals, as_signals
-from scara_kinetostatic.touches.tare import AFTER_CONTACT
 
 MOST_NODES = 20_000
 """Nodes that are kept of all outlines, 10 m; beyond, the outline that was begun first is forgotten."""

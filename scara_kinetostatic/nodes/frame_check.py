@@ -13,7 +13,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from scara_kinetostatic.bags.transforms import TF_STATIC, decode_transforms
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.nodes.conversion import frame_of
-from scara_kinetostatic.touches.wrench_frame import FixedTransform, WrenchFrame
+from scara_kinetostatic.touches.streams import FixedTransform, WrenchFrame
 
 try:
     from tf2_msgs.msg import TFMessage

@@ -7,7 +7,7 @@ from time import monotonic
 
 import numpy as np
 
-from scara_kinetostatic.touches.interleaving import INTERLEAVED, is_interleaved
+from scara_kinetostatic.touches.streams import INTERLEAVED, is_interleaved
 
 _MOST = 5000
 """Most samples between two reports in which two robots are looked for."""

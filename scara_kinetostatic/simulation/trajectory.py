@@ -48,7 +48,7 @@ from scara_kinetostatic.simulation.phases import (
     minimum_jerk,
 )
 from scara_kinetostatic.simulation.plan import Plan
-from scara_kinetostatic.touches.approach import last_movement
+from scara_kinetostatic.touches.load_history import last_movement
 
 __all__ = [
     'APPROACH',

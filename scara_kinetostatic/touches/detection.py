@@ -1,8 +1,8 @@
 """Detection of the touches in a recording: free motion, contact, hold, retraction.
 
-In turn: `segmentation` (contacts), `tare` (the force zero before each), `holds` (joints at rest, force steady),
-`candidates` (reasons to reject a hold), `association` (the touched disc), `approach` (the movement before the hold),
-`load_history` (the load before the hold).
+In turn: `contacts` (and the force zero before each), `holds` (joints at rest, force steady; reasons to reject one),
+`association` (the touched disc), `load_history` (the movement and
+the load before the hold).
 Every hold is one touch, accepted or rejected; every contact without a hold is one rejected touch. The collector's
 count (`online`) and the calibration of a recording use this same code.
 """
@@ -13,16 +13,16 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorSign
 from scara_kinetostatic.model.touch import Rejection, TouchSet, stacked_histories
-from scara_kinetostatic.touches.approach import Approach, approach_of_hold, resolution
 from scara_kinetostatic.touches.association import associate
-from scara_kinetostatic.touches.candidates import TouchCandidate, find_candidates
-from scara_kinetostatic.touches.load_history import LoadMemory, load_history
-from scara_kinetostatic.touches.segmentation import find_contacts
-from scara_kinetostatic.touches.signals import Signals, as_signals
+from scara_kinetostatic.touches.contacts import find_contacts
+from scara_kinetostatic.touches.holds import TouchCandidate, find_candidates
+from scara_kinetostatic.touches.load_history import Approach, LoadMemory, approach_of_hold, load_history, resolution
+from scara_kinetostatic.touches.signals import Signals, as_signals, runs
 from scara_kinetostatic.touches.streams import Streams
 
 DISCARDED = 'discarded while recording'
@@ -285,3 +285,86 @@ def _warnings(spikes: int, weak: int, candidates: list[TouchCandidate]) -> list[
     if change > _ZERO_CHANGE:
         warnings.append(f'the zero of the force sensor changes by {change:.1f} N within the recording')
     return warnings
+
+
+UNKNOWN_SEQUENCE = "the recordings' order in time is not known, that of the command is taken"
+"""What is said where something shifted and `sequence_of` gives None."""
+
+
+def sequence_of(parts: Sequence[Detection]) -> Indices | None:
+    """Numbers of the recordings in the order of time; None where a start is unknown or two of them overlap."""
+    if len(parts) == 1:
+        return np.zeros(1, dtype=np.intp)
+    begins = np.array([part.start for part in parts], dtype=np.int64)
+    lasts = [max((max(one.hold[1], one.contact[1]) for one in part.episodes), default=0.0) for part in parts]
+    ends = begins + np.array([int(1e9 * last) for last in lasts], dtype=np.int64)
+    order = np.argsort(begins, kind='stable')
+    known = bool(np.all(begins > 0) and np.all(ends[order[:-1]] <= begins[order[1:]]))
+    return order if known else None
+
+
+def first_places(parts: Sequence[Detection], sequence: Indices) -> list[int]:
+    """Of each recording, how many touches were found in those before it in a sequence."""
+    found = np.array([part.found for part in parts], dtype=np.intp)
+    first = np.zeros(len(parts), dtype=np.intp)
+    first[sequence] = np.cumsum(found[sequence]) - found[sequence]
+    return first.tolist()
+
+
+_LARGEST = 10.0
+"""Largest difference that is looked for, s."""
+_STEP = 0.05
+"""Resolution of the difference, s."""
+_USUAL = 0.7
+"""Where at least this part of the contacts are touches the clocks are one."""
+_APART = 0.5
+"""Least distance of differences that are tried, s."""
+_TRIED = 8
+"""So many differences are tried."""
+_LEAST = 0.2
+"""Smaller differences leave most holds usable and are not told, s."""
+
+
+def offset_touches(streams: Streams, cell: Cell, found: Detection) -> tuple[float, Detection] | None:
+    """By how much the wrenches are stamped later than the joint states, s, and the touches without that difference.
+
+    Args:
+        streams: of a recording.
+        cell: the cell.
+        found: the touches as the streams are.
+
+    Returns:
+        None where most contacts are touches, or no difference makes most contacts touches.
+    """
+    signals = as_signals(streams, cell)
+    if signals is None or _is_usual(found):
+        return None
+    tried = [(0.0, found)]
+    tried += [(offset, _shifted(streams, cell, offset)) for offset in _offsets(signals)]
+    offset, best = max(tried, key=lambda item: len(item[1].touches))
+    return (offset, best) if abs(offset) > _LEAST and _is_usual(best) else None
+
+
+def _is_usual(detection: Detection) -> bool:
+    return len(detection.touches) >= _USUAL * detection.found
+
+
+def _shifted(streams: Streams, cell: Cell, offset: float) -> Detection:
+    """The touches with the wrenches stamped earlier by so many s."""
+    stamp = streams.wrench.stamp - round(1e9 * offset)
+    return find_touches(replace(streams, wrench=replace(streams.wrench, stamp=stamp)), cell)
+
+
+def _offsets(signals: Signals) -> list[float]:
+    """Differences at which the joints move less during the contacts than at those around them, s, the least first."""
+    joints, contacts = signals.joints, find_contacts(signals)
+    path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(joints.value, axis=0)).sum(axis=1))])
+    steps = round(_LARGEST / _STEP)
+    offsets = _STEP * np.arange(-steps, steps + 1)
+    begin, end = (np.interp(time - offsets[:, None], joints.time, path) for time in (contacts.begin, contacts.end))
+    moved = (end - begin).sum(axis=1)
+    around = round(_APART / _STEP)
+    least = sliding_window_view(np.pad(moved, around, mode='edge'), 2 * around + 1).min(axis=1)
+    lows, ends = runs(moved <= least)
+    middles = sorted(zip(lows, ends, strict=True), key=lambda run: moved[run[0]])[:_TRIED]
+    return [float(offsets[(low + high) // 2]) for low, high in middles]

@@ -1,11 +1,11 @@
-"""The load before each hold, reduced to what a joint with memory can remember.
+"""How a hold was reached: the movement of the joints before it (`Approach`), and the load that joints remember.
 
-What that is, `model.load_history` says: the nested extremes of its torque. They are few: in a long recording as many as
+What a joint with memory remembers, `model.load_history` says: the nested extremes of its torque. They are few: in a long recording as many as
 there are ever smaller loads of alternate sense, counted back from the hold.
 
 The path is that of the whole recording up to the hold: every contact counts, with its preload, partial unloading and
 oscillation, whether it is a touch or rejected. Between contacts the load is zero, and so it is where nothing was
-recorded, below the force at which a contact begins (`segmentation.CONTACT_FORCE`), and in `weak` contacts, whose force
+recorded, below the force at which a contact begins (`contacts.CONTACT_FORCE`), and in `weak` contacts, whose force
 comes from the acceleration of the arm. The collector records without interruption. A recording starts relaxed: what
 the joints remember from before it is not known. At most `MOST_TURNS` moments are kept from contact to contact: beyond,
 the latest and thus smallest swings are dropped, which only a play of a half-width below half of them would remember.
@@ -14,17 +14,246 @@ the latest and thus smallest swings are dropped, which only a play of a half-wid
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from scara_kinetostatic.model.cell import Cell
-from scara_kinetostatic.model.load_history import remembered
-from scara_kinetostatic.touches.candidates import TouchCandidate
-from scara_kinetostatic.touches.holds import Hold
-from scara_kinetostatic.touches.load_path import ContactLoad, LoadPath, Turn, load_paths
-from scara_kinetostatic.touches.signals import Signals
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import Cell, SensorSign
+from scara_kinetostatic.model.kinematics import jacobian
+from scara_kinetostatic.model.load_history import remembered, torques_of
+from scara_kinetostatic.touches.contacts import Tare
+from scara_kinetostatic.touches.holds import Hold, TouchCandidate
+from scara_kinetostatic.touches.signals import SMOOTHING, Signals, Topic, median_of_three, moving_mean
+
+SMALLEST_REVERSAL = 5e-6
+"""A movement back by less than this is not a reversal, rad,"""
+_REVERSAL_SIGMAS = 8.0
+"""nor by less than this many standard deviations of the smoothed joint angle,"""
+_REVERSAL_STEPS = 2.0
+"""nor by less than this many steps of the encoder."""
+_LONGEST_APPROACH = 5.0
+"""The movement before a contact is followed back for at most so long, s."""
+_REST_TIME = 0.04
+"""The arm rests if during this time, s,"""
+_REST_SPEED = 1e-3
+"""no joint moves faster than this, rad/s."""
+_CLEAR = 2e-3
+"""A pose is free if a joint is at least so far from its angle at the contact, rad."""
+
+
+class Approach(NamedTuple):
+    """The last movement of the joints before a hold.
+
+    Attributes:
+        approach: last movement of each joint, (2,), rad.
+        press: the part of it in contact, (2,), rad.
+    """
+
+    approach: Floats
+    press: Floats
+
+
+def last_movement(path: ArrayLike, hold: ArrayLike, least: ArrayLike = SMALLEST_REVERSAL) -> Floats:
+    """Movement of each joint from its last reversal to the hold.
+
+    Args:
+        path: joint angles from the free pose on, in the order of time, (k, ..., 2), rad.
+        hold: joint angles of the hold, (..., 2), rad.
+        least: smallest movement back that is a reversal, rad.
+
+    Returns:
+        (..., 2), rad; positive where the angle grew, 0 where a joint moves by less than `least`.
+    """
+    offset = (np.asarray(hold) - np.asarray(path))[::-1]
+    left = np.abs(offset) > least
+    first = np.take_along_axis(offset, left.argmax(axis=0)[None], axis=0)[0]
+    sense = np.where(left.any(axis=0), np.sign(first), 0.0)
+    offset = np.where(np.maximum.accumulate(left, axis=0), sense * offset, 0.0)
+    turned = np.maximum.accumulate(offset, axis=0) - offset > least
+    return np.asarray(sense * np.where(np.maximum.accumulate(turned, axis=0), 0.0, offset).max(axis=0))
+
+
+def resolution(joints: Topic) -> float:
+    """Resolution of the encoders, the coarser of both, rad; near 0 where the readings are not rounded."""
+    gaps = [np.diff(np.unique(np.round(column, 12))) for column in joints.value.T]
+    return max((float(gap.min()) for gap in gaps if len(gap)), default=0.0)
+
+
+def approach_of_hold(joints: Topic, hold: Hold, contact: float, earliest: float, step: float) -> Approach:
+    """The last movement of each joint before a hold, and its part in contact.
+
+    Args:
+        joints: the joint angles of the recording.
+        hold: the hold.
+        contact: begin of the contact, s.
+        earliest: end of the previous contact, s, or -inf.
+        step: resolution of the encoders, rad.
+
+    Returns:
+        Both as by `last_movement`. The press does not contain the movement while the force was still below the noise
+        of the sensor.
+    """
+    part = joints.stretch(max(earliest, contact - _LONGEST_APPROACH), float(hold.intervals[0, 0]))
+    time, value = joints.time[part], joints.value[part]
+    if not len(time):
+        return Approach(np.zeros(2), np.zeros(2))
+    width = 2 * round(0.5 * SMOOTHING / joints.period) + 1
+    smooth = moving_mean(median_of_three(value), width)
+    scatter = hold.joint_scatter / np.sqrt(width)
+    least = np.maximum(max(SMALLEST_REVERSAL, _REVERSAL_STEPS * step), _REVERSAL_SIGMAS * scatter)
+    touching = int(np.searchsorted(time, contact))
+    begin = _free_pose(time, smooth, touching, float(least.max()))
+    pressed = moving_mean(median_of_three(value[touching:]), width)
+    return Approach(last_movement(smooth[begin:], hold.joints, least), last_movement(pressed, hold.joints, least))
+
+
+def _free_pose(time: Floats, value: Floats, contact: int, least: float) -> int:
+    """Index of the last sample before the contact at which the arm rests in a free pose; 0 if there is none."""
+    time, value = time[: contact + 1], value[: contact + 1]
+    later = np.searchsorted(time, time + _REST_TIME)
+    earlier = np.flatnonzero(later < len(time))
+    later = later[earlier]
+    moved = np.abs(value[later] - value[earlier]).max(axis=1)
+    rests: NDArray[np.bool_] = moved <= _REST_SPEED * (time[later] - time[earlier]) + least
+    clear = np.abs(value[later] - value[-1]).max(axis=1) > max(_CLEAR, least)
+    free = later[rests & clear]
+    return int(free[-1]) if len(free) else 0
+
+
+_SIGMAS = 6.0
+"""The load turns if it comes back by more than this many standard deviations of the smoothed force,"""
+_STEADY = 0.004
+"""and by more than this part of the largest force of the contact."""
+_FEWEST_FITTED = 5
+"""Fewer samples than this are averaged instead of a parabola fitted to them."""
+
+
+class Turn(NamedTuple):
+    """A moment at which the load turned.
+
+    Attributes:
+        stamp: when, ns.
+        state: q1, q2, rad, and fx, fy on the object in the frame of the sensor, N.
+        torque: of both joints by the nominal parameters, Nm.
+    """
+
+    stamp: int
+    state: tuple[float, ...]
+    torque: tuple[float, float]
+
+
+class ContactLoad(NamedTuple):
+    """A contact whose load is wanted: when it begins and ends, s, the zero of its force, and its holds."""
+
+    begin: float
+    end: float
+    tare: Tare
+    holds: tuple[Hold, ...]
+
+
+class LoadPath(NamedTuple):
+    """The load in one contact at k moments.
+
+    Attributes:
+        time: since the start of the recording, (k,), s.
+        value: q1, q2, rad, fx, fy on the object in the frame of the sensor, N, and both torques, Nm, (k, 6).
+        least: change of the torques that the noise explains, (2,), Nm.
+        start: first stamp of the recording, ns.
+    """
+
+    time: Floats
+    value: Floats
+    least: Floats
+    start: int
+
+    @property
+    def torque(self) -> Floats:
+        """Torques of both joints, (k, 2), Nm."""
+        return self.value[:, 4:]
+
+    def neighbours(self, at: int) -> tuple[int, int]:
+        """The samples around one that differ from it by no more than the noise: the first, the one after the last."""
+        off = (np.abs(self.torque - self.torque[at]) > self.least).any(axis=1)
+        before, after = np.flatnonzero(off[:at]), np.flatnonzero(off[at:])
+        return int(before[-1]) + 1 if len(before) else 0, at + int(after[0]) if len(after) else len(off)
+
+    def turn(self, at: int, first: int, end: int) -> Turn:
+        """The turn at a sample, estimated from those of a range around it."""
+        value = _top(self.value[first:end]).tolist()
+        return Turn(self.start + round(1e9 * float(self.time[at])), tuple(value[:4]), (value[4], value[5]))
+
+    def unloaded(self) -> Turn:
+        """The end of the contact: no load."""
+        joints = self.value[-1, :2].tolist() if len(self.value) else [0.0, 0.0]
+        return Turn(self.start + round(1e9 * float(self.time[-1])) + 1, (*joints, 0.0, 0.0), (0.0, 0.0))
+
+
+def load_paths(signals: Signals, contacts: list[ContactLoad], cell: Cell) -> list[LoadPath]:
+    """The loads of contacts.
+
+    Args:
+        signals: the recording.
+        contacts: the contacts in the order of time.
+        cell: nominal parameters, frame and sign of the sensor.
+    """
+    if not contacts:
+        return []
+    wrench = signals.filtered
+    half = round(0.5 * SMOOTHING / wrench.period)
+    bounds = np.searchsorted(wrench.time, [(contact.begin, np.nextafter(contact.end, np.inf)) for contact in contacts])
+    bounds = np.clip(bounds + np.array([-half, half]), 0, len(wrench.time))
+    sizes = bounds[:, 1] - bounds[:, 0]
+    rows = np.concatenate([np.arange(first, end) for first, end in bounds])
+    stops = np.cumsum(sizes)
+    zero = np.repeat([contact.tare.force for contact in contacts], sizes, axis=0)
+    time, force = wrench.time[rows], moving_mean(wrench.value[rows] - zero, 2 * half + 1)
+    force *= -1.0 if cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
+    angles = median_of_three(signals.joints.value)
+    joints = np.column_stack([np.interp(time, signals.joints.time, column) for column in angles.T])
+    state = np.hstack([joints, force])
+    value = np.hstack([state, torques_of(cell.nominal, state, cell.sensor.frame)])
+    levers = np.linalg.norm(jacobian(cell.nominal, joints[stops - (sizes + 1) // 2]), axis=1)
+    paths = []
+    for contact, begin, stop, lever in zip(contacts, stops - sizes, stops, levers, strict=True):
+        inner = slice(begin + half, stop - half)
+        least = _least_turn(contact, time[inner], force[inner], 2 * half + 1) * lever
+        paths.append(LoadPath(time[inner], value[inner], least, signals.start))
+    return paths
+
+
+def _least_turn(contact: ContactLoad, time: Floats, force: Floats, width: int) -> float:
+    """Change of the smoothed force that noise explains, N.
+
+    The noise is that of the free motion before the contact, or of differences over one length of the moving mean in the
+    holds, where that is larger: a slow change of the force has no influence.
+    """
+    noise = contact.tare.noise / np.sqrt(width)
+    for hold in contact.holds:
+        first, end = np.searchsorted(time, hold.intervals[0])
+        if end - first > 2 * width:
+            held = force[first:end]
+            steps = (held[width:] - held[:-width]).ravel()
+            noise = max(noise, np.sqrt(steps @ steps / (2.0 * len(steps))))
+    peak = np.abs(force).max(initial=0.0)
+    return max(_SIGMAS * float(noise), _STEADY * float(peak))
+
+
+def _top(values: Floats) -> Floats:
+    """Value in the middle of samples (n, m) in even steps, by a parabola; the mean of a few, (m,)."""
+    n = len(values)
+    return np.asarray(values.mean(axis=0) if n < _FEWEST_FITTED else _weights(n) @ values)
+
+
+@lru_cache(maxsize=256)
+def _weights(n: int) -> Floats:
+    """Weights by which n samples in even steps give the value in their middle of a parabola fitted to them, (n,)."""
+    square = np.linspace(-1.0, 1.0, n) ** 2
+    second, fourth = square.sum(), square @ square
+    return np.asarray((fourth - second * square) / (n * fourth - second**2))
+
 
 MOST_TURNS = 64
 """So many moments are kept from contact to contact."""

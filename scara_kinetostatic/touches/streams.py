@@ -1,11 +1,32 @@
-"""The two streams of a recording, as arrays: joint angles and forces with their stamps."""
+"""What arrives: joint angles and forces with their stamps, as arrays, and the frame in which the forces are.
+
+Messages of two robots in one stream show themselves: the joint angles jump back and forth between two motions. In a
+motion of one robot a step from sample to sample is followed by its like; with two robots many large steps are undone by
+the next large one, almost exactly where the robots rest.
+
+The forces are taken in the frame that `sensor.frame` states, the base or the tool. Its names in ROS are `NAMES`. Where
+fixed transforms (`/tf_static`) connect the `frame_id` of a wrench with such a frame, the force is turned by them:
+
+    f = R f_id,    R the rotation of the frame `frame_id` in that frame,
+
+of which the two components in the plane are used. A sensor that is mounted with a turn, or upside down, so gives the
+force in the frame stated. Only fixed transforms count: a sensor is mounted once. A recording holds the wrenches as they
+came, and the transforms; each reader of forces, the collector and the reader of recordings, turns them once, by this
+code.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import acos, degrees
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import SensorFrame
 
 
 @dataclass(frozen=True)
@@ -55,3 +76,161 @@ class Streams:
     topics: tuple[str, str] | None = None
     discarded: tuple[int, ...] = ()
     turned: str = ''
+
+
+INTERLEAVED = 'the joint angles jump back and forth: messages of two robots on one topic'
+_JUMP = 5e-3
+"""Smaller steps may be noise, or the resolution of an encoder, rad."""
+_SAME = 0.05
+"""A jump is undone by the next one if their sum is below this part of it."""
+_FEWEST_SAMPLES = 50
+_FEWEST_JUMPS = 6
+_SHARE = 0.05
+"""Fewer jumps that are undone than this part of the samples are no sign of two robots."""
+_SECOND = 1_000_000_000
+_FEWEST_SECONDS = 3
+"""So many seconds of a recording show it; messages out of order do not last."""
+
+
+def is_interleaved(values: Floats) -> bool:
+    """Whether the joint angles of about a second, (n, 2), rad, in the order of arrival, are those of two robots."""
+    if len(values) < _FEWEST_SAMPLES:
+        return False
+    steps = np.diff(values[:, int(np.argmax(np.ptp(values, axis=0)))])
+    jumps = steps[np.abs(steps) > _JUMP]
+    undone = int(np.sum(np.abs(jumps[1:] + jumps[:-1]) < _SAME * np.abs(jumps[1:])))
+    return undone >= max(_FEWEST_JUMPS, _SHARE * len(values))
+
+
+def interleaved_seconds(received: NDArray[np.int64], values: Floats) -> int:
+    """How many seconds of a recording have joint angles of two robots; 0 where they are too few to be sure.
+
+    Args:
+        received: when each sample was recorded, (n,), ns.
+        values: joint angles in that order, (n, 2), rad.
+    """
+    edges = np.flatnonzero(np.diff(received // _SECOND)) + 1
+    number = sum(map(is_interleaved, np.split(values, edges)))
+    return number if number >= _FEWEST_SECONDS else 0
+
+
+NAMES = {
+    SensorFrame.BASE: ('base_link', 'base', 'world'),
+    SensorFrame.TOOL: ('tool0', 'tool', 'flange', 'tcp'),
+}
+"""Usual names of both frames, without what a prefix puts before the last slash; the first is that of the URDF, and an
+earlier one counts where several are connected."""
+SMALLEST_TURN = 1e-9
+"""A smaller turn is none, rad."""
+
+
+class FixedTransform(NamedTuple):
+    """A transform that does not change.
+
+    Attributes:
+        parent: frame.
+        child: frame.
+        quaternion: x, y, z, w of the rotation of the child in the parent.
+    """
+
+    parent: str
+    child: str
+    quaternion: tuple[float, float, float, float]
+
+
+class _Known(NamedTuple):
+    """A frame with a usual name: which it is, its name, the rotation into it."""
+
+    frame: SensorFrame
+    name: str
+    turn: Floats
+
+
+class WrenchFrame:
+    """What the `frame_id` of wrenches says, beside the cell description.
+
+    Args:
+        stated: frame that the cell description states.
+    """
+
+    def __init__(self, stated: SensorFrame) -> None:
+        self._stated = stated
+        self._neighbours: dict[str, dict[str, Floats]] = {}
+
+    def add(self, transform: FixedTransform) -> None:
+        """Notes a fixed transform; a later one between the same frames replaces it. One without a rotation is none."""
+        turn = _matrix(transform.quaternion)
+        if turn is None:
+            return
+        parent, child = transform.parent.lstrip('/'), transform.child.lstrip('/')
+        self._neighbours.setdefault(parent, {})[child] = turn.T
+        self._neighbours.setdefault(child, {})[parent] = turn
+
+    def turn(self, frame_id: str) -> Floats | None:
+        """The first two rows of R, (2, 3), for wrenches with a `frame_id`; None where they are taken as they come."""
+        found = self._known_frame(frame_id.lstrip('/'))
+        if found is None or found.frame is not self._stated or _angle(found.turn) < SMALLEST_TURN:
+            return None
+        turn: Floats = found.turn[:2]
+        return turn
+
+    def description(self, frame_id: str) -> str:
+        """How the forces are turned, in words; empty where they are not."""
+        found = self._known_frame(frame_id.lstrip('/'))
+        if found is None or self.turn(frame_id) is None:
+            return ''
+        return f'forces turned by {degrees(_angle(found.turn)):.3g} degrees from {frame_id} into {found.name}'
+
+    def complaint(self, frame_id: str) -> str:
+        """How a `frame_id` contradicts the cell description; empty if it does not, or if nothing is known of it."""
+        start = frame_id.lstrip('/')
+        found = self._known_frame(start)
+        if found is None or found.frame is self._stated:
+            return ''
+        how = f'is fixed to {found.name}' if found.name != start else f'is a frame of the {found.frame.value}'
+        stated = f'the cell description states sensor.frame: {self._stated.value}'
+        return f'frame_id {frame_id!r} {how}, but {stated}; one of them is wrong'
+
+    def _known_frame(self, start: str) -> _Known | None:
+        """The frame with a usual name that is fixed to one; that which the cell states before the other."""
+        turns = self._connected(start)
+        wanted = sorted(NAMES, key=lambda frame: frame is not self._stated)
+        for frame in wanted:
+            for usual in NAMES[frame]:
+                for name, turn in turns.items():
+                    if name.rpartition('/')[2] == usual:
+                        return _Known(frame, name, turn)
+        return None
+
+    def _connected(self, start: str) -> dict[str, Floats]:
+        """The frames that are fixed to one, the nearest first, each with the rotation into it."""
+        turns = {start: np.eye(3)}
+        waiting = [start]
+        for name in waiting:
+            for neighbour, step in self._neighbours.get(name, {}).items():
+                if neighbour not in turns:
+                    turns[neighbour] = step @ turns[name]
+                    waiting.append(neighbour)
+        return turns
+
+
+def _angle(turn: Floats) -> float:
+    """Of a rotation matrix, rad."""
+    sine = 0.5 * float(np.linalg.norm([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]))
+    return sine if sine < 1e-4 and np.trace(turn) > 1 else acos(min(1.0, max(-1.0, (float(np.trace(turn)) - 1) / 2)))
+
+
+def _matrix(quaternion: Sequence[float]) -> Floats | None:
+    """The rotation matrix of a quaternion x, y, z, w; None where it is no rotation."""
+    q = np.asarray(quaternion, dtype=float)
+    length = float(np.linalg.norm(q))
+    if not (np.isfinite(length) and length > 0):
+        return None
+    x, y, z, w = q / length
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )

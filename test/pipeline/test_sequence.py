@@ -13,8 +13,7 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_recordings, gather_touches
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import START, simulate_streams, simulate_touches
-from scara_kinetostatic.touches.detection import Detection, Episode, no_touches
-from scara_kinetostatic.touches.sequence import first_places, sequence_of
+from scara_kinetostatic.touches.detection import Detection, Episode, first_places, no_touches, sequence_of
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(joint=1e-5, force=0.3))
 LATER = replace(PAPER_ACTUAL, x0=PAPER_ACTUAL.x0 + 1.5e-4)

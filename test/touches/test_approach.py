@@ -14,8 +14,8 @@ from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import simulate_streams, simulate_touches
 from scara_kinetostatic.simulation.trajectory import Trajectory
-from scara_kinetostatic.touches.approach import SMALLEST_REVERSAL, last_movement, resolution
 from scara_kinetostatic.touches.detection import find_touches
+from scara_kinetostatic.touches.load_history import SMALLEST_REVERSAL, last_movement, resolution
 from scara_kinetostatic.touches.online import OnlineDetector
 from scara_kinetostatic.touches.signals import as_signals
 

@@ -10,8 +10,7 @@ from scara_kinetostatic.model.parameters import PAPER_MEASURED
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
 from scara_kinetostatic.touches.detection import find_touches
-from scara_kinetostatic.touches.interleaving import interleaved_seconds, is_interleaved
-from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
+from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream, interleaved_seconds, is_interleaved
 
 PLAN = default_plan(CELL).select(np.arange(6))
 TIME = np.arange(1000) / 1000.0

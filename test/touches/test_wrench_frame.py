@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.model.cell import SensorFrame
-from scara_kinetostatic.touches.wrench_frame import FixedTransform, WrenchFrame
+from scara_kinetostatic.touches.streams import FixedTransform, WrenchFrame
 
 NO_TURN = (0.0, 0.0, 0.0, 1.0)
 UPSIDE_DOWN = (1.0, 0.0, 0.0, 0.0)

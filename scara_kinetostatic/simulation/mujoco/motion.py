@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scara_kinetostatic.model.arrays import Floats
-from scara_kinetostatic.touches.approach import last_movement
+from scara_kinetostatic.touches.load_history import last_movement
 
 
 class Tick(NamedTuple):

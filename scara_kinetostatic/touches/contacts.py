@@ -1,9 +1,10 @@
-"""Tare: what the force sensor reads without force.
+"""Contacts of a recording, from the force alone, and the zero of the force sensor before each.
 
 The zero is unknown and may be larger than a light touch. `coarse_tare`, which serves to find the contacts, uses that
 the arm moves freely between the contacts and hardly in them: the zero is the mode of the force readings, each weighted
-with the travel of the joints meanwhile. It is estimated every `_BLOCK` seconds, so that it follows a drift.
-`tare_before` is the zero of one touch, from the free motion right before its contact.
+with the travel of the joints meanwhile, estimated block by block so that it follows a drift. A contact begins where the
+smoothed force deviates from it by more than a threshold, and ends where the deviation falls below a part of it
+(hysteresis). `tare_before` is the zero of one touch, from the free motion right before its contact.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from scara_kinetostatic.touches.signals import (
     median_of_three,
     moving_mean,
     robust_mean,
+    runs,
     steps_of_mean,
     white_noise,
 )
@@ -171,3 +173,80 @@ def _equal_runs(labels: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.
     """First and last index of every run of equal labels."""
     change = np.flatnonzero(np.diff(labels))
     return np.append(0, change + 1), np.append(change, len(labels) - 1)
+
+
+CONTACT_FORCE = 1.0
+"""Deviation from the zero at which a contact begins, N; above the drift of a zero, below usual touches."""
+_CONTACT_SIGMAS = 6.0
+"""The same as a multiple of the standard deviation of the smoothed force, where that is larger."""
+END_RATIO = 0.5
+"""A contact ends below this part of the deviation at which it begins."""
+_LONGEST_BOUNCE = 0.05
+"""Two contacts with a shorter loss of contact between them are one, s."""
+_SHORTEST_CONTACT = 0.05
+"""A shorter deviation is a spike of the sensor, not a contact, s."""
+
+
+class Contacts(NamedTuple):
+    """The contacts of a recording.
+
+    Attributes:
+        begin: time of the first sample of each in contact, (m,), s.
+        end: time of the last sample, (m,), s.
+        peak: largest deviation from the coarse zero in each, (m,), N.
+        travel: range of the joint that moves most in each, (m,), rad.
+        spikes: number of deviations that were too short for a contact.
+        threshold: deviation at which a contact begins, N.
+        smoothing: time over which the force was smoothed for it, s.
+    """
+
+    begin: Floats
+    end: Floats
+    peak: Floats
+    travel: Floats
+    spikes: int
+    threshold: float
+    smoothing: float
+
+    def select(self, which: NDArray[np.bool_]) -> Contacts:
+        """The contacts where a mask, (m,), is true."""
+        return self._replace(
+            begin=self.begin[which], end=self.end[which], peak=self.peak[which], travel=self.travel[which]
+        )
+
+
+def find_contacts(signals: Signals, zero: Floats | None = None, longest_smoothing: float = SMOOTHING) -> Contacts:
+    """All contacts in the order of time.
+
+    Args:
+        signals: the recording.
+        zero: of the force sensor where it is known, (2,), N; None to take it from where the arm moves most.
+        longest_smoothing: where the noise asks for it the force is smoothed for so long, s.
+    """
+    wrench, noise = signals.wrench, white_noise(signals.wrench.value)
+    shortest, longest = (2 * round(0.5 * time / wrench.period) + 1 for time in (SMOOTHING, longest_smoothing))
+    needed = 2 * round(0.5 * (_CONTACT_SIGMAS * noise / CONTACT_FORCE) ** 2) + 1
+    width = int(np.clip(needed, shortest, longest))
+    smooth = moving_mean(signals.filtered.value, width)
+    smooth -= coarse_tare(signals) if zero is None else zero
+    deviation = np.hypot(smooth[:, 0], smooth[:, 1])
+    on = max(CONTACT_FORCE, _CONTACT_SIGMAS * noise / float(np.sqrt(width)))
+    first, last = runs(_with_hysteresis(deviation, on, END_RATIO * on))
+    begin, end = wrench.time[first], wrench.time[last]
+    apart = begin[1:] - end[:-1] >= _LONGEST_BOUNCE
+    begin, end = begin[np.append(True, apart)[: len(begin)]], end[np.append(apart, True)[: len(end)]]
+    lasting = end - begin > max(_SHORTEST_CONTACT, (width + 1) * wrench.period)
+    begin, end = begin[lasting], end[lasting]
+    peak = [deviation[wrench.stretch(b, e)].max() for b, e in zip(begin, end, strict=True)]
+    inside = [signals.joints.value[signals.joints.stretch(b, e)] for b, e in zip(begin, end, strict=True)]
+    travel = [np.ptp(joints, axis=0).max() if len(joints) else 0.0 for joints in inside]
+    smoothing = SMOOTHING if width == shortest else width * wrench.period
+    return Contacts(begin, end, np.array(peak), np.array(travel), int(np.sum(~lasting)), on, smoothing)
+
+
+def _with_hysteresis(deviation: Floats, on: float, off: float) -> NDArray[np.bool_]:
+    """Whether each sample is in contact, (n,): from where the deviation exceeds `on` to where it falls below `off`."""
+    decided = np.where(deviation > on, 1, np.where(deviation < off, -1, 0)).astype(np.int8)
+    latest = np.where(decided != 0, np.arange(len(decided)), 0)
+    contact: NDArray[np.bool_] = decided[np.maximum.accumulate(latest)] > 0
+    return contact
