@@ -33,10 +33,9 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.simulation.mujoco.scene import Scene
 from scara_kinetostatic.simulation.mujoco.sliding import simulate_slide
+from scara_kinetostatic.simulation.outline import Outline, circle, ellipse, polygon
 from scara_kinetostatic.simulation.plan import default_plan
-from scara_kinetostatic.simulation.sliding.outline import Outline, circle, ellipse, polygon
-from scara_kinetostatic.simulation.sliding.slide import Slide
-from scara_kinetostatic.simulation.sliding.streams import simulate_slides
+from scara_kinetostatic.simulation.slides import Slide, simulate_slides
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
 from scara_kinetostatic.touches.streams import Streams

@@ -33,10 +33,9 @@ from scara_kinetostatic.model.kinematics import posture
 from scara_kinetostatic.model.parameters import NAMES, Parameters
 from scara_kinetostatic.model.touch import LATER, TouchSet, order_of_time
 from scara_kinetostatic.pipeline import calibrate_recordings, calibrate_touches, gather_touches, left_out
-from scara_kinetostatic.simulation.declared_world import World
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
-from scara_kinetostatic.simulation.truth import parse_effect, with_effects
+from scara_kinetostatic.simulation.truth import World, parse_effect, with_effects
 from scara_kinetostatic.touches.association import associate
 from scara_kinetostatic.touches.detection import Detection
 from scara_kinetostatic.touches.streams import Streams

@@ -21,8 +21,8 @@ from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
 from scara_kinetostatic.model.parameters import NAMES, Parameters
-from scara_kinetostatic.simulation.declared_world import World
 from scara_kinetostatic.simulation.streams import simulate_touches
+from scara_kinetostatic.simulation.truth import World
 
 KIND = 'everything'
 """What is declared: discs to 15 µm and 5 µm, others to 3 µm on a plate, common radius, sensor, trusted values."""

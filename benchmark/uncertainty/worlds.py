@@ -11,8 +11,8 @@ from benchmark.diagnosis.cells import SETUPS, Setup, seed_of
 from scara_kinetostatic.model.cell import Cell, Plate, Uncertainty
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
-from scara_kinetostatic.simulation.declared_world import World
 from scara_kinetostatic.simulation.streams import simulate_touches
+from scara_kinetostatic.simulation.truth import World
 
 SENSOR = Uncertainty(force_gain=0.005, force_rotation=1e-3)
 

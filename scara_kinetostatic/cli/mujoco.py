@@ -48,8 +48,7 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.bags.writer import write_streams
     from scara_kinetostatic.files.atomic import all_or_nothing
     from scara_kinetostatic.simulation.mujoco import scene_named, simulate_streams
-    from scara_kinetostatic.simulation.mujoco.streams import preload_plan
-    from scara_kinetostatic.simulation.mujoco.truth import truth_of_scene, truth_text
+    from scara_kinetostatic.simulation.mujoco.streams import preload_plan, truth_of_scene, truth_text
     from scara_kinetostatic.simulation.truth import truth_named
 
     cell = cell_or_paper(args.cell)

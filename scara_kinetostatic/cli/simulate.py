@@ -134,8 +134,8 @@ def run(args: argparse.Namespace) -> int:
         raise InputError('--plan', 'a plan defines all touches', advice)
     from scara_kinetostatic.bags.writer import write_streams
     from scara_kinetostatic.report.quantities import count
-    from scara_kinetostatic.simulation.sliding.plan_file import holds_slides, load_slides
-    from scara_kinetostatic.simulation.sliding.streams import simulate_slides
+    from scara_kinetostatic.simulation.plan_file import holds_slides, load_slides
+    from scara_kinetostatic.simulation.slides import simulate_slides
     from scara_kinetostatic.simulation.streams import simulate_streams
     from scara_kinetostatic.simulation.truth import parse_effect, truth_named, truth_text, with_effects
 

@@ -26,7 +26,7 @@ from scara_kinetostatic.nodes.playback import Playback
 from scara_kinetostatic.nodes.runtime import run
 from scara_kinetostatic.nodes.simulator_settings import declare_simulator
 from scara_kinetostatic.nodes.stream_subscription import LATCHED, RELIABLE_STREAM
-from scara_kinetostatic.simulation.sliding.streams import simulate_slides
+from scara_kinetostatic.simulation.slides import simulate_slides
 from scara_kinetostatic.simulation.streams import simulate_streams
 
 TICK = 0.01

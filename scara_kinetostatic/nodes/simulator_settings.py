@@ -16,10 +16,9 @@ from scara_kinetostatic.model.parameters import DESCRIPTIONS, UNITS, Parameters
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.declare import Range, cell_or_example
 from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, Plan, default_plan
-from scara_kinetostatic.simulation.plan_file import load_plan
+from scara_kinetostatic.simulation.plan_file import holds_slides, load_plan, load_slides
 from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, SensorModel
-from scara_kinetostatic.simulation.sliding.plan_file import holds_slides, load_slides
-from scara_kinetostatic.simulation.sliding.slide import Slide
+from scara_kinetostatic.simulation.slides import Slide
 from scara_kinetostatic.simulation.truth import deviating_robot, parse_effect, with_effects
 
 _TRUTH_RANGES = {

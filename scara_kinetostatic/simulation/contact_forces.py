@@ -21,9 +21,8 @@ from scara_kinetostatic.model.contact import Contact, contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.touch import padded_history
-from scara_kinetostatic.simulation.load_history import Histories
-from scara_kinetostatic.simulation.phases import EASE, HOLD
 from scara_kinetostatic.simulation.plan import Plan
+from scara_kinetostatic.simulation.trajectory import EASE, HOLD, Histories
 
 Index = NDArray[np.intp]
 

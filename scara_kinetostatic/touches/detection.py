@@ -1,8 +1,7 @@
 """Detection of the touches in a recording: free motion, contact, hold, retraction.
 
 In turn: `contacts` (and the force zero before each), `holds` (joints at rest, force steady; reasons to reject one),
-`association` (the touched disc), `load_history` (the movement and
-the load before the hold).
+`association` (the touched disc), `load_history` (the movement and the load before the hold).
 Every hold is one touch, accepted or rejected; every contact without a hold is one rejected touch. The collector's
 count (`online`) and the calibration of a recording use this same code.
 """

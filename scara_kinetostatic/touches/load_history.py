@@ -1,7 +1,7 @@
 """How a hold was reached: the movement of the joints before it (`Approach`), and the load that joints remember.
 
-What a joint with memory remembers, `model.load_history` says: the nested extremes of its torque. They are few: in a long recording as many as
-there are ever smaller loads of alternate sense, counted back from the hold.
+What a joint with memory remembers, `model.load_history` says: the nested extremes of its torque. They are few: in a
+long recording as many as there are ever smaller loads of alternate sense, counted back from the hold.
 
 The path is that of the whole recording up to the hold: every contact counts, with its preload, partial unloading and
 oscillation, whether it is a touch or rejected. Between contacts the load is zero, and so it is where nothing was

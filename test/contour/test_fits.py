@@ -20,9 +20,8 @@ from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.report import as_text
-from scara_kinetostatic.simulation.sliding.outline import polygon
-from scara_kinetostatic.simulation.sliding.slide import Slide, SlideTiming
-from scara_kinetostatic.simulation.sliding.streams import simulate_slides
+from scara_kinetostatic.simulation.outline import polygon
+from scara_kinetostatic.simulation.slides import Slide, SlideTiming, simulate_slides
 
 
 @pytest.fixture(scope='module')

@@ -15,9 +15,8 @@ from scara_kinetostatic.contour.trace import trace_contour
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.report.figure import style
-from scara_kinetostatic.simulation.sliding.outline import polygon
-from scara_kinetostatic.simulation.sliding.slide import Slide
-from scara_kinetostatic.simulation.sliding.streams import simulate_slides
+from scara_kinetostatic.simulation.outline import polygon
+from scara_kinetostatic.simulation.slides import Slide, simulate_slides
 
 
 def traced(outline, **more):

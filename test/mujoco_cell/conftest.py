@@ -10,8 +10,7 @@ import pytest
 
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.parameters import PAPER_NOMINAL
-from scara_kinetostatic.simulation.mujoco.controller import TouchController
-from scara_kinetostatic.simulation.mujoco.motion import SimulatedMotion
+from scara_kinetostatic.simulation.mujoco.controller import SimulatedMotion, TouchController
 from scara_kinetostatic.simulation.mujoco.scene import scene_named
 from scara_kinetostatic.simulation.mujoco.streams import preload_plan
 from scara_kinetostatic.simulation.plan import Plan

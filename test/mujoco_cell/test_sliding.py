@@ -15,9 +15,7 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.mujoco.scene import Scene
 from scara_kinetostatic.simulation.mujoco.sliding import SlideController
 from scara_kinetostatic.simulation.sensors import SensorModel
-from scara_kinetostatic.simulation.sliding.motion import SLIDE
-from scara_kinetostatic.simulation.sliding.slide import Slide
-from scara_kinetostatic.simulation.sliding.streams import sensed
+from scara_kinetostatic.simulation.slides import SLIDE, Slide, sensed
 
 NO_BACKLASH = PAPER_ACTUAL.replace(g_ee=0.0, g1=0.0, g2=0.0)
 LIMIT = 4e-6

@@ -16,7 +16,7 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.simulation.mujoco.controller import TouchController
 from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine
 from scara_kinetostatic.simulation.mujoco.scene import Scene, scene_named
-from scara_kinetostatic.simulation.mujoco.truth import truth_of_scene
+from scara_kinetostatic.simulation.mujoco.streams import truth_of_scene
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.trajectory import minimum_jerk
 

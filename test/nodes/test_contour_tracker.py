@@ -34,9 +34,8 @@ from scara_kinetostatic.nodes.conversion import joint_state, wrench
 from scara_kinetostatic.nodes.playback import Playback
 from scara_kinetostatic.nodes.processes import THIS_MACHINE
 from scara_kinetostatic.nodes.stream_subscription import LATCHED, RELIABLE_STREAM
-from scara_kinetostatic.simulation.sliding.outline import circle
-from scara_kinetostatic.simulation.sliding.slide import Slide
-from scara_kinetostatic.simulation.sliding.streams import simulate_slides
+from scara_kinetostatic.simulation.outline import circle
+from scara_kinetostatic.simulation.slides import Slide, simulate_slides
 from scara_kinetostatic.touches.streams import Streams
 
 CELL = replace(PAPER_CELL, tip_radius=0.005)

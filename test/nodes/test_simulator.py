@@ -14,8 +14,8 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.playback import Playback
-from scara_kinetostatic.simulation.sliding.plan_file import load_slides
-from scara_kinetostatic.simulation.sliding.streams import simulate_slides
+from scara_kinetostatic.simulation.plan_file import load_slides
+from scara_kinetostatic.simulation.slides import simulate_slides
 from scara_kinetostatic.simulation.truth import deviating_robot
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 

@@ -13,9 +13,9 @@ from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Noise, Plate, Uncertainty
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
-from scara_kinetostatic.simulation.declared_world import World
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
+from scara_kinetostatic.simulation.truth import World
 
 FIRST, *OTHERS = PAPER_CELL.discs
 CELL = replace(

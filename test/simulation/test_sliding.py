@@ -11,13 +11,10 @@ from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse_kinetostatics
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_MEASURED, PAPER_NOMINAL
-from scara_kinetostatic.simulation.plan_file import PlanError
+from scara_kinetostatic.simulation.outline import Track, circle, ellipse, polygon
+from scara_kinetostatic.simulation.plan_file import PlanError, holds_slides, load_slides
 from scara_kinetostatic.simulation.sensors import SensorModel
-from scara_kinetostatic.simulation.sliding.motion import CROSSING, SLIDE, SlidingMotion
-from scara_kinetostatic.simulation.sliding.outline import Track, circle, ellipse, polygon
-from scara_kinetostatic.simulation.sliding.plan_file import holds_slides, load_slides
-from scara_kinetostatic.simulation.sliding.slide import Slide
-from scara_kinetostatic.simulation.sliding.streams import simulate_slides
+from scara_kinetostatic.simulation.slides import CROSSING, SLIDE, Slide, SlidingMotion, simulate_slides
 
 CELL = Cell(PAPER_NOMINAL, PAPER_DISCS, noise=Noise(1e-5, 0.3), tip_radius=0.005)
 SQUARE = ((0.10, 0.30), (0.20, 0.30), (0.20, 0.40), (0.10, 0.40))

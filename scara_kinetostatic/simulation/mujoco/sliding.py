@@ -18,13 +18,11 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import inverse
 from scara_kinetostatic.simulation.mujoco.engine import TICK, Engine
 from scara_kinetostatic.simulation.mujoco.scene import Scene
-from scara_kinetostatic.simulation.phases import minimum_jerk
+from scara_kinetostatic.simulation.outline import Track
 from scara_kinetostatic.simulation.sensors import SensorModel
-from scara_kinetostatic.simulation.sliding.motion import PAUSE, PRESS, RETRACT, SLIDE, SlideState
-from scara_kinetostatic.simulation.sliding.outline import Track
-from scara_kinetostatic.simulation.sliding.slide import Slide, SlideTiming
-from scara_kinetostatic.simulation.sliding.streams import sensed
+from scara_kinetostatic.simulation.slides import PAUSE, PRESS, RETRACT, SLIDE, Slide, SlideState, SlideTiming, sensed
 from scara_kinetostatic.simulation.streams import START
+from scara_kinetostatic.simulation.trajectory import minimum_jerk
 from scara_kinetostatic.touches.streams import Streams
 
 COMPLIANCE = 2.5e-5

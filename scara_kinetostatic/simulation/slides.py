@@ -1,19 +1,16 @@
-"""The motion of a robot that slides along objects: joint angles, force and place at any time.
+"""The recording of slides: joint angles and forces as the sensors report them.
 
-A slide runs through ten phases (`PHASES`). In contact the tip's centre is at S = P + r n, and the force of the tip on
-the object is F = N (-n + μ τ t), with N the normal force, t the direction of travel and τ the part of the friction
-that is used: 1 while it slides, from 0 to 1 and back while it sticks. The joint angles are Q = Ḡ(S, F) of the true
-robot with its effects, hence F = A(Q) all along; there is no inner solve.
-
-Where the line of the force passes an axis, the torque of that joint changes its sign and the joint crosses its backlash
-2g. It does so while the lever arm of the force is within ± `CROSSING`: there g sign(c) of (6) is g h / `CROSSING`, with
-h = c / ‖F‖. Beyond, (6) holds exactly. What joints with memory keep of the load (history) is not simulated: they
-behave as without memory.
+The repeatability of a touch (`cell.noise`) is here an error of the same size that changes slowly along the slide
+(`SlideTiming.variation_time`); its force part grows and falls with the force, as in a touch. White noise, zero, frame,
+sign, resolution and stamps are those of `SensorModel`.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from math import isfinite
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +22,90 @@ from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.simulation.phases import minimum_jerk
-from scara_kinetostatic.simulation.sliding.outline import Track
-from scara_kinetostatic.simulation.sliding.slide import Slide, SlideTiming
+from scara_kinetostatic.simulation.outline import Outline, Track
+from scara_kinetostatic.simulation.sensors import SensorModel, sensor_angle
+from scara_kinetostatic.simulation.streams import START
+from scara_kinetostatic.simulation.trajectory import HOLD, CellState, minimum_jerk
+from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
+
+LARGEST_FRICTION = 2.0
+"""Largest coefficient of friction."""
+
+
+@dataclass(frozen=True)
+class Slide:
+    """One pass of the tip along an object.
+
+    Attributes:
+        outline: of the object's surface.
+        force: the normal force that the controller holds, N.
+        friction: coefficient of Coulomb friction μ between tip and object.
+        speed: of the tip's centre along the outline, m/s.
+        posture: elbow posture, +1 or -1.
+        begin: where it begins, in lengths of the outline.
+        end: where it ends; less than `begin` to slide backwards, more than one length apart to go round.
+
+    Raises:
+        ParameterError: a value that makes no sense.
+    """
+
+    outline: Outline
+    force: float = 15.0
+    friction: float = 0.0
+    speed: float = 0.02
+    posture: int = 1
+    begin: float = 0.0
+    end: float = 1.0
+
+    def __post_init__(self) -> None:
+        for item in fields(self)[1:]:
+            if not isfinite(getattr(self, item.name)):
+                raise ParameterError(f'slide: {item.name}', f'expected a finite number, got {getattr(self, item.name)}')
+        for name in ('force', 'speed'):
+            if not getattr(self, name) > 0:
+                raise ParameterError(f'slide: {name}', f'expected a number above 0, got {getattr(self, name):g}')
+        if not 0 <= self.friction <= LARGEST_FRICTION:
+            raise ParameterError('slide: friction', f'expected 0 to {LARGEST_FRICTION:g}, got {self.friction:g}')
+        if abs(self.posture) != 1:
+            raise ParameterError('slide: posture', f'expected +1 or -1, got {self.posture}')
+        if self.begin == self.end:
+            raise ParameterError('slide: end', 'is where the slide begins', 'let it end elsewhere')
+        if not self.outline.closed and not all(0 <= place <= 1 for place in (self.begin, self.end)):
+            raise ParameterError('slide: end', 'an open outline is slid along from 0 to 1')
+
+
+@dataclass(frozen=True)
+class SlideTiming:
+    """Durations of the parts of a slide, s, and the behaviour of the force controller.
+
+    Attributes:
+        travel: between two slides.
+        pause: at rest, free, before the approach and after the retraction.
+        approach: from the free pose to the object, and back.
+        press: from no force to the normal force, and back.
+        stick: from no tangential force to that of sliding, while the tip stands, and back.
+        start: from rest to the speed, and back.
+        clearance: distance of the free pose from the object, m.
+        force_variation: standard deviation of the normal force that the controller holds, relative.
+        variation_time: time over which this deviation and the errors of the sensors change, s.
+    """
+
+    travel: float = 1.5
+    pause: float = 0.4
+    approach: float = 0.4
+    press: float = 0.3
+    stick: float = 0.15
+    start: float = 0.2
+    clearance: float = 0.01
+    force_variation: float = 0.02
+    variation_time: float = 0.5
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if not isfinite(value) or value < 0 or (value == 0 and item.name != 'force_variation'):
+                raise ParameterError(f'timing: {item.name}', f'expected a value above 0, got {value}')
+
 
 PHASES = ('travel', 'pause', 'approach', 'press', 'stick', 'slide', 'stop', 'release', 'retract', 'rest')
 TRAVEL, PAUSE, APPROACH, PRESS, STICK, SLIDE, STOP, RELEASE, RETRACT, REST = range(10)
@@ -253,3 +331,90 @@ class SlowNoise:
         """Their values at times in s, (k, columns)."""
         waves = np.cos(time[:, None, None] * self._frequency + self._phase)
         return np.asarray((self._size * waves).sum(axis=1))
+
+
+class Motion(Protocol):
+    """A motion that the sensors report: that of `SlidingMotion`, or of an engine."""
+
+    @property
+    def duration(self) -> float:
+        """S."""
+
+    @property
+    def slides(self) -> tuple[Slide, ...]:
+        """One after the other."""
+
+    @property
+    def model(self) -> ExtendedModel:
+        """The robot."""
+
+    @property
+    def timing(self) -> SlideTiming:
+        """How fast the errors of the sensors change."""
+
+    def state_at(self, time: Floats) -> SlideState:
+        """The state at times in s, (k,)."""
+
+
+def simulate_slides(
+    cell: Cell,
+    truth: ExtendedModel | Parameters,
+    slides: Sequence[Slide],
+    *,
+    timing: SlideTiming | None = None,
+    sensors: SensorModel | None = None,
+    seed: int = 0,
+    start: int = START,
+) -> Streams:
+    """Both streams of one pass through several slides.
+
+    Args:
+        cell: sensor, noise of a touch, radius of the tip.
+        truth: the simulated robot: its parameters, or the model with its effects.
+        slides: one after the other.
+        timing: how long their parts last.
+        sensors: noise, bias and rates.
+        seed: of all random numbers.
+        start: stamp of the start, ns.
+
+    Raises:
+        UnsupportedDataError: there is no slide, or the simulated robot does not reach one.
+        ParameterError: an outline is too narrow for the tip.
+    """
+    motion = SlidingMotion(cell, truth, tuple(slides), timing, seed)
+    return sensed(motion, cell, sensors or SensorModel(), seed, start)
+
+
+def sensed(motion: Motion, cell: Cell, sensors: SensorModel, seed: int, start: int = START) -> Streams:
+    """What the sensors report of a motion; the arguments are those of `simulate_slides`."""
+    random = np.random.default_rng([seed, 1])
+    errors = SlowNoise(np.random.default_rng([seed, 0]), 4, motion.timing.variation_time)
+    joint_stamps = sensors.stamps(motion.duration, sensors.joint_rate, 0.0, random)
+    wrench_stamps = sensors.stamps(motion.duration, sensors.wrench_rate, sensors.offset, random)
+    state, joint_errors, _ = _disturbed(motion, cell, sensors, errors, 1e-9 * joint_stamps.astype(np.float64))
+    position = sensors.read_joints(state, joint_errors, random)
+    state, _, force_errors = _disturbed(motion, cell, sensors, errors, 1e-9 * wrench_stamps.astype(np.float64))
+    force = sensors.read_force(cell, motion.model, state, force_errors, random)
+    return Streams(
+        source='simulation',
+        joints=JointStream(joint_stamps + start, position),
+        wrench=WrenchStream(wrench_stamps + start, force),
+    )
+
+
+def _disturbed(
+    motion: Motion, cell: Cell, sensors: SensorModel, errors: SlowNoise, time: Floats
+) -> tuple[CellState, Floats, Floats]:
+    """The state at times, each instant as a touch of its own, and its errors."""
+    state, unit = motion.state_at(time), errors.at(time)
+    angle = sensor_angle(cell, as_model(motion.model).parameters, state.joints)
+    joint_errors, force_errors = sensors.scaled_errors(cell, unit[:, :2], unit[:, 2:], state.force, angle)
+    return _as_holds(motion, state), joint_errors, force_errors
+
+
+def _as_holds(motion: Motion, state: SlideState) -> CellState:
+    """The states as those of holds, numbered on; the force over that of the slide."""
+    count = len(state.joints)
+    planned = np.array([slide.force for slide in motion.slides])[state.slide]
+    relative_force = np.minimum(np.hypot(*state.force.T) / planned, 1.0)
+    return CellState(state.joints, state.force, np.arange(count), np.full(count, HOLD), np.ones(count), relative_force)

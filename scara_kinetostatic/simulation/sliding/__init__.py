@@ -1,1 +1,0 @@
-"""A robot that slides its tip along objects of any outline, with friction, recorded as its sensors would report it."""
