@@ -23,7 +23,8 @@ from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import rotate
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.simulation.trajectory import TRAVEL, CellState
+from scara_kinetostatic.simulation.contact_forces import TRAVEL
+from scara_kinetostatic.simulation.trajectory import CellState
 
 TYPICAL_NOISE = Noise(joint=1e-5, force=0.3)
 """Repeatability of a touch where neither the sensors nor the cell give one."""

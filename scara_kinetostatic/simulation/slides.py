@@ -22,10 +22,11 @@ from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import quarter_turn, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
 from scara_kinetostatic.model.parameters import Parameters
+from scara_kinetostatic.simulation.contact_forces import HOLD, minimum_jerk
 from scara_kinetostatic.simulation.outline import Outline, Track
 from scara_kinetostatic.simulation.sensors import SensorModel, sensor_angle
 from scara_kinetostatic.simulation.streams import START
-from scara_kinetostatic.simulation.trajectory import HOLD, CellState, minimum_jerk
+from scara_kinetostatic.simulation.trajectory import CellState
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 LARGEST_FRICTION = 2.0

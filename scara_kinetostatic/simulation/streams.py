@@ -9,9 +9,10 @@ from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.model.touch import TouchSet
+from scara_kinetostatic.simulation.contact_forces import PlannedLoads, Timing, load_histories
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.sensors import SensorModel, reported_force, sensor_angle
-from scara_kinetostatic.simulation.trajectory import PlannedLoads, Timing, Trajectory, load_histories
+from scara_kinetostatic.simulation.trajectory import Trajectory
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 START = 1_700_000_000_000_000_000

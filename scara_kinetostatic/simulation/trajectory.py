@@ -18,135 +18,40 @@ whole plan, with preloads, unloading and the free motion between touches; see `l
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scara_kinetostatic.errors import ParameterError, UnsupportedDataError
-from scara_kinetostatic.model.arrays import Floats, Mask
-from scara_kinetostatic.model.cell import Cell, SensorFrame
+from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model
 from scara_kinetostatic.model.kinematics import forward, wrap
 from scara_kinetostatic.model.kinetostatics import inverse_kinetostatics
-from scara_kinetostatic.model.load_history import remembered, torques_of
 from scara_kinetostatic.model.parameters import Parameters
-from scara_kinetostatic.model.touch import stacked_histories
-from scara_kinetostatic.simulation.contact_forces import LIGHT_FORCE, ContactForces
-from scara_kinetostatic.simulation.plan import CLEARANCE, Plan
+from scara_kinetostatic.simulation.contact_forces import (
+    APPROACH,
+    EASE,
+    HOLD,
+    LIGHT_FORCE,
+    PAUSE,
+    PHASES,
+    PRESS,
+    RELEASE,
+    RETRACT,
+    TRAVEL,
+    ContactForces,
+    Histories,
+    PlannedLoads,
+    Timing,
+    load_histories,
+    minimum_jerk,
+)
+from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.touches.load_history import last_movement
-
-PHASES = ('travel', 'pause', 'approach', 'press', 'ease', 'hold', 'release', 'retract')
-TRAVEL, PAUSE, APPROACH, PRESS, EASE, HOLD, RELEASE, RETRACT = range(8)
-
-
-@dataclass(frozen=True)
-class Timing:
-    """Durations of the phases of a touch, s.
-
-    Attributes:
-        travel: shortest travel between two touches.
-        pause: rest at the free pose before the approach.
-        approach: from the free pose to the disc.
-        press: from no force to the force of the hold, or to the peak beyond it.
-        ease: from the peak down to the force of the hold, for touches with preload.
-        hold: at rest under the force.
-        release: back to no force.
-        retract: back to the free pose.
-        speed: largest mean speed of a joint during the travel, rad/s.
-        clearance: distance of the free pose from the disc, m.
-
-    Raises:
-        ParameterError: a value that is not above 0 (0 is fine for the pause).
-    """
-
-    travel: float = 0.6
-    pause: float = 0.1
-    approach: float = 0.4
-    press: float = 0.3
-    ease: float = 0.2
-    hold: float = 0.5
-    release: float = 0.2
-    retract: float = 0.2
-    speed: float = 4.0
-    clearance: float = CLEARANCE
-
-    def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if not np.isfinite(value) or value < 0 or (value == 0 and item.name != 'pause'):
-                raise ParameterError(f'timing: {item.name}', f'expected a value above 0, got {value}')
-
-
-def minimum_jerk(part: Floats) -> Floats:
-    """10 s³ - 15 s⁴ + 6 s⁵: from 0 to 1, at rest at both ends."""
-    return part**3 * (10.0 + part * (6.0 * part - 15.0))
-
-
-class PlannedLoads(NamedTuple):
-    """Peak and hold of m touches; (m, 2) each.
-
-    Attributes:
-        peak_joints: Q under the largest force, rad.
-        peak_force: that force, N.
-        hold_joints: Q in the hold, rad.
-        hold_force: F in the hold, N.
-    """
-
-    peak_joints: Floats
-    peak_force: Floats
-    hold_joints: Floats
-    hold_force: Floats
-
-
-class Histories(NamedTuple):
-    """Histories at three stages of every touch, (m, K, 4) each, as in `TouchSet.history`.
-
-    Attributes:
-        press: before it.
-        hold: before it, with the preload.
-        release: before it, with the hold.
-    """
-
-    press: Floats
-    hold: Floats
-    release: Floats
-
-
-def load_histories(
-    loads: PlannedLoads,
-    has_preload: Mask,
-    parameters: Parameters,
-    frame: SensorFrame = SensorFrame.BASE,
-    repeated: bool = False,
-) -> Histories:
-    """The histories of the touches of a plan.
-
-    Args:
-        loads: peaks and holds in the order of time.
-        has_preload: whether the peak is beyond the hold, (m,).
-        parameters: L̄, which tells the torques that a memory keeps.
-        frame: that of the forces.
-        repeated: whether the joints come from another pass through the same plan instead of the relaxed state.
-    """
-    peaks = np.concatenate([loads.peak_joints, loads.peak_force], axis=1)
-    holds = np.concatenate([loads.hold_joints, loads.hold_force], axis=1)
-    points = np.stack([peaks, holds, holds * (1, 1, 0, 0)], axis=1).reshape(-1, 4)
-    torques = [(first, second) for first, second in torques_of(parameters, points, frame).tolist()]
-    stages: tuple[list[Floats], ...] = ([], [], [])
-    memory: list[int] = []
-    for turn in range(1 + repeated):
-        for place in range(len(points)):
-            if turn == repeated:
-                stages[place % 3].append(points[memory])
-            if place % 3 or has_preload[place // 3]:
-                memory.append(place)
-                memory = [memory[k] for k in remembered([torques[one] for one in memory])]
-    return Histories(*(stacked_histories(stage, loads.hold_joints) for stage in stages))
-
 
 __all__ = [
     'APPROACH',
