@@ -32,9 +32,8 @@ RUNS, SLOW = 3, 30.0
 
 def write(path: Path, seconds: float, rate: float) -> int:
     """Writes the recording; returns the number of messages."""
-    from scara_kinetostatic.bags.bag_writer import JOINTS, WRENCH
-    from scara_kinetostatic.bags.encoding import channels, joint_state_messages, wrench_messages
-    from scara_kinetostatic.bags.mcap_writer import McapWriter
+    from scara_kinetostatic.bags.cdr import joint_state_messages, wrench_messages
+    from scara_kinetostatic.bags.writer import McapWriter, channels
 
     file, random = McapWriter(path, channels(CELL)), np.random.default_rng(0)
     count = round(seconds * rate)
@@ -46,8 +45,8 @@ def write(path: Path, seconds: float, rate: float) -> int:
         wrenches = wrench_messages(later, 10 * random.standard_normal((len(places), 2)), 'tool0')
         rows = zip(stamp.tolist(), joints, later.tolist(), wrenches, strict=True)
         for joint_time, joint, wrench_time, wrench in rows:
-            file.write(JOINTS, joint, joint_time)
-            file.write(WRENCH, wrench, wrench_time)
+            file.write(CELL.sensor.topics[0], joint, joint_time)
+            file.write(CELL.sensor.topics[1], wrench, wrench_time)
     file.finish(path.name)
     return 2 * count
 

@@ -46,14 +46,14 @@ ORDER = (
 ANYWHERE = {'numpy'}
 KEPT_IN = {
     'scipy': ('assessment', 'calibration', 'diagnosis', 'monitoring', 'results', 'studies'),
-    'yaml': ('files', 'simulation'),
+    'yaml': ('files', 'simulation', 'bags'),
     'matplotlib': ('contour', 'report', 'results', 'studies'),
     'markupsafe': ('contour', 'monitoring', 'report', 'results', 'studies'),
     'jinja2': ('files', 'report'),
     'rich': ('cli',),
     'mujoco': ('simulation',),
     'distributed': ('monitoring',),
-    **dict.fromkeys(('rosbags', 'mcap', 'lz4', 'zstandard'), ('bags',)),
+    **dict.fromkeys(('rosbags', 'mcap', 'zstandard'), ('bags',)),
     **dict.fromkeys(('rclpy', 'builtin_interfaces', 'rcl_interfaces', 'diagnostic_msgs'), ('nodes',)),
     **dict.fromkeys(('geometry_msgs', 'nav_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'tf2_msgs'), ('nodes',)),
     **dict.fromkeys(('trajectory_msgs', 'visualization_msgs'), ('nodes',)),

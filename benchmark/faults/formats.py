@@ -14,8 +14,8 @@ from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
 from benchmark.faults.outcomes import METADATA, Form
-from scara_kinetostatic.bags.encoding import channels, joint_state_messages, string_message, wrench_messages
-from scara_kinetostatic.bags.writer import BagWriter, write_streams
+from scara_kinetostatic.bags.cdr import joint_state_messages, ros2_types, string_message, wrench_messages
+from scara_kinetostatic.bags.writer import BagWriter, channels, write_streams
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
@@ -82,15 +82,15 @@ def _file(form: Form, name: str) -> str:
     return next(path for path in form.files if path.endswith(name))
 
 
-def _messages(streams: Streams, cell: Cell, *, ros1: bool = False) -> list[Message]:
+def _messages(streams: Streams, cell: Cell) -> list[Message]:
     """The cell description, then all messages in the order of time."""
     joints, wrench = streams.joints, streams.wrench
-    positions = joint_state_messages(joints.stamp, joints.position, cell.joint_names, ros1=ros1)
-    forces = wrench_messages(wrench.stamp, wrench.force, 'base', ros1=ros1)
+    positions = joint_state_messages(joints.stamp, joints.position, cell.joint_names)
+    forces = wrench_messages(wrench.stamp, wrench.force, 'base')
     items = [(stamp, 1, data) for stamp, data in zip(joints.stamp.tolist(), positions, strict=True)]
     items += [(stamp, 2, data) for stamp, data in zip(wrench.stamp.tolist(), forces, strict=True)]
     items.sort(key=lambda item: item[0])
-    return [(items[0][0], 0, string_message(dump_cell(cell), ros1=ros1)), *items]
+    return [(items[0][0], 0, string_message(dump_cell(cell))), *items]
 
 
 def _write_mcap(path: Path, streams: Streams, cell: Cell, **options: Any) -> None:
@@ -99,7 +99,7 @@ def _write_mcap(path: Path, streams: Streams, cell: Cell, **options: Any) -> Non
         writer.start('ros2', 'another recorder')
         ids = []
         for channel in channels(cell):
-            schema = writer.register_schema(channel.msgtype, 'ros2msg', channel.definition.encode())
+            schema = writer.register_schema(channel.msgtype, 'ros2msg', b'')
             ids.append(writer.register_channel(channel.topic, 'cdr', schema))
         for time, number, data in _messages(streams, cell):
             writer.add_message(ids[number], time, data, time)
@@ -132,5 +132,6 @@ def _write_ros1(path: Path, streams: Streams, cell: Cell) -> None:
     store = get_typestore(Stores.ROS1_NOETIC)
     with writer:
         connections = [writer.add_connection(item.topic, item.msgtype, typestore=store) for item in channels(cell)]
-        for time, number, data in _messages(streams, cell, ros1=True):
-            writer.write(connections[number], time, data)
+        for time, number, data in _messages(streams, cell):
+            msgtype = connections[number].msgtype
+            writer.write(connections[number], time, ros2_types().cdr_to_ros1(data, msgtype))

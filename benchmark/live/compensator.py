@@ -28,7 +28,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from benchmark.common import parser, print_targets, save
-from scara_kinetostatic.bags.encoding import joint_state_messages, wrench_messages
+from scara_kinetostatic.bags.cdr import joint_state_messages, wrench_messages
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.files.calibration_file import arm_document

@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmark.common import parser, print_and_save
 from benchmark.live.__main__ import memory_now
-from scara_kinetostatic.bags.encoding import joint_state_messages, wrench_messages
+from scara_kinetostatic.bags.cdr import joint_state_messages, wrench_messages
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.nodes.collector import POLL

@@ -15,7 +15,14 @@ from scara_kinetostatic.errors import RecordingError, ScaraKinetostaticError
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 WRENCH_STAMPED = 'geometry_msgs/msg/WrenchStamped'
 STRING = 'std_msgs/msg/String'
+TF_MESSAGE = 'tf2_msgs/msg/TFMessage'
+TF_STATIC = '/tf_static'
+DISCARD_TOPIC = '/discarded_touch'
+"""Carries, for each touch that was discarded while recording, `{"touch": 5, "stamp": 1700…, "received": 1700…}`: its
+number, the middle of its hold by the clock of the streams, and when that was received, ns."""
 
+LARGEST_MESSAGE = 1 << 20
+"""A joint state, wrench or cell description is smaller than this, bytes; larger messages are refused."""
 BATCH = 8192
 """Messages per batch where the source does not set its own portion."""
 
@@ -26,7 +33,7 @@ class Topic(NamedTuple):
     Attributes:
         name: with a leading slash.
         msgtype: as ROS 2 writes it, `package/msg/Name`.
-        encoding: `cdr` (ROS 2), `ros1`, or whatever the file says.
+        encoding: `cdr`, or whatever else the file says.
     """
 
     name: str
@@ -61,19 +68,6 @@ class Batch(NamedTuple):
             np.frombuffer(b''.join(payloads), np.uint8),
             np.cumsum(length) - length,
             length,
-        )
-
-    @classmethod
-    def concatenate(cls, batches: Sequence[Batch]) -> Batch:
-        """One batch of the messages of several, in turn, all of one topic."""
-        sizes = [len(batch.buffer) for batch in batches]
-        offsets = np.cumsum([0, *sizes[:-1]])
-        return cls(
-            batches[0].topic,
-            np.concatenate([batch.log_time for batch in batches]),
-            np.concatenate([batch.buffer for batch in batches]),
-            np.concatenate([batch.start + offset for batch, offset in zip(batches, offsets, strict=True)]),
-            np.concatenate([batch.length for batch in batches]),
         )
 
     def payload(self, index: int) -> bytes:

@@ -8,19 +8,21 @@ recording that cannot be used is a `RecordingError` that says what to do.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from scara_kinetostatic.bags.bag_folder import METADATA
-from scara_kinetostatic.bags.cell_topics import cell_topics
-from scara_kinetostatic.bags.decoding import Decoder, Samples, decode_string
-from scara_kinetostatic.bags.decompression import decompress_messages
-from scara_kinetostatic.bags.encoding import DISCARD_TOPIC
+import zstandard
+
+from scara_kinetostatic.bags.cdr import Decoder, Samples, decode_string, decode_transforms
 from scara_kinetostatic.bags.messages import (
+    DISCARD_TOPIC,
     JOINT_STATE,
+    LARGEST_MESSAGE,
     STRING,
+    TF_MESSAGE,
+    TF_STATIC,
     WRENCH_STAMPED,
     Batch,
     Source,
@@ -28,27 +30,20 @@ from scara_kinetostatic.bags.messages import (
     printable,
     reading,
 )
-from scara_kinetostatic.bags.sources import open_recording
-from scara_kinetostatic.bags.transforms import TF_MESSAGE, TF_STATIC, decode_transforms
+from scara_kinetostatic.bags.sources import ZSTD_MAGIC, open_recording
 from scara_kinetostatic.errors import CellError, RecordingError, one_line
 from scara_kinetostatic.files.cell_file import CELL_TOPIC, parse_cell
-from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Sensor
 from scara_kinetostatic.touches import clock
 from scara_kinetostatic.touches.clock import counted
 from scara_kinetostatic.touches.streams import (
     INTERLEAVED,
-    FixedTransform,
     JointStream,
     Streams,
     WrenchFrame,
     WrenchStream,
     interleaved_seconds,
 )
-
-_ENCODINGS = ('cdr', 'ros1')
-_ATTEMPTS = 5
-"""So often a folder is read if files vanish from it because they are merged."""
 
 
 class _Discard(NamedTuple):
@@ -59,21 +54,14 @@ class _Discard(NamedTuple):
 
 
 class _Contents(NamedTuple):
-    """What a recording holds of two topics.
-
-    Attributes:
-        source: of the recording, which then knows all topics.
-        samples: the messages of the two topics, decoded.
-        discarded: touches that were discarded while recording.
-        frame_ids: of the wrenches.
-        transforms: those that are fixed, in the order of recording.
+    """What a recording holds of two topics: its source, which then knows all topics; the decoders of the two topics;
+    touches that were discarded while recording; and what the fixed transforms say of the wrenches.
     """
 
     source: Source
-    samples: dict[str, Samples]
-    discarded: tuple[_Discard, ...]
-    frame_ids: tuple[str, ...]
-    transforms: tuple[FixedTransform, ...]
+    decoders: dict[str, Decoder]
+    discarded: list[_Discard]
+    frame: WrenchFrame
 
 
 def read_streams(path: str | Path, cell: Cell) -> Streams:
@@ -91,24 +79,24 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
     """
     with reading(path):
         names = cell.sensor.topics
-        contents = _samples(path, names, cell)
-        source = contents.source
-        found = cell_topics(str(path), source.topics(), cell.sensor, lambda: _recorded_sensor(path, source))
+        contents = _read(path, names, cell)
+        topics = contents.source.topics()
+        found = _cell_topics(str(path), topics, cell.sensor, lambda: _recorded_sensor(path, topics))
         if found != names:
             names = found
-            contents = _samples(path, names, cell)
-        frame = _frame(contents, cell)
-        turns = {name: turn for name in contents.frame_ids if (turn := frame.turn(name)) is not None}
-        if turns:
-            contents = _samples(path, names, cell, turns)
-        streams, warnings = contents.samples, list(contents.source.warnings)
+            contents = _read(path, names, cell)
+        frame_ids = sorted(contents.decoders[names[1]].frame_ids)
+        turns = {name: turn for name in frame_ids if (turn := contents.frame.turn(name)) is not None}
+        joint_decoder, wrench_decoder = contents.decoders.values()
+        streams = {names[0]: joint_decoder.samples(), names[1]: wrench_decoder.samples(turns)}
+        warnings = list(contents.source.warnings)
         for (topic, samples), msgtype in zip(streams.items(), (JOINT_STATE, WRENCH_STAMPED), strict=True):
             if len(samples.stamp) == 0:
                 raise _nothing_usable(path, contents.source, topic, msgtype, samples, cell)
             warnings += [f'{topic}: {counted(number)} {why} dropped' for why, number in samples.dropped.items()]
         if interleaved_seconds(streams[names[0]].log_time, streams[names[0]].values):
             warnings.append(f'{names[0]}: {INTERLEAVED}')
-        warnings += [f'{names[1]}: {said}' for name in contents.frame_ids if (said := frame.complaint(name))]
+        warnings += [f'{names[1]}: {said}' for name in frame_ids if (said := contents.frame.complaint(name))]
         clocked = [clock.Samples(*samples[:3]) for samples in streams.values()]
         offset = cell.sensor.time_offset
         (joints, wrench), valid = clock.on_one_clock(str(path), names, clocked, warnings, offset)
@@ -119,65 +107,53 @@ def read_streams(path: str | Path, cell: Cell) -> Streams:
             warnings=tuple(map(one_line, warnings)),
             topics=names,
             discarded=tuple(item.received if valid.by_log_time else item.stamp for item in contents.discarded),
-            turned=one_line('; '.join(map(frame.description, turns))),
+            turned=one_line('; '.join(map(contents.frame.description, turns))),
         )
 
 
-def _frame(contents: _Contents, cell: Cell) -> WrenchFrame:
-    """What the fixed transforms of a recording say of the wrenches."""
-    frame = WrenchFrame(cell.sensor.frame)
-    for transform in contents.transforms:
-        frame.add(transform)
-    return frame
-
-
-def _samples(
-    path: str | Path, names: tuple[str, str], cell: Cell, turns: Mapping[str, Floats] | None = None
-) -> _Contents:
-    """What a recording holds of two topics, the forces turned by their `frame_id`."""
-    for _ in range(_ATTEMPTS - 1):
-        before = _version(path)
-        contents = _read_once(path, names, cell, turns)
-        if not getattr(contents.source, 'vanished', False) or _version(path) == before:
-            return contents
-    return _read_once(path, names, cell, turns)
-
-
-def _version(path: str | Path) -> tuple[int, int]:
-    """Changes where the list of the files of a folder does: a recorder merges files while they are read."""
-    metadata = Path(path) / METADATA
-    with suppress(OSError):
-        state = metadata.stat()
-        return state.st_ino, state.st_mtime_ns
-    return 0, 0
-
-
-def _read_once(path: str | Path, names: tuple[str, str], cell: Cell, turns: Mapping[str, Floats] | None) -> _Contents:
-    """As `_samples`, whatever happens to the folder meanwhile."""
+def _read(path: str | Path, names: tuple[str, str], cell: Cell) -> _Contents:
+    """What a recording holds of two topics."""
     types = dict(zip(names, (JOINT_STATE, WRENCH_STAMPED), strict=True))
-    wrenches = Decoder(turns=turns)
-    decoders = dict(zip(names, (Decoder(cell.joint_names), wrenches), strict=True))
-    source, discarded, transforms = open_recording(path), list[_Discard](), list[FixedTransform]()
-    for batch in source.batches((*types, DISCARD_TOPIC, TF_STATIC)):
-        if batch.topic.encoding not in _ENCODINGS:
-            continue
-        for portion in decompress_messages(batch):
-            if batch.topic.msgtype == types.get(batch.topic.name):
-                decoders[batch.topic.name].add(portion)
-            elif (batch.topic.name, batch.topic.msgtype) == (DISCARD_TOPIC, STRING):
-                discarded += _discarded(portion)
-            elif (batch.topic.name, batch.topic.msgtype) == (TF_STATIC, TF_MESSAGE):
-                for payload in portion.payloads():
-                    transforms += decode_transforms(payload, batch.topic.encoding)
-    samples = {topic: decoder.samples() for topic, decoder in decoders.items()}
-    return _Contents(source, samples, tuple(discarded), tuple(sorted(wrenches.frame_ids)), tuple(transforms))
+    decoders = dict(zip(names, (Decoder(cell.joint_names), Decoder()), strict=True))
+    contents = _Contents(open_recording(path), decoders, [], WrenchFrame(cell.sensor.frame))
+    for batch in contents.source.batches((*types, DISCARD_TOPIC, TF_STATIC)):
+        topic = batch.topic
+        for portion in _decompressed(batch) if topic.encoding == 'cdr' else ():
+            if topic.msgtype == types.get(topic.name):
+                decoders[topic.name].add(portion)
+            elif (topic.name, topic.msgtype) == (DISCARD_TOPIC, STRING):
+                contents.discarded.extend(_discarded(portion))
+            elif (topic.name, topic.msgtype) == (TF_STATIC, TF_MESSAGE):
+                for transform in (each for payload in portion.payloads() for each in decode_transforms(payload)):
+                    contents.frame.add(transform)
+    return contents
+
+
+def _decompressed(batch: Batch, portion: int = 1 << 25) -> Iterator[Batch]:
+    """The same messages, decompressed where each was compressed on its own (rosbag2's compression mode `message`).
+
+    They come in portions of so many bytes. A message that is not compressed never starts with the magic number of zstd.
+    """
+    if len(batch.start) == 0 or batch.payload(0)[:4] != ZSTD_MAGIC:
+        yield batch
+        return
+    times, payloads, size = batch.log_time.tolist(), list[bytes](), 0
+    for index in range(len(times)):
+        message = b''
+        with suppress(zstandard.ZstdError), zstandard.ZstdDecompressor().stream_reader(batch.payload(index)) as reader:
+            message = reader.read(LARGEST_MESSAGE + 1)
+        payloads.append(message if len(message) <= LARGEST_MESSAGE else b'')
+        size += len(message)
+        if size > portion or index == len(times) - 1:
+            yield Batch.from_payloads(batch.topic, times[index + 1 - len(payloads) : index + 1], payloads)
+            payloads, size = [], 0
 
 
 def _discarded(batch: Batch) -> list[_Discard]:
     """The discarded touches."""
     found = []
     for payload in batch.payloads():
-        said = json.loads(decode_string(payload, batch.topic.encoding))
+        said = json.loads(decode_string(payload))
         discard = _Discard(said['stamp'], said.get('received') or said['stamp'])
         if not all(isinstance(time, int) for time in discard):
             raise ValueError(f'{DISCARD_TOPIC}: expected times in ns, got {said!r}')
@@ -185,12 +161,10 @@ def _discarded(batch: Batch) -> list[_Discard]:
     return found
 
 
-def _recorded_sensor(path: str | Path, source: Source) -> Sensor | None:
+def _recorded_sensor(path: str | Path, topics: Sequence[Topic]) -> Sensor | None:
     """The sensor of the cell description in the recording; None where there is none that is valid."""
-    if not any(item.name == CELL_TOPIC for item in source.topics()):
-        return None
     with suppress(CellError):
-        cell = embedded_cell(path)
+        cell = embedded_cell(path) if any(item.name == CELL_TOPIC for item in topics) else None
         return cell.sensor if cell else None
     return None
 
@@ -204,8 +178,8 @@ def embedded_cell(path: str | Path) -> Cell | None:
     """
     with reading(path), closing(open_recording(path).batches({CELL_TOPIC})) as batches:
         for batch in batches:
-            if batch.topic.msgtype == STRING and batch.topic.encoding in _ENCODINGS:
-                text = decode_string(next(decompress_messages(batch)).payload(0), batch.topic.encoding)
+            if batch.topic.msgtype == STRING and batch.topic.encoding == 'cdr':
+                text = decode_string(next(_decompressed(batch)).payload(0))
                 return parse_cell(text, f'{path}: {CELL_TOPIC}')
     return None
 
@@ -224,7 +198,7 @@ def _nothing_usable(
     if all(item.msgtype != msgtype for item in here):
         problem = f'topic {topic} carries {here[0].msgtype}, expected {msgtype}'
         return RecordingError(path, problem, _suggestion(topics, msgtype, topic))
-    if all(item.encoding not in _ENCODINGS for item in here):
+    if all(item.encoding != 'cdr' for item in here):
         return RecordingError(path, f'topic {topic} is serialized as {here[0].encoding!r}, expected cdr', 'convert it')
     if samples.names and not any(name in samples.names for name in cell.joint_names):
         problem = f'topic {topic} has no joints {" and ".join(cell.joint_names)}, only {_some(sorted(samples.names))}'
@@ -242,7 +216,7 @@ def _missing(path: str | Path, topic: str, msgtype: str, topics: list[Topic]) ->
 
 
 def _suggestion(topics: list[Topic], msgtype: str, topic: str) -> str:
-    right = [item.name for item in topics if item.msgtype == msgtype and item.encoding in _ENCODINGS]
+    right = [item.name for item in topics if item.msgtype == msgtype and item.encoding == 'cdr']
     key = 'sensor.joint_states' if msgtype == JOINT_STATE else 'sensor.wrench'
     if right:
         return f'{msgtype} is on {_some(right)}: put that into {key} of the cell description'
@@ -252,3 +226,53 @@ def _suggestion(topics: list[Topic], msgtype: str, topic: str) -> str:
 def _some(names: list[str], most: int = 8) -> str:
     more = f' and {len(names) - most} more' if len(names) > most else ''
     return printable(', '.join(names[:most])) + more
+
+
+def _cell_topics(
+    source: str, topics: Sequence[Topic], sensor: Sensor, recorded: Callable[[], Sensor | None]
+) -> tuple[str, str]:
+    """The names of joint states and wrenches in a recording; those in the root namespace where there is nothing better.
+
+    A name with a leading slash is taken as it stands. One without was recorded in the namespace of the nodes, which the
+    recording shows: `joint_states` is found as `/joint_states` or `/left/joint_states`, both topics in the same
+    namespace. A collector whose topics were remapped records a description whose names the recording does not have,
+    beside the only two topics of these types.
+
+    Args:
+        source: the recording, for messages.
+        topics: all its topics.
+        sensor: of the cell description.
+        recorded: reads that of the cell description in the recording; None where there is none.
+
+    Raises:
+        RecordingError: several namespaces have both topics.
+    """
+    here = [[item.name for item in topics if item.msgtype == kind] for kind in (JOINT_STATE, WRENCH_STAMPED)]
+    found = _by_namespace(here, sensor)
+    if len(found) > 1:
+        problem = f'several cells: {" and ".join(f"{joints} with {wrench}" for joints, wrench in found[:4])}'
+        remedy = 'write the full names of one, with a leading slash, into sensor.joint_states and sensor.wrench'
+        raise RecordingError(source, problem, f'{remedy} of the cell description')
+    if found:
+        return found[0]
+    only = [list(dict.fromkeys(names)) for names in here]
+    if any(len(names) != 1 for names in only):
+        return sensor.topics
+    described = recorded()
+    return (only[0][0], only[1][0]) if described and described[:2] == sensor[:2] else sensor.topics
+
+
+def _by_namespace(here: list[list[str]], sensor: Sensor) -> list[tuple[str, str]]:
+    """The pairs of topics of the right types that the names of a cell description can mean."""
+    spaces: list[set[str]] = []
+    for names, wanted in zip(here, sensor[:2], strict=True):
+        if wanted.startswith('/'):
+            if wanted not in names:
+                return []
+        else:
+            spaces.append({name[: -len(wanted) - 1] for name in names if name.endswith(f'/{wanted}')})
+    common = set.intersection(*spaces) if spaces else {''}
+    return [
+        tuple(name if name.startswith('/') else f'{space}/{name}' for name in sensor[:2])  # type: ignore[misc]
+        for space in sorted(common)
+    ]

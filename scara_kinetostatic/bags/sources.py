@@ -1,25 +1,33 @@
-"""The source for a recording: a reader for its form, which its first bytes show."""
+"""The source for a recording: a reader for its form, which its first bytes show; a folder is read file by file.
+
+A rosbag2 folder has a `metadata.yaml` and the files it lists. One whose metadata is missing or damaged is read as well,
+its files in the order of their names, with a warning. So are the files that follow the last listed one by their number,
+which a killed recorder leaves (see `writer`).
+"""
 
 from __future__ import annotations
 
+import re
 import stat
 import tempfile
-from collections.abc import Collection
-from pathlib import Path
-from typing import IO, cast
+from collections import Counter
+from collections.abc import Collection, Iterator
+from contextlib import suppress
+from pathlib import Path, PurePosixPath
 
 import zstandard
 
-from scara_kinetostatic.bags.bag_folder import BagFolder
-from scara_kinetostatic.bags.decompression import ZSTD_MAGIC, unpack
-from scara_kinetostatic.bags.mcap_file import McapFile
-from scara_kinetostatic.bags.mcap_records import MAGIC as MCAP_MAGIC
-from scara_kinetostatic.bags.messages import Batches, Source, Topic, reading
+from scara_kinetostatic.bags.mcap_file import MAGIC, McapFile
+from scara_kinetostatic.bags.messages import Batch, Batches, Source, Topic, reading, ros_topic
 from scara_kinetostatic.errors import RecordingError
+from scara_kinetostatic.files.yaml_text import parse_strings
 
-_SQLITE_MAGIC = b'SQLite format 3\0'
-_ROS1_MAGIC = b'#ROSBAG V'
+METADATA = 'metadata.yaml'
+ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 _FORMS = 'a rosbag2 folder, an .mcap or .db3 file, a ROS 1 .bag, or a touch table (.csv)'
+_STORED = re.compile(r'[^.].*\.(mcap|db3)(\.zstd)?\Z')
+_NUMBERED = re.compile(r'\.?(?P<stem>.+)_(?P<number>[0-9]+)\.mcap(\.part)?\Z')
+"""A file of a split recording, hidden and with `.part` while it is being written."""
 
 
 def open_recording(path: str | Path) -> Source:
@@ -35,9 +43,7 @@ def open_recording(path: str | Path) -> Source:
     with reading(path):
         if not path.exists():
             raise RecordingError(path, 'there is no such recording', 'check the path')
-        if path.is_dir():
-            return BagFolder(path, _open_file)
-        return _open_file(path)
+        return BagFolder(path) if path.is_dir() else _open_file(path)
 
 
 def _open_file(path: Path) -> Source:
@@ -53,41 +59,23 @@ def _open_file(path: Path) -> Source:
     if not start:
         raise RecordingError(path, 'the file is empty', 'the recorder was perhaps not stopped properly; record again')
     if start.startswith(ZSTD_MAGIC):
-        return _open_compressed(path)
-    source = _plain(path, start)
-    if source is None:
-        remedy = f'give the folder {path.parent}' if path.name == 'metadata.yaml' else f'give {_FORMS}'
-        raise RecordingError(path, 'not a recording', remedy)
-    return source
-
-
-def _plain(path: Path, start: bytes) -> Source | None:
-    if start.startswith(MCAP_MAGIC):
+        return _Decompressed(path)
+    if start.startswith(MAGIC):
         return McapFile(path)
-    if start.startswith(_SQLITE_MAGIC):
+    if start.startswith(b'SQLite format 3\0'):
         from scara_kinetostatic.bags.sqlite_file import SqliteFile
 
         return SqliteFile(path)
-    if start.startswith(_ROS1_MAGIC):  # `rosbags` takes its time to import
+    if start.startswith(b'#ROSBAG V'):
         from scara_kinetostatic.bags.ros1_file import Ros1File
 
         return Ros1File(path)
-    return None
-
-
-def _open_compressed(path: Path) -> Source:
-    """A file compressed as a whole (rosbag2's compression mode `file`)."""
-    with zstandard.open(path, 'rb') as stream:
-        start = stream.read(16)
-    if start.startswith(MCAP_MAGIC):
-        return McapFile(path, cast('IO[bytes]', zstandard.open(path, 'rb')))
-    if start.startswith((_SQLITE_MAGIC, _ROS1_MAGIC)):
-        return _Decompressed(path)
-    raise RecordingError(path, 'contains no recording after decompression', f'give {_FORMS}')
+    remedy = f'give the folder {path.parent}' if path.name == METADATA else f'give {_FORMS}'
+    raise RecordingError(path, 'not a recording', remedy)
 
 
 class _Decompressed:
-    """A compressed file whose reader must seek: decompressed into a temporary file while it is read; a `Source`."""
+    """A file compressed as a whole: decompressed into a temporary file while it is read; a `Source`."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -102,18 +90,138 @@ class _Decompressed:
         """The messages of the wanted topics."""
         with tempfile.TemporaryDirectory(prefix='scara_kinetostatic_') as folder:
             plain = Path(folder) / self.path.stem
-            with zstandard.open(self.path, 'rb') as packed, plain.open('wb') as unpacked:
-                try:
-                    unpack(packed, unpacked, self.path.stat().st_size)
-                except zstandard.ZstdError as error:
-                    self.warnings.append(f'{self.path.name} ends early ({error}): read up to there')
-            yield from self._read(plain, wanted)
+            self._decompress(plain)
+            try:
+                source = _open_file(plain)
+                yield from source.batches(wanted)
+            except RecordingError as error:
+                raise RecordingError(self.path, f'decompressed: {error.problem}', error.remedy) from error
+            self._topics = source.topics()
+            self.warnings += source.warnings
 
-    def _read(self, plain: Path, wanted: Collection[str]) -> Batches:
+    def _decompress(self, plain: Path, least_allowed: int = 1 << 28, largest_ratio: int = 200) -> None:
+        """Decompresses the file, to so many bytes or so many times its size at most.
+
+        Raises:
+            ValueError: it grows beyond the limit; nothing beyond that is written.
+        """
+        left = limit = max(least_allowed, largest_ratio * self.path.stat().st_size)
+        with zstandard.open(self.path, 'rb') as packed, plain.open('wb') as unpacked:
+            try:
+                while part := packed.read(1 << 20):
+                    left -= len(part)
+                    if left < 0:
+                        raise ValueError(f'it exceeds {limit} bytes when decompressed')
+                    unpacked.write(part)
+            except zstandard.ZstdError as error:
+                self.warnings.append(f'{self.path.name} ends early ({error}): read up to there')
+
+
+class BagFolder:
+    """Reads the files of a rosbag2 folder in turn; a `Source`.
+
+    Raises:
+        RecordingError: the folder holds no recording.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.warnings: list[str] = []
+        self._topics: list[Topic] = []
+        self._counts: dict[str, int] = {}
+        self._read_counts: Counter[str] = Counter()
+        self._entries = [entry for entry in path.iterdir() if entry.is_file()]
+        listed = self._listed_files() if (path / METADATA).exists() else None
+        if listed is None:
+            listed = sorted((file for file in self._entries if _STORED.match(file.name)), key=_natural)
+            if not listed:
+                raise self._no_recording()
+            if not self.warnings:
+                self.warnings.append(f'{METADATA} is missing: all files of the folder were read, in order')
+        self._files = listed
+
+    def topics(self) -> list[Topic]:
+        """Every topic of the folder."""
+        return list(dict.fromkeys(self._topics))
+
+    def batches(self, wanted: Collection[str]) -> Batches:
+        """The messages of all files in turn, then what left-over files add."""
+        for path in self._files:
+            yield from self._read(path, wanted)
+        for topic in wanted:  # a database has no checksums
+            lost = self._counts.get(topic, self._read_counts[topic]) - self._read_counts[topic]
+            if lost and not self.warnings:
+                more = 'more' if lost > 0 else 'fewer'
+                self.warnings.append(f'{topic}: {METADATA} states {abs(lost)} {more} messages than the files contain')
+        for path in self._left_over_files():
+            yield from self._read_left_over(path, wanted)
+
+    def _read(self, path: Path, wanted: Collection[str]) -> Iterator[Batch]:
         try:
-            source = _open_file(plain)
-            yield from source.batches(wanted)
+            with reading(path):
+                source = _open_file(path)
+                for batch in source.batches(wanted):
+                    self._read_counts[batch.topic.name] += len(batch.start)
+                    yield batch
         except RecordingError as error:
-            raise RecordingError(self.path, error.problem, error.remedy) from error
-        self._topics = source.topics()
+            if len(self._files) == 1:
+                raise
+            self.warnings.append(f'{path.name} was skipped: {error.problem}')
+            return
+        self._topics += source.topics()
         self.warnings += source.warnings
+
+    def _read_left_over(self, path: Path, wanted: Collection[str]) -> Iterator[Batch]:
+        """The messages of a file that the metadata does not list; that it ends early is expected and not reported."""
+        count = 0
+        with suppress(RecordingError), reading(path):
+            for batch in _open_file(path).batches(wanted):
+                count += len(batch.start)
+                yield batch
+        if count:
+            self.warnings.append(f'{count} messages recovered from {path.name}, which {METADATA} does not list')
+
+    def _listed_files(self) -> list[Path] | None:
+        """The files that the metadata lists; None where there is no usable list."""
+        metadata = self.path / METADATA
+        try:
+            if metadata.stat().st_size > 1 << 24:  # a recording of 10 000 files has 2 MB
+                raise ValueError('too large')
+            data = parse_strings(metadata.read_text('utf-8'))['rosbag2_bagfile_information']
+            names = dict.fromkeys(PurePosixPath(name).name for name in data['relative_file_paths'])  # old: with folder
+            topics = data['topics_with_message_count']
+            counts = {ros_topic(item['topic_metadata']['name']): int(item['message_count']) for item in topics}
+        except (AttributeError, LookupError, OSError, RecursionError, TypeError, ValueError) as error:
+            reason = ' '.join(str(error).split())[:80] or type(error).__name__
+            self.warnings.append(f'{METADATA} cannot be read ({reason}): all files of the folder were read, in order')
+            return None
+        missing = [name for name in names if not (self.path / name).exists()]
+        all_missing = bool(missing) and len(missing) == len(names)
+        if missing:
+            rest = 'all files of the folder were read, in order' if all_missing else 'the others were read'
+            self.warnings.append(f'{METADATA} lists {", ".join(missing[:3])}, which is missing: {rest}')
+        self._counts = counts
+        return None if all_missing else [self.path / name for name in names if name not in missing]
+
+    def _left_over_files(self) -> list[Path]:
+        """The files that follow the last listed one by their number, complete or not."""
+        last = _NUMBERED.match(self._files[-1].name) if self._files else None
+        if last is None:
+            return []
+        matches = [(file, _NUMBERED.match(file.name)) for file in self._entries if file not in self._files]
+        following = [
+            file
+            for file, match in matches
+            if match and match['stem'] == last['stem'] and int(match['number']) > int(last['number'])
+        ]
+        return sorted(following, key=_natural)
+
+    def _no_recording(self) -> RecordingError:
+        inside = [item for item in sorted(self.path.iterdir()) if (item / METADATA).exists() or item.suffix == '.bag']
+        remedy = f'did you mean {inside[0]}?' if inside else f'expected {METADATA} and .mcap or .db3 files'
+        return RecordingError(self.path, 'no recording in this folder', remedy)
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Orders names by their numbers, `…_2` before `…_10`."""
+    return [(int(part), '') if part.isdigit() else (0, part) for part in re.split(r'([0-9]+)', path.name.lstrip('.'))]

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import re
 import sqlite3
 from collections.abc import Collection, Iterator
 from contextlib import closing
 from pathlib import Path
 
-from scara_kinetostatic.bags.decompression import LARGEST_MESSAGE
-from scara_kinetostatic.bags.messages import BATCH, Batch, Batches, Topic, ros2_type, ros_topic
+from scara_kinetostatic.bags.messages import BATCH, LARGEST_MESSAGE, Batch, Batches, Topic, ros2_type, ros_topic
 from scara_kinetostatic.errors import RecordingError
 
 _LARGEST_CHECKED = 1 << 30
 """The structure of a file up to this size is checked, bytes; larger ones contain camera images or the like."""
-
-_SAFETY = ('PRAGMA trusted_schema = OFF', 'PRAGMA ignore_check_constraints = ON')
-"""Against malicious files: expressions in a schema cannot call functions with side effects; constraints are ignored."""
-_TABLES = "SELECT name, sql FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')"
 
 
 class SqliteFile:
@@ -79,8 +73,7 @@ class SqliteFile:
             database = sqlite3.connect(f'{uri}?{mode}', uri=True)
             database.text_factory = lambda text: text.decode('utf-8', 'replace')
             try:
-                for statement in _SAFETY:
-                    database.execute(statement)
+                database.execute('PRAGMA trusted_schema = OFF')  # expressions in a schema call no functions
                 database.execute('SELECT count(*) FROM sqlite_master').fetchone()
             except sqlite3.Error as error:
                 database.close()
@@ -90,8 +83,8 @@ class SqliteFile:
         raise RecordingError(self.path, f'the database cannot be opened: {last}', 'record it again') from last
 
     def _read_topics(self, database: sqlite3.Connection) -> None:
-        tables = database.execute(_TABLES).fetchall()
-        if len(tables) != 2 or not all(_stored(database, name, str(sql)) for name, sql in tables):
+        tables = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')"
+        if database.execute(tables).fetchone() != (2,):
             raise RecordingError(self.path, 'this database is not a recording', 'expected the tables of rosbag2')
         rows = database.execute('SELECT id, name, type, serialization_format FROM topics ORDER BY id')
         for key, name, msgtype, encoding in rows:
@@ -110,9 +103,3 @@ class SqliteFile:
                 return
             times = [time if isinstance(time, int) else 0 for time, _ in rows]
             yield Batch.from_payloads(topic, times, [data if isinstance(data, bytes) else b'' for _, data in rows])
-
-
-def _stored(database: sqlite3.Connection, table: str, sql: str) -> bool:
-    """Whether a table is plain data: the content of virtual tables and generated columns is computed on reading."""
-    hidden = [column[6] for column in database.execute(f'PRAGMA table_xinfo({table})')]
-    return not any(hidden) and not re.match(r'create\s+virtual', sql, re.IGNORECASE)

@@ -1,38 +1,355 @@
-"""Writes whole streams as a recording, atomically, in every form that the reader reads.
+"""Writing recordings: message by message and crash-safe, or whole streams in every form that the reader reads.
 
-These are a rosbag2 folder (MCAP or SQLite, compressed or not), a bare `.mcap` file, a ROS 1 `.bag`.
+A `BagWriter` makes a rosbag2 folder with MCAP files that can be read at every moment. It is split, as
+`ros2 bag record --max-bag-size` splits it: every checkpoint completes one file, and so does every `SPLIT_SIZE`. The
+folder appears in one step, complete, with the cell description as its first message in `<name>_0.mcap`. Messages then
+go into a hidden file, `.<name>_<k>.mcap.part`, which no reader of rosbag2 opens. `checkpoint` completes that file,
+waits until it is on the disk, renames it to `<name>_<k>.mcap` and replaces `metadata.yaml` in one step; when it
+returns, everything written before is part of the recording, also after a kill or a power failure. A kill between any
+two of these steps leaves a folder with a valid `metadata.yaml` and every file listed there. This package's own reader
+also recovers what the hidden file holds, but for its last, unfinished chunk.
 """
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
+import yaml
+from mcap.writer import CompressionType, Writer
 from rosbags import rosbag1, rosbag2
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2.metadata import dump_qos_v9
 from rosbags.typesys import Stores, get_typestore
 
-from scara_kinetostatic.bags.bag_folder import METADATA
-from scara_kinetostatic.bags.bag_writer import CELL, JOINTS, WRENCH, BagWriter
-from scara_kinetostatic.bags.encoding import channels, joint_state_messages, string_message, wrench_messages
-from scara_kinetostatic.bags.mcap_writer import McapWriter
-from scara_kinetostatic.bags.metadata import FileInfo, metadata_text
+from scara_kinetostatic.bags.cdr import joint_state_messages, ros2_types, string_message, wrench_messages
+from scara_kinetostatic.bags.messages import (
+    DISCARD_TOPIC,
+    JOINT_STATE,
+    STRING,
+    TF_MESSAGE,
+    TF_STATIC,
+    WRENCH_STAMPED,
+)
+from scara_kinetostatic.bags.sources import METADATA
 from scara_kinetostatic.errors import OutputError
-from scara_kinetostatic.files.atomic import all_or_nothing, fresh_folder, replace_text
-from scara_kinetostatic.files.cell_file import dump_cell
+from scara_kinetostatic.files.atomic import all_or_nothing, fresh_folder, replace_text, sync_folder, writing
+from scara_kinetostatic.files.cell_file import CELL_TOPIC, dump_cell
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.touches.streams import Streams
 
 __all__ = ['BagWriter', 'fresh_folder', 'write_streams']
 
+OfferedQos: TypeAlias = Qos
+"""Quality of service that a publisher offers."""
+SPLIT_SIZE = 1 << 28
+"""A file is completed at this size, bytes, even if nothing is touched."""
+_CHUNK_SIZE = 256 * 1024
+"""A chunk is closed when it holds so many bytes: what a reader decompresses at a time, and what a kill may cost."""
+_FOREVER = QosTime(9223372036, 854775807)
 
-class _Message(NamedTuple):
-    channel: int
-    payload: bytes
-    log_time: int
+
+class Channel(NamedTuple):
+    """A topic to be written: its name, type, and quality of service to be offered when the recording is played."""
+
+    topic: str
+    msgtype: str
+    qos: Qos
+
+    @classmethod
+    def of(cls, topic: str, msgtype: str, depth: int = 10, *, latched: bool = False) -> Channel:
+        """A topic that is reliable and keeps the last messages."""
+        durability = QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE
+        policies = (QosHistory.KEEP_LAST, depth, QosReliability.RELIABLE, durability, _FOREVER, _FOREVER)
+        return cls(topic, msgtype, Qos(*policies, QosLiveliness.AUTOMATIC, _FOREVER, False))
+
+
+def channels(cell: Cell, topics: tuple[str, str] | None = None) -> list[Channel]:
+    """The topics of a recording of a cell: its description, joint states, wrenches.
+
+    Args:
+        cell: the cell.
+        topics: names of the last two as recorded; by default those of the cell, in the root namespace.
+    """
+    joint_states, wrench = topics or cell.sensor.topics
+    description = Channel.of(CELL_TOPIC, STRING, 1, latched=True)
+    return [description, Channel.of(joint_states, JOINT_STATE), Channel.of(wrench, WRENCH_STAMPED)]
+
+
+def offered_qos(
+    reliability: str, durability: str, liveliness: str, deadline: int, lifespan: int, lease: int
+) -> OfferedQos:
+    """Quality of service by the names of its policies, as the ROS graph has it; history and depth are not in the graph.
+
+    Args:
+        reliability: `RELIABLE` or `BEST_EFFORT`.
+        durability: `VOLATILE` or `TRANSIENT_LOCAL`.
+        liveliness: `AUTOMATIC` or `MANUAL_BY_TOPIC`.
+        deadline: ns.
+        lifespan: ns.
+        lease: duration of the liveliness, ns.
+    """
+    times = [QosTime(*divmod(nanoseconds, 1_000_000_000)) for nanoseconds in (deadline, lifespan, lease)]
+    return Qos(
+        QosHistory.UNKNOWN,
+        0,
+        getattr(QosReliability, reliability, QosReliability.UNKNOWN),
+        getattr(QosDurability, durability, QosDurability.UNKNOWN),
+        times[0],
+        times[1],
+        getattr(QosLiveliness, liveliness, QosLiveliness.UNKNOWN),
+        times[2],
+        False,
+    )
+
+
+class FileInfo(NamedTuple):
+    """One file of a recording: its name, times of its first and last message, ns, and its messages by topic."""
+
+    name: str
+    start: int
+    end: int
+    counts: Counter[str]
+
+
+class McapWriter:
+    """Writes messages into a new MCAP file with every checksum that the format has.
+
+    Args:
+        path: the file, which must not exist.
+        channels: what may be written.
+        compress: whether to compress chunks with zstd.
+
+    Attributes:
+        size: bytes of the messages written so far.
+
+    Raises:
+        OSError: the file cannot be written; so do all methods.
+    """
+
+    def __init__(self, path: Path, channels: Sequence[Channel], *, compress: bool = False) -> None:
+        self._stream = path.open('xb')
+        compression = CompressionType.ZSTD if compress else CompressionType.NONE
+        self._writer = Writer(self._stream, chunk_size=_CHUNK_SIZE, compression=compression, enable_data_crcs=True)
+        self._writer.start('ros2', 'scara_kinetostatic')
+        self._ids = {channel.topic: self._register(channel) for channel in channels}
+        self._counts: Counter[str] = Counter()
+        self.size = 0
+        self._start, self._end = (1 << 63) - 1, 0
+
+    def _register(self, channel: Channel) -> int:
+        definition, digest = _definition(channel.msgtype)
+        schema = self._writer.register_schema(channel.msgtype, 'ros2msg', definition.encode())
+        qos = yaml.safe_dump(dump_qos_v9([channel.qos]), sort_keys=False)
+        metadata = {'offered_qos_profiles': qos, 'topic_type_hash': digest}
+        return self._writer.register_channel(channel.topic, 'cdr', schema, metadata)
+
+    def write(self, topic: str, payload: bytes, log_time: int) -> None:
+        """Adds a message: its topic, its bytes, CDR, and when it was recorded, ns."""
+        self._writer.add_message(self._ids[topic], log_time, payload, log_time, self._counts[topic])
+        self._counts[topic] += 1
+        self.size += len(payload)
+        self._start, self._end = min(self._start, log_time), max(self._end, log_time)
+
+    def finish(self, name: str) -> FileInfo:
+        """Completes the file and closes it once it is on the disk (fsync); what it holds, under its final name."""
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._stream.flush()
+        os.fsync(self._stream.fileno())
+        self._stream.close()
+        return FileInfo(name, self._start, self._end, self._counts)
+
+    def discard(self) -> None:
+        """Closes the file as it is, incomplete."""
+        try:
+            self._stream.close()
+        except OSError:  # the buffered rest cannot be written either
+            self._stream.raw.close()
+
+
+def _definition(msgtype: str) -> tuple[str, str]:
+    """Text of a type with all it depends on, and its hash (REP 2011)."""
+    return ros2_types().generate_msgdef(msgtype, ros_version=2)[0], ros2_types().hash_rihs01(msgtype)
+
+
+def metadata_text(channels: Sequence[Channel], files: Sequence[FileInfo]) -> str:
+    """`metadata.yaml` of a rosbag2 folder with MCAP files, as Jazzy writes it (version 9)."""
+    totals = sum((info.counts for info in files), Counter[str]())
+    filled = [info for info in files if info.counts] or [FileInfo('', (1 << 63) - 1, (1 << 63) - 1, Counter())]
+    topics = [
+        {
+            'topic_metadata': {
+                'name': channel.topic,
+                'type': channel.msgtype,
+                'serialization_format': 'cdr',
+                'offered_qos_profiles': dump_qos_v9([channel.qos]),
+                'type_description_hash': _definition(channel.msgtype)[1],
+            },
+            'message_count': totals[channel.topic],
+        }
+        for channel in channels
+    ]
+    information = {
+        'version': 9,
+        'storage_identifier': 'mcap',
+        **_span(min(info.start for info in filled), max(info.end for info in filled), totals.total()),
+        'topics_with_message_count': topics,
+        'compression_format': '',
+        'compression_mode': '',
+        'relative_file_paths': [info.name for info in files],
+        'files': [{'path': info.name, **_span(info.start, info.end, info.counts.total())} for info in files],
+        'custom_data': None,
+        'ros_distro': 'jazzy',
+    }
+    dumper = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
+    return str(yaml.dump({'rosbag2_bagfile_information': information}, Dumper=dumper, sort_keys=False))
+
+
+def _span(start: int, end: int, count: int) -> dict[str, Any]:
+    return {
+        'duration': {'nanoseconds': max(end - start, 0)},
+        'starting_time': {'nanoseconds_since_epoch': start},
+        'message_count': count,
+    }
+
+
+class BagWriter:
+    """Records one run of a cell; may be used from several threads.
+
+    Args:
+        folder: the new folder; `fresh_folder` finds a name.
+        cell: the cell, whose description becomes the first message.
+        log_time: time of that message, ns; now by default.
+        topics: names of joint states and wrenches; by default those of the cell, in the root namespace.
+
+    Attributes:
+        folder: the folder.
+
+    Raises:
+        OutputError: the folder exists, or cannot be written; so do all methods. The recording up to the last checkpoint
+            stays.
+    """
+
+    def __init__(
+        self, folder: str | Path, cell: Cell, *, log_time: int | None = None, topics: tuple[str, str] | None = None
+    ) -> None:
+        self.folder = Path(folder)
+        self._channels = channels(cell, topics)
+        self._lock = threading.RLock()
+        self._files: list[FileInfo] = []
+        self._open: McapWriter | None = None
+        self._state = 'open'
+        with all_or_nothing(self.folder) as workshop:
+            home = workshop / self.folder.name
+            home.mkdir()
+            first = McapWriter(home / self._name, self._channels)
+            now = time.time_ns() if log_time is None else log_time
+            first.write(CELL_TOPIC, string_message(dump_cell(cell)), now)
+            info = first.finish(self._name)
+            replace_text(home / METADATA, metadata_text(self._channels, [info]))
+        self._files.append(info)
+
+    @property
+    def recorded(self) -> int:
+        """Number of joint states and wrenches up to the last checkpoint."""
+        return sum(info.counts[channel.topic] for info in self._files for channel in self._channels[1:3])
+
+    def offer(self, joint_states: Qos | None, wrench: Qos | None) -> None:
+        """States the quality of service that the drivers offer, for the files that follow; None where it is unknown."""
+        with self._lock:
+            for number, qos in ((1, joint_states), (2, wrench)):
+                if qos is not None and qos != self._channels[number].qos:
+                    self._complete_file()
+                    self._channels[number] = self._channels[number]._replace(qos=qos)
+
+    def write_joint_state(self, data: bytes, log_time: int) -> None:
+        """Add a `JointState`: the message as it came, CDR, and when it came, ns."""
+        self._write(self._channels[1], data, log_time)
+
+    def write_wrench(self, data: bytes, log_time: int) -> None:
+        """Add a `WrenchStamped`: the message as it came, CDR, and when it came, ns."""
+        self._write(self._channels[2], data, log_time)
+
+    def write_discard(self, text: str, log_time: int) -> None:
+        """Add that a touch is discarded, as `messages.DISCARD_TOPIC` describes, and make it part of the recording."""
+        self._write(Channel.of(DISCARD_TOPIC, STRING), string_message(text), log_time)
+        self.checkpoint()
+
+    def write_transforms(self, data: bytes, log_time: int) -> None:
+        """Add fixed transforms: a `tf2_msgs/msg/TFMessage` as it came, CDR, and when it came, ns."""
+        self._write(Channel.of(TF_STATIC, TF_MESSAGE, 100, latched=True), data, log_time)
+
+    def checkpoint(self) -> None:
+        """Makes everything written so far part of the recording on the disk; call it before reporting a touch."""
+        with self._lock, self._guarded():
+            self._complete_file()
+
+    def close(self) -> None:
+        """Checkpoint and end of the recording. A second call does nothing."""
+        with self._lock:
+            if self._state == 'open':
+                self.checkpoint()
+                self._state = 'closed'
+
+    def __enter__(self) -> BagWriter:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _write(self, channel: Channel, data: bytes, log_time: int) -> None:
+        with self._lock, self._guarded():
+            if all(known.topic != channel.topic for known in self._channels):  # from now on every file has it
+                self._complete_file()
+                self._channels.append(channel)
+            if self._open is None:
+                self._open = McapWriter(self._draft, self._channels)
+            self._open.write(channel.topic, bytes(data), log_time)
+            if self._open.size > SPLIT_SIZE:
+                self._complete_file()
+
+    def _complete_file(self) -> None:
+        if self._open is None:
+            return
+        info = self._open.finish(self._name)
+        self._open = None
+        self._draft.rename(self.folder / info.name)
+        sync_folder(self.folder)
+        replace_text(self.folder / METADATA, metadata_text(self._channels, [*self._files, info]))
+        self._files.append(info)
+
+    @property
+    def _name(self) -> str:
+        return f'{self.folder.name}_{len(self._files)}.mcap'
+
+    @property
+    def _draft(self) -> Path:
+        return self.folder / f'.{self._name}.part'
+
+    @contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """Raises after the end of the recording, and ends it where the disk fails."""
+        if self._state != 'open':
+            raise OutputError(self.folder, f'the recording was {self._state}', 'start a new one')
+        try:
+            with writing(self.folder):
+                yield
+        except OutputError:
+            self._state = 'stopped by an error'
+            if self._open is not None:
+                self._open.discard()
+                with suppress(OSError):
+                    self._draft.unlink(missing_ok=True)
+            raise
 
 
 def write_streams(
@@ -60,39 +377,43 @@ def write_streams(
     path = Path(path)
     if len(streams.joints.stamp) + len(streams.wrench.stamp) == 0:
         raise OutputError(path, 'nothing to record: both streams are empty', 'give streams with samples')
+    topics = channels(cell)
     with all_or_nothing(path) as workshop:
         made = workshop / path.name
+        messages = _messages(streams, cell, with_cell)
         if path.suffix == '.bag':
-            _write_ros1(made, streams, cell, with_cell)
+            _write_ros1(made, topics, messages)
         elif path.suffix == '.mcap':
-            _write_mcap(made, path.name, streams, cell, with_cell, compression is not None)
+            _write_mcap(made, path.name, topics, messages, compression is not None)
         elif storage == 'sqlite3':
-            _write_sqlite(made, streams, cell, with_cell, compression is not None)
+            _write_sqlite(made, topics, messages, compression is not None)
         else:
             made.mkdir()
             name = f'{path.name}_0.mcap'
-            info = _write_mcap(made / name, name, streams, cell, with_cell, compression is not None)
-            replace_text(made / METADATA, metadata_text(channels(cell), [info]))
+            info = _write_mcap(made / name, name, topics, messages, compression is not None)
+            replace_text(made / METADATA, metadata_text(topics, [info]))
 
 
-def _messages(streams: Streams, cell: Cell, with_cell: bool, *, ros1: bool = False) -> Iterator[_Message]:
-    """Every message in the order of the stamps, the cell description first."""
+def _messages(streams: Streams, cell: Cell, with_cell: bool) -> Iterator[tuple[str, bytes, int]]:
+    """Topic, bytes and time, ns, of every message in the order of the stamps, the cell description first."""
     joints, wrench = streams.joints, streams.wrench
     stamp = np.concatenate([joints.stamp, wrench.stamp])
-    channel = np.repeat([JOINTS, WRENCH], [len(joints.stamp), len(wrench.stamp)])
-    payloads = joint_state_messages(joints.stamp, joints.position, cell.joint_names, ros1=ros1)
-    payloads += wrench_messages(wrench.stamp, wrench.force, cell.sensor.frame.value, ros1=ros1)
+    payloads = joint_state_messages(joints.stamp, joints.position, cell.joint_names)
+    payloads += wrench_messages(wrench.stamp, wrench.force, cell.sensor.frame.value)
     order = np.argsort(stamp, kind='stable')
     if with_cell:
-        yield _Message(CELL, string_message(dump_cell(cell), ros1=ros1), int(stamp[order[0]]))
-    for place, which, log_time in zip(order.tolist(), channel[order].tolist(), stamp[order].tolist(), strict=True):
-        yield _Message(which, payloads[place], log_time)
+        yield CELL_TOPIC, string_message(dump_cell(cell)), int(stamp[order[0]])
+    for place in order.tolist():
+        yield cell.sensor.topics[place >= len(joints.stamp)], payloads[place], int(stamp[place])
 
 
-def _write_mcap(path: Path, name: str, streams: Streams, cell: Cell, with_cell: bool, compress: bool) -> FileInfo:
-    file = McapWriter(path, channels(cell), compress=compress)
+Messages: TypeAlias = Iterator[tuple[str, bytes, int]]
+
+
+def _write_mcap(path: Path, name: str, topics: Sequence[Channel], messages: Messages, compress: bool) -> FileInfo:
+    file = McapWriter(path, topics, compress=compress)
     try:
-        for message in _messages(streams, cell, with_cell):
+        for message in messages:
             file.write(*message)
         return file.finish(name)
     except BaseException:
@@ -100,30 +421,27 @@ def _write_mcap(path: Path, name: str, streams: Streams, cell: Cell, with_cell: 
         raise
 
 
-def _write_sqlite(path: Path, streams: Streams, cell: Cell, with_cell: bool, compress: bool) -> None:
+def _write_sqlite(path: Path, topics: Sequence[Channel], messages: Messages, compress: bool) -> None:
     with tempfile.TemporaryDirectory(prefix='scara_kinetostatic_') as plain:  # rosbags cannot write where `#` is
         writer = rosbag2.Writer(Path(plain) / 'bag', version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3)
         if compress:
             writer.set_compression(rosbag2.CompressionMode.FILE, rosbag2.CompressionFormat.ZSTD)
         with writer:
-            connections = [
-                writer.add_connection(
-                    item.topic,
-                    item.msgtype,
-                    msgdef=item.definition,
-                    rihs01=item.digest,
-                    offered_qos_profiles=[item.qos],
+            connections = {
+                item.topic: writer.add_connection(
+                    item.topic, item.msgtype, typestore=ros2_types(), offered_qos_profiles=[item.qos]
                 )
-                for item in channels(cell)
-            ]
-            for message in _messages(streams, cell, with_cell):
-                writer.write(connections[message.channel], message.log_time, message.payload)
+                for item in topics
+            }
+            for topic, payload, log_time in messages:
+                writer.write(connections[topic], log_time, payload)
         shutil.move(writer.path, path)
 
 
-def _write_ros1(path: Path, streams: Streams, cell: Cell, with_cell: bool) -> None:
+def _write_ros1(path: Path, topics: Sequence[Channel], messages: Messages) -> None:
     store = get_typestore(Stores.ROS1_NOETIC)
     with rosbag1.Writer(path) as writer:
-        connections = [writer.add_connection(item.topic, item.msgtype, typestore=store) for item in channels(cell)]
-        for message in _messages(streams, cell, with_cell, ros1=True):
-            writer.write(connections[message.channel], message.log_time, message.payload)
+        connections = {item.topic: writer.add_connection(item.topic, item.msgtype, typestore=store) for item in topics}
+        for topic, payload, log_time in messages:
+            connection = connections[topic]
+            writer.write(connection, log_time, ros2_types().cdr_to_ros1(payload, connection.msgtype))

@@ -27,7 +27,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from scara_kinetostatic.bags.encoding import OfferedQos
+from scara_kinetostatic.bags.writer import OfferedQos
 from scara_kinetostatic.errors import ScaraKinetostaticError
 from scara_kinetostatic.nodes import declare
 from scara_kinetostatic.nodes.complaints import PersistentComplaints

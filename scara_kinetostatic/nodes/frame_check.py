@@ -10,7 +10,8 @@ from collections.abc import Callable
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from scara_kinetostatic.bags.transforms import TF_STATIC, decode_transforms
+from scara_kinetostatic.bags.cdr import decode_transforms
+from scara_kinetostatic.bags.messages import TF_STATIC
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.nodes.conversion import frame_of
 from scara_kinetostatic.touches.streams import FixedTransform, WrenchFrame

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rclpy.qos import QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from scara_kinetostatic.bags.encoding import OfferedQos, offered_qos
+from scara_kinetostatic.bags.writer import OfferedQos, offered_qos
 
 
 def full_name(publisher: TopicEndpointInfo) -> str:

@@ -9,8 +9,7 @@ from enum import Enum
 from pathlib import Path
 from time import monotonic
 
-from scara_kinetostatic.bags.encoding import OfferedQos
-from scara_kinetostatic.bags.writer import BagWriter, fresh_folder
+from scara_kinetostatic.bags.writer import BagWriter, OfferedQos, fresh_folder
 from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import common_reason

@@ -8,9 +8,8 @@ import numpy as np
 from bags.forms import STORE, Message
 from numpy.typing import NDArray
 
-from scara_kinetostatic.bags.encoding import joint_state_messages, wrench_messages
-from scara_kinetostatic.bags.messages import JOINT_STATE, WRENCH_STAMPED
-from scara_kinetostatic.bags.transforms import TF_MESSAGE, TF_STATIC
+from scara_kinetostatic.bags.cdr import joint_state_messages, wrench_messages
+from scara_kinetostatic.bags.messages import JOINT_STATE, TF_MESSAGE, TF_STATIC, WRENCH_STAMPED
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Sensor, SensorFrame
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.simulation.plan import default_plan

@@ -19,8 +19,7 @@ from mcap.reader import make_reader
 from rosbags.interfaces import QosReliability
 from rosbags.rosbag2 import Reader
 
-from scara_kinetostatic.bags import bag_writer, file_merging
-from scara_kinetostatic.bags.mcap_records import data_is_intact
+from scara_kinetostatic.bags import writer
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.bags.writer import BagWriter
 from scara_kinetostatic.errors import OutputError
@@ -79,85 +78,8 @@ def test_a_run(tmp_path: Path, streams: Streams) -> None:
     assert embedded_cell(folder) == CELL
 
 
-def merge_all(bag: BagWriter) -> None:
-    bag.checkpoint()
-    bag._merging.wait()
-
-
-@pytest.fixture
-def small_groups(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(file_merging, 'MERGED', 3)
-
-
-@pytest.mark.usefixtures('small_groups')
-def test_files_are_merged_and_nothing_is_lost(tmp_path: Path, streams: Streams) -> None:
-    folder, items = tmp_path / 'run', messages(streams)
-    with BagWriter(folder, CELL, log_time=items[0].log_time) as bag:
-        for start in range(0, 640, 20):
-            write(bag, items[start : start + 20])
-            merge_all(bag)
-            assert strict_count(folder) == bag.recorded == start + 20
-        assert 'run_0-26.mcap' in names(folder)
-        listed = yaml.safe_load((folder / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
-        assert listed['relative_file_paths'] == ['run_0-26.mcap', 'run_27-29.mcap', 'run_30-32.mcap']
-        assert read_streams(folder, CELL).warnings == ()
-    assert len(names(folder)) == 1 + len(listed['relative_file_paths'])
-    read = read_streams(folder, CELL)
-    assert_same(read, streams)
-    assert read.warnings == ()
-    for name in listed['relative_file_paths']:
-        with (folder / name).open('rb') as stream:
-            assert data_is_intact(stream)
-    (folder / 'metadata.yaml').unlink()
-    assert_same(read_streams(folder, CELL), streams)
-
-
-@pytest.mark.usefixtures('small_groups')
-def test_a_kill_before_a_merged_file_is_listed(
-    tmp_path: Path, streams: Streams, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Neither it nor those that it replaces are read twice; messages after them are recovered."""
-    folder, items = tmp_path / 'run', messages(streams)
-    bag = BagWriter(folder, CELL, log_time=items[0].log_time)
-    for start in (0, 20):
-        write(bag, items[start : start + 20])
-        bag.checkpoint()
-    bag._merging._thread.join()
-    before = (folder / 'metadata.yaml').read_text()
-    assert names(folder)[-1] == 'run_2.mcap'
-    assert 'run_0-2.mcap' in before
-    write(bag, items[40:])
-    bag.close()
-    for name in ('run_0.mcap', 'run_1.mcap', 'run_2.mcap'):
-        (folder / name).write_bytes(b'removed long ago')
-    (folder / 'metadata.yaml').write_text(before)
-    read = read_streams(folder, CELL)
-    assert_same(read, streams)
-    assert read.warnings == ('600 messages recovered from run_3.mcap, which metadata.yaml does not list',)
-    (folder / 'metadata.yaml').unlink()
-    assert_same(read_streams(folder, CELL), streams)
-
-
-@pytest.mark.usefixtures('small_groups')
-def test_a_reader_during_merges_finds_everything(
-    tmp_path: Path, streams: Streams, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Even where merged files are removed at once."""
-    monkeypatch.setattr(file_merging, 'KEPT', 0.3)
-    test_reading_while_writing(tmp_path, streams)
-
-
-@pytest.mark.usefixtures('small_groups')
-def test_a_merge_that_fails_leaves_the_files(tmp_path: Path, streams: Streams, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, 'No space left on device')
-
-    monkeypatch.setattr(file_merging, 'merge_files', full)
-    test_a_run(tmp_path, streams)
-
-
 def test_a_file_is_split_by_its_size(tmp_path: Path, streams: Streams, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bag_writer, 'SPLIT_SIZE', 10_000)
+    monkeypatch.setattr(writer, 'SPLIT_SIZE', 10_000)
     items = messages(streams)
     with BagWriter(tmp_path / 'run', CELL, log_time=items[0].log_time) as bag:
         write(bag, items)
@@ -258,7 +180,6 @@ def test_reading_while_writing(tmp_path: Path, streams: Streams) -> None:
         for start in range(20, 640, 20):
             write(bag, items[start : start + 20])
             bag.checkpoint()
-            time.sleep(0.01)
         bag.close()
 
     thread = threading.Thread(target=work)

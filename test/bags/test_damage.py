@@ -44,23 +44,18 @@ def test_mcap_without_its_end(tmp_path: Path, streams: Streams, compression: Com
 
 @pytest.mark.parametrize('compression', [CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4])
 def test_mcap_cut_anywhere(tmp_path: Path, streams: Streams, compression: CompressionType) -> None:
-    """The further the cut, the more is read, down to single messages where nothing is compressed."""
-    write_mcap(tmp_path / 'a.mcap', messages(streams), compression=compression, chunk_size=1 << 20)
+    """Every complete chunk before the cut is read."""
+    write_mcap(tmp_path / 'a.mcap', messages(streams), compression=compression)
     content = (tmp_path / 'a.mcap').read_bytes()
     found = []
     for share in (0.2, 0.4, 0.6, 0.8, 0.999):
         (tmp_path / 'cut.mcap').write_bytes(content[: int(share * len(content))])
-        try:
-            read = read_streams(tmp_path / 'cut.mcap', CELL)
-        except RecordingError as error:
-            assert 'ends early' in str(error)
-            found.append(0)
-        else:
-            assert 'ends early' in read.warnings[0]
-            found.append(check_part(read, streams))
+        read = read_streams(tmp_path / 'cut.mcap', CELL)
+        assert 'ends early' in read.warnings[0]
+        found.append(check_part(read, streams))
     assert found == sorted(found)
+    assert found[0] > 60
     assert found[-1] == 640
-    assert compression != CompressionType.NONE or found[0] > 60
 
 
 def test_a_damaged_chunk_costs_that_chunk(tmp_path: Path, streams: Streams) -> None:

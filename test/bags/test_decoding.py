@@ -10,61 +10,45 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from scara_kinetostatic.bags.decoding import Decoder, decode_string
-from scara_kinetostatic.bags.encoding import joint_state_messages, string_message, wrench_messages
+from scara_kinetostatic.bags.cdr import Decoder, decode_string, joint_state_messages, string_message, wrench_messages
 from scara_kinetostatic.bags.messages import JOINT_STATE, STRING, WRENCH_STAMPED, Batch, Topic
 
 ROS2 = get_typestore(Stores.ROS2_JAZZY)
-ROS1 = get_typestore(Stores.ROS1_NOETIC)
-WIRES = ('little', 'big', 'ros1')
 
 finite = st.floats(-1e6, 1e6)
 stamps = st.tuples(st.integers(0, 2**31 - 1), st.integers(0, 999_999_999))
 frames = st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\0'), max_size=9)
 
 
-def header(store: Any, stamp: tuple[int, int], frame_id: str) -> Any:
-    time = store.types['builtin_interfaces/msg/Time'](sec=stamp[0], nanosec=stamp[1])
-    first = {'seq': 7} if store is ROS1 else {}
-    return store.types['std_msgs/msg/Header'](**first, stamp=time, frame_id=frame_id)
+def header(stamp: tuple[int, int], frame_id: str) -> Any:
+    time = ROS2.types['builtin_interfaces/msg/Time'](sec=stamp[0], nanosec=stamp[1])
+    return ROS2.types['std_msgs/msg/Header'](stamp=time, frame_id=frame_id)
 
 
-def serialized(wire: str, message: Any, msgtype: str) -> bytes:
-    if wire == 'ros1':
-        return bytes(ROS1.serialize_ros1(message, msgtype))
-    return bytes(ROS2.serialize_cdr(message, msgtype, little_endian=wire == 'little'))
+def batch(msgtype: str, payloads: list[bytes]) -> Batch:
+    return Batch.from_payloads(Topic('/t', msgtype, 'cdr'), list(range(len(payloads))), payloads)
 
 
-def batch(wire: str, msgtype: str, payloads: list[bytes]) -> Batch:
-    return Batch.from_payloads(
-        Topic('/t', msgtype, 'ros1' if wire == 'ros1' else 'cdr'), list(range(len(payloads))), payloads
-    )
-
-
-def joint_state(
-    wire: str, stamp: tuple[int, int], frame: str, names: list[str], position: list[float], rest: int
-) -> bytes:
-    store = ROS1 if wire == 'ros1' else ROS2
-    message = store.types[JOINT_STATE](
-        header=header(store, stamp, frame),
+def joint_state(stamp: tuple[int, int], frame: str, names: list[str], position: list[float], rest: int) -> bytes:
+    message = ROS2.types[JOINT_STATE](
+        header=header(stamp, frame),
         name=names,
         position=np.array(position),
         velocity=np.arange(rest, dtype=float),
         effort=np.zeros(rest),
     )
-    return serialized(wire, message, JOINT_STATE)
+    return bytes(ROS2.serialize_cdr(message, JOINT_STATE))
 
 
-def wrench(wire: str, stamp: tuple[int, int], frame: str, force: tuple[float, float]) -> bytes:
-    store = ROS1 if wire == 'ros1' else ROS2
-    vector = store.types['geometry_msgs/msg/Vector3']
-    message = store.types[WRENCH_STAMPED](
-        header=header(store, stamp, frame),
-        wrench=store.types['geometry_msgs/msg/Wrench'](
+def wrench(stamp: tuple[int, int], frame: str, force: tuple[float, float]) -> bytes:
+    vector = ROS2.types['geometry_msgs/msg/Vector3']
+    message = ROS2.types[WRENCH_STAMPED](
+        header=header(stamp, frame),
+        wrench=ROS2.types['geometry_msgs/msg/Wrench'](
             force=vector(x=force[0], y=force[1], z=3.0), torque=vector(x=4.0, y=5.0, z=6.0)
         ),
     )
-    return serialized(wire, message, WRENCH_STAMPED)
+    return bytes(ROS2.serialize_cdr(message, WRENCH_STAMPED))
 
 
 @st.composite
@@ -74,12 +58,11 @@ def joint_states(draw: st.DrawFn) -> tuple[tuple[int, int], str, list[str], list
     return draw(stamps), draw(frames), list(names), position, draw(st.sampled_from([0, len(names)]))
 
 
-@pytest.mark.parametrize('wire', WIRES)
 @given(messages=st.lists(joint_states(), min_size=1, max_size=12))
 @settings(max_examples=40, deadline=None)
-def test_joint_states_of_any_layout(wire: str, messages: list[Any]) -> None:
+def test_joint_states_of_any_layout(messages: list[Any]) -> None:
     decoder = Decoder(('q1', 'q2'))
-    decoder.add(batch(wire, JOINT_STATE, [joint_state(wire, *message) for message in messages]))
+    decoder.add(batch(JOINT_STATE, [joint_state(*message) for message in messages]))
     samples = decoder.samples()
     expected = [[position[names.index(name)] for name in ('q1', 'q2')] for _, _, names, position, _ in messages]
     np.testing.assert_array_equal(samples.values, expected)
@@ -88,74 +71,64 @@ def test_joint_states_of_any_layout(wire: str, messages: list[Any]) -> None:
     assert not samples.dropped
 
 
-@pytest.mark.parametrize('wire', WIRES)
 @given(messages=st.lists(st.tuples(stamps, frames, st.tuples(finite, finite)), min_size=1, max_size=12))
 @settings(max_examples=40, deadline=None)
-def test_wrenches_of_any_layout(wire: str, messages: list[Any]) -> None:
+def test_wrenches_of_any_layout(messages: list[Any]) -> None:
     decoder = Decoder()
-    decoder.add(batch(wire, WRENCH_STAMPED, [wrench(wire, *message) for message in messages]))
+    decoder.add(batch(WRENCH_STAMPED, [wrench(*message) for message in messages]))
     samples = decoder.samples()
     np.testing.assert_array_equal(samples.values, [force for _, _, force in messages])
     assert samples.stamp.tolist() == [stamp[0] * 10**9 + stamp[1] for stamp, *_ in messages]
 
 
-@pytest.mark.parametrize('ros1', [False, True])
 @pytest.mark.parametrize('names', [('joint1', 'joint2'), ('a', 'gelenk_ü'), ('shoulder_pan_joint', 'e')])
-def test_encoding_is_what_the_serialiser_writes(ros1: bool, names: tuple[str, str]) -> None:
+def test_encoding_is_what_the_serialiser_writes(names: tuple[str, str]) -> None:
     stamp = np.array([1, 1_700_000_000_999_999_999])
     values = np.array([[1.5, -2.5], [3e-9, 4e9]])
-    store, wire = (ROS1, 'ros1') if ros1 else (ROS2, 'little')
-
-    def read(data: bytes, msgtype: str) -> Any:
-        return store.deserialize_ros1(data, msgtype) if ros1 else store.deserialize_cdr(data, msgtype)
-
-    for number, data in enumerate(joint_state_messages(stamp, values, names, ros1=ros1)):
-        message = read(data, JOINT_STATE)
+    for number, data in enumerate(joint_state_messages(stamp, values, names)):
+        message: Any = ROS2.deserialize_cdr(data, JOINT_STATE)
         assert (message.header.stamp.sec * 10**9 + message.header.stamp.nanosec) == stamp[number]
         assert message.name == list(names)
         np.testing.assert_array_equal(message.position, values[number])
         assert len(message.velocity) == len(message.effort) == 0
-        assert len(data) == len(serialized(wire, message, JOINT_STATE))
-    for number, data in enumerate(wrench_messages(stamp, values, 'tool', ros1=ros1)):
-        message = read(data, WRENCH_STAMPED)
+        assert len(data) == len(ROS2.serialize_cdr(message, JOINT_STATE))
+    for number, data in enumerate(wrench_messages(stamp, values, 'tool')):
+        message: Any = ROS2.deserialize_cdr(data, WRENCH_STAMPED)
         assert message.header.frame_id == 'tool'
         assert (message.wrench.force.x, message.wrench.force.y, message.wrench.force.z) == (*values[number], 0)
-        assert data == serialized(wire, message, WRENCH_STAMPED).replace(b'\7\0\0\0', b'\0\0\0\0', 1)
+        assert data == bytes(ROS2.serialize_cdr(message, WRENCH_STAMPED))
 
 
-@pytest.mark.parametrize('wire', WIRES)
 @given(text=frames)
-def test_strings(wire: str, text: str) -> None:
-    store = ROS1 if wire == 'ros1' else ROS2
-    data = serialized(wire, store.types[STRING](data=text), STRING)
-    assert decode_string(data, 'ros1' if wire == 'ros1' else 'cdr') == text
-    if wire != 'big':
-        assert string_message(text, ros1=wire == 'ros1') == data
+def test_strings(text: str) -> None:
+    data = bytes(ROS2.serialize_cdr(ROS2.types[STRING](data=text), STRING))
+    assert decode_string(data) == text
+    assert string_message(text) == data
 
 
-@given(payloads=st.lists(st.binary(max_size=120), max_size=30), wire=st.sampled_from(['ros1', 'little']))
-def test_garbage_never_becomes_a_sample_unnoticed(payloads: list[bytes], wire: str) -> None:
+@given(payloads=st.lists(st.binary(max_size=120), max_size=30))
+def test_garbage_never_becomes_a_sample_unnoticed(payloads: list[bytes]) -> None:
     for decoder in (Decoder(('q1', 'q2')), Decoder()):
-        decoder.add(batch(wire, JOINT_STATE, payloads))
+        decoder.add(batch(JOINT_STATE, payloads))
         samples = decoder.samples()
         assert len(samples.stamp) + sum(samples.dropped.values()) == len(payloads)
         assert np.all(np.isfinite(samples.values))
 
 
 def test_broken_off_messages_are_counted() -> None:
-    whole = joint_state('little', (1, 2), 'base', ['q1', 'q2'], [0.5, 0.25], 2)
+    whole = joint_state((1, 2), 'base', ['q1', 'q2'], [0.5, 0.25], 2)
     decoder = Decoder(('q1', 'q2'))
-    decoder.add(batch('little', JOINT_STATE, [whole[:size] for size in range(len(whole) + 1)]))
+    decoder.add(batch(JOINT_STATE, [whole[:size] for size in range(len(whole) + 1)]))
     samples = decoder.samples()
     np.testing.assert_array_equal(np.unique(samples.values, axis=0), [[0.5, 0.25]])
     assert sum(samples.dropped.values()) + len(samples.stamp) == len(whole) + 1
 
 
 def test_a_giant_count_of_names_is_refused_quickly() -> None:
-    message = joint_state('little', (1, 0), '', ['q1', 'q2'], [0.5, 0.25], 0)
+    message = joint_state((1, 0), '', ['q1', 'q2'], [0.5, 0.25], 0)
     at = message.index(b'\2\0\0\0')
     decoder = Decoder(('q1', 'q2'))
-    decoder.add(batch('little', JOINT_STATE, [message[:at] + b'\xff\xff\xff\xff' + message[at + 4 :]]))
+    decoder.add(batch(JOINT_STATE, [message[:at] + b'\xff\xff\xff\xff' + message[at + 4 :]]))
     assert decoder.samples().dropped == {'incomplete': 1}
 
 
@@ -163,13 +136,13 @@ def test_thousands_of_different_broken_messages_take_no_time() -> None:
     rng = np.random.default_rng(3)
     payloads = [b'\0\1\0\0' + bytes(12) + rng.bytes(60) for _ in range(8000)]
     decoder = Decoder(('q1', 'q2'))
-    decoder.add(batch('little', JOINT_STATE, payloads))
+    decoder.add(batch(JOINT_STATE, payloads))
     assert sum(decoder.samples().dropped.values()) == 8000
 
 
 def test_why_messages_are_dropped() -> None:
     def make(names: list[str], position: list[float]) -> bytes:
-        return joint_state('little', (1, 0), '', names, position, 0)
+        return joint_state((1, 0), '', names, position, 0)
 
     decoder = Decoder(('q1', 'q2'))
     payloads = [
@@ -184,7 +157,7 @@ def test_why_messages_are_dropped() -> None:
         make(['q1', 'x', 'q2'], [1.0, np.nan, 2.0]),
         b'\0\x07' + make(['q1', 'q2'], [1.0, 1.0])[2:],
     ]
-    decoder.add(batch('little', JOINT_STATE, payloads))
+    decoder.add(batch(JOINT_STATE, payloads))
     samples = decoder.samples()
     np.testing.assert_array_equal(samples.values, [[1, 2], [1, 2]])
     assert samples.dropped == {

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import sqlite3
 import tracemalloc
 from collections.abc import Callable
-from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -28,8 +26,8 @@ from bags.forms import (
 )
 from mcap.writer import CompressionType
 
-from scara_kinetostatic.bags import decompression as decompress
-from scara_kinetostatic.bags.encoding import joint_state_messages, string_message
+from scara_kinetostatic.bags import sources
+from scara_kinetostatic.bags.cdr import joint_state_messages, string_message
 from scara_kinetostatic.bags.messages import JOINT_STATE, WRENCH_STAMPED
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.bags.writer import BagWriter, write_streams
@@ -393,25 +391,6 @@ def test_a_file_that_is_listed_twice_is_read_once(tmp_path: Path, cell: Cell, st
     assert read.warnings == ()
 
 
-@pytest.mark.parametrize(
-    'schema',
-    [
-        'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, data AS (zeroblob(500000000)) VIRTUAL)',
-        'CREATE VIRTUAL TABLE messages USING fts5(id, topic_id, timestamp, data)',
-        'CREATE VIEW messages AS SELECT 1 AS id, 1 AS topic_id, 0 AS timestamp, zeroblob(500000000) AS data',
-    ],
-)
-def test_a_database_whose_messages_would_be_computed_on_reading(tmp_path: Path, schema: str) -> None:
-    with closing(sqlite3.connect(tmp_path / 'a.db3')) as database:
-        database.execute('CREATE TABLE topics(id INTEGER PRIMARY KEY, name, type, serialization_format)')
-        database.execute(f"INSERT INTO topics VALUES (1, '/joint_states', '{JOINT_STATE}', 'cdr')")
-        database.execute(schema)
-        if 'VIRTUAL)' in schema:
-            database.executemany('INSERT INTO messages VALUES (?, 1, 0)', [(number,) for number in range(50)])
-        database.commit()
-    assert 'this database is not a recording' in refused(tmp_path / 'a.db3')
-
-
 def test_messages_that_decompress_to_far_more_than_a_message_are_dropped(tmp_path: Path, streams: Streams) -> None:
     items = messages(streams)
     bomb = zstandard.compress(bytes(1 << 24))
@@ -429,6 +408,6 @@ def test_messages_that_decompress_to_far_more_than_a_message_are_dropped(tmp_pat
 
 
 def test_a_file_that_grows_without_end_when_decompressed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(decompress, 'LEAST_ALLOWED', 1 << 20)
+    monkeypatch.setattr(sources._Decompressed._decompress, '__defaults__', (1 << 20, 200))
     (tmp_path / 'a.db3.zstd').write_bytes(zstandard.compress(b'SQLite format 3\0' + bytes(1 << 24)))
     assert 'bytes when decompressed' in refused(tmp_path / 'a.db3.zstd')

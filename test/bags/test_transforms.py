@@ -10,8 +10,9 @@ import pytest
 from bags.forms import CELL, Message, write_mcap
 from bags.mounted import ANGLE, TOOL_CELL, mounted_messages, mounted_streams, transform_message, transforms
 
+from scara_kinetostatic.bags.cdr import decode_transforms
+from scara_kinetostatic.bags.messages import TF_MESSAGE, TF_STATIC
 from scara_kinetostatic.bags.reader import read_streams
-from scara_kinetostatic.bags.transforms import TF_MESSAGE, TF_STATIC, decode_transforms
 from scara_kinetostatic.bags.writer import BagWriter
 from scara_kinetostatic.model.cell import SensorFrame
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmark.common import CELL
-from scara_kinetostatic.bags.encoding import joint_state_messages, wrench_messages
+from scara_kinetostatic.bags.cdr import joint_state_messages, wrench_messages
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.bags.writer import BagWriter
 from scara_kinetostatic.errors import RecordingError

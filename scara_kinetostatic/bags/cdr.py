@@ -1,0 +1,324 @@
+"""The bytes of messages (CDR, little endian) to numbers and back: one by one for nodes, whole batches for recordings.
+
+The layout of the message types is fixed once the lengths of their strings are known; a field of n bytes starts at a
+multiple of n, counted from byte 4:
+
+====== ======== ========= ======== ========= ==========
+byte   0        4         8        12        16
+       encoding s (i32)   ns (u32) length of `frame_id`
+====== ======== ========= ======== ========= ==========
+
+Messages of a batch that agree from byte 12 on up to their numbers share a layout; they are stacked into a matrix of
+bytes whose columns are the fields, without an object for each message.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
+
+from scara_kinetostatic.bags.messages import JOINT_STATE, STRING, TF_MESSAGE, WRENCH_STAMPED, Batch
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.touches.streams import FixedTransform
+
+_LARGEST_VALUE = 1e9
+"""Larger values, and those that are not finite, are dropped, rad or N."""
+_LONGEST = 1 << 24
+"""Longer messages are dropped, bytes."""
+_MOST_PROBLEMS = 64
+"""After so many unusable layouts in a batch, the rest of it is dropped: these are not the expected messages."""
+_INCOMPLETE = 'incomplete'
+_STRINGS = 12
+"""Where the first string of a message with a header begins: `frame_id`."""
+
+
+class Fields(NamedTuple):
+    """Where the numbers of a message are.
+
+    Attributes:
+        frame_id: of its header.
+        names: of the joints, in a `JointState`.
+        numbers: how many there are.
+        begin: where they begin, 8 bytes each.
+        end: another message that is the same from byte 12 up to here has the same layout.
+    """
+
+    frame_id: str
+    names: tuple[str, ...]
+    numbers: int
+    begin: int
+    end: int
+
+
+def wrench_fields(message: bytes) -> Fields:
+    """Where force and torque of a `WrenchStamped` are.
+
+    Raises:
+        ValueError: it is incomplete.
+    """
+    frame_id, end = _text(message, _STRINGS)
+    return _checked(Fields(frame_id, (), 6, _aligned(end, 8), end), message)
+
+
+def joint_fields(message: bytes) -> Fields:
+    """Where the positions of a `JointState` are.
+
+    Raises:
+        ValueError: it is incomplete.
+    """
+    frame_id, at = _text(message, _STRINGS)
+    count, at = _count(message, at)
+    if 4 * count > len(message):
+        raise ValueError(_INCOMPLETE)
+    names = []
+    for _ in range(count):
+        name, at = _text(message, at)
+        names.append(name)
+    positions, end = _count(message, at)
+    begin = _aligned(end, 8) if positions else end
+    return _checked(Fields(frame_id, tuple(names), positions, begin, end), message)
+
+
+def _checked(fields: Fields, message: bytes) -> Fields:
+    if fields.begin + 8 * fields.numbers > len(message):
+        raise ValueError(_INCOMPLETE)
+    return fields
+
+
+def _aligned(at: int, size: int) -> int:
+    """The next place for a field of that size."""
+    return at + (4 - at) % size
+
+
+def _count(message: bytes, at: int) -> tuple[int, int]:
+    """The number at the next place for one of 4 bytes, and where it ends."""
+    at = _aligned(at, 4)
+    return int.from_bytes(message[at : at + 4], 'little'), at + 4
+
+
+def _text(message: bytes, at: int) -> tuple[str, int]:
+    """The string at the next place for one, and where it ends.
+
+    Raises:
+        ValueError: it reaches beyond the message.
+    """
+    size, begin = _count(message, at)
+    if begin + size > len(message):
+        raise ValueError(_INCOMPLETE)
+    return message[begin : begin + size].rstrip(b'\0').decode('utf-8', 'replace'), begin + size
+
+
+class Samples(NamedTuple):
+    """The decoded messages of one topic, in the order of recording.
+
+    Attributes:
+        stamp: header stamps, (n,), ns.
+        log_time: when each was recorded, (n,), ns.
+        values: q1, q2 or fx, fy, (n, 2), rad or N.
+        dropped: number of messages without a sample, by reason.
+        names: for joint states, the joint names in messages without q1 or q2.
+    """
+
+    stamp: NDArray[np.int64]
+    log_time: NDArray[np.int64]
+    values: Floats
+    dropped: Counter[str]
+    names: frozenset[str]
+
+
+class Decoder:
+    """Gathers the samples of one topic, batch by batch.
+
+    Args:
+        joint_names: names of q1 and q2 where the topic carries `JointState`; None for `WrenchStamped`.
+
+    Attributes:
+        frame_ids: of the messages, in the order in which they came.
+    """
+
+    def __init__(self, joint_names: tuple[str, str] | None = None) -> None:
+        self._joint_names = joint_names
+        self.frame_ids: list[str] = []
+        self._parts: list[tuple[NDArray[Any], ...]] = []
+        self._dropped: Counter[str] = Counter()
+        self._names: set[str] = set()
+
+    def add(self, batch: Batch) -> None:
+        """Adds the messages of a batch."""
+        count = len(batch.start)
+        stamp, frame = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int32)
+        values = np.full((count, 2 if self._joint_names else 3), np.nan)
+        good = np.zeros(count, dtype=bool)
+        for fields, rows, where in self._same_layout(batch):
+            stamp[where] = _column(rows, 4, '<i4').astype(np.int64) * 1_000_000_000 + _column(rows, 8, '<u4')
+            used = [fields.names.index(name) for name in self._joint_names] if self._joint_names else range(3)
+            for column, number in enumerate(used):
+                values[where, column] = _column(rows, fields.begin + 8 * number, '<f8')
+            if fields.frame_id not in self.frame_ids:
+                self.frame_ids.append(fields.frame_id)
+            frame[where] = self.frame_ids.index(fields.frame_id)
+            good[where] = True
+        self._parts.append((stamp[good], batch.log_time[good], frame[good], values[good]))
+
+    def samples(self, turns: Mapping[str, Floats] | None = None) -> Samples:
+        """Everything decoded so far.
+
+        Args:
+            turns: of forces by their `frame_id`, (2, 3): f = turn (fx, fy, fz).
+        """
+        empty = (np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.int32), np.zeros((0, 3)))
+        stamp, log_time, frame, all_values = (
+            np.concatenate(arrays) for arrays in zip(*(self._parts or [empty]), strict=True)
+        )
+        values = all_values[:, :2]
+        for frame_id, turn in (turns or {}).items():
+            same = frame == self.frame_ids.index(frame_id)
+            values[same] = all_values[same] @ turn.T
+        finite = np.all(np.abs(values) < _LARGEST_VALUE, axis=1)  # false for NaN, too
+        dropped = self._dropped + Counter({'with values that are not finite': int(np.sum(~finite))})
+        return Samples(stamp[finite], log_time[finite], values[finite], dropped, frozenset(self._names))
+
+    def _same_layout(self, batch: Batch) -> Iterator[tuple[Fields, NDArray[np.uint8], NDArray[np.intp]]]:
+        """Messages that share a layout, as a matrix of bytes, with their places in the batch."""
+        plausible = (batch.length >= 20) & (batch.length <= _LONGEST)
+        where = np.flatnonzero(plausible)
+        start = batch.start[where]
+        plain = (batch.buffer[start] == 0) & (batch.buffer[start + 1] == 1)
+        self._dropped += Counter(
+            {_INCOMPLETE: int(np.sum(~plausible)), 'in an encoding other than plain CDR': int(np.sum(~plain))}
+        )
+        where = where[plain]
+        problems = 0
+        for size in np.unique(batch.length[where]).tolist():
+            places = where[batch.length[where] == size]
+            rows = sliding_window_view(batch.buffer, size)[batch.start[places]]
+            while len(rows):
+                message = rows[0].tobytes()
+                fields, problem = self._fields(message)
+                same = np.all(rows[:, _STRINGS : fields.end] == rows[0, _STRINGS : fields.end], axis=1)
+                if problem:
+                    problems += 1
+                    same |= problems == _MOST_PROBLEMS
+                    self._dropped[problem] += int(np.sum(same))
+                else:
+                    yield fields, rows[same], places[same]
+                rows, places = rows[~same], places[~same]
+
+    def _fields(self, message: bytes) -> tuple[Fields, str]:
+        """The layout of a message, and why it cannot be used; empty if it can."""
+        try:
+            fields = joint_fields(message) if self._joint_names else wrench_fields(message)
+        except ValueError as error:
+            return Fields('', (), 0, 0, len(message)), str(error)
+        if self._joint_names and not set(self._joint_names) <= set(fields.names):
+            self._names.update(fields.names)
+            return fields, f'without {" and ".join(self._joint_names)}'
+        if self._joint_names and max(map(fields.names.index, self._joint_names)) >= fields.numbers:
+            return fields, 'without positions'
+        return fields, ''
+
+
+def _column(rows: NDArray[np.uint8], at: int, kind: str) -> NDArray[Any]:
+    return np.ascontiguousarray(rows[:, at : at + int(kind[-1])]).view(kind)[:, 0]
+
+
+def decode_string(payload: bytes) -> str:
+    """The text of a `std_msgs/msg/String`.
+
+    Raises:
+        ValueError: the bytes are no such message.
+    """
+    return _text(payload, 4)[0]
+
+
+def decode_transforms(payload: bytes) -> list[FixedTransform]:
+    """The transforms of a `tf2_msgs/msg/TFMessage`.
+
+    Raises:
+        ValueError: the bytes are no such message.
+    """
+    try:
+        message: Any = ros2_types().deserialize_cdr(payload, TF_MESSAGE)
+    except Exception as error:  # rosbags raises whatever the bytes lead to
+        raise ValueError(f'/tf_static: the message is no {TF_MESSAGE}') from error
+    found = []
+    for item in message.transforms:
+        turn = item.transform.rotation
+        found.append(FixedTransform(item.header.frame_id, item.child_frame_id, (turn.x, turn.y, turn.z, turn.w)))
+    return found
+
+
+@lru_cache
+def ros2_types() -> Typestore:
+    """The message types of ROS 2."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def joint_state_messages(stamp: NDArray[np.int64], position: Floats, names: tuple[str, str]) -> list[bytes]:
+    """`JointState` messages without velocity and effort.
+
+    Args:
+        stamp: header stamps, (n,), ns.
+        position: q1, q2, (n, 2), rad.
+        names: joint names of q1 and q2.
+
+    Returns:
+        n messages.
+    """
+    none = np.zeros(0)
+    template = _serialized(
+        JOINT_STATE, header=_header(''), name=list(names), position=np.zeros(2), velocity=none, effort=none
+    )
+    return _filled(template, joint_fields(template).begin, stamp, position)
+
+
+def wrench_messages(stamp: NDArray[np.int64], force: Floats, frame_id: str) -> list[bytes]:
+    """`WrenchStamped` messages with a force in the plane.
+
+    Args:
+        stamp: header stamps, (n,), ns.
+        force: fx, fy, (n, 2), N.
+        frame_id: of the header.
+
+    Returns:
+        n messages.
+    """
+    types = ros2_types().types
+    zero = types['geometry_msgs/msg/Vector3'](0.0, 0.0, 0.0)
+    wrench = types['geometry_msgs/msg/Wrench'](zero, zero)
+    template = _serialized(WRENCH_STAMPED, header=_header(frame_id), wrench=wrench)
+    return _filled(template, wrench_fields(template).begin, stamp, force)
+
+
+def string_message(text: str) -> bytes:
+    """A `std_msgs/msg/String`."""
+    return _serialized(STRING, data=text)
+
+
+def _serialized(msgtype: str, **fields: Any) -> bytes:
+    store = ros2_types()
+    return bytes(store.serialize_cdr(store.types[msgtype](**fields), msgtype))
+
+
+def _header(frame_id: str) -> Any:
+    types = ros2_types().types
+    return types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](0, 0), frame_id)
+
+
+def _filled(template: bytes, begin: int, stamp: NDArray[np.int64], values: Floats) -> list[bytes]:
+    """Messages as the template, with their stamps and first two numbers."""
+    size = len(template)
+    rows = np.tile(np.frombuffer(template, np.uint8), (len(stamp), 1))
+    time = np.stack(np.divmod(np.asarray(stamp, dtype=np.int64), 1_000_000_000), axis=1)
+    rows[:, 4:12] = time.astype('<u4').view(np.uint8)
+    rows[:, begin : begin + 16] = np.ascontiguousarray(values, dtype='<f8').view(np.uint8)
+    data = rows.tobytes()
+    return [data[at : at + size] for at in range(0, len(data), size)]
