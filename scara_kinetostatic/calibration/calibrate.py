@@ -6,12 +6,11 @@ Parameters held at a value: as text, checked, and those of effects with the effe
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from scara_kinetostatic.calibration.declared_errors import without_sources
-from scara_kinetostatic.calibration.estimate import WarmStart, check_number, estimate
+from scara_kinetostatic.calibration.estimate import WarmStart, estimate, fewest_touches
 from scara_kinetostatic.calibration.fit_point import base_force
 from scara_kinetostatic.calibration.observations import Observations, observe
 from scara_kinetostatic.calibration.result import Calibration, build_result
@@ -31,16 +30,7 @@ from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.model.parameters import NAMES, UNITS, Parameters, implausible_size
-from scara_kinetostatic.model.touch import Rejection, TouchSet
-
-_FAINTEST = 3.0
-"""A force below so many standard deviations of its noise has no direction to speak of."""
-_NO_FORCE = 1e-6
-"""The same where the noise is not known, N."""
-_OPPOSED = -0.5
-"""Median cosine between force and the direction to the disc below which the sign is wrong."""
-_ALIGNED = 0.8
-"""The same above which all is well, even 20 mm and 3° off."""
+from scara_kinetostatic.model.touch import Rejection, TouchSet, common_reason
 
 
 def calibrate(
@@ -100,10 +90,10 @@ def calibrate(
     held = start.held.union(fixed)
     free = np.array([j for j, name in enumerate(start.names) if name not in held], dtype=np.intp)
     given = touches.index
-    touches, left_out = _leave_out(touches, cell)
+    touches, left_out, faint = _leave_out(touches, cell)
     if warm_start is not None:
         warm_start = warm_start._replace(used=warm_start.used[np.isin(given, touches.index)])
-    check_number(len(touches), len(free), [item.reason for item in left_out])
+    _check_number(len(touches), len(free), [item.reason for item in left_out], faint, cell)
     observations = observe(touches, cell)
     _check_plausible(observations, cell, from_recording=bool(np.any(touches.samples > 1)))
     try:
@@ -156,12 +146,15 @@ def _checked(fixed: Mapping[str, float] | None) -> dict[str, float]:
     for name, value in values.items():
         if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
             raise ParameterError(f'fixed parameter {name}', f'expected a number, got {value!r:.40}')
-        if not np.isfinite(value):
-            raise ParameterError(f'fixed parameter {name}', f'expected a finite number, got {value}')
-        implausible = implausible_size(value, UNITS.get(name, ''))
-        if implausible:
-            raise ParameterError(f'fixed parameter {name}={value:g}', *implausible)
+        _check_size('fixed parameter', name, float(value), f'{value:g}')
     return values
+
+
+def _check_size(where: str, name: str, value: float, text: str) -> None:
+    if not np.isfinite(value):
+        raise ParameterError(f'{where} {name}', f'expected a finite number, got {text}')
+    if implausible := implausible_size(value, UNITS.get(name, '')):
+        raise ParameterError(f'{where} {name}={text}', *implausible)
 
 
 def _expect_effects(effects: Sequence[EffectLaw]) -> Sequence[EffectLaw]:
@@ -177,22 +170,26 @@ def _expect_effects(effects: Sequence[EffectLaw]) -> Sequence[EffectLaw]:
     return effects
 
 
-def _leave_out(touches: TouchSet, cell: Cell) -> tuple[TouchSet, list[Rejection]]:
-    """Take out touches without a force and readings that repeat an earlier one to the last bit."""
+def _leave_out(touches: TouchSet, cell: Cell) -> tuple[TouchSet, list[Rejection], int]:
+    """Take out touches without a force, how many there are of these, and readings that repeat an earlier one to the
+    last bit.
+    """
     reasons: dict[int, str] = {}
     magnitude = np.hypot(touches.force[:, 0], touches.force[:, 1])
-    least = _FAINTEST * cell.noise.force_rms if cell.noise else _NO_FORCE
-    for k in np.flatnonzero(magnitude <= least):
+    least = 3.0 * cell.noise.force_rms if cell.noise else 1e-6  # N; below it a force has no direction to speak of
+    faint = np.flatnonzero(magnitude <= least)
+    for k in faint:
         noise = f' of {cell.noise.force_rms:.2g} N' if cell.noise else ''
         reasons[int(k)] = f'presses with {magnitude[k]:.2g} N only: its direction is noise{noise}'
     earlier = _earlier_twins(np.concatenate([touches.joints, touches.force], axis=1))
     for k in np.flatnonzero(earlier != np.arange(len(touches))):
         reasons.setdefault(int(k), f'the same reading as touch {touches.index[earlier[k]]}, to the last bit')
     if not reasons:
-        return touches, []
+        return touches, [], 0
     kept = np.ones(len(touches), dtype=bool)
     kept[list(reasons)] = False
-    return touches.select(kept), [Rejection(int(touches.index[k]), reason) for k, reason in sorted(reasons.items())]
+    left_out = [Rejection(int(touches.index[k]), reason) for k, reason in sorted(reasons.items())]
+    return touches.select(kept), left_out, len(faint)
 
 
 def _earlier_twins(rows: Floats) -> Indices:
@@ -201,6 +198,37 @@ def _earlier_twins(rows: Floats) -> Indices:
         return np.arange(len(rows))
     _, first, which = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     return np.asarray(first[which.ravel()])
+
+
+def _check_number(touches: int, parameters: int, left_out: Sequence[str], faint: int, cell: Cell) -> None:
+    """Whether there are more equations than parameters.
+
+    Args:
+        touches: how many there are.
+        parameters: how many are free.
+        left_out: why others were left out beforehand.
+        faint: how many of these have hardly any force.
+        cell: the cell.
+
+    Raises:
+        UnsupportedDataError: too few touches.
+    """
+    needed = fewest_touches(parameters)
+    if touches >= needed:
+        return
+    problem = f'{touches} touches give {2 * touches} equations, too few for {parameters} parameters'
+    remedy = f'record {needed} touches at the very least, 36 or more for a good result'
+    number = touches + len(left_out)
+    if common := common_reason(left_out, number):
+        problem = f'{len(left_out)} of {number} touches were left out, the first: {common}; {problem}'
+    elif left_out:
+        problem += f'; {len(left_out)} were left out, the first: {left_out[0]}'
+    if 2 * faint > number:
+        remedy = 'check the units and the order of joint angles and forces'
+        remedy += ', and the noise in the cell description' if cell.noise else ''
+    elif left_out:
+        remedy = f'see what was left out, or {remedy}'
+    raise UnsupportedDataError(problem, remedy)
 
 
 def _check_plausible(observations: Observations, cell: Cell, *, from_recording: bool) -> None:
@@ -219,7 +247,7 @@ def _check_plausible(observations: Observations, cell: Cell, *, from_recording: 
     cosine = _alignment(observations, cell.nominal)
     better = _other_frame(observations)
     elsewhere = _alignment(better, cell.nominal)
-    if abs(elsewhere) > _ALIGNED > abs(cosine):
+    if abs(elsewhere) > 0.8 > abs(cosine):  # the right frame gives more, even 20 mm and 3° off
         raise CellError(
             'sensor.frame',
             f'the forces point {"at" if elsewhere > 0 else "away from"} the discs if the frame is '
@@ -229,11 +257,12 @@ def _check_plausible(observations: Observations, cell: Cell, *, from_recording: 
     if cosine > 0.0:
         return
     other = SensorSign.ON_ROBOT if cell.sensor.sign is SensorSign.ON_OBJECT else SensorSign.ON_OBJECT
-    if cosine < _OPPOSED and not from_recording:
+    is_opposed = cosine < -0.5
+    if is_opposed and not from_recording:
         raise InputError(
             'force', 'the forces point away from the discs', 'give the force on the object: change the signs of x and y'
         )
-    if cosine < _OPPOSED:
+    if is_opposed:
         raise CellError(
             'sensor.sign',
             f'the forces point away from the discs with {cell.sensor.sign.value}',
@@ -256,32 +285,17 @@ def _other_frame(observations: Observations) -> Observations:
     return observations._replace(frame=SensorFrame.BASE if tool else SensorFrame.TOOL)
 
 
-class _Unit(NamedTuple):
-    """Units in which a parameter may have been given by mistake.
-
-    Attributes:
-        farthest: from the nominal value, in its SI unit, that a value may be.
-        factors: to the SI unit, with what to say.
-    """
-
-    farthest: float
-    factors: tuple[tuple[float, str], ...]
-
-
-_LENGTH = _Unit(0.1, ((1e-3, 'lengths are in m, not mm'),))
-_ANGLE = _Unit(0.35, ((float(np.deg2rad(1.0)), 'angles are in rad, not degrees'),))
-_GAP = _Unit(0.02, ((1e-3, 'lengths are in m, not mm'), (1e-6, 'lengths are in m, not µm')))
-_GAP_ANGLE = _Unit(0.05, ((1e-3, 'angles are in rad, not mrad'), (1e-6, 'angles are in rad, not µrad')))
-_GRIPPER = _Unit(2e-3, ((1e-3, 'compliances are in m/N, not mm/N'), (1e-6, 'compliances are in m/N, not µm/N')))
-_JOINT = _Unit(0.02, ((1e-3, 'compliances are in rad/Nm, not mrad/Nm'), (1e-6, 'in rad/Nm, not µrad/Nm')))
-_UNITS = {
-    **dict.fromkeys(('x0', 'y0', 'l1', 'l2'), _LENGTH),
-    **dict.fromkeys(('theta1', 'theta2'), _ANGLE),
-    'p_ee': _GRIPPER,
-    **dict.fromkeys(('p1', 'p2'), _JOINT),
-    'g_ee': _GAP,
-    **dict.fromkeys(('g1', 'g2'), _GAP_ANGLE),
+_GAP_ANGLE = {1e-3: 'angles are in rad, not mrad', 1e-6: 'angles are in rad, not µrad'}
+_OTHER_UNITS: dict[tuple[str, ...], tuple[float, dict[float, str]]] = {
+    ('x0', 'y0', 'l1', 'l2'): (0.1, {1e-3: 'lengths are in m, not mm'}),
+    ('theta1', 'theta2'): (0.35, {float(np.deg2rad(1.0)): 'angles are in rad, not degrees'}),
+    ('p_ee',): (2e-3, {1e-3: 'compliances are in m/N, not mm/N', 1e-6: 'compliances are in m/N, not µm/N'}),
+    ('p1', 'p2'): (0.02, {1e-3: 'compliances are in rad/Nm, not mrad/Nm', 1e-6: 'in rad/Nm, not µrad/Nm'}),
+    ('g_ee',): (0.02, {1e-3: 'lengths are in m, not mm', 1e-6: 'lengths are in m, not µm'}),
+    ('g1', 'g2'): (0.05, _GAP_ANGLE),
 }
+"""By parameter: how far from the nominal value, in its SI unit, a value may be; factors to that unit of those in which
+it may have been given by mistake, with what to say."""
 
 
 def parse_fixed(text: str, where: str = 'fixed') -> tuple[str, float | None]:
@@ -301,11 +315,7 @@ def parse_fixed(text: str, where: str = 'fixed') -> tuple[str, float | None]:
         number = float(value)
     except ValueError:
         raise ParameterError(f'{where} {name}', f'expected a number, got {value!r}') from None
-    if not np.isfinite(number):
-        raise ParameterError(f'{where} {name}', f'expected a finite number, got {value}')
-    implausible = implausible_size(number, UNITS.get(name, ''))
-    if implausible:
-        raise ParameterError(f'{where} {name}={value}', *implausible)
+    _check_size(where, name, number, value)
     return name, number
 
 
@@ -326,11 +336,13 @@ def check_units(fixed: Mapping[str, float], nominal: Parameters) -> None:
     Raises:
         ParameterError: one is.
     """
-    for name, unit in _UNITS.items():
-        off = abs(fixed.get(name, getattr(nominal, name)) - getattr(nominal, name))
-        for factor, remedy in unit.factors if off > unit.farthest else ():
+    limits = {name: limit for names, limit in _OTHER_UNITS.items() for name in names}
+    for name, (farthest, factors) in limits.items():
+        stated = getattr(nominal, name)
+        off = abs(fixed.get(name, stated) - stated)
+        for factor, remedy in factors.items() if off > farthest else ():
             value = factor * fixed[name]
-            if abs(value - getattr(nominal, name)) <= unit.farthest:
+            if abs(value - stated) <= farthest:
                 problem = f'is {off:.3g} {UNITS[name]} from its nominal value'
                 raise ParameterError(f'fixed parameter {name}={fixed[name]:g}', problem, f'{remedy}: give {value:g}')
 

@@ -15,7 +15,6 @@ model or the noise is wrong, which is not the touches' fault.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -27,30 +26,15 @@ from scara_kinetostatic.calibration.identifiability import scales_of, unidentifi
 from scara_kinetostatic.calibration.least_squares import typical_scale
 from scara_kinetostatic.calibration.noise_estimation import USUAL_NOISE, as_stated, estimate_noise, is_estimated
 from scara_kinetostatic.calibration.observations import Observations, in_blocks, pick
-from scara_kinetostatic.calibration.solver import MAX_ITERATIONS, ActivePrior, Fit, Subspace, Termination, minimise
+from scara_kinetostatic.calibration.solver import ActivePrior, Fit, Subspace, Termination, minimise
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.touch import Rejection, common_reason
+from scara_kinetostatic.model.touch import Rejection
 
 _ROUNDS = 20
 """Rounds after the first at most."""
-_FREE_ROUNDS = 4
-"""Rounds in which an unidentifiable direction may be freed and an outlier taken back, while the noise converges; after
-that neither is, as two decisions could alternate for ever."""
-_WARM_ITERATIONS = 30
-"""Steps of a run with a warm start at most; one that converges takes ten or less, mostly."""
-_MOST_LIMITS = 2
-"""Such runs in a row that do not converge, after which the fit is given up."""
-_MOST_WARM_ITERATIONS = 240
-"""Steps of all its runs, after which a fit with a warm start is given up: its noise levels and outliers alternate."""
-_SAME_DIRECTION = 1e-3
-"""Largest component outside the former directions with which a direction is one of them."""
-_NOISE_TOLERANCE = 1e-3
-"""Relative change of the noise levels at which they have converged."""
-_LAST_NOISE_TOLERANCE = 0.05
-"""The same in the last round: two noise levels that are hard to tell apart converge slowly."""
 
 
 class WarmStart(NamedTuple):
@@ -61,14 +45,14 @@ class WarmStart(NamedTuple):
         noise: σ_q and σ_f.
         used: touches that took part, (n,).
         errors: declared errors of the cell, (m,); None to begin without.
-        most: steps of all runs together after which the fit is given up.
+        most: steps of all runs together after which the fit is given up: its noise levels and outliers alternate.
     """
 
     model: ExtendedModel
     noise: Noise
     used: Mask
     errors: Floats | None = None
-    most: int = _MOST_WARM_ITERATIONS
+    most: int = 240
 
 
 class Estimation(NamedTuple):
@@ -111,18 +95,11 @@ class _Round(NamedTuple):
     unidentifiable: Floats
 
     def is_followed_by_itself(self, following: _Round) -> bool:
-        """Whether a fit has changed nothing of what it took as given."""
-        return (
-            self.stage is FINAL
-            and self.subspace is following.subspace
-            and self._is_similar(following, _NOISE_TOLERANCE)
-        )
+        """Whether a fit has changed nothing of what it took as given, but for noise levels that have converged."""
+        return self.stage is FINAL and self.subspace is following.subspace and self.is_similar(following, 1e-3)
 
-    def is_nearly_followed_by_itself(self, following: _Round) -> bool:
-        """The same for the last round: outliers as before, noise levels nearly so."""
-        return self._is_similar(following, _LAST_NOISE_TOLERANCE)
-
-    def _is_similar(self, following: _Round, tolerance: float) -> bool:
+    def is_similar(self, following: _Round, tolerance: float) -> bool:
+        """Whether the outliers are as before, and the noise levels but for a relative change."""
         pairs = zip(self.noise.levels, following.noise.levels, strict=True)
         same = all(abs(after - before) <= tolerance * before for before, after in pairs)
         return same and bool((self.used == following.used).all())
@@ -150,7 +127,7 @@ def estimate(
     """
     everything = Subspace.of_free(start, free, scales_of(start))
     model, errors, adjusted, now, iterations = _begin(observations, cell, start, everything, warm_start)
-    limits, most = 0, MAX_ITERATIONS if warm_start is None else _WARM_ITERATIONS
+    limits, most = 0, 60 if warm_start is None else 30  # one that converges takes ten or less, mostly
     observations = observations.with_errors(errors)
     for number in range(_ROUNDS + 1):
         fit = minimise(observations, model, adjusted, now.subspace, now.noise, now.stage, now.used, most)
@@ -159,11 +136,11 @@ def estimate(
         distance = studentised(fit.point.whitened, covariance_of_fit(fit, now.subspace), now.used)
         at_limit = warm_start is not None and fit.termination is not Termination.CONVERGED
         limits = limits + 1 if at_limit else 0
-        if limits == _MOST_LIMITS:
+        if limits == 2:
             break
         following = _next_round(observations, cell, everything, free, now, fit, distance, number)
         is_last = number == _ROUNDS or (warm_start is not None and iterations > warm_start.most)
-        if is_last and not now.is_nearly_followed_by_itself(following):
+        if is_last and not now.is_similar(following, 0.05):  # levels that are hard to tell apart converge slowly
             fit = fit._replace(termination=Termination.ITERATION_LIMIT)
         if is_last or now.is_followed_by_itself(following):
             break
@@ -207,7 +184,8 @@ def _next_round(
     noise = (
         _update_noise(observations, fit.point, now, cell.noise) if is_estimated(now.noise, cell.noise) else now.noise
     )
-    good, late = find_good(distance), number >= _FREE_ROUNDS
+    # while the noise converges a direction may be freed, an outlier taken back; later the two could alternate for ever
+    good, late = find_good(distance), number >= 4
     if late:
         good &= now.used
     directions = unidentifiable_directions(*_only(good, observations, fit.point), free, now.noise)
@@ -222,7 +200,7 @@ def _span_the_same(now: Floats, before: Floats, late: bool) -> bool:
     """Whether the same directions are unidentifiable as before; in late rounds, whether as many are."""
     if now.shape != before.shape:
         return False
-    return late or float(np.abs(now - before @ (before.T @ now)).max(initial=0.0)) <= _SAME_DIRECTION
+    return late or float(np.abs(now - before @ (before.T @ now)).max(initial=0.0)) <= 1e-3
 
 
 def _only(good: Mask, observations: Observations, point: Point) -> tuple[Observations, Point]:
@@ -252,37 +230,9 @@ def covariance_of_fit(fit: Fit, subspace: Subspace) -> Floats:
     return basis @ least_squares.covariance(fit.system) @ basis.T
 
 
-def check_number(touches: int, parameters: int, left_out: Sequence[str] = ()) -> None:
-    """Whether there are more equations than parameters.
-
-    Args:
-        touches: how many there are.
-        parameters: how many are free.
-        left_out: why others were left out beforehand.
-
-    Raises:
-        UnsupportedDataError: too few touches.
-    """
-    needed = _fewest(parameters)
-    if touches < needed:
-        problem = f'{touches} touches give {2 * touches} equations, too few for {parameters} parameters'
-        remedy = f'record {needed} touches at the very least, 36 or more for a good result'
-        found = touches + len(left_out)
-        if common := common_reason(left_out, found):
-            problem = f'{len(left_out)} of {found} touches were left out, the first: {common}; {problem}'
-        elif left_out:
-            problem += f'; {len(left_out)} were left out, the first: {left_out[0]}'
-        if common.startswith('presses with'):
-            remedy = 'check the units and the order of joint angles and forces'
-            remedy += ', and the noise in the cell description' if 'is noise of' in common else ''
-        elif left_out:
-            remedy = f'see what was left out, or {remedy}'
-        raise UnsupportedDataError(problem, remedy)
-
-
 def _check_left(good: Mask, parameters: int, noise: Noise) -> None:
     """Whether the touches that fit are enough."""
-    if int(good.sum()) < _fewest(parameters):
+    if int(good.sum()) < fewest_touches(parameters):
         raise UnsupportedDataError(
             f'{int(good.sum())} of {len(good)} touches fit a model at a noise of {noise.joint_rms:.2g} rad per joint '
             f'and {noise.force_rms:.2g} N, too few for {parameters} parameters',
@@ -290,7 +240,7 @@ def _check_left(good: Mask, parameters: int, noise: Noise) -> None:
         )
 
 
-def _fewest(parameters: int) -> int:
+def fewest_touches(parameters: int) -> int:
     """Touches that give more equations than there are parameters."""
     return parameters // 2 + 1
 

@@ -173,7 +173,7 @@ def moved(observations: Observations, point: Point, change: Floats, noise: Noise
     observations = observations.with_errors(errors)
 
     def part(where: slice) -> tuple[Adjusted, Linearisation, Whitened, Floats]:
-        o, (_, adjusted, linear, whitened, *_) = observations.select(where), _part_of(point, where)
+        o, (_, adjusted, linear, whitened, *_) = observations.select(where), select(point, where)
         if stage.adjusts:
             adjusted, arm = adjust(o, model, adjusted, linear, whitened, change, noise, frozen)
         else:
@@ -184,45 +184,12 @@ def moved(observations: Observations, point: Point, change: Floats, noise: Noise
         return Point(model, *in_blocks(len(observations.joints), part), errors)
 
 
-def _part_of(point: Point, where: slice) -> Point:
-    """Consecutive touches of a point."""
-    if len(point.distance) <= where.stop - where.start:
-        return point
-    return Point(
-        point.model,
-        pick(point.adjusted, where),
-        pick(point.linear, where),
-        pick(point.whitened, where),
-        pick(point.distance, where),
-        point.errors,
-    )
-
-
-def select(point: Point, which: Mask | Indices) -> Point:
-    """The touches of a point that a mask or an array of positions picks."""
-    a, linear, w = point.adjusted, point.linear, point.whitened
+def select(point: Point, which: Mask | Indices | slice) -> Point:
+    """The touches of a point that a mask, an array of positions or a slice picks."""
     return point._replace(
-        adjusted=a._replace(
-            joints=a.joints[which],
-            force=a.force[which],
-            state=a.state.select(which),
-            off_normal=None if a.off_normal is None else a.off_normal[which],
-        ),
-        linear=Linearisation(
-            linear.misclosure[which],
-            linear.derivative[which],
-            linear.by_joints[which],
-            linear.by_force[which],
-            linear.force[which],
-            None if linear.by_off_normal is None else linear.by_off_normal[which],
-            None if linear.by_errors is None else linear.by_errors[which],
-        ),
-        whitened=w._replace(
-            residual=w.residual[which],
-            derivative=w.derivative[which],
-            root=(w.root[0][which], w.root[1][which], w.root[2][which]),
-            by_errors=None if w.by_errors is None else w.by_errors[which],
-        ),
+        adjusted=pick(point.adjusted, which),
+        linear=pick(point.linear, which),
+        whitened=pick(point.whitened, which),
         distance=point.distance[which],
     )
 

@@ -3,7 +3,7 @@
 The solver of the adjustment: Gauss–Newton steps, damped as Levenberg and Marquardt do where a step fails.
 
 One step is linearisation (`evaluate`), descent (`least_squares.damped_step`), trial (`moved`) and acceptance
-(`_Acceptance`); `_Convergence` ends the run. In scaled parameters a start 20 mm and 3° off takes five or six steps.
+(`_is_accepted`); `_Convergence` ends the run. In scaled parameters a start 20 mm and 3° off takes five or six steps.
 
 The estimation runs it in stages: coarse, with the observations as measured and Cauchy's loss; robust, with adjusted
 observations and the same loss, so that outliers have little weight; final, with the sum of squares over the used
@@ -102,7 +102,6 @@ class ActivePrior(NamedTuple):
         return float((self.residual(point) ** 2).sum())
 
 
-MAX_ITERATIONS = 60
 _FROZEN_AFTER = 12
 """Steps of a run after which every joint stays on its flank: at the edge of a dead band it could else alternate."""
 
@@ -196,66 +195,6 @@ class _Loss(NamedTuple):
         return point.distance if self.used is None else point.distance[self.used]
 
 
-_NEGLIGIBLE_RISE = 1e-9
-"""A cost larger by this part is the same but for rounding."""
-_SHORT_STEP = 1e-3
-"""A step of fewer standard deviations than this changes the cost by no more than rounding and linearisation do."""
-_DAMPING_FACTOR = 10.0
-"""By which damping grows and falls."""
-_ZERO_DAMPING = 1e-6
-"""Damping below this falls to the least at once."""
-_FIRST_DAMPING = 1e-10
-"""First damping, as a part of the largest squared singular value."""
-_LARGEST_DAMPING = 1e12
-"""The same of the largest damping: with it, no step is long enough to change the cost."""
-
-
-class _Acceptance(NamedTuple):
-    """Which trials are accepted, and the damping that follows: Levenberg's and Marquardt's rule.
-
-    Attributes:
-        least: damping of the stage.
-    """
-
-    least: float
-
-    def accepts(self, step: _Step, cost: float, trial: float) -> bool:
-        """Whether a step to a trial of this cost is taken."""
-        return bool(np.isfinite(trial)) and (step.shift < _SHORT_STEP or trial <= cost * (1 + _NEGLIGIBLE_RISE))
-
-    def lowered(self, damping: float) -> float:
-        """Damping after an accepted step."""
-        return max(self.least, damping / _DAMPING_FACTOR if damping > _ZERO_DAMPING else 0.0)
-
-    def raised(self, damping: float, system: least_squares.Compressed) -> float:
-        """Damping after a rejected step; infinite where there is no point in more."""
-        largest = float(system.values.max(initial=0.0)) ** 2
-        damping = max(_DAMPING_FACTOR * damping, _FIRST_DAMPING * largest)
-        return damping if damping <= _LARGEST_DAMPING * largest else float('inf')
-
-
-_STEP_TOLERANCE = 1e-14
-"""A step shorter than this in scaled parameters is rounding error."""
-_RELATIVE_OFFSET = 1e-4
-"""A step that moves the predictions by a smaller part of the residual than this is the last one, taken to first
-order (Bates and Watts, Technometrics 23 (1981) 179)."""
-_LARGEST_OFFSET = 1e-3
-"""The same in standard deviations, however large the residual."""
-_SAME_COST = 1.01
-"""The cost has converged if the last step lowered it by less than this factor; with exact touches it never does."""
-
-
-_VAIN_STEPS = 8
-"""Steps in a row that do not lower the cost, after which the optimum is taken as reached if it is near, or if the law
-has kinks."""
-_VAIN_PART = 1e-5
-"""Part of the cost by which they lower it less."""
-_NEAR = 0.1
-"""Undamped step to a near optimum, in standard deviations as the residuals have them: no parameter is off by more."""
-_MOST_VAIN_STEPS = 20
-"""Steps that do not lower the cost, after which a run ends without an optimum."""
-
-
 class _Convergence(NamedTuple):
     """When a run has converged.
 
@@ -263,39 +202,59 @@ class _Convergence(NamedTuple):
         tolerance: shift of a step below which it is the last one, standard deviations.
         is_smooth: whether the model has a derivative everywhere. At an optimum where it has a kink, steps do not
             become short.
+        vain_steps: steps in a row that do not lower the cost, after which the optimum is taken as reached if it is
+            near, or if the law has kinks.
+        most_vain_steps: the same after which a run ends without an optimum.
+        vain_part: part of the cost by which they lower it less.
+        near: undamped step to a near optimum, in standard deviations as the residuals have them: no parameter is off
+            by more.
     """
 
     tolerance: float
     is_smooth: bool
+    vain_steps: int = 8
+    most_vain_steps: int = 20
+    vain_part: float = 1e-5
+    near: float = 0.1
 
-    @classmethod
-    def of(cls, stage: Stage, touches: int, model: ExtendedModel) -> _Convergence:
-        """The tolerance of a stage; with effects it is not relaxed as there are more touches."""
-        per_touch = 0.0 if model.effects else stage.per_touch
-        is_smooth = all(effect.is_smooth for effect in model.effects)
-        return cls(max(stage.tolerance, per_touch * np.sqrt(touches)), is_smooth)
-
-    def is_vain(self, least: list[float], steps: int = _VAIN_STEPS) -> bool:
+    def is_vain(self, least: list[float], steps: int) -> bool:
         """Whether the last steps lowered nothing; `least` has the least cost after each step."""
-        return len(least) > steps and least[-1 - steps] - least[-1] < _VAIN_PART * least[-1]
+        return len(least) > steps and least[-1 - steps] - least[-1] < self.vain_part * least[-1]
 
     def is_at_optimum(self, undamped: _Step, cost: float, least: float, equations: int) -> bool:
         """Whether a run whose steps are vain is at an optimum: within rounding, noise and linearisation errors of the
         least cost, and near to where the undamped step leads; at a kink no step becomes short.
         """
-        if cost - least > _VAIN_PART * least:
+        if cost - least > self.vain_part * least:
             return False
-        return not self.is_smooth or undamped.shift < _NEAR * float(np.sqrt(max(cost / equations, 1.0)))
+        return not self.is_smooth or undamped.shift < self.near * float(np.sqrt(max(cost / equations, 1.0)))
 
     def is_reached(self, step: _Step) -> bool:
-        """Whether this step is the last one."""
-        return step.shift < self.tolerance or step.length < _STEP_TOLERANCE
+        """Whether this step is the last one; shorter than 1e-14 in scaled parameters it is rounding error."""
+        return step.shift < self.tolerance or step.length < 1e-14
 
     def is_negligible(self, step: _Step, history: list[float]) -> bool:
-        """Whether a step is so short that the point behind it need not be evaluated."""
-        if len(history) < 2 or history[-2] > _SAME_COST * history[-1]:
+        """Whether a step is so short that the point behind it need not be evaluated: the cost has converged, and the
+        step moves the predictions by less than 1e-4 of the residual (Bates and Watts, Technometrics 23 (1981) 179)
+        and less than 1e-3 standard deviations. With exact touches the cost never converges.
+        """
+        if len(history) < 2 or history[-2] > 1.01 * history[-1]:
             return False
-        return step.shift < min(_RELATIVE_OFFSET * float(np.sqrt(history[-1])), _LARGEST_OFFSET)
+        return step.shift < min(1e-4 * float(np.sqrt(history[-1])), 1e-3)
+
+
+def _is_accepted(step: _Step, cost: float, trial: float) -> bool:
+    """Whether a step to a trial of this cost is taken: one that raises it by no more than rounding, or is so short
+    that it changes it by no more than rounding and linearisation do.
+    """
+    return bool(np.isfinite(trial)) and (step.shift < 1e-3 or trial <= cost * (1 + 1e-9))
+
+
+def _raised(damping: float, system: least_squares.Compressed) -> float:
+    """Damping after a rejected step, ten times as large; infinite where no step is long enough to change the cost."""
+    largest = float(system.values.max(initial=0.0)) ** 2
+    damping = max(10.0 * damping, 1e-10 * largest)
+    return damping if damping <= 1e12 * largest else float('inf')
 
 
 def minimise(
@@ -306,7 +265,7 @@ def minimise(
     noise: Noise,
     stage: Stage,
     used: Mask | None = None,
-    max_iterations: int = MAX_ITERATIONS,
+    max_iterations: int = 60,
 ) -> Fit:
     """Find the model of least cost in a subspace.
 
@@ -325,40 +284,44 @@ def minimise(
     """
     loss = _Loss(stage.robust, None if used is None or used.all() else used, ActivePrior.of(observations, subspace))
     basis = subspace.with_errors(len(observations.errors))
-    convergence = _Convergence.of(stage, len(observations.joints), start)
-    acceptance = _Acceptance(stage.damping)
+    per_touch = 0.0 if start.effects else stage.per_touch  # effects may be far from linear
+    convergence = _Convergence(
+        max(stage.tolerance, per_touch * np.sqrt(len(observations.joints))),
+        is_smooth=all(effect.is_smooth for effect in start.effects),
+    )
     point = evaluate(observations, start, adjusted, noise, stage)
     system, scale = loss.system(point, basis)
     damping, history, least = stage.damping, list[float](), list[float]()
-
-    def ended(iterations: int, termination: Termination) -> Fit:
-        known = 0.0 if loss.prior is None else loss.prior.cost(point)
-        return Fit(point, system, iterations, tuple(history), termination, known)
-
+    termination = Termination.ITERATION_LIMIT
     for iteration in range(1, max_iterations + 1):
         step = _descend(system, basis, damping)
         last, undamped = convergence.is_reached(step), damping == stage.damping
         if (last and not stage.adjusts) or (undamped and convergence.is_negligible(step, history)):
-            point = last_step(point, step.change)
+            point, termination = last_step(point, step.change), Termination.CONVERGED
             history.append(loss.cost(point, scale))
-            return ended(iteration, Termination.CONVERGED)
+            break
         trial = moved(observations, point, step.change, noise, stage, iteration > _FROZEN_AFTER)
         cost = loss.cost(trial, scale)
-        if (last and np.isfinite(cost)) or acceptance.accepts(step, loss.cost(point, scale), cost):
-            point, damping = trial, acceptance.lowered(damping)
+        if (last and np.isfinite(cost)) or _is_accepted(step, loss.cost(point, scale), cost):
+            point, damping = trial, max(stage.damping, damping / 10.0 if damping > 1e-6 else 0.0)
             history.append(cost)
             system, scale = loss.system(point, basis)
             if last:
-                return ended(iteration, Termination.CONVERGED)
+                termination = Termination.CONVERGED
+                break
         else:
-            damping = acceptance.raised(damping, system)
+            damping = _raised(damping, system)
             if np.isinf(damping):
-                return ended(iteration, Termination.STALLED)
+                termination = Termination.STALLED
+                break
         now = loss.cost(point, scale)
         least.append(min([now, *least[-1:]]))
-        if convergence.is_vain(least):
-            if convergence.is_at_optimum(_descend(system, basis, 0.0), now, least[-1], 2 * len(point.distance)):
-                return ended(iteration, Termination.CONVERGED)
-            if convergence.is_vain(least, _MOST_VAIN_STEPS):
-                return ended(iteration, Termination.STALLED)
-    return ended(max_iterations, Termination.ITERATION_LIMIT)
+        is_vain = convergence.is_vain(least, convergence.vain_steps)
+        if is_vain and convergence.is_at_optimum(_descend(system, basis, 0.0), now, least[-1], 2 * len(point.distance)):
+            termination = Termination.CONVERGED
+            break
+        if convergence.is_vain(least, convergence.most_vain_steps):
+            termination = Termination.STALLED
+            break
+    prior_cost = 0.0 if loss.prior is None else loss.prior.cost(point)
+    return Fit(point, system, iteration, tuple(history), termination, prior_cost)

@@ -26,6 +26,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
@@ -40,7 +41,6 @@ from scara_kinetostatic.model.kinematics import (
     wrap,
 )
 from scara_kinetostatic.model.kinetostatics import joint_deflection, joint_torques
-from scara_kinetostatic.model.parameters import NAMES
 
 COVERAGE_FACTOR = 2.0
 """k of the expanded uncertainty U = k u: about 95 % of a normal distribution."""
@@ -50,8 +50,6 @@ GRID = 33
 """Places along each side of the square around the workspace."""
 DIRECTIONS = 12
 """Directions of the force."""
-_STEP = 1e-3
-"""Step of the difference over a value of an effect, in plausible sizes."""
 _DEPENDS = 1.0
 """A change of the tip by the plausible range of what is undetermined that counts, in standard uncertainties."""
 
@@ -198,17 +196,20 @@ def tip_derivative(c: Calibration, poses: Poses) -> Floats:
 
 
 def _by_effects(c: Calibration, poses: Poses, links: Floats, torques: Floats) -> Floats:
-    """∂S/∂(values of the effects), (n, 2, k), by differences of d - J δ."""
-    n, p, values = len(links), c.parameters, c.model.as_array()
+    """∂S/∂(values of the effects), (n, 2, k): d - J δ of each; an effect on the object does not displace the tip."""
+    n, p = len(links), c.parameters
     metadata, turns = TouchMetadata.plain(n)._replace(posture=poses.posture), jacobian(p, links)
     at = TouchState.of_poses(p, poses.joints, poses.force, torques, link_vectors(p, links), forward(p, links), metadata)
-    found = np.zeros((n, 2, len(values) - len(NAMES)))
-    for k, scale in enumerate(c.model.effect_scales):
-        change = _STEP * scale * (np.arange(len(values)) == len(NAMES) + k)
-        ends = [c.model.with_array(values + sign * change).shift(at, robot_only=True) for sign in (1, -1)]
-        joints, place = ((up - down) / (2 * _STEP * scale) for up, down in zip(*ends, strict=True))
-        found[..., k] = place - np.einsum('nij,nj->ni', turns, joints)
-    return found
+    columns = []
+    for effect, values in zip(c.model.effects, c.model.effect_arrays, strict=True):
+        for shift in effect.derivative(at, values):
+            column = np.zeros((n, 2))
+            if shift.joints is not None:
+                column -= np.einsum('nij,nj->ni', turns, shift.joints)
+            if shift.place is not None and not effect.on_object:
+                column += shift.place
+            columns.append(column)
+    return np.stack(columns, axis=-1) if columns else np.zeros((n, 2, 0))
 
 
 def workspace(c: Calibration) -> Workspace:
@@ -245,31 +246,11 @@ def _forces(c: Calibration) -> Floats:
 def _is_between(joints: Floats, touched: Floats) -> Mask:
     """Whether joint angles, (n, 2), are in the convex hull of those of touches, (m, 2); none where m is below 3."""
     centre = touched.mean(axis=0)
-    points, hull = wrap(joints - centre), wrap(touched - centre)
-    inside = np.ones(len(points), dtype=bool)
-    if len(hull) < 3:
-        return ~inside
-    # a point is outside where in some direction it is beyond all of the hull; edges are such directions
-    ordered = _hull(hull)
-    for first, second in zip(ordered, np.roll(ordered, -1, axis=0), strict=True):
-        edge, to = second - first, points - first
-        inside &= edge[0] * to[:, 1] - edge[1] * to[:, 0] >= 0
-    return inside if len(ordered) > 2 else ~inside
-
-
-def _hull(points: Floats) -> Floats:
-    """Corners of the convex hull, counter-clockwise (Andrew's monotone chain), (h, 2)."""
-    ordered = np.unique(points, axis=0)
-
-    def half(rows: Floats) -> list[Floats]:
-        chain: list[Floats] = []
-        for point in rows:
-            while len(chain) > 1 and np.linalg.det([chain[-1] - chain[-2], point - chain[-1]]) <= 0:
-                chain.pop()
-            chain.append(point)
-        return chain[:-1]
-
-    return np.array(half(ordered) + half(ordered[::-1]))
+    try:
+        hull = ConvexHull(wrap(touched - centre))
+    except (QhullError, ValueError):
+        return np.zeros(len(joints), dtype=bool)
+    return np.asarray(np.all(wrap(joints - centre) @ hull.equations[:, :2].T <= -hull.equations[:, 2], axis=1))
 
 
 def tip_uncertainty(c: Calibration, area: Workspace | None = None) -> TipUncertainty:
