@@ -257,8 +257,6 @@ def _check_rank(unidentifiable: Floats) -> None:
 
 FALSE_REJECTIONS = 1e-3
 """Expected number of good touches rejected in one recording."""
-_MOST_REJECTED = 0.2
-"""If more than this part seems bad, the touches disagree with the model, not single ones with the rest."""
 _LEAST_VARIANCE = 1e-3
 """The least variance of a residual, in units of that of its observation, that is assumed."""
 
@@ -303,7 +301,8 @@ def find_good(distance: Floats) -> Mask:
     """
     bound = -2 * np.log(FALSE_REJECTIONS / len(distance)) * typical_scale(distance)
     good = distance <= bound
-    return good if (~good).mean() <= _MOST_REJECTED else np.ones_like(good)
+    # where more seem bad, the touches disagree with the model, not single ones with the rest
+    return good if (~good).mean() <= 0.2 else np.ones_like(good)
 
 
 def explain(index: int, distance: float, residual: Floats) -> Rejection:

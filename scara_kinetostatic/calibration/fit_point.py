@@ -194,12 +194,6 @@ def select(point: Point, which: Mask | Indices | slice) -> Point:
     )
 
 
-_ROUNDS = 5
-"""Rounds that suffice for forces along the normal; with an off-normal angle in each touch some touches need more."""
-_MOST_ROUNDS = 20
-_CONVERGED = 1e-3
-
-
 def turn_radial(observations: Observations, point: Point) -> Adjusted:
     """The observations as measured but for the direction of the force, which is made radial.
 
@@ -225,9 +219,10 @@ def project(observations: Observations, model: ExtendedModel, noise: Noise) -> P
         point = evaluate(observations, model, first_guess(observations, model), noise, COARSE)
         adjusted, arm = turn_radial(observations, point), None
         before = np.full(len(observations.joints), np.inf)
-        for number in range(_MOST_ROUNDS):
+        for number in range(20):
             point = evaluate(observations, model, adjusted, noise, arm=arm)
-            if number >= _ROUNDS and not np.any(np.abs(point.distance - before) > _CONVERGED * (1 + point.distance)):
+            # five rounds suffice for forces along the normal; with off-normal angles some touches need more
+            if number >= 5 and not np.any(np.abs(point.distance - before) > 1e-3 * (1 + point.distance)):
                 return point
             before = point.distance
             still = np.zeros(point.whitened.derivative.shape[2] + len(observations.errors))

@@ -53,9 +53,6 @@ from scara_kinetostatic.model.sensor_error import (
 )
 from scara_kinetostatic.model.touch_equations import Arm, State, free_state
 
-_GROSS_DISTANCE = 200.0
-"""A touch whose squared distance is beyond this keeps its observations as measured."""
-
 
 class Adjusted(NamedTuple):
     """Where the equations are linearised.
@@ -243,7 +240,7 @@ def _multiplier(whitened: Whitened, step: Floats) -> tuple[Floats, Mask]:
     jacobian = whitened.jacobian
     n, _, k = jacobian.shape
     left = whitened.residual.T + (step @ jacobian.transpose(2, 1, 0).reshape(k, 2 * n)).reshape(2, n)
-    close = left[0] * left[0] + left[1] * left[1] < _GROSS_DISTANCE
+    close = left[0] * left[0] + left[1] * left[1] < 200.0
     multiplier = by_touch(2, n)
     multiplier[:, 1] = left[1] / l22
     multiplier[:, 0] = (left[0] - l21 * multiplier[:, 1]) / l11

@@ -33,7 +33,6 @@ from scara_kinetostatic.model.parameters import NAMES, UNITS
 SCALES = np.array([0.02, 0.02, 0.05, 0.02, 0.05, 0.02, 1e-4, 1e-3, 1e-3, 1e-3, 5e-3, 5e-3])
 """Plausible range of each parameter about its nominal value, in its unit; also the solver's scaling."""
 NOISE_SHARE = 0.25
-_MEMBER_EFFECT = 0.3
 _SAMPLE_SIZE = 1024
 """Touches from which the information that noise produces is worked out, if there are more: drawn at random."""
 _VARIANTS = 4
@@ -206,7 +205,7 @@ def group_names(
         directions: (k, d), as `unidentifiable_directions` gives them.
         free: positions of the parameters that are not fixed, (k,).
         std: standard deviations of the fit that holds these directions, (12,): a parameter that such a
-            direction could have moved by more than `_MEMBER_EFFECT` of its own belongs to the group as well.
+            direction could have moved by more than 0.3 of its own belongs to the group as well.
         scales: (12,), or more with effects.
         names: of all parameters.
     """
@@ -215,7 +214,7 @@ def group_names(
         row = row / np.linalg.norm(row)
         members = np.abs(row) >= _MEMBER_PART * np.abs(row).max()
         if std is not None:
-            members |= np.abs(row) * scales[free] > _MEMBER_EFFECT * std[free]
+            members |= np.abs(row) * scales[free] > 0.3 * std[free]
         groups.append(tuple(names[j] for j in free[members]))
     return tuple(groups)
 

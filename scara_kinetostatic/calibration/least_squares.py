@@ -16,12 +16,8 @@ from scipy.linalg import lapack
 from scara_kinetostatic.calibration.observations import blocks
 from scara_kinetostatic.model.arrays import Floats, Mask
 
-_RANK_TOLERANCE = 1e-11
-"""Singular values below this part of the largest one are zero but for rounding."""
 _CAUCHY = 6.0
 """Squared distance, in units of the typical one, at which a touch's weight is halved."""
-_MEDIAN_CHI2 = 2 * np.log(2)
-"""Median of chi-square with 2 degrees of freedom."""
 
 
 class Compressed(NamedTuple):
@@ -96,7 +92,8 @@ def _upper(k: int) -> Floats:
 
 
 def _significant(system: Compressed) -> Mask:
-    return np.asarray(system.values > _RANK_TOLERANCE * max(system.values.max(initial=0.0), np.finfo(float).tiny))
+    # smaller ones are zero but for rounding
+    return np.asarray(system.values > 1e-11 * max(system.values.max(initial=0.0), np.finfo(float).tiny))
 
 
 def damped_step(system: Compressed, damping: float) -> Floats:
@@ -130,7 +127,8 @@ def typical_scale(distance: Floats) -> float:
     """Scale of the squared distances (n,): their median over that of chi-square, 1 at least."""
     half = len(distance) // 2
     middle = np.partition(distance, [(len(distance) - 1) // 2, half])
-    return max(1.0, float(middle[(len(distance) - 1) // 2] + middle[half]) / 2 / _MEDIAN_CHI2)
+    # the median of chi-square with 2 degrees of freedom is 2 ln 2
+    return max(1.0, float(middle[(len(distance) - 1) // 2] + middle[half]) / 2 / (2 * np.log(2)))
 
 
 def robust_weights(distance: Floats, scale: float) -> Floats:

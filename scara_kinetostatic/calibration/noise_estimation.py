@@ -34,13 +34,8 @@ _LEAST_JOINT, _LEAST_FORCE = 1e-8, 1e-5
 the weights would be those of rounding errors."""
 _LEAST_RELATIVE = 1e-6
 """The same of the part that grows with the force."""
-_LARGEST_CHANGE = 10.0
 _LARGEST_DIFFERENCE = 0.98
 """Largest difference of the variances of two axes, as a part of their sum: a ratio of the levels of ten."""
-_LEAST_SHARE = 0.5
-_FEWEST_FREEDOMS = 10
-"""With fewer degrees of freedom the ratio of the levels is kept, beside declared uncertainties that of `USUAL_NOISE`,
-and only their size estimated."""
 
 
 def is_estimated(noise: Noise, stated: Noise | None) -> bool:
@@ -101,7 +96,8 @@ def estimate_noise(
     same_ratio = noise if stated else _bounded(noise, noise.scaled(factor))
     if prior is not None and noise.is_plain and noise.force_relative is None and stated is None:
         same_ratio = _bounded(noise, _of_usual_ratio(linear, whitened).scaled(factor))
-    if freedoms < _FEWEST_FREEDOMS:
+    # the ratio of the levels is kept, or that of `USUAL_NOISE`, and only their size estimated
+    if freedoms < 10:
         return same_ratio
     weighted = [np.einsum('nij,njk->nik', part, jacobian) for part in parts]
     normals = [np.einsum('nik,nil->kl', jacobian, w) @ covariance for w in weighted]
@@ -233,11 +229,11 @@ def _distinguishable(matrix: Floats, vector: Floats, signed: Mask) -> Floats:
     """Solve for variances, none smaller than what the residuals could distinguish from zero.
 
     An estimate at or below zero says that a noise does not show, not that there is none: a weight
-    without bound would make sigmas too small. Such a variance is set to `_LEAST_SHARE` of its own
+    without bound would make sigmas too small. Such a variance is set to half of its own
     standard deviation, and the others are solved for. A difference of two variances may have either sign.
     """
     solution = np.asarray(np.linalg.solve(matrix, vector), dtype=float)
-    least = _LEAST_SHARE * np.sqrt(2 * np.diag(np.linalg.inv(matrix)))
+    least = 0.5 * np.sqrt(2 * np.diag(np.linalg.inv(matrix)))
     others: Mask = np.ones(len(solution), dtype=bool)
     while np.any(too_small := others & ~signed & (solution < least)):
         hidden = int(np.argmin(np.where(too_small, solution / least, np.inf)))
@@ -265,7 +261,7 @@ def _levels_within(old: Level, new: Level, floor: float) -> Level:
 
 
 def _within(before: float, after: float, floor: float) -> float:
-    return max(floor, min(max(after, before / _LARGEST_CHANGE), before * _LARGEST_CHANGE))
+    return max(floor, min(max(after, before / 10.0), before * 10.0))
 
 
 def _pair(level: Level) -> tuple[float, float]:

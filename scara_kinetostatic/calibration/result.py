@@ -44,9 +44,6 @@ from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import NAMES, UNITS, Parameters
 from scara_kinetostatic.model.touch import Rejection, TouchSet
 
-_LARGEST_FORCE_ERROR = 0.5
-"""Force error, as a part of the mean force, beyond which a fit is no result."""
-
 
 class Estimate(NamedTuple):
     """A parameter and what the calibration says of it.
@@ -267,9 +264,9 @@ class Calibration:
 
     @property
     def is_result(self) -> bool:
-        """Whether the fit converged, to a model whose force error is at most `_LARGEST_FORCE_ERROR` of the force."""
+        """Whether the fit converged, to a model whose force error is at most half of the force."""
         force = float(np.hypot(self.force[:, 0], self.force[:, 1]).mean())
-        return self.termination is Termination.CONVERGED and self.force_error <= _LARGEST_FORCE_ERROR * force
+        return self.termination is Termination.CONVERGED and self.force_error <= 0.5 * force
 
     @property
     def force_error_nominal(self) -> float:
@@ -385,8 +382,6 @@ def _identifiability(
 
 ALTERNATIVES = 'alternative_models'
 """Label of what the choice among credible models contributes."""
-_MISFIT = 1e-3
-"""p-value of chi-square below which the stated noise does not cover the residuals and sigmas are enlarged."""
 
 
 class Contribution(NamedTuple):
@@ -434,10 +429,7 @@ def contributions_of(
 
 def enlargement_of(chi_square: float, freedoms: int) -> float:
     """By what a covariance is enlarged: where the stated noise does not cover the residuals, reduced chi-square."""
-    return chi_square / freedoms if chdtrc(freedoms, chi_square) < _MISFIT else 1.0
-
-
-_SEED = 0
+    return chi_square / freedoms if chdtrc(freedoms, chi_square) < 1e-3 else 1.0
 
 
 class HeldOut(NamedTuple):
@@ -466,7 +458,7 @@ def held_out_force_error(calibration: Calibration, folds: int = 5) -> HeldOut:
     touches, n = c.touches.select(places), len(places)
     spare = n - (c.subspace.basis.shape[1] // 2 + 1)
     folds = max(2, min(folds, n)) if spare < 1 else min(n, max(folds, -(-n // spare)))
-    part = np.random.default_rng(_SEED).permutation(n) % folds
+    part = np.random.default_rng(0).permutation(n) % folds
     residual = np.empty((n, 2))
     for fold in range(folds):
         kept = observe(touches.select(part != fold), c.cell, c.errors)

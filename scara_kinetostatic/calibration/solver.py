@@ -102,10 +102,6 @@ class ActivePrior(NamedTuple):
         return float((self.residual(point) ** 2).sum())
 
 
-_FROZEN_AFTER = 12
-"""Steps of a run after which every joint stays on its flank: at the edge of a dead band it could else alternate."""
-
-
 class Termination(Enum):
     """How a run ended."""
 
@@ -300,7 +296,8 @@ def minimise(
             point, termination = last_step(point, step.change), Termination.CONVERGED
             history.append(loss.cost(point, scale))
             break
-        trial = moved(observations, point, step.change, noise, stage, iteration > _FROZEN_AFTER)
+        # after 12 steps every joint stays on its flank: at the edge of a dead band it could else alternate
+        trial = moved(observations, point, step.change, noise, stage, iteration > 12)
         cost = loss.cost(trial, scale)
         if (last and np.isfinite(cost)) or _is_accepted(step, loss.cost(point, scale), cost):
             point, damping = trial, max(stage.damping, damping / 10.0 if damping > 1e-6 else 0.0)

@@ -12,7 +12,7 @@ the deflection over the length of the arm, about one part in a thousand. An effe
 of the tip adds d - J δ.
 
 The **workspace** is where the calibrated arm reaches in the elbow postures that were touched, all round, up to
-`NEARLY_STRETCHED` of its length: without load, and under the mean force of the touches in `DIRECTIONS` directions, of
+`NEARLY_STRETCHED` of its length: without load, and under the mean force of the touches in 12 directions, of
 which the worst counts. J is bounded everywhere: H̄ needs no inverse, unlike Ḡ where the arm is stretched. Places whose
 joint angles are not between those of the touches are extrapolated; the map says which.
 
@@ -46,12 +46,6 @@ COVERAGE_FACTOR = 2.0
 """k of the expanded uncertainty U = k u: about 95 % of a normal distribution."""
 NEARLY_STRETCHED = 0.985
 """Of the arm's length: the workspace ends there, and as near to where the arm is folded."""
-GRID = 33
-"""Places along each side of the square around the workspace."""
-DIRECTIONS = 12
-"""Directions of the force."""
-_DEPENDS = 1.0
-"""A change of the tip by the plausible range of what is undetermined that counts, in standard uncertainties."""
 
 
 class Poses(NamedTuple):
@@ -168,7 +162,7 @@ class Workspace(NamedTuple):
         every = tip_covariance(self.derivative, covariance)
         half, off = (every[:, 0, 0] - every[:, 1, 1]) / 2, every[:, 0, 1]
         mean = (every[:, 0, 0] + every[:, 1, 1]) / 2
-        undetermined = self.dependent > _DEPENDS * np.sqrt(2 * mean)
+        undetermined = self.dependent > np.sqrt(2 * mean)  # by plausible ranges more than by a standard uncertainty
         return np.where(undetermined, np.nan, mean + np.hypot(half, off)).reshape(self.places, -1)
 
     def worst(self, covariance: Floats) -> int | None:
@@ -217,7 +211,7 @@ def workspace(c: Calibration) -> Workspace:
     p, touches = c.parameters, c.touches.select(c.used)
     length, shortest = p.l1 + p.l2, abs(p.l1 - p.l2)
     reach = NEARLY_STRETCHED * length
-    x, y = (origin + np.linspace(-reach, reach, GRID) for origin in (p.x0, p.y0))
+    x, y = (origin + np.linspace(-reach, reach, 33) for origin in (p.x0, p.y0))
     grid = np.stack(np.meshgrid(x, y), axis=-1)
     away = np.hypot(grid[..., 0] - p.x0, grid[..., 1] - p.y0)
     reached = (away <= reach * (1 + 1e-9)) & (away >= shortest + (1 - NEARLY_STRETCHED) * length)
@@ -237,9 +231,9 @@ def workspace(c: Calibration) -> Workspace:
 
 
 def _forces(c: Calibration) -> Floats:
-    """No force, and the mean force of the used touches in all directions, (1 + DIRECTIONS, 2), N."""
+    """No force, and the mean force of the used touches in all directions, (13, 2), N."""
     mean = float(np.hypot(*c.force[c.used].T).mean())
-    angles = 2 * np.pi * (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS
+    angles = 2 * np.pi * (np.arange(12) + 0.5) / 12
     return np.concatenate([np.zeros((1, 2)), mean * np.stack([np.cos(angles), np.sin(angles)], axis=-1)])
 
 

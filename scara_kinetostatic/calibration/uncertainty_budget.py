@@ -104,12 +104,6 @@ def uncertainty_budget(c: Calibration, tip: TipUncertainty | None = None) -> tup
     return tuple(item(*part) for part in c.contributions)
 
 
-_SMALLER = 3.0
-"""A source is tried at the largest round value (1, 2 or 5 by a power of ten) that is smaller by this factor."""
-_NEARLY = 1.25
-"""Largest ratio of the uncertainty to that of a larger action, at which the smaller action is preferred to it."""
-_LEAST_GAIN = 0.97
-"""Ratio of the uncertainties after and before, above which an action is not worth naming."""
 MORE_TOUCHES = 'noise'
 
 
@@ -159,10 +153,11 @@ def best_improvement(
     Returns:
         The action; None where none is worth naming.
     """
-    useful = [each for each in found if each.worst <= _LEAST_GAIN * worst and (touches or each.labels != ('noise',))]
+    useful = [each for each in found if each.worst <= 0.97 * worst and (touches or each.labels != ('noise',))]
     if not useful:
         return None
-    target = _NEARLY * min(each.worst for each in useful)
+    # a smaller action that is nearly as good is preferred
+    target = 1.25 * min(each.worst for each in useful)
     if tolerance is not None and any(each.worst <= tolerance for each in useful):
         target = tolerance
     enough = [each for each in useful if each.worst <= target]
@@ -188,7 +183,8 @@ def _better_known(c: Calibration, area: Workspace) -> Iterator[Improvement]:
     groups: list[tuple[str, ...]] = [(label,) for label in sources]
     groups += [tuple(labels) for kind, labels in kinds.items() if len(labels) > 1 and kind != 'nominal']
     for group in groups:
-        wanted = round_value(max(sources[label][0].std for label in group) / _SMALLER)
+        # a source is tried at the largest round value (1, 2 or 5 by a power of ten) that is smaller by this factor
+        wanted = round_value(max(sources[label][0].std for label in group) / 3.0)
         labels = tuple(label for label in group if sources[label][0].std > wanted)
         if len(labels) < min(len(group), 2):
             continue

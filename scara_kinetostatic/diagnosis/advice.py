@@ -23,11 +23,7 @@ from scara_kinetostatic.model.touch import TouchSet
 
 _LARGE_BIAS = 5.0
 """Standard deviations by which an undetected effect may bias a parameter without a message."""
-_WIDENED = 5.0
-"""Factor by which alternative laws increase a standard deviation from which on there is a message."""
 _MOST_NAMES = 4
-_NEGATIVE = 5.0
-"""Standard deviations below zero from which on there is a message about a backlash."""
 
 
 def joined(*texts: str) -> str:
@@ -171,7 +167,7 @@ def alternative_laws(extended: Calibration, widened: Calibration) -> str:
         extended: the extended model.
         widened: the same with standard deviations that cover the alternatives.
     """
-    names = [name for name, a, b in zip(NAMES, extended.std, widened.std, strict=True) if b > _WIDENED * a]
+    names = [name for name, a, b in zip(NAMES, extended.std, widened.std, strict=True) if b > 5.0 * a]
     if not names:
         return ''
     return (
@@ -255,7 +251,7 @@ def negative_backlash(c: Calibration) -> str:
     Args:
         c: the final fit.
     """
-    below = [name for name in ('g1', 'g2') if c.parameters.as_dict()[name] < -_NEGATIVE * c.std_of(name)]
+    below = [name for name in ('g1', 'g2') if c.parameters.as_dict()[name] < -5.0 * c.std_of(name)]
     if not below or any(not effect.is_physical for effect, _, _ in fitted_effects(c)):
         return ''
     return (
@@ -303,20 +299,12 @@ def _with_prefix(value: float, unit: str) -> str:
     return f'{value * factor:.3g} {prefix}{unit}'
 
 
-_LARGEST_JOINT_NOISE = 2e-4
-"""Estimated repeatability of a joint beyond which it is a model error, rad."""
-_LARGEST_ERROR_SHARE = 0.2
-"""Force error, as a part of the force, beyond which it is a model error."""
-_LARGE_JOINT_NOISE = 5e-5
-"""Estimated repeatability of a joint from which on there is a message, rad: most robots repeat better."""
-
-
 def implausible_noise(c: Calibration) -> str:
     """Why estimated noise is too large to be noise, such as a gross model error makes it; empty if it is not."""
     if c.cell.noise is not None:
         return ''
     share = c.force_error / float(np.hypot(c.force[:, 0], c.force[:, 1]).mean())
-    if c.noise.joint_rms <= _LARGEST_JOINT_NOISE and share <= _LARGEST_ERROR_SHARE:
+    if c.noise.joint_rms <= 2e-4 and share <= 0.2:
         return ''
     return (
         f'the force error is {c.force_error:.2g} N, {100 * share:.0f} % of the force, which as noise would be a joint '
@@ -327,7 +315,8 @@ def implausible_noise(c: Calibration) -> str:
 
 def large_noise(c: Calibration) -> str:
     """Message where estimated noise is large but plausible."""
-    if c.cell.noise is not None or c.noise.joint_rms <= _LARGE_JOINT_NOISE:
+    # most robots repeat better
+    if c.cell.noise is not None or c.noise.joint_rms <= 5e-5:
         return ''
     return (
         f'the estimated joint repeatability is {c.noise.joint_rms:.1e} rad; if the robot repeats better, a model error '

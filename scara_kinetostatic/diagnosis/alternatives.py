@@ -45,15 +45,6 @@ from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, P1, P2, P_EE
 
-_COMPLIANCES = np.array([P_EE, P1, P2, G_EE, G1, G2])
-"""Compliances and backlashes: not negative in any robot."""
-_SIGNIFICANTLY_NEGATIVE = 3.0
-"""Standard deviations below zero from which on a fit with such a compliance or backlash is discarded."""
-_GRID_LOSS = 0.2
-"""Part of what a wave explains that may be lost at the nearest frequency of the grid, with a margin."""
-_MOST_PEAKS = 4
-"""Peaks that are fitted at most, the highest first."""
-
 
 def fit_alternative_laws(extended: Calibration, effort: Effort) -> list[Calibration]:
     """The touches of an extended model fitted with alternative laws of its effects, where these fit equally well."""
@@ -151,10 +142,11 @@ def _peaks(problem: Problem, found: list[Candidate], place: int, scale: float) -
     gained = gains(problem, scan, beside)
     padded = np.concatenate([[-np.inf], gained, [-np.inf]])
     tops = np.flatnonzero((gained >= padded[:-2]) & (gained >= padded[2:]))
-    least = (1 - _GRID_LOSS) * float(gained.max()) - CREDIBLE * scale
+    # so much of what a wave explains may be lost at the nearest frequency of the grid, with a margin
+    least = (1 - 0.2) * float(gained.max()) - CREDIBLE * scale
     found_at = [ScannedTrial(scan, k) for k in tops.tolist() if gained[k] > least]
     peaks = [refined(problem, top, float(gained[top.k]), beside).candidate(problem) for top in found_at]
-    return sorted(peaks, key=lambda peak: -explained(problem, peak))[:_MOST_PEAKS]
+    return sorted(peaks, key=lambda peak: -explained(problem, peak))[:4]
 
 
 def _fit_variants(extended: Calibration, variants: Sequence[ExtendedModel], effort: Effort) -> list[Calibration]:
@@ -183,8 +175,9 @@ def _fit_variant(extended: Calibration, start: ExtendedModel, effort: Effort) ->
 
 def _has_physical_compliances(fit: Calibration) -> bool:
     """Whether no compliance and no backlash is significantly negative."""
-    values, std = fit.parameters.as_array()[_COMPLIANCES], fit.std[_COMPLIANCES]
-    return not np.any(values < -_SIGNIFICANTLY_NEGATIVE * std)
+    which = np.array([P_EE, P1, P2, G_EE, G1, G2])
+    values, std = fit.parameters.as_array()[which], fit.std[which]
+    return not np.any(values < -3.0 * std)
 
 
 def widened_to_each(extended: Calibration, others: Sequence[Calibration]) -> Calibration:
@@ -271,16 +264,8 @@ def widened_by_constants(extended: Calibration, fits: Sequence[Calibration]) -> 
     return replace(extended, covariance=covariance, contributions=with_alternatives(extended, covariance), std=std)
 
 
-_ROUNDS = 3
-"""Times that a fit is repeated at a better moment, at most."""
-_BETTER = 0.2
-"""Decrease of χ² by a better moment below which the fit is not repeated."""
-_LEAST_WEIGHT = 1e-3
-"""Of a moment that counts, over that of the best."""
 _COVERAGE = 0.95
 """Of the interval that is stated."""
-_NEAR = 3.0
-"""Steps of the grid on both sides of the fit within which other moments count, where the grid does not hold all."""
 
 
 class Moment(NamedTuple):
@@ -328,7 +313,7 @@ class _Scanned(NamedTuple):
 
 def at_best_moments(extended: Calibration) -> Calibration:
     """The extended model fitted again at better moments, where the linear problem at its fit has any."""
-    for _ in range(_ROUNDS):
+    for _ in range(3):
         better = _at_better_moment(extended)
         if better is None or penalised_deviance(better, 0.0, 1.0) >= penalised_deviance(extended, 0.0, 1.0):
             break
@@ -344,7 +329,8 @@ def _at_better_moment(extended: Calibration) -> Calibration | None:
     problem, found = _linear(extended)
     for place, (effect, _, _) in enumerate(fitted):
         scanned = _scan(extended, problem, found, place) if effect.is_stepwise else None
-        if scanned is None or scanned.gains.max() < scanned.fitted + _BETTER:
+        # χ² has to decrease for a further fit
+        if scanned is None or scanned.gains.max() < scanned.fitted + 0.2:
             continue
         other = ScannedTrial(scanned.scan, int(np.argmax(scanned.gains))).candidate(problem)
         start = start_from(problem, [*found[:place], other, *found[place + 1 :]])[0]
@@ -398,7 +384,8 @@ def _scan(extended: Calibration, problem: Problem, found: list[Candidate], place
     moment = float(values[effect.grid_parameter_index])
     trials = effect.trials(problem.touch_state, problem.force)
     nearest = min(trials, key=lambda trial: abs(trial.place - moment))
-    trials = effect.finer(problem.touch_state, nearest, _NEAR) or trials
+    # where the grid does not hold all moments, those within three of its steps count
+    trials = effect.finer(problem.touch_state, nearest, 3.0) or trials
     others = [candidate.unit for k, candidate in enumerate(found) if k != place]
     beside = orthonormal(np.concatenate(others, axis=1)) if any(unit.size for unit in others) else None
     scan = scan_trials(problem, effect, trials, len(trials))
@@ -446,7 +433,7 @@ def _scatter(
     own = extended.model.as_array()
     here = start_from(problem, found)[0].as_array()
     scatter, total = np.zeros((len(own), len(own))), float(weight.sum())
-    for k in np.flatnonzero(weight > _LEAST_WEIGHT):
+    for k in np.flatnonzero(weight > 1e-3):
         candidate = ScannedTrial(scanned.scan, int(k)).candidate(problem)
         if not candidate.unit.shape[1]:
             continue

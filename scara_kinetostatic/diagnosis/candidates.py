@@ -19,14 +19,6 @@ from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.effects.unnamed import empirical_effects
 from scara_kinetostatic.model.arrays import Floats
 
-_PARTNERS = 12
-"""Beside how many of the other candidates the trials of an effect are compared again."""
-_RIDGE = 1e-6
-"""Of the largest trace of a Gram matrix: keeps the trials solvable whose columns are parallel."""
-_FINEST = 4
-"""Grids, each finer than the one before, on which the best trial is looked for."""
-_SAME_STEP = 4.0
-"""Touches between which steps are compared as one; the fit refines the moment."""
 _NEGLIGIBLE_GAIN = 0.3
 """Part of the residual variance that a finer grid must explain to be followed by another one."""
 
@@ -162,7 +154,7 @@ def gather(
             unidentifiable.append(Unidentifiable(effect, part))
     best = [_best_trial(problem, scan) for scan in scans]
     alone = [trial.candidate(problem) for trial in best]
-    partners = sorted(found + alone, key=lambda c: -explained(problem, c))[: _PARTNERS if together else 0]
+    partners = sorted(found + alone, key=lambda c: -explained(problem, c))[: 12 if together else 0]
     for scan, first, candidate in zip(scans, best, alone, strict=True):
         beside = [_best_trial(problem, scan, partner.unit) for partner in partners if partner.effect != scan.effect]
         found += [candidate, *(trial.candidate(problem) for trial in _distinct([first, *beside])[1:])]
@@ -178,7 +170,8 @@ def _distinct(trials: Sequence[ScannedTrial]) -> list[ScannedTrial]:
     kept: dict[float, ScannedTrial] = {}
     for scanned in trials:
         trial = scanned.trial
-        key = float(round(trial.place / _SAME_STEP)) if scanned.scan.effect.is_stepwise else float(id(trial))
+        # steps within four touches are compared as one; the fit refines the moment
+        key = float(round(trial.place / 4.0)) if scanned.scan.effect.is_stepwise else float(id(trial))
         kept.setdefault(key, scanned)
     return list(kept.values())
 
@@ -248,7 +241,7 @@ def refined(problem: Problem, best: ScannedTrial, most: float, beside: Floats | 
     taken = 0.0 if beside is None else float(np.sum((beside.T @ problem.left) ** 2))
     total = float(problem.left @ problem.left) - taken
     effect, width = best.scan.effect, 1.0
-    for _ in range(_FINEST):
+    for _ in range(4):
         finer = effect.finer(problem.touch_state, best.trial, width)
         if not finer:
             break
@@ -270,7 +263,8 @@ def gains(problem: Problem, scan: Scan, beside: Floats | None = None) -> Floats:
         gram = gram - part @ part.transpose(0, 2, 1)
         projected = projected - part @ (beside.T @ problem.left)
     size = np.trace(gram, axis1=1, axis2=2)
-    ridge = (_RIDGE * size.max() or 1.0) * np.eye(projected.shape[1])  # where no trial explains anything, any
+    # a ridge keeps the trials solvable whose columns are parallel
+    ridge = (1e-6 * size.max() or 1.0) * np.eye(projected.shape[1])  # where no trial explains anything, any
     coefficients = np.linalg.solve(gram + ridge, projected[..., None])[..., 0]
     return np.asarray((projected * coefficients).sum(axis=1))
 

@@ -54,9 +54,6 @@ from scara_kinetostatic.model.kinetostatics import direct_kinetostatics, inverse
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.model.touch import LATER, TouchSet
 
-_LEAST_EIGENVALUE = 1e-6
-"""Of I - H_k; less is that of a touch which alone determines a parameter."""
-
 
 class TipError(NamedTuple):
     """Root mean squares over the touches, m.
@@ -202,7 +199,8 @@ def _left_out(base: Floats, residual: Floats) -> Floats:
     rows = base.reshape(-1, 2, base.shape[1])
     kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
     values, vectors = np.linalg.eigh(kept)
-    turned = np.einsum('nij,ni->nj', vectors, residual) / np.maximum(values, _LEAST_EIGENVALUE)
+    # less is that of a touch which alone determines a parameter
+    turned = np.einsum('nij,ni->nj', vectors, residual) / np.maximum(values, 1e-6)
     return np.asarray(np.einsum('nij,nj->ni', vectors, turned))
 
 
@@ -212,11 +210,6 @@ def _bias(name: str, base: Calibration, final: Calibration) -> Bias:
     std, final_std = base.std_of(name), final.std_of(name)
     in_std = (before - after) / std if std > 0 and np.isfinite(final_std) else np.nan
     return Bias(name, before, std, after, final_std, before - after, float(in_std))
-
-
-_UNCLEAR = 4.0
-"""A touch whose sensitivity |u| to the deviation is so many times smaller than the median one of those on which the
-effect acts is left out."""
 
 
 class _Channel(NamedTuple):
@@ -304,7 +297,8 @@ def _residual(models: _Models, item: Found) -> EffectResidual:
     unit = problem.change(channel.shift, channel.sensor_error).reshape(-1, 2)
     weight = np.linalg.norm(unit, axis=1)
     acts = item.effect.acts_on(problem.touch_state)
-    kept = acts & (weight > (np.median(weight[acts]) if acts.any() else 0.0) / _UNCLEAR)
+    # touches much less sensitive to the deviation than the median one say nothing of it
+    kept = acts & (weight > (np.median(weight[acts]) if acts.any() else 0.0) / 4.0)
     x_label, x = _variable(problem, item)
     metadata, left = problem.touch_state.metadata, problem.point.whitened.residual
     taken_out, is_only_effect = _taken_out(models, item)
@@ -421,16 +415,6 @@ def _variable(problem: Problem, item: Found) -> tuple[str, Floats]:
 
 _DIRECTIONS = 24
 """Touches of the pool around each disc."""
-_PRELOAD = 0.3
-"""Part of the force by which a touch is preloaded beyond it."""
-_FIRST_FORCE = 1e-3
-"""At the beginning of a touch that is pressed to its force, N."""
-_LARGEST_REACH = 0.95
-"""Part of the length of the arm beyond which no touch is advised."""
-_LEAST_DIFFERENCE = 2.0
-"""Standard deviations by which the predictions must differ for a touch to be advised."""
-_NEIGHBOURS = 0.5
-"""Cosine of the angle between two touches on a disc above which one of them is enough."""
 
 
 def discriminating_touches(
@@ -451,8 +435,9 @@ def discriminating_touches(
         difference, in_std = np.where(larger, distance, difference), np.where(larger, distance / std, in_std)
     chosen: list[int] = []
     for k in np.argsort(-in_std):
-        is_near = any(pool.disc[k] == pool.disc[j] and np.cos(angle[k] - angle[j]) > _NEIGHBOURS for j in chosen)
-        if in_std[k] >= _LEAST_DIFFERENCE and not is_near and len(chosen) < most:
+        # of two touches on a disc with less than 60° between them one is enough
+        is_near = any(pool.disc[k] == pool.disc[j] and np.cos(angle[k] - angle[j]) > 0.5 for j in chosen)
+        if in_std[k] >= 2.0 and not is_near and len(chosen) < most:
             chosen.append(int(k))
     magnitude = np.hypot(*pool.force.T)
     names = [disc.name for disc in calibration.cell.discs]
@@ -527,7 +512,7 @@ def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]
     tip = cell.centers[disc] + cell.radii[disc, None] * outward
     reach = np.hypot(tip[:, 0] - p.x0, tip[:, 1] - p.y0)
     length = p.l1 + p.l2
-    reachable = (reach < _LARGEST_REACH * length) & (reach > (1 - _LARGEST_REACH) * length + abs(p.l1 - p.l2))
+    reachable = (reach < 0.95 * length) & (reach > (1 - 0.95) * length + abs(p.l1 - p.l2))
     parts = [array[reachable] for array in (disc, angle, posture, level, is_unloaded, tip, outward)]
     disc, angle, posture, level, is_unloaded, tip, outward = parts
 
@@ -535,7 +520,8 @@ def _pool(calibration: Calibration) -> tuple[TouchSet, Floats, NDArray[np.bool_]
         return inverse_kinetostatics(p, tip, -force[:, None] * outward, posture, cell.gripper)[0]
 
     joints = pressed(level)
-    before = np.where(is_unloaded, (1 + _PRELOAD) * level, _FIRST_FORCE)
+    # unloaded touches are preloaded by 30 % beyond the force, others begin with 1 mN
+    before = np.where(is_unloaded, (1 + 0.3) * level, 1e-3)
     motion = joints - pressed(before)
     motion = (motion + np.pi) % (2 * np.pi) - np.pi
     peak = np.where(is_unloaded, before, 0.0)[:, None] * -outward

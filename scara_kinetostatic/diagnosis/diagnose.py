@@ -340,10 +340,6 @@ def _ranking(found: Search, calibration: Calibration, possible: Sequence[str] = 
     return tuple(ranked)
 
 
-_LEAST_CHECKED = 1e-9
-"""Least part 1 - h of a trusted value that the touches check: below it they say nothing of it."""
-
-
 def contradictions(c: Calibration) -> tuple[Contradiction, ...]:
     """The tests of all trusted nominal values that the touches check, the worst first."""
     names = [name for name in NAMES if name in c.cell.uncertainty.nominal and name not in c.fixed]
@@ -358,7 +354,8 @@ def _test(fit: Calibration, name: str, freedoms: float, count: int) -> Contradic
     place, u = NAMES.index(name), fit.cell.uncertainty.nominal[name]
     variance = float(fit.covariance_with_errors[place, place]) / fit.enlargement
     checked = 1 - variance / u**2
-    if checked < _LEAST_CHECKED:
+    # the touches say nothing of it
+    if checked < 1e-9:
         return None
     off = getattr(fit.cell.nominal, name) - getattr(fit.parameters, name)
     deviation = abs(off) / u / np.sqrt(checked)

@@ -232,10 +232,6 @@ def _test(
 JOINT, FORCE, GROWING, OFF_NORMAL = 'joint', 'force', 'growing', 'off_normal'
 JOINT_AXES, FORCE_AXES = 'joint_axes', 'force_axes'
 """Kinds of variance; the last two are differences between the axes, of either sign."""
-_TYPICAL_ANGLE = 0.01
-"""Scale of the variance of off-normal angles, rad; the p-value does not depend on it."""
-_LEAST_VARIANCE = 1e-12
-"""Lower limit of the residual variance by which the scores are scaled; keeps exact data solvable."""
 
 
 def excess_p_value(calibration: Calibration, kind: str, beside: Sequence[str] = (JOINT, FORCE)) -> float:
@@ -260,7 +256,8 @@ def _score(c: Calibration, kind: str, beside: Sequence[str]) -> float:
     base = orthonormal(augmented(point, jacobian)[: len(jacobian)])  # whatever the declared errors are
     residual = point.whitened.residual.ravel()
     left = residual - base @ (base.T @ residual)
-    size = max(float(left @ left) / max(len(left) - base.shape[1], 1), _LEAST_VARIANCE)
+    # the limit keeps exact data solvable
+    size = max(float(left @ left) / max(len(left) - base.shape[1], 1), 1e-12)
     kinds = [_variance(name, c, observations, point) for name in (*beside, kind)]
     rows = base.reshape(-1, 2, base.shape[1])
     kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
@@ -278,7 +275,8 @@ def _variance(name: str, c: Calibration, observations: Observations, point: Poin
     linear, noise = point.linear, c.noise
     if name == OFF_NORMAL:
         by_off_normal = np.zeros((len(observations.radii), 2, 1))
-        by_off_normal[:, 1, 0] = _TYPICAL_ANGLE * observations.radii
+        # scale of the angles, rad; the p-value does not depend on it
+        by_off_normal[:, 1, 0] = 0.01 * observations.radii
         entries = outer(by_off_normal)
     elif name == GROWING:
         square = float((linear.force**2).sum(axis=1).mean())
@@ -362,12 +360,12 @@ def with_free_off_normal_angles(calibration: Calibration) -> Calibration:
 
     Off-normal angles may depend on anything; a test for a lack of fit is to use the other half of the residual.
     """
+    # a standard deviation of 10 rad leaves the angle free
     effects = tuple(
-        effect.with_off_normal_std(_UNCONSTRAINED_STD) if effect.off_normal_std else effect
+        effect.with_off_normal_std(10.0) if effect.off_normal_std else effect
         for effect, _, _ in fitted_effects(calibration)
     )
     return replace(calibration, model=replace(calibration.model, effects=effects))
 
 
-_UNCONSTRAINED_STD = 10.0
 """A standard deviation of α that leaves it free, rad."""

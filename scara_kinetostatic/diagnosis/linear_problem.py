@@ -39,8 +39,6 @@ from scara_kinetostatic.model.touch_equations import Equations
 
 _MOST = 2000
 """Touches that a diagnosis uses at most; the fit uses all."""
-_NEGLIGIBLE = 1e-9
-"""Singular value of unit columns below which a direction adds no rank."""
 
 
 class UnitChanges(NamedTuple):
@@ -256,7 +254,8 @@ def orthonormal(columns: Floats, beside: Floats | None = None) -> Floats:
     if beside is not None:
         columns = columns - beside @ (beside.T @ columns)
     u, values, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(u[:, values > _NEGLIGIBLE])
+    # a direction with less adds no rank
+    return np.asarray(u[:, values > 1e-9])
 
 
 class FittedEffect(NamedTuple):

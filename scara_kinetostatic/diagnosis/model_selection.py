@@ -43,10 +43,6 @@ from scara_kinetostatic.diagnosis.thresholds import (
 )
 from scara_kinetostatic.model.arrays import Floats, Indices
 
-_LARGEST = 4
-"""Effects in a set at most."""
-_KEPT = 12
-"""Sets of each size from which larger ones are made."""
 _MOST_SETS = 2000
 """Sets of one size that are kept."""
 _PARALLEL = 1e-4
@@ -108,7 +104,7 @@ def score_subsets(problem: Problem, candidate_set: CandidateSet) -> ScoredSubset
     number = len(candidate_set.candidates)
     pairs = np.transpose(np.triu_indices(number, 1))
     layers = [scorer.score(sets) for sets in (_NO_MEMBERS, _singles(number), scorer.allowed(pairs))]
-    while len(layers[-1].members) and len(layers) <= _LARGEST:
+    while len(layers[-1].members) and len(layers) <= 4:
         layers.append(scorer.score(scorer.allowed(_grown(layers[-1], number))))
     scored_subsets = _ranked(problem, candidate_set, scorer, layers)
     best = scored_subsets.subsets[0]
@@ -278,7 +274,7 @@ def _has_special_case(scored_subsets: ScoredSubsets, subset: Subset) -> bool:
 
 def _grown(layer: _Layer, number: int) -> Indices:
     """The best sets of a layer, each with each of the candidates, (s, k + 1)."""
-    best = layer.members[np.argsort(layer.rest + layer.penalty, kind='stable')[:_KEPT]]
+    best = layer.members[np.argsort(layer.rest + layer.penalty, kind='stable')[:12]]
     more = np.tile(np.arange(number), len(best))[:, None]
     return np.unique(np.sort(np.concatenate([np.repeat(best, number, axis=0), more], axis=1), axis=1), axis=0)
 
@@ -316,10 +312,6 @@ def _credible(scored_subsets: ScoredSubsets) -> tuple[Subset, ...]:
         if not any(set(scored_subsets.labels(other)) <= names for other in found):
             found.append(subset)
     return tuple(sorted(found, key=lambda subset: subset.score))
-
-
-_LEAST_DETERMINANT = 1e-6
-"""Of I - H_i; less is that of a touch which alone determines a parameter."""
 
 
 class Score(NamedTuple):
@@ -420,6 +412,7 @@ def held_out_deviance(problem: Problem, unit: Floats | None, scale: float) -> fl
     kept = np.eye(2) - np.einsum('nik,njk->nij', rows, rows)
     e = left.reshape(-1, 2)
     a, b, d = kept[:, 0, 0], kept[:, 0, 1], kept[:, 1, 1]
-    det = np.maximum(a * d - b * b, _LEAST_DETERMINANT)
+    # less is that of a touch which alone determines a parameter
+    det = np.maximum(a * d - b * b, 1e-6)
     distance = (d * e[:, 0] ** 2 - 2 * b * e[:, 0] * e[:, 1] + a * e[:, 1] ** 2) / det
     return float(np.sum(distance / scale - np.log(det)))

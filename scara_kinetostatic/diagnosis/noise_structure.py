@@ -51,14 +51,6 @@ from scara_kinetostatic.model.cell import Noise
 
 _PENALTY = 6.0
 """Decrease of the deviance that a component of the noise must bring where the residuals are larger than noise."""
-_FIRST_GROWTH = 0.01
-"""Where the estimation of the part that grows with the force begins."""
-_LARGEST_GROWTH = 0.05
-"""A larger part is a model error."""
-_HINT = 0.1
-"""The same of the score test, where the residuals are larger than noise: without it no components are fitted."""
-_FEWEST_FREEDOMS = 30
-"""Degrees of freedom below which the scatter does not show what it depends on."""
 
 
 def noise_candidate(calibration: Calibration, found: Diagnosis, effort: Effort) -> Calibration | None:
@@ -70,7 +62,8 @@ def noise_candidate(calibration: Calibration, found: Diagnosis, effort: Effort) 
         effort: of the diagnosis.
     """
     c, extended = calibration, found.extended
-    if not _open_kinds(c) or c.degrees_of_freedom < _FEWEST_FREEDOMS:
+    # with fewer the scatter does not show what it depends on
+    if not _open_kinds(c) or c.degrees_of_freedom < 30:
         return None
     is_friction = extended is not None and bool(extended.model.off_normal_std)
     suspicious = found.verdict == 'unexplained' or is_friction
@@ -136,7 +129,8 @@ def _noise_of(c: Calibration, suspicious: bool, effort: Effort) -> Noise | None:
             break
         best, least = fits[chosen], least - gains[chosen]
         kinds = [kind for kind, gain in gains.items() if kind != chosen and gain > needed / 2]
-    if best is c or best.noise.growth > _LARGEST_GROWTH or _is_understated(c, least, effort):
+    # noise that grows by more than 5 % of the force is a model error
+    if best is c or best.noise.growth > 0.05 or _is_understated(c, least, effort):
         return None
     if suspicious and _depends_on_something(best):
         return None
@@ -149,7 +143,8 @@ def _is_asked_for(c: Calibration, suspicious: bool) -> bool:
     """
     if not suspicious:
         return _is_significant(c, STRICT_SIGNIFICANCE)
-    return _is_significant(c, _HINT) or (c.cell.noise is not None and not _depends_on_something(c))
+    # where the residuals are larger than noise, a hint is enough
+    return _is_significant(c, 0.1) or (c.cell.noise is not None and not _depends_on_something(c))
 
 
 def _is_significant(c: Calibration, level: float) -> bool:
@@ -186,23 +181,10 @@ def _refitted(c: Calibration, noise: Noise, effort: Effort) -> Calibration | Non
 def _with_component(noise: Noise, kind: str) -> Noise:
     """A noise with one component more, to begin with."""
     if kind == GROWING:
-        return noise._replace(force_relative=_FIRST_GROWTH)
+        return noise._replace(force_relative=0.01)
     if kind == JOINT_AXES:
         return noise._replace(joint=noise.joint_levels)
     return noise._replace(force=noise.force_levels)
-
-
-_FIRST_STD = 0.03
-"""Where the estimation of σ_α begins, rad."""
-_LEAST_STD = 1e-4
-"""Lower limit of σ_α, rad: no sensor resolves less."""
-_ROUNDS = 8
-_MANY_STEPS = 150
-"""Steps of a fit beyond which it hardly converges: something else is wrong."""
-_MOST_SLOW = 2
-"""Such fits after which the estimation ends where it is."""
-_CONVERGED = 0.02
-"""Relative change of σ_α at which the estimation ends."""
 
 
 def fit_with_off_normal(calibration: Calibration, effort: Effort) -> Calibration:
@@ -212,15 +194,17 @@ def fit_with_off_normal(calibration: Calibration, effort: Effort) -> Calibration
     """
     c = calibration
     others = tuple(effect for effect in c.model.effects if not effect.off_normal_std)
-    off_normal, used, latest, slow = _FIRST_STD, np.ones(len(c.touches), dtype=bool), c, 0
-    for _ in range(_ROUNDS):
+    off_normal, used, latest, slow = 0.03, np.ones(len(c.touches), dtype=bool), c, 0
+    for _ in range(8):
         effects = (OffNormalForce(off_normal=off_normal), *others)
         warm_start = WarmStart(latest.model.with_effects(effects), latest.noise, used, latest.errors)
         latest = effort.fit(c.touches, c.cell, effects, fixed=c.fixed, warm_start=warm_start)
         used, before = latest.used, off_normal
-        off_normal = max(_updated(latest, off_normal), _LEAST_STD)
-        slow += latest.termination is not Termination.CONVERGED or latest.iterations > _MANY_STEPS
-        if abs(off_normal / before - 1) < _CONVERGED or slow >= _MOST_SLOW:
+        # no sensor resolves less than 1e-4 rad
+        off_normal = max(_updated(latest, off_normal), 1e-4)
+        # a fit of more than 150 steps hardly converges: something else is wrong
+        slow += latest.termination is not Termination.CONVERGED or latest.iterations > 150
+        if abs(off_normal / before - 1) < 0.02 or slow >= 2:
             break
     return with_rejections_of(latest, c)
 

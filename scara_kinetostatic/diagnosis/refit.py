@@ -43,8 +43,6 @@ WITH_OTHER_NOISE = 130
 """Of them, for a diagnosis with other noise, at least; a third of them at most."""
 SEARCH = 0.7
 """Part of them that the search for effects may take; the rest is for rivals and alternatives."""
-_STEPS_OF_REFUSAL = 20
-"""Counted for a fit that is refused."""
 _STEP, _STEP_PER_EFFECT = 0.5, 0.25
 """Counted for a step, and for each effect beside: in proportion to the time that they take."""
 _FEWEST = 60
@@ -97,7 +95,7 @@ class Effort:
         try:
             found = calibrate(touches, cell, effects, start=start, fixed=fixed, warm_start=warm_start)
         except UnsupportedDataError:
-            self.steps += _STEPS_OF_REFUSAL
+            self.steps += 20
             raise
         self.steps += steps_of(found)
         self.has_left_out |= self.steps > self.most and found.termination is Termination.ITERATION_LIMIT
@@ -111,10 +109,6 @@ def steps_of(fit: Calibration) -> float:
 
 def _cost_of_step(effects: int) -> float:
     return _STEP + _STEP_PER_EFFECT * effects
-
-
-_LEAST_SHARE = 0.03
-"""Part of the estimated noise with which a fit with effects begins at least."""
 
 
 def start_from(problem: Problem, members: Sequence[Candidate]) -> tuple[ExtendedModel, float]:
@@ -146,7 +140,7 @@ def start_from(problem: Problem, members: Sequence[Candidate]) -> tuple[Extended
     moved = problem.without_effects + problem.response @ np.concatenate(columns, axis=1) @ found
     base = Parameters.from_array(problem.point.parameters.as_array() + moved)
     effects = tuple(member.effect for member in members)
-    return ExtendedModel(base, effects, tuple(tuple(part) for part in values)), max(share, _LEAST_SHARE)
+    return ExtendedModel(base, effects, tuple(tuple(part) for part in values)), max(share, 0.03)
 
 
 def fit_with(

@@ -34,19 +34,8 @@ from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, FRICTION_SIGNIFICA
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.errors import UnsupportedDataError
 
-_ROUNDS = 6
-"""Rounds at most; most searches end after two."""
 _ATTEMPTS = 4
 """Credible sets that are fitted one by one, where their union does not converge."""
-_MOST_FAILURES = 6
-"""Fits that do not converge, of all rounds, after which a round without a fit ends the search."""
-_LARGEST_RISE = 2.0
-"""Factor by which the force error of a fit with effects may exceed that without."""
-_MOST_RIVAL_FITS = 8
-"""Credible sets that are fitted by themselves at most."""
-_DISTINGUISHABLE = 0.1
-"""Least singular value of the unit columns of effects that may be fitted together though one diverges with an alias, or
-though all errors beyond their declared uncertainties are rivals."""
 _MOST_IN_UNION = 5
 """Effects of several credible sets that are fitted together at most; of more, those of the best sets."""
 
@@ -86,7 +75,7 @@ class Search(NamedTuple):
             effort: of the diagnosis; fits beyond it are left out.
         """
         selection = _Selection(effort, calibration, self.start or calibration, self.problem, self.scored_subsets)
-        subsets = self.scored_subsets.credible[:_MOST_RIVAL_FITS]
+        subsets = self.scored_subsets.credible[:8]
         return [fit for one in subsets if effort.allows() and (fit := selection.fit(selection.members(one)))]
 
 
@@ -103,7 +92,8 @@ def search(
             fit with effects decides anew which touches are rejected, and estimates the noise anew if it is not given.
     """
     state = _State(begin or calibration)
-    for _ in range(_ROUNDS):
+    # most searches end after two rounds
+    for _ in range(6):
         state = _next_state(calibration, effects, state, effort)
         if state.is_final or not effort.allows(SEARCH):
             break
@@ -179,7 +169,7 @@ class _Selection(NamedTuple):
         steep that no contact, or another one, belongs to the joint angles.
         """
         c = self.calibration
-        return fitted.force_error <= _LARGEST_RISE * c.force_error + c.noise.force_rms
+        return fitted.force_error <= 2.0 * c.force_error + c.noise.force_rms
 
     def result(self, extended: Calibration, best: Subset) -> Search:
         """The result with the fit of all selected effects."""
@@ -218,7 +208,7 @@ def _next_state(calibration: Calibration, effects: Sequence[Effect], state: _Sta
         return state._replace(is_final=True)
     fitted, failed = _fit_first(selection, scored_subsets.credible, state.failed)
     state = state._replace(failed=failed, failures=state.failures + len(failed - state.failed))
-    if fitted is None and state.failures >= _MOST_FAILURES:
+    if fitted is None and state.failures >= 6:
         return state._replace(fallback=selection.without_effects(scored_subsets.credible[0].penalty), is_final=True)
     return _after_failure(selection, state) if fitted is None else _after_fit(selection, fitted, state)
 
@@ -259,7 +249,7 @@ def _are_distinguishable(problem: Problem, members: Sequence[Candidate]) -> bool
     columns = np.concatenate([member.unit for member in members], axis=1)
     least = float(np.linalg.svd(columns, compute_uv=False)[-1])
     diverges = any(member.effect.diverges_with_alias or problem.is_declared(member.effect) for member in members)
-    return least > _DISTINGUISHABLE or not diverges
+    return least > 0.1 or not diverges
 
 
 def _after_failure(selection: _Selection, state: _State) -> _State:
