@@ -31,6 +31,30 @@ TRAVEL, PAUSE, APPROACH, PRESS, EASE, HOLD, RELEASE, RETRACT = range(8)
 
 
 @dataclass(frozen=True)
+class ContactForceSettings:
+    """Accuracy of the solution, and the limits of a motion.
+
+    Attributes:
+        largest_force_error: largest relative error of the force of a hold; beyond it the touch is refused.
+        largest_force_error_at_kinks: the same for a robot with a law that has kinks, where the commanded joints
+            need not settle. The force is that of the joints as commanded, whatever the plan says.
+        most_iterations: see there.
+        largest_step: largest change of a depth in one iteration, m.
+        largest_compliance_ratio: largest compliance of the robot with effects over that without; the smallest is
+            its inverse.
+    """
+
+    largest_force_error: float = 0.02
+    largest_force_error_at_kinks: float = 0.1
+    most_iterations: int = 30
+    largest_step: float = 2e-3
+    largest_compliance_ratio: float = 20.0
+
+
+SETTINGS = ContactForceSettings()
+
+
+@dataclass(frozen=True)
 class Timing:
     """Durations of the phases of a touch, s.
 
@@ -141,17 +165,6 @@ LIGHT_FORCE = 0.05
 """The light force, over that of the hold."""
 FORCE_TOLERANCE = 1e-3
 """Relative error of the force at which the iteration for a depth ends."""
-LARGEST_FORCE_ERROR = 0.02
-"""Largest relative error of the force of a hold; beyond it the touch is refused."""
-LARGEST_FORCE_ERROR_AT_KINKS = 0.1
-"""The same for a robot with a law that has kinks, where the commanded joints need not settle. The force is that of the
-joints as commanded, whatever the plan says.
-"""
-MOST_ITERATIONS = 30
-LARGEST_STEP = 2e-3
-"""Largest change of a depth in one iteration, m."""
-LARGEST_COMPLIANCE_RATIO = 20.0
-"""Largest compliance of the robot with effects over that without; the smallest is its inverse."""
 
 
 @dataclass(frozen=True)
@@ -240,7 +253,7 @@ class ContactForces:
         depth = np.zeros(len(self.plan)) if start is None else start.copy()
         slope, todo = compliance.copy(), np.arange(len(self.plan))
         before = np.full((2, len(self.plan)), np.nan)
-        for _ in range(MOST_ITERATIONS):
+        for _ in range(SETTINGS.most_iterations):
             force = self.contact(todo, command(depth)[todo], warm_start[todo], tension=True).magnitude
             off = np.abs(wanted[todo] - force) > FORCE_TOLERANCE * wanted[todo]
             todo, force = todo[off], force[off]
@@ -248,10 +261,13 @@ class ContactForces:
                 break
             step, rise = depth[todo] - before[0, todo], force - before[1, todo]
             known = np.abs(rise) > 1e-9  # false in the first pass
-            bounds = compliance[todo] / LARGEST_COMPLIANCE_RATIO, compliance[todo] * LARGEST_COMPLIANCE_RATIO
+            bounds = (
+                compliance[todo] / SETTINGS.largest_compliance_ratio,
+                compliance[todo] * SETTINGS.largest_compliance_ratio,
+            )
             slope[todo[known]] = np.clip(step / np.where(known, rise, 1.0), *bounds)[known]
             before[:, todo] = depth[todo], force
-            depth[todo] += np.clip(slope[todo] * (wanted[todo] - force), -LARGEST_STEP, LARGEST_STEP)
+            depth[todo] += np.clip(slope[todo] * (wanted[todo] - force), -SETTINGS.largest_step, SETTINGS.largest_step)
         return depth
 
     def peak_force(self, joints: Floats, histories: Histories) -> Floats:
@@ -272,7 +288,7 @@ class ContactForces:
         """A(Q, L̄) in each hold, for its joints (m, 2), rad."""
         return self.contact(np.arange(len(self.plan)), joints, -self.plan.force[:, None] * self.plan.normal())
 
-    def off_plan(self, found: Contact, tolerance: float = LARGEST_FORCE_ERROR) -> Mask:
+    def off_plan(self, found: Contact, tolerance: float = SETTINGS.largest_force_error) -> Mask:
         """Which touches have no equilibrium, or not the force that is planned but for a relative error, (m,)."""
         return ~(np.abs(found.magnitude - self.plan.force) <= tolerance * self.plan.force) | ~found.solved
 
@@ -287,7 +303,7 @@ class ContactForces:
         """
         found = self.in_hold(joints)
         is_smooth = all(effect.is_smooth for effect in self.truth.effects)
-        off = self.off_plan(found, LARGEST_FORCE_ERROR if is_smooth else LARGEST_FORCE_ERROR_AT_KINKS)
+        off = self.off_plan(found, SETTINGS.largest_force_error if is_smooth else SETTINGS.largest_force_error_at_kinks)
         if off.any():
             first = int(np.argmax(off))
             name = self.cell.discs[self.plan.disc[first]].name

@@ -29,8 +29,24 @@ from scara_kinetostatic.simulation.streams import START
 from scara_kinetostatic.simulation.trajectory import CellState
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
-LARGEST_FRICTION = 2.0
-"""Largest coefficient of friction."""
+
+@dataclass(frozen=True)
+class SlideSettings:
+    """Limits of a slide.
+
+    Attributes:
+        largest_friction: largest coefficient of friction.
+        waves: waves of which a slowly changing random number is made.
+        table: places along a slide for which joint angles are computed beforehand, so that they go on without a
+            jump of a turn.
+    """
+
+    largest_friction: float = 2.0
+    waves: int = 48
+    table: int = 721
+
+
+SETTINGS = SlideSettings()
 
 
 @dataclass(frozen=True)
@@ -65,8 +81,10 @@ class Slide:
         for name in ('force', 'speed'):
             if not getattr(self, name) > 0:
                 raise ParameterError(f'slide: {name}', f'expected a number above 0, got {getattr(self, name):g}')
-        if not 0 <= self.friction <= LARGEST_FRICTION:
-            raise ParameterError('slide: friction', f'expected 0 to {LARGEST_FRICTION:g}, got {self.friction:g}')
+        if not 0 <= self.friction <= SETTINGS.largest_friction:
+            raise ParameterError(
+                'slide: friction', f'expected 0 to {SETTINGS.largest_friction:g}, got {self.friction:g}'
+            )
         if abs(self.posture) != 1:
             raise ParameterError('slide: posture', f'expected +1 or -1, got {self.posture}')
         if self.begin == self.end:
@@ -114,10 +132,6 @@ CROSSING = 2e-3
 """Lever arm of the force within which a joint crosses its backlash, m."""
 FIRST_FORCE = 1e-6
 """Force that stands for 0+ in the free motion beside an object, N: it defines the direction of the force."""
-_WAVES = 48
-"""Waves of which a slowly changing random number is made."""
-_TABLE = 721
-"""Places along a slide for which joint angles are computed beforehand, so that they go on without a jump of a turn."""
 
 
 class SlideState(NamedTuple):
@@ -279,7 +293,7 @@ class SlidingMotion:
     def _path(self, number: int) -> tuple[Floats, Floats]:
         """Lengths travelled, increasing, and the joint angles there, without a jump of a turn."""
         slide, track = self.slides[number], self._tracks[number]
-        travelled = np.linspace(min(slide.begin, slide.end), max(slide.begin, slide.end), _TABLE) * track.length
+        travelled = np.linspace(min(slide.begin, slide.end), max(slide.begin, slide.end), SETTINGS.table) * track.length
         point, normal = slide.outline.at(track.place(travelled))
         distances = (self.tip_radius, self.tip_radius + self.timing.clearance)
         poses = [self._poses(number, point + distance * normal, -slide.force * normal) for distance in distances]
@@ -324,9 +338,9 @@ class SlowNoise:
     """
 
     def __init__(self, random: np.random.Generator, columns: int, duration: float) -> None:
-        self._frequency = random.standard_normal((_WAVES, columns)) / duration
-        self._phase = random.uniform(0, 2 * np.pi, (_WAVES, columns))
-        self._size = random.rayleigh(1.0, (_WAVES, columns)) / np.sqrt(_WAVES)
+        self._frequency = random.standard_normal((SETTINGS.waves, columns)) / duration
+        self._phase = random.uniform(0, 2 * np.pi, (SETTINGS.waves, columns))
+        self._size = random.rayleigh(1.0, (SETTINGS.waves, columns)) / np.sqrt(SETTINGS.waves)
 
     def at(self, time: Floats) -> Floats:
         """Their values at times in s, (k, columns)."""

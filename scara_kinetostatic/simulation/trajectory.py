@@ -18,6 +18,7 @@ whole plan, with preloads, unloading and the free motion between touches; see `l
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -68,17 +69,28 @@ __all__ = [
     'minimum_jerk',
 ]
 
-MOST_PASSES = 20
-"""Passes at most until forces and histories agree; each touch wipes out most of what came before, so that few do."""
-
-FORCE_ROUNDING = 1e-9
-"""Change of a force at which they agree, N."""
 
 FIRST_FORCE = 1e-6
 """The 0+ of `Ḡ(S, 0+)`, N: defines the direction of the force, its deflection is negligible."""
 
-CONTACT_MARGIN = 5e-4
-"""Largest distance from the commanded begin of a contact at which a force is looked for, m."""
+
+@dataclass(frozen=True)
+class TrajectorySettings:
+    """Limits of the motion.
+
+    Attributes:
+        most_passes: passes at most until forces and histories agree; each touch wipes out most of what came before,
+            so that few do.
+        force_rounding: change of a force at which they agree, N.
+        contact_margin: largest distance from the commanded begin of a contact at which a force is looked for, m.
+    """
+
+    most_passes: int = 20
+    force_rounding: float = 1e-9
+    contact_margin: float = 5e-4
+
+
+SETTINGS = TrajectorySettings()
 
 
 class CellState(NamedTuple):
@@ -167,7 +179,7 @@ class Trajectory:
         Once, or until the holds have their forces with the histories that the touches make.
         """
         planned = self.hold_force
-        for number in range(MOST_PASSES):
+        for number in range(SETTINGS.most_passes):
             self.metadata = self._metadata()
             histories = self.histories()
             self.metadata = self.metadata._replace(history=histories.hold)
@@ -186,12 +198,12 @@ class Trajectory:
 
     def _with_consistent_histories(self, contact_forces: ContactForces) -> ContactForces:
         """The contact forces with the histories that they make themselves; the commanded joints stay."""
-        for _ in range(MOST_PASSES):
+        for _ in range(SETTINGS.most_passes):
             histories, before = self.histories(), np.stack([self.peak_force, self.hold_force])
             contact_forces = contact_forces.with_histories(histories)
             self.peak_force = contact_forces.peak_force(self.peak_joints, histories)
             self.hold_force = contact_forces.hold_force(self.hold_joints)
-            if np.abs(before - (self.peak_force, self.hold_force)).max() < FORCE_ROUNDING:
+            if np.abs(before - (self.peak_force, self.hold_force)).max() < SETTINGS.force_rounding:
                 self.metadata = contact_forces.metadata
                 return contact_forces
         raise UnsupportedDataError(
@@ -270,9 +282,9 @@ class Trajectory:
         return CellState(joints, force, touch, phase, progress, relative_force)
 
     def _contact_possible(self, touch: NDArray[np.intp], phase: NDArray[np.intp], joints: Floats) -> NDArray[np.bool_]:
-        """Where a force is possible and not known yet, (k,): not farther than `CONTACT_MARGIN` from the contact."""
+        """Where a force is possible and not known yet, (k,): within `SETTINGS.contact_margin` of the contact."""
         displacement = forward(self.truth, joints) - forward(self.truth, self.contact_joints[touch])
-        near = np.einsum('ij,ij->i', displacement, self._inward[touch]) > -CONTACT_MARGIN
+        near = np.einsum('ij,ij->i', displacement, self._inward[touch]) > -SETTINGS.contact_margin
         return np.asarray((phase >= APPROACH) & (phase != HOLD) & near)
 
     def _relative_force(self, touch: NDArray[np.intp], phase: NDArray[np.intp], progress: Floats) -> Floats:

@@ -13,6 +13,7 @@ disc from an unknown object.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -23,25 +24,39 @@ from scara_kinetostatic.model.cell import Cell, Sensor, SensorFrame, SensorSign
 from scara_kinetostatic.model.kinematics import forward, forward_by_parameters, posture, quarter_turn, rotate
 from scara_kinetostatic.model.parameters import L2, THETA1, THETA2, Parameters
 
-_LENGTH_PRIOR = 0.015
-"""Standard deviation of the errors of the nominal lengths and offsets, m."""
-_ANGLE_PRIOR = np.deg2rad(2.5)
-"""Standard deviation of the errors of the nominal angles, rad."""
-_MISS_SIGMA = 0.005
-"""Standard deviation of the miss of the touched disc with the true geometry, m."""
-_LARGEST_MISS_NOMINAL = 0.08
-"""A touch belongs to a disc if its miss with the nominal geometry is at most this, m."""
-_LARGEST_MISS_FITTED = 0.03
-"""The same with the fitted geometry, m; or `_MISS_MEDIANS` times the median miss, where that is more."""
-_MISS_MEDIANS = 6.0
-_FEWEST_FOR_FIT = 8
-"""Touches needed for the fit of the geometry."""
-_LARGEST_FRICTION_ANGLE = 0.35
-"""Accepted angle between the force and the normal of the disc (friction, noise), rad."""
-_MOSTLY_KNOWN = 0.8
-"""If a smaller part of the touches belongs to discs, another frame or sign of the sensor is tried;"""
-_MOSTLY_BY_OTHER = 0.9
-"""it is advised if at least this part of them would, and at least three."""
+
+@dataclass(frozen=True)
+class AssociationSettings:
+    """What belongs to a disc.
+
+    Attributes:
+        length_prior: standard deviation of the errors of the nominal lengths and offsets, m.
+        angle_prior: standard deviation of the errors of the nominal angles, rad.
+        miss_sigma: standard deviation of the miss of the touched disc with the true geometry, m.
+        largest_miss_nominal: a touch belongs to a disc if its miss with the nominal geometry is at most this, m.
+        largest_miss_fitted: the same with the fitted geometry, m; or `miss_medians` times the median miss, where
+            that is more.
+        miss_medians: see there.
+        fewest_for_fit: touches needed for the fit of the geometry.
+        largest_friction_angle: accepted angle between the force and the normal of the disc (friction, noise), rad.
+        mostly_known: if a smaller part of the touches belongs to discs, another frame or sign of the sensor is
+            tried;
+        mostly_by_other: it is advised if at least this part of them would, and at least three.
+    """
+
+    length_prior: float = 0.015
+    angle_prior: float = np.deg2rad(2.5)
+    miss_sigma: float = 0.005
+    largest_miss_nominal: float = 0.08
+    largest_miss_fitted: float = 0.03
+    miss_medians: float = 6.0
+    fewest_for_fit: int = 8
+    largest_friction_angle: float = 0.35
+    mostly_known: float = 0.8
+    mostly_by_other: float = 0.9
+
+
+SETTINGS = AssociationSettings()
 
 
 class Association(NamedTuple):
@@ -50,7 +65,7 @@ class Association(NamedTuple):
     Attributes:
         disc: index of the nearest disc, (n,).
         posture: +1 or -1, (n,).
-        miss: |m| of that disc, less what an oblique force explains (`_LARGEST_FRICTION_ANGLE`), (n,), m.
+        miss: |m| of that disc, less what an oblique force explains (`SETTINGS.largest_friction_angle`), (n,), m.
         known: whether the touch belongs to the disc, (n,).
         advice: frame and sign of the sensor by which nearly all touches would meet a disc, in words; empty if those
             of the cell description do, or no others.
@@ -75,15 +90,15 @@ def associate(joints: Floats, force: Floats, cell: Cell) -> Association:
     """
     fitted = _fit_geometry(joints, force, cell)
     disc, miss = _nearest_disc(cell.nominal, joints, force, cell)
-    known = miss <= _LARGEST_MISS_NOMINAL
-    if len(joints) >= _FEWEST_FOR_FIT:
+    known = miss <= SETTINGS.largest_miss_nominal
+    if len(joints) >= SETTINGS.fewest_for_fit:
         fitted_disc, fitted_miss = _nearest_disc(fitted, joints, force, cell)
-        close = fitted_miss <= _LARGEST_MISS_FITTED
-        if np.sum(close) >= max(_FEWEST_FOR_FIT, len(joints) / 2):
+        close = fitted_miss <= SETTINGS.largest_miss_fitted
+        if np.sum(close) >= max(SETTINGS.fewest_for_fit, len(joints) / 2):
             disc, miss = fitted_disc, fitted_miss
-            known = miss <= max(_LARGEST_MISS_FITTED, _MISS_MEDIANS * float(np.median(miss)))
+            known = miss <= max(SETTINGS.largest_miss_fitted, SETTINGS.miss_medians * float(np.median(miss)))
     advice = contradiction = ''
-    if known.mean() <= _MOSTLY_KNOWN:
+    if known.mean() <= SETTINGS.mostly_known:
         advice, contradiction = _other_convention(joints, force, cell, int(np.sum(~known)))
     return Association(disc, posture(cell.nominal, joints), miss, known, advice, contradiction)
 
@@ -104,13 +119,22 @@ def _nearest_disc(parameters: Parameters, joints: Floats, force: Floats, cell: C
     miss = misses[np.arange(len(disc)), disc]
     radial = np.sum(miss * unit, axis=1)
     tangential = np.abs(np.sum(miss * quarter_turn(unit), axis=1))
-    return disc, np.hypot(radial, np.maximum(tangential - _LARGEST_FRICTION_ANGLE * cell.radii[disc], 0.0))
+    return disc, np.hypot(radial, np.maximum(tangential - SETTINGS.largest_friction_angle * cell.radii[disc], 0.0))
 
 
 def _fit_geometry(joints: Floats, force: Floats, cell: Cell, rounds: int = 8) -> Parameters:
     """Parameters with the geometry fitted to the misses of the nearest discs."""
     nominal = cell.nominal.as_array()
-    prior = np.array([_LENGTH_PRIOR, _LENGTH_PRIOR, _ANGLE_PRIOR, _LENGTH_PRIOR, _ANGLE_PRIOR, _LENGTH_PRIOR])
+    prior = np.array(
+        [
+            SETTINGS.length_prior,
+            SETTINGS.length_prior,
+            SETTINGS.angle_prior,
+            SETTINGS.length_prior,
+            SETTINGS.angle_prior,
+            SETTINGS.length_prior,
+        ]
+    )
     change = np.zeros(6)
     for _ in range(rounds):
         parameters = Parameters.from_array(nominal + np.append(change, np.zeros(6)))
@@ -119,9 +143,9 @@ def _fit_geometry(joints: Floats, force: Floats, cell: Cell, rounds: int = 8) ->
         miss = misses[np.arange(len(disc)), disc]
         jacobian = _miss_jacobian(parameters, joints, cell.radii[disc, None] * unit, cell.sensor)
         size = np.linalg.norm(miss, axis=1)
-        weight = 1.0 / np.sqrt(1.0 + (size / max(4 * _MISS_SIGMA, float(np.median(size)))) ** 2)
-        rows = (weight / _MISS_SIGMA)[:, None, None] * jacobian * prior
-        right = (weight / _MISS_SIGMA)[:, None] * (np.einsum('nij,j->ni', jacobian, change) - miss)
+        weight = 1.0 / np.sqrt(1.0 + (size / max(4 * SETTINGS.miss_sigma, float(np.median(size)))) ** 2)
+        rows = (weight / SETTINGS.miss_sigma)[:, None, None] * jacobian * prior
+        right = (weight / SETTINGS.miss_sigma)[:, None] * (np.einsum('nij,j->ni', jacobian, change) - miss)
         system = np.vstack([rows.reshape(-1, 6), np.eye(6)])
         change = prior * np.linalg.lstsq(system, np.append(right.ravel(), np.zeros(6)), rcond=None)[0]
     return Parameters.from_array(nominal + np.append(change, np.zeros(6)))
@@ -146,8 +170,10 @@ def _other_convention(joints: Floats, force: Floats, cell: Cell, lost: int) -> t
                 continue
             turned = force if sign is cell.sensor.sign else -force
             other_cell = Cell(cell.nominal, cell.discs, sensor=cell.sensor._replace(frame=frame, sign=sign))
-            meet = int(np.sum(_nearest_disc(cell.nominal, joints, turned, other_cell)[1] <= _LARGEST_MISS_NOMINAL))
-            if meet >= max(3, _MOSTLY_BY_OTHER * n):
+            meet = int(
+                np.sum(_nearest_disc(cell.nominal, joints, turned, other_cell)[1] <= SETTINGS.largest_miss_nominal)
+            )
+            if meet >= max(3, SETTINGS.mostly_by_other * n):
                 keys = ', '.join(f'sensor.{key}' for key, _, _ in changed)
                 stated = ' and '.join(repr(value) for _, value, _ in changed)
                 right = ' and '.join(repr(value) for _, _, value in changed)

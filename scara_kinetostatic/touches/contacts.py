@@ -9,6 +9,7 @@ smoothed force deviates from it by more than a threshold, and ends where the dev
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -28,26 +29,46 @@ from scara_kinetostatic.touches.signals import (
     white_noise,
 )
 
-_GRID = 0.025
-"""Interval over which force and joint travel are taken together for the coarse zero, s."""
-_LARGEST_WEIGHT = 0.01
-"""Largest weight of one such interval: a joint travel beyond this counts no more, rad."""
-_BLOCK = 10.0
-"""The coarse zero is estimated once in so long, s."""
-_LEAST_SHARE = 0.05
-"""A block with less than this part of the mean joint travel of all blocks gives no coarse zero."""
-_LONGEST_FREE = 2.0
-"""At most so long before a contact is used for its zero, s."""
 SHORTEST_FREE = 0.1
 """Free motion needed for a zero, s."""
 AFTER_CONTACT = 0.05
 """Left out after the previous contact, s."""
-_BEFORE_CONTACT = 0.02
-"""Left out before the contact, s."""
-_SMALLEST_DEVIATION = 1e-3
-"""Smallest deviation from the zero that marks the begin of a contact, N, for sensors without noise."""
-_ONSET_SIGMAS = 4.0
-"""The same as a multiple of the standard deviation of the smoothed force."""
+
+
+@dataclass(frozen=True)
+class ContactSettings:
+    """What a contact is, and the zero before it.
+
+    Attributes:
+        grid: interval over which force and joint travel are taken together for the coarse zero, s.
+        largest_weight: largest weight of one such interval: a joint travel beyond this counts no more, rad.
+        block: the coarse zero is estimated once in so long, s.
+        least_share: a block with less than this part of the mean joint travel of all blocks gives no coarse zero.
+        longest_free: at most so long before a contact is used for its zero, s.
+        before_contact: left out before the contact, s.
+        smallest_deviation: smallest deviation from the zero that marks the begin of a contact, N, for sensors
+            without noise.
+        onset_sigmas: the same as a multiple of the standard deviation of the smoothed force.
+        contact_sigmas: the same as a multiple of the standard deviation of the smoothed force, where that is
+            larger.
+        longest_bounce: two contacts with a shorter loss of contact between them are one, s.
+        shortest_contact: a shorter deviation is a spike of the sensor, not a contact, s.
+    """
+
+    grid: float = 0.025
+    largest_weight: float = 0.01
+    block: float = 10.0
+    least_share: float = 0.05
+    longest_free: float = 2.0
+    before_contact: float = 0.02
+    smallest_deviation: float = 1e-3
+    onset_sigmas: float = 4.0
+    contact_sigmas: float = 6.0
+    longest_bounce: float = 0.05
+    shortest_contact: float = 0.05
+
+
+SETTINGS = ContactSettings()
 
 
 class Tare(NamedTuple):
@@ -79,14 +100,14 @@ def tare_before(signals: Signals, begin: float, previous_end: float) -> Tare | N
         The zero; None where the free motion before the contact is too short.
     """
     wrench = signals.wrench
-    earliest = max(previous_end + AFTER_CONTACT, begin - _LONGEST_FREE)
+    earliest = max(previous_end + AFTER_CONTACT, begin - SETTINGS.longest_free)
     free = wrench.stretch(earliest, begin)
     time, force = wrench.time[free], wrench.value[free]
     if len(time) < 5 or begin - max(earliest, time[0]) < SHORTEST_FREE:
         return None
     noise = white_noise(force)
     contact = _first_contact(time, signals.filtered.value[free], noise, wrench.period)
-    before = time < contact - _BEFORE_CONTACT
+    before = time < contact - SETTINGS.before_contact
     if np.sum(before) < 3:
         before = np.arange(len(time)) < 3
     steps, _ = steps_of_mean(signals.filtered, time[before], signals.window)
@@ -99,7 +120,7 @@ def _first_contact(time: Floats, force: Floats, noise: float, period: float) -> 
     """Time after which the force stays away from the median of the free samples, s; in their later half."""
     width = 2 * round(0.5 * SMOOTHING / period) + 1
     smooth = moving_mean(force - median(force), width)
-    limit = max(_SMALLEST_DEVIATION, _ONSET_SIGMAS * noise / np.sqrt(width))
+    limit = max(SETTINGS.smallest_deviation, SETTINGS.onset_sigmas * noise / np.sqrt(width))
     at_zero = np.flatnonzero(np.hypot(smooth[:, 0], smooth[:, 1]) < limit)
     latest = max(int(at_zero[-1]) if len(at_zero) else 0, len(time) // 2)
     return float(time[latest])
@@ -109,9 +130,9 @@ def coarse_tare(signals: Signals) -> Floats:
     """The zero of the force sensor at every wrench sample, (n, 2), N, in its frame and sign."""
     wrench = signals.wrench
     time, force, travel = _grid_means(signals.joints, signals.filtered)
-    block = (time // _BLOCK).astype(np.intp)
+    block = (time // SETTINGS.block).astype(np.intp)
     whole = _weighted_mode(force, travel)
-    enough = _LEAST_SHARE * travel.sum() / (block[-1] + 1)
+    enough = SETTINGS.least_share * travel.sum() / (block[-1] + 1)
     centers, zeros = [], []
     for first, last in zip(*_equal_runs(block), strict=True):
         part = slice(first, last + 1)
@@ -126,7 +147,7 @@ def coarse_tare(signals: Signals) -> Floats:
 
 def _grid_means(joints: Topic, wrench: Topic) -> tuple[Floats, Floats, Floats]:
     """Time (k,), s, mean force (k, 2), N, and joint travel (k,), rad, of every interval with force samples."""
-    size = max(_GRID, 2.5 * wrench.period)
+    size = max(SETTINGS.grid, 2.5 * wrench.period)
     first, last = _equal_runs((wrench.time // size).astype(np.intp))
     count = (last - first + 1)[:, None]
     force = np.add.reduceat(wrench.value, first, axis=0) / count
@@ -135,7 +156,7 @@ def _grid_means(joints: Topic, wrench: Topic) -> tuple[Floats, Floats, Floats]:
         np.column_stack([np.interp(time + side * size, joints.time, column) for column in joints.value.T])
         for side in (-0.5, 0.5)
     )
-    return time, force, np.minimum(np.abs(end - begin).sum(axis=1), _LARGEST_WEIGHT)
+    return time, force, np.minimum(np.abs(end - begin).sum(axis=1), SETTINGS.largest_weight)
 
 
 def _weighted_mode(values: Floats, weight: Floats) -> Floats:
@@ -177,14 +198,8 @@ def _equal_runs(labels: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.
 
 CONTACT_FORCE = 1.0
 """Deviation from the zero at which a contact begins, N; above the drift of a zero, below usual touches."""
-_CONTACT_SIGMAS = 6.0
-"""The same as a multiple of the standard deviation of the smoothed force, where that is larger."""
 END_RATIO = 0.5
 """A contact ends below this part of the deviation at which it begins."""
-_LONGEST_BOUNCE = 0.05
-"""Two contacts with a shorter loss of contact between them are one, s."""
-_SHORTEST_CONTACT = 0.05
-"""A shorter deviation is a spike of the sensor, not a contact, s."""
 
 
 class Contacts(NamedTuple):
@@ -225,17 +240,17 @@ def find_contacts(signals: Signals, zero: Floats | None = None, longest_smoothin
     """
     wrench, noise = signals.wrench, white_noise(signals.wrench.value)
     shortest, longest = (2 * round(0.5 * time / wrench.period) + 1 for time in (SMOOTHING, longest_smoothing))
-    needed = 2 * round(0.5 * (_CONTACT_SIGMAS * noise / CONTACT_FORCE) ** 2) + 1
+    needed = 2 * round(0.5 * (SETTINGS.contact_sigmas * noise / CONTACT_FORCE) ** 2) + 1
     width = int(np.clip(needed, shortest, longest))
     smooth = moving_mean(signals.filtered.value, width)
     smooth -= coarse_tare(signals) if zero is None else zero
     deviation = np.hypot(smooth[:, 0], smooth[:, 1])
-    on = max(CONTACT_FORCE, _CONTACT_SIGMAS * noise / float(np.sqrt(width)))
+    on = max(CONTACT_FORCE, SETTINGS.contact_sigmas * noise / float(np.sqrt(width)))
     first, last = runs(_with_hysteresis(deviation, on, END_RATIO * on))
     begin, end = wrench.time[first], wrench.time[last]
-    apart = begin[1:] - end[:-1] >= _LONGEST_BOUNCE
+    apart = begin[1:] - end[:-1] >= SETTINGS.longest_bounce
     begin, end = begin[np.append(True, apart)[: len(begin)]], end[np.append(apart, True)[: len(end)]]
-    lasting = end - begin > max(_SHORTEST_CONTACT, (width + 1) * wrench.period)
+    lasting = end - begin > max(SETTINGS.shortest_contact, (width + 1) * wrench.period)
     begin, end = begin[lasting], end[lasting]
     peak = [deviation[wrench.stretch(b, e)].max() for b, e in zip(begin, end, strict=True)]
     inside = [signals.joints.value[signals.joints.stretch(b, e)] for b, e in zip(begin, end, strict=True)]

@@ -11,6 +11,7 @@ the contact is in equilibrium throughout.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -20,41 +21,83 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.touches.contacts import AFTER_CONTACT, SHORTEST_FREE, Contacts, Tare, tare_before
 from scara_kinetostatic.touches.signals import Signals, Topic, median, robust_mean, runs, steps_of_mean, white_noise
 
-SHORTEST_HOLD = 0.2
-"""A shorter hold is not a touch, s."""
-_SIGMAS = 5.0
-"""A difference of neighbouring means is a change if it exceeds this many of its standard deviations."""
-_STEADY_FORCE = 0.004
-"""Difference of neighbouring means of the force up to which it is steady, relative to the force."""
-_ROUGH_CONTACT = 0.02
-"""White noise of the force in contact is accepted up to this part of the force, where it exceeds that before."""
-_LARGEST_SLOW_NOISE = 0.01
-"""Slow noise of the force before the contact is accepted up to this part of the force."""
-_STEADY_JOINT = 1e-3
-"""Speed up to which a joint is at rest, rad/s."""
-_HIGHEST_JOINT_NOISE = 1e-4
-"""Noise of the joint readings is accepted up to this, rad; more is a motion."""
-_FARTHEST_JOINT = 5e-3
-"""The tip slides if a joint moves by more than this, rad,"""
-_SOFTEST = 3e-4
-"""plus this times the change of the force, rad/N: the largest compliance of a joint that is expected."""
-_SAME_FORCE = 0.01
-"""Two holds are one if their forces differ by less, relative to the force,"""
-_SAME_JOINT = 5e-5
-"""and their joint angles by less, rad."""
-_CREEP = 0.05
-"""Two holds whose forces differ by less, relative to the force,"""
-_CREEP_TIME = 0.1
-"""and that follow each other within this time, s, are one in which the force creeps; the longer is kept."""
-_LOADED = 0.5
-"""A contact is under load while the force exceeds this part of its largest value."""
-_SHORTEST_SEARCHED = 0.1
-"""Shorter stretches of steady samples, s, or those of less than three windows, are not considered."""
 _BEGIN_OMITTED, _END_OMITTED = 0.25, 0.1
-"""Parts of a hold, less half of `SHORTEST_HOLD`, that are not averaged: at its begin the force may still creep."""
-_PEAK = 0.5
-"""A hold shorter than three windows and than this part of the longest one in its contact is left out: the means on
-both sides of a peak of the force agree as well."""
+"""Parts of a hold, less half of `SETTINGS.shortest_hold`, that are not averaged: at first the force may creep."""
+
+
+@dataclass(frozen=True)
+class HoldSettings:
+    """What a hold is, and why one is rejected.
+
+    Attributes:
+        shortest_hold: a shorter hold is not a touch, s.
+        sigmas: a difference of neighbouring means is a change if it exceeds this many of its standard deviations.
+        steady_force: difference of neighbouring means of the force up to which it is steady, relative to the force.
+        rough_contact: white noise of the force in contact is accepted up to this part of the force, where it
+            exceeds that before.
+        largest_slow_noise: slow noise of the force before the contact is accepted up to this part of the force.
+        steady_joint: speed up to which a joint is at rest, rad/s.
+        highest_joint_noise: noise of the joint readings is accepted up to this, rad; more is a motion.
+        farthest_joint: the tip slides if a joint moves by more than this, rad,
+        softest: plus this times the change of the force, rad/N: the largest compliance of a joint that is expected.
+        same_force: two holds are one if their forces differ by less, relative to the force,
+        same_joint: and their joint angles by less, rad.
+        creep: two holds whose forces differ by less, relative to the force,
+        creep_time: and that follow each other within this time, s, are one in which the force creeps; the longer is
+            kept.
+        loaded: a contact is under load while the force exceeds this part of its largest value.
+        shortest_searched: shorter stretches of steady samples, s, or those of less than three windows, are not
+            considered.
+        peak: a hold shorter than three windows and than this part of the longest one in its contact is left out:
+            the means on both sides of a peak of the force agree as well.
+        largest_drift: accepted change of the force from the first to the last third of a hold, relative to the
+            force,
+        fastest_drift: and the same per second, 1/s; the smaller one holds,
+        drift_sigmas: but never less than this many standard deviations of that change by noise.
+        largest_scatter: accepted standard deviation of the force in a hold, relative to the force,
+        scatter_sigmas: but never less than this many times the noise before the contact.
+        largest_joint_scatter: accepted standard deviation of a joint angle in a hold, rad: ten times the noise with
+            which a hold is found.
+        largest_slide: accepted change of a joint angle from the first to the last third of a hold, rad.
+        weak_force: a contact without a hold under less force than this part of the smallest force of a hold,
+        weak_travel: in which a joint moves by more than this, rad, is not a touch: the force is that of the arm's
+            acceleration.
+        motion_before: joint readings that have not changed from this long before a contact on are frozen, s.
+        fewest_frozen: so many equal readings are not yet frozen.
+        shortest_named: a hold must last for this, s, to be named in the reason.
+    """
+
+    shortest_hold: float = 0.2
+    sigmas: float = 5.0
+    steady_force: float = 0.004
+    rough_contact: float = 0.02
+    largest_slow_noise: float = 0.01
+    steady_joint: float = 1e-3
+    highest_joint_noise: float = 1e-4
+    farthest_joint: float = 5e-3
+    softest: float = 3e-4
+    same_force: float = 0.01
+    same_joint: float = 5e-5
+    creep: float = 0.05
+    creep_time: float = 0.1
+    loaded: float = 0.5
+    shortest_searched: float = 0.1
+    peak: float = 0.5
+    largest_drift: float = 0.03
+    fastest_drift: float = 0.1
+    drift_sigmas: float = 6.0
+    largest_scatter: float = 0.1
+    scatter_sigmas: float = 4.0
+    largest_joint_scatter: float = 1e-3
+    largest_slide: float = 3e-4
+    weak_force: float = 0.5
+    weak_travel: float = 0.03
+    motion_before: float = 0.1
+    fewest_frozen: int = 5
+    shortest_named: float = 0.05
+
+
+SETTINGS = HoldSettings()
 
 
 class Hold(NamedTuple):
@@ -122,8 +165,8 @@ def find_holds(signals: Signals, tare: Tare, begin: float, end: float) -> HoldSe
     state = _steadiness(signals, tare, time)
     is_hold = state.steady & state.at_rest & (time >= begin)
     found = _holds_of_contact(signals, tare, time, is_hold, window, state.noise)
-    shortest = SHORTEST_HOLD - 1.5 * max(joints.period, signals.wrench.period)
-    loaded = np.flatnonzero(state.load >= _LOADED * state.load.max())
+    shortest = SETTINGS.shortest_hold - 1.5 * max(joints.period, signals.wrench.period)
+    loaded = np.flatnonzero(state.load >= SETTINGS.loaded * state.load.max())
     span = slice(int(loaded[0]), int(loaded[-1]) + 1)
     under_load = joints.value[joints.stretch(time[span][0], time[span][-1])]
     return HoldSearch(
@@ -150,14 +193,14 @@ def _steadiness(signals: Signals, tare: Tare, time: Floats) -> _Steadiness:
     force_step, load = steps_of_mean(wrench, time, window)
     load = np.hypot(*(load - tare.force).T)
     force = wrench.value[wrench.stretch(time[0], np.nextafter(time[-1], np.inf))]
-    noise = max(tare.noise, min(white_noise(force), _ROUGH_CONTACT * float(median(load))))
-    slow_noise = min(tare.slow_noise, _LARGEST_SLOW_NOISE * float(load.max()))
-    force_limit = max(_SIGMAS * max(_step_std(noise, wrench, window), slow_noise), _resolution(force))
-    joint_noise = min(white_noise(joints.value[joints.stretch(time[0], time[-1])]), _HIGHEST_JOINT_NOISE)
-    joint_limit = _STEADY_JOINT * window + _SIGMAS * _step_std(joint_noise, joints, window)
+    noise = max(tare.noise, min(white_noise(force), SETTINGS.rough_contact * float(median(load))))
+    slow_noise = min(tare.slow_noise, SETTINGS.largest_slow_noise * float(load.max()))
+    force_limit = max(SETTINGS.sigmas * max(_step_std(noise, wrench, window), slow_noise), _resolution(force))
+    joint_noise = min(white_noise(joints.value[joints.stretch(time[0], time[-1])]), SETTINGS.highest_joint_noise)
+    joint_limit = SETTINGS.steady_joint * window + SETTINGS.sigmas * _step_std(joint_noise, joints, window)
     return _Steadiness(
         load=load,
-        steady=np.hypot(*force_step.T) <= np.maximum(force_limit, _STEADY_FORCE * load),
+        steady=np.hypot(*force_step.T) <= np.maximum(force_limit, SETTINGS.steady_force * load),
         at_rest=np.abs(steps_of_mean(joints, time, window)[0]).max(axis=1) <= joint_limit,
         noise=noise,
     )
@@ -167,7 +210,7 @@ def _is_sliding(joints: Floats, load: Floats, at_rest: NDArray[np.bool_]) -> boo
     """Whether the joints, mostly not at rest, move farther than their compliance explains."""
     if at_rest.mean() > 0.5 or not len(joints):
         return False
-    return bool(np.ptp(joints, axis=0).max() > _FARTHEST_JOINT + _SOFTEST * np.ptp(load))
+    return bool(np.ptp(joints, axis=0).max() > SETTINGS.farthest_joint + SETTINGS.softest * np.ptp(load))
 
 
 def _resolution(values: Floats) -> float:
@@ -188,7 +231,7 @@ def _holds_of_contact(
     found: list[Hold] = []
     for first, last in zip(*runs(is_hold), strict=True):
         begin, end = float(time[first]), float(time[last])
-        if end - begin + 2 * window < min(_SHORTEST_SEARCHED, 3 * window):
+        if end - begin + 2 * window < min(SETTINGS.shortest_searched, 3 * window):
             continue
         inner = _inner(begin, end, window)
         hold = _hold(signals, tare, np.array([inner]), begin - window, end + window)
@@ -202,12 +245,12 @@ def _holds_of_contact(
             hold = max(found.pop(), hold, key=lambda one: one.duration)
         found.append(hold)
     longest = max((hold.duration for hold in found), default=0.0)
-    return [hold for hold in found if hold.duration >= min(3 * window, _PEAK * longest)]
+    return [hold for hold in found if hold.duration >= min(3 * window, SETTINGS.peak * longest)]
 
 
 def _inner(begin: float, end: float, window: float) -> tuple[float, float]:
     """The interval to average, from the first to the last steady sample of a hold: (begin, end), s."""
-    extra = end - begin - SHORTEST_HOLD / 2
+    extra = end - begin - SETTINGS.shortest_hold / 2
     if extra > 0:
         return begin + _BEGIN_OMITTED * extra, end - _END_OMITTED * extra
     more = min(-0.5 * extra, window)
@@ -223,42 +266,16 @@ def _hold(signals: Signals, tare: Tare, intervals: Floats, begin: float, end: fl
 
 
 def _is_creep(one: Hold, other: Hold) -> bool:
-    """Whether two holds of nearly the same force follow each other within `_CREEP_TIME`."""
-    nearly = np.hypot(*(one.force - other.force)) <= _CREEP * np.hypot(*one.force)
-    return bool(nearly and other.begin - one.end < _CREEP_TIME)
+    """Whether two holds of nearly the same force follow each other within `SETTINGS.creep_time`."""
+    nearly = np.hypot(*(one.force - other.force)) <= SETTINGS.creep * np.hypot(*one.force)
+    return bool(nearly and other.begin - one.end < SETTINGS.creep_time)
 
 
 def _same_hold(one: Hold, other: Hold, noise: float) -> bool:
     """Whether two holds have the same force and joint angles."""
-    limit = max(_SIGMAS * noise / 3.0, _SAME_FORCE * float(np.hypot(*one.force)))
+    limit = max(SETTINGS.sigmas * noise / 3.0, SETTINGS.same_force * float(np.hypot(*one.force)))
     same_force = np.hypot(*(one.force - other.force)) <= limit
-    return bool(same_force and np.abs(one.joints - other.joints).max() <= _SAME_JOINT)
-
-
-_LARGEST_DRIFT = 0.03
-"""Accepted change of the force from the first to the last third of a hold, relative to the force,"""
-_FASTEST_DRIFT = 0.1
-"""and the same per second, 1/s; the smaller one holds,"""
-_DRIFT_SIGMAS = 6.0
-"""but never less than this many standard deviations of that change by noise."""
-_LARGEST_SCATTER = 0.1
-"""Accepted standard deviation of the force in a hold, relative to the force,"""
-_SCATTER_SIGMAS = 4.0
-"""but never less than this many times the noise before the contact."""
-_LARGEST_JOINT_SCATTER = 1e-3
-"""Accepted standard deviation of a joint angle in a hold, rad: ten times the noise with which a hold is found."""
-_LARGEST_SLIDE = 3e-4
-"""Accepted change of a joint angle from the first to the last third of a hold, rad."""
-_WEAK_FORCE = 0.5
-"""A contact without a hold under less force than this part of the smallest force of a hold,"""
-_WEAK_TRAVEL = 0.03
-"""in which a joint moves by more than this, rad, is not a touch: the force is that of the arm's acceleration."""
-_MOTION_BEFORE = 0.1
-"""Joint readings that have not changed from this long before a contact on are frozen, s."""
-_FEWEST_FROZEN = 5
-"""So many equal readings are not yet frozen."""
-_SHORTEST_NAMED = 0.05
-"""A hold must last for this, s, to be named in the reason."""
+    return bool(same_force and np.abs(one.joints - other.joints).max() <= SETTINGS.same_joint)
 
 
 class TouchCandidate(NamedTuple):
@@ -291,8 +308,8 @@ class TouchCandidates(NamedTuple):
 def find_candidates(signals: Signals, contacts: Contacts) -> TouchCandidates:
     """Every hold of every contact, and every contact without a hold.
 
-    Contacts without a hold, with far less force than any hold (`_WEAK_FORCE`) and while the joints move far
-    (`_WEAK_TRAVEL`), are left out: the force comes from the acceleration of the arm.
+    Contacts without a hold, with far less force than any hold (`SETTINGS.weak_force`) and while the joints move far
+    (`SETTINGS.weak_travel`), are left out: the force comes from the acceleration of the arm.
 
     Args:
         signals: the recording.
@@ -301,8 +318,8 @@ def find_candidates(signals: Signals, contacts: Contacts) -> TouchCandidates:
     found = _all_candidates(signals, contacts)
     loads = [float(np.hypot(*c.hold.force)) for c in found if c.hold is not None and not c.reason]
     held = [c.contact[1] for c in found if c.hold is not None]
-    weak = contacts.peak < _WEAK_FORCE * min(loads, default=0.0)
-    weak &= ~np.isin(contacts.end, held) & (contacts.travel > _WEAK_TRAVEL)
+    weak = contacts.peak < SETTINGS.weak_force * min(loads, default=0.0)
+    weak &= ~np.isin(contacts.end, held) & (contacts.travel > SETTINGS.weak_travel)
     if not weak.any():
         return TouchCandidates(found, 0)
     return TouchCandidates(_all_candidates(signals, contacts.select(~weak)), int(weak.sum()))
@@ -350,12 +367,12 @@ def _gap(signals: Signals, begin: float, end: float) -> str:
 
 def _why_no_hold(search: HoldSearch) -> str:
     """Why a contact has no hold that is long enough."""
-    if search.loaded < SHORTEST_HOLD:
-        return f'hold too short: under load for {search.loaded:.2f} s, expected {SHORTEST_HOLD} s at rest'
+    if search.loaded < SETTINGS.shortest_hold:
+        return f'hold too short: under load for {search.loaded:.2f} s, expected {SETTINGS.shortest_hold} s at rest'
     if search.slides:
         return 'the tip slides: the joints keep moving during the contact'
-    if search.parts == 1 and search.longest > _SHORTEST_NAMED:
-        return f'hold too short: at rest for {search.longest:.2f} s, expected {SHORTEST_HOLD} s'
+    if search.parts == 1 and search.longest > SETTINGS.shortest_named:
+        return f'hold too short: at rest for {search.longest:.2f} s, expected {SETTINGS.shortest_hold} s'
     return f'no steady force: it is steady during only {100 * search.steady:.0f} % of the contact'
 
 
@@ -365,19 +382,19 @@ def _slow_change(signals: Signals, tare: Tare, hold: Hold) -> str:
     load, noise = float(np.hypot(*hold.force)), max(tare.noise, white_noise(force))
     scatter = float(hold.force_scatter.max())
     slide = _drift(joints)
-    if slide > _LARGEST_SLIDE:
+    if slide > SETTINGS.largest_slide:
         return f'the tip slides: the joints move by {slide:.1e} rad during the hold'
     wide = float(hold.joint_scatter.max())
-    if wide > _LARGEST_JOINT_SCATTER:
+    if wide > SETTINGS.largest_joint_scatter:
         return f'the joint angles scatter by {wide:.1e} rad during the hold: messages of two robots on one topic?'
     drift = _drift(force)
     apart = 2.0 / 3.0 * float(hold.intervals[-1, 1] - hold.intervals[0, 0])
-    allowed = load * min(_LARGEST_DRIFT, _FASTEST_DRIFT * apart)
-    white = _DRIFT_SIGMAS * noise / np.sqrt(max(len(force) / 3, 1.0))
-    slow = min(_DRIFT_SIGMAS * tare.slow_noise, 2.0 * allowed)
+    allowed = load * min(SETTINGS.largest_drift, SETTINGS.fastest_drift * apart)
+    white = SETTINGS.drift_sigmas * noise / np.sqrt(max(len(force) / 3, 1.0))
+    slow = min(SETTINGS.drift_sigmas * tare.slow_noise, 2.0 * allowed)
     if drift > max(allowed, white, slow):
         return f'no steady force: it changes by {drift:.2f} N during the hold'
-    if scatter > max(_LARGEST_SCATTER * load, _SCATTER_SIGMAS * tare.noise):
+    if scatter > max(SETTINGS.largest_scatter * load, SETTINGS.scatter_sigmas * tare.noise):
         return f'no steady force: its standard deviation during the hold is {scatter:.2f} N'
     return ''
 
@@ -390,10 +407,10 @@ def _frozen(signals: Signals, tare: Tare, hold: Hold) -> str:
     force = signals.wrench.during(hold.intervals)
     still = ~np.any(np.diff(force, axis=0), axis=0) & _is_noisy(signals, tare)
     for axis, name in enumerate('xy'):
-        if len(force) > _FEWEST_FROZEN and still[axis]:
+        if len(force) > SETTINGS.fewest_frozen and still[axis]:
             return f'the force reading is frozen or saturated: {len(force)} samples of f{name} = {force[0, axis]:.6g} N'
-    joints = signals.joints.value[signals.joints.stretch(tare.contact - _MOTION_BEFORE, hold.end)]
-    if len(joints) > _FEWEST_FROZEN and not np.any(np.diff(joints, axis=0)):
+    joints = signals.joints.value[signals.joints.stretch(tare.contact - SETTINGS.motion_before, hold.end)]
+    if len(joints) > SETTINGS.fewest_frozen and not np.any(np.diff(joints, axis=0)):
         return f'the joint readings are frozen: {len(joints)} samples of {joints[0, 0]:.6g}, {joints[0, 1]:.6g} rad'
     return ''
 

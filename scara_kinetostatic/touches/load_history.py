@@ -14,6 +14,7 @@ the latest and thus smallest swings are dropped, which only a play of a half-wid
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -30,18 +31,36 @@ from scara_kinetostatic.touches.signals import SMOOTHING, Signals, Topic, median
 
 SMALLEST_REVERSAL = 5e-6
 """A movement back by less than this is not a reversal, rad,"""
-_REVERSAL_SIGMAS = 8.0
-"""nor by less than this many standard deviations of the smoothed joint angle,"""
-_REVERSAL_STEPS = 2.0
-"""nor by less than this many steps of the encoder."""
-_LONGEST_APPROACH = 5.0
-"""The movement before a contact is followed back for at most so long, s."""
-_REST_TIME = 0.04
-"""The arm rests if during this time, s,"""
-_REST_SPEED = 1e-3
-"""no joint moves faster than this, rad/s."""
-_CLEAR = 2e-3
-"""A pose is free if a joint is at least so far from its angle at the contact, rad."""
+
+
+@dataclass(frozen=True)
+class HistorySettings:
+    """What counts of the way to a hold.
+
+    Attributes:
+        reversal_sigmas: nor by less than this many standard deviations of the smoothed joint angle,
+        reversal_steps: nor by less than this many steps of the encoder.
+        longest_approach: the movement before a contact is followed back for at most so long, s.
+        rest_time: the arm rests if during this time, s,
+        rest_speed: no joint moves faster than this, rad/s.
+        clear: a pose is free if a joint is at least so far from its angle at the contact, rad.
+        sigmas: the load turns if it comes back by more than this many standard deviations of the smoothed force,
+        steady: and by more than this part of the largest force of the contact.
+        fewest_fitted: fewer samples than this are averaged instead of a parabola fitted to them.
+    """
+
+    reversal_sigmas: float = 8.0
+    reversal_steps: float = 2.0
+    longest_approach: float = 5.0
+    rest_time: float = 0.04
+    rest_speed: float = 1e-3
+    clear: float = 2e-3
+    sigmas: float = 6.0
+    steady: float = 0.004
+    fewest_fitted: int = 5
+
+
+SETTINGS = HistorySettings()
 
 
 class Approach(NamedTuple):
@@ -96,14 +115,14 @@ def approach_of_hold(joints: Topic, hold: Hold, contact: float, earliest: float,
         Both as by `last_movement`. The press does not contain the movement while the force was still below the noise
         of the sensor.
     """
-    part = joints.stretch(max(earliest, contact - _LONGEST_APPROACH), float(hold.intervals[0, 0]))
+    part = joints.stretch(max(earliest, contact - SETTINGS.longest_approach), float(hold.intervals[0, 0]))
     time, value = joints.time[part], joints.value[part]
     if not len(time):
         return Approach(np.zeros(2), np.zeros(2))
     width = 2 * round(0.5 * SMOOTHING / joints.period) + 1
     smooth = moving_mean(median_of_three(value), width)
     scatter = hold.joint_scatter / np.sqrt(width)
-    least = np.maximum(max(SMALLEST_REVERSAL, _REVERSAL_STEPS * step), _REVERSAL_SIGMAS * scatter)
+    least = np.maximum(max(SMALLEST_REVERSAL, SETTINGS.reversal_steps * step), SETTINGS.reversal_sigmas * scatter)
     touching = int(np.searchsorted(time, contact))
     begin = _free_pose(time, smooth, touching, float(least.max()))
     pressed = moving_mean(median_of_three(value[touching:]), width)
@@ -113,22 +132,14 @@ def approach_of_hold(joints: Topic, hold: Hold, contact: float, earliest: float,
 def _free_pose(time: Floats, value: Floats, contact: int, least: float) -> int:
     """Index of the last sample before the contact at which the arm rests in a free pose; 0 if there is none."""
     time, value = time[: contact + 1], value[: contact + 1]
-    later = np.searchsorted(time, time + _REST_TIME)
+    later = np.searchsorted(time, time + SETTINGS.rest_time)
     earlier = np.flatnonzero(later < len(time))
     later = later[earlier]
     moved = np.abs(value[later] - value[earlier]).max(axis=1)
-    rests: NDArray[np.bool_] = moved <= _REST_SPEED * (time[later] - time[earlier]) + least
-    clear = np.abs(value[later] - value[-1]).max(axis=1) > max(_CLEAR, least)
+    rests: NDArray[np.bool_] = moved <= SETTINGS.rest_speed * (time[later] - time[earlier]) + least
+    clear = np.abs(value[later] - value[-1]).max(axis=1) > max(SETTINGS.clear, least)
     free = later[rests & clear]
     return int(free[-1]) if len(free) else 0
-
-
-_SIGMAS = 6.0
-"""The load turns if it comes back by more than this many standard deviations of the smoothed force,"""
-_STEADY = 0.004
-"""and by more than this part of the largest force of the contact."""
-_FEWEST_FITTED = 5
-"""Fewer samples than this are averaged instead of a parabola fitted to them."""
 
 
 class Turn(NamedTuple):
@@ -238,13 +249,13 @@ def _least_turn(contact: ContactLoad, time: Floats, force: Floats, width: int) -
             steps = (held[width:] - held[:-width]).ravel()
             noise = max(noise, np.sqrt(steps @ steps / (2.0 * len(steps))))
     peak = np.abs(force).max(initial=0.0)
-    return max(_SIGMAS * float(noise), _STEADY * float(peak))
+    return max(SETTINGS.sigmas * float(noise), SETTINGS.steady * float(peak))
 
 
 def _top(values: Floats) -> Floats:
     """Value in the middle of samples (n, m) in even steps, by a parabola; the mean of a few, (m,)."""
     n = len(values)
-    return np.asarray(values.mean(axis=0) if n < _FEWEST_FITTED else _weights(n) @ values)
+    return np.asarray(values.mean(axis=0) if n < SETTINGS.fewest_fitted else _weights(n) @ values)
 
 
 @lru_cache(maxsize=256)

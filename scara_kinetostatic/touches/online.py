@@ -1,7 +1,6 @@
 """Online detection: the touches in two streams that are still running.
 
-The latest `_HORIZON` of samples is kept, whether anything is touched or not, and never more than `_MOST` of a topic. A
-poll compares only the new forces, smoothed, with the zero of the sensor; once the force has deviated from it and
+The latest samples are kept, whether anything is touched or not (`OnlineSettings`). A poll compares only the new forces, smoothed, with the zero of the sensor; once the force has deviated from it and
 returned, `find_touches` runs on all kept samples, and each contact that has ended is reported once. What the joints
 remember of the load is kept without a limit of time.
 
@@ -12,6 +11,7 @@ none, nothing more is reported: the recording could not be used either.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,19 +27,33 @@ from scara_kinetostatic.touches.signals import SMOOTHING, as_signals, median_of_
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 SECOND = 1_000_000_000
-_HORIZON = 30 * SECOND
-"""Older samples are dropped, ns: the longest contact that can be found."""
 _MOST = 150_000
 """Most samples of a topic that are kept, whatever their stamps: the horizon at 5 kHz."""
-_CLEAR = SECOND // 7
-"""A contact is over when the force has been back at its zero for so long, ns."""
-_LONGEST_WAIT = 5 * SECOND
-"""During a contact the detection runs once in so long, ns,"""
-_SHORTEST_WAIT = SECOND // 2
-"""and never more often than once in so long, ns."""
-_ALERT = 0.8
-"""A poll looks for touches from this part of the force on at which a contact begins: the zero may drift meanwhile."""
-_NEVER = -(1 << 62)
+
+
+@dataclass(frozen=True)
+class OnlineSettings:
+    """What is kept of running streams, and how often touches are looked for.
+
+    Attributes:
+        horizon: older samples are dropped, ns: the longest contact that can be found.
+        clear: a contact is over when the force has been back at its zero for so long, ns.
+        longest_wait: during a contact the detection runs once in so long, ns,
+        shortest_wait: and never more often than once in so long, ns.
+        alert: a poll looks for touches from this part of the force on at which a contact begins: the zero may drift
+            meanwhile.
+        never: see there.
+    """
+
+    horizon: int = 30 * SECOND
+    clear: int = SECOND // 7
+    longest_wait: int = 5 * SECOND
+    shortest_wait: int = SECOND // 2
+    alert: float = 0.8
+    never: int = -(1 << 62)
+
+
+SETTINGS = OnlineSettings()
 
 
 class SampleBuffer:
@@ -230,7 +244,7 @@ class OnlineDetector:
         clock_warning: what had to be corrected in the stamps, the last time the touches were looked for; or empty.
     """
 
-    def __init__(self, cell: Cell, horizon: int = _HORIZON, topics: tuple[str, str] | None = None) -> None:
+    def __init__(self, cell: Cell, horizon: int = SETTINGS.horizon, topics: tuple[str, str] | None = None) -> None:
         self._cell = cell
         self._topics = topics or cell.sensor.topics
         self._horizon = horizon
@@ -239,7 +253,7 @@ class OnlineDetector:
         self._tare: NDArray[np.float64] | None = None
         self._width = 1
         self._polled = 0
-        self._reported = self._searched = self._searched_stamp = _NEVER
+        self._reported = self._searched = self._searched_stamp = SETTINGS.never
         self._in_contact = False
         self._memory = LoadMemory()
         self.clock_warning = ''
@@ -276,31 +290,31 @@ class OnlineDetector:
         """
         self._pair.restart()
         self._tare, self._in_contact = None, False
-        self._reported = self._searched = _NEVER
+        self._reported = self._searched = SETTINGS.never
 
     def received(self, stamp_ns: int) -> int:
         """When the wrench was received whose stamp is nearest, ns, as long as it is kept."""
         return self._pair.wrench.log_time_of(stamp_ns)
 
     def _is_due(self) -> bool:
-        """Whether a contact has ended, or `_LONGEST_WAIT` is over."""
+        """Whether a contact has ended, or `SETTINGS.longest_wait` is over."""
         wrench = self._pair.wrench
         new, self._polled = wrench.total - self._polled, wrench.total
         if not new:
             return False
         self._pair.observe()
         fresh = wrench.last(new + self._width).values
-        if self._searched == _NEVER:
+        if self._searched == SETTINGS.never:
             first = wrench.samples
             self._searched, self._searched_stamp = int(first.log_time[0]), int(wrench.times[0])
         waited = max(abs(wrench.received - self._searched), abs(wrench.now - self._searched_stamp))
         if self._tare is None:
-            return waited > _SHORTEST_WAIT
+            return waited > SETTINGS.shortest_wait
         smooth = moving_mean(median_of_three(fresh), self._width)
-        self._in_contact |= bool(np.any(_deviation(smooth, self._tare) > _ALERT * CONTACT_FORCE))
-        last = wrench.latest(4 * _CLEAR // 3).mean(axis=0)
+        self._in_contact |= bool(np.any(_deviation(smooth, self._tare) > SETTINGS.alert * CONTACT_FORCE))
+        last = wrench.latest(4 * SETTINGS.clear // 3).mean(axis=0)
         back = bool(_deviation(last, self._tare) < END_RATIO * CONTACT_FORCE)
-        return self._in_contact and (waited > _LONGEST_WAIT or (back and waited > _SHORTEST_WAIT))
+        return self._in_contact and (waited > SETTINGS.longest_wait or (back and waited > SETTINGS.shortest_wait))
 
     def _search(self, open_too: bool) -> Detection:
         """The touches among the kept samples that are new and complete; with `open_too`, also those in contact."""
@@ -318,7 +332,7 @@ class OnlineDetector:
             return none
         self._tare = coarse_tare(signals)[-1]
         self._width = 2 * round(0.5 * SMOOTHING / signals.wrench.period) + 1
-        latest = min(int(streams.wrench.stamp[-1]) - _CLEAR, int(streams.joints.stamp[-1]))
+        latest = min(int(streams.wrench.stamp[-1]) - SETTINGS.clear, int(streams.joints.stamp[-1]))
         new = self._new(find_touches(streams, self._cell, self._memory), np.iinfo(np.int64).max if open_too else latest)
         self._forget()
         return new

@@ -6,6 +6,7 @@ them, so that their rates need not agree.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,18 +16,31 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.touches.streams import Streams
 
-_SHORTEST_GAP = 0.1
-"""A pause of a topic is a gap if it is longer than this, s,"""
-_GAP_PERIODS = 5.0
-"""and longer than this many periods of the topic."""
-_SHORTEST_WINDOW = 0.03
-"""Time over which neighbouring means are taken, s,"""
-_WINDOW_PERIODS = 2.5
-"""but at least this many periods of either topic."""
 SMOOTHING = 0.03
 """Length of the moving mean of force and joint angles, s."""
-_OUTLIER_SPREADS = 4.0
-"""`robust_mean` leaves out what is farther from the median than this many times the range of the middle 68 %."""
+
+
+@dataclass(frozen=True)
+class SignalSettings:
+    """Gaps, windows and outliers.
+
+    Attributes:
+        shortest_gap: a pause of a topic is a gap if it is longer than this, s,
+        gap_periods: and longer than this many periods of the topic.
+        shortest_window: time over which neighbouring means are taken, s,
+        window_periods: but at least this many periods of either topic.
+        outlier_spreads: `robust_mean` leaves out what is farther from the median than this many times the range of
+            the middle 68 %.
+    """
+
+    shortest_gap: float = 0.1
+    gap_periods: float = 5.0
+    shortest_window: float = 0.03
+    window_periods: float = 2.5
+    outlier_spreads: float = 4.0
+
+
+SETTINGS = SignalSettings()
 
 
 class Topic(NamedTuple):
@@ -47,7 +61,7 @@ class Topic(NamedTuple):
     @property
     def gap_limit(self) -> float:
         """Longest pause within a touch, s."""
-        return max(_SHORTEST_GAP, _GAP_PERIODS * self.period)
+        return max(SETTINGS.shortest_gap, SETTINGS.gap_periods * self.period)
 
     def stretch(self, begin: float, end: float) -> slice:
         """The samples from `begin` (included) to `end` (not included), s."""
@@ -102,7 +116,11 @@ class Signals(NamedTuple):
     @property
     def window(self) -> float:
         """Time over which neighbouring means are taken, s: short, but with enough samples of either topic."""
-        return max(_SHORTEST_WINDOW, _WINDOW_PERIODS * self.joints.period, _WINDOW_PERIODS * self.wrench.period)
+        return max(
+            SETTINGS.shortest_window,
+            SETTINGS.window_periods * self.joints.period,
+            SETTINGS.window_periods * self.wrench.period,
+        )
 
 
 def as_signals(streams: Streams, cell: Cell) -> Signals | None:
@@ -235,14 +253,14 @@ class RobustMean(NamedTuple):
 
 
 def robust_mean(values: Floats) -> RobustMean:
-    """Mean and standard deviation of samples (n, 2) without outliers (`_OUTLIER_SPREADS`)."""
+    """Mean and standard deviation of samples (n, 2) without outliers (`SETTINGS.outlier_spreads`)."""
     ordered, last = np.sort(values, axis=0), len(values) - 1
     center = ordered[last // 2]
     spread = ordered[round(0.84 * last)] - ordered[round(0.16 * last)]
     if not spread.all():
         spread = np.where(spread > 0, spread, ordered[round(0.975 * last)] - ordered[round(0.025 * last)])
     off = values - center
-    off[np.abs(off) > np.where(spread > 0, _OUTLIER_SPREADS * spread, np.inf)] = np.nan
+    off[np.abs(off) > np.where(spread > 0, SETTINGS.outlier_spreads * spread, np.inf)] = np.nan
     kept = np.isfinite(off)
     count, off = kept.sum(axis=0), np.where(kept, off, 0.0)
     mean = off.sum(axis=0) / count

@@ -8,6 +8,7 @@ harder first and then eased down, so that the joints reach the force from the ot
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +34,39 @@ from scara_kinetostatic.simulation.mujoco.engine import LIFT, TICK, Engine
 from scara_kinetostatic.simulation.mujoco.scene import Scene
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.touches.load_history import last_movement
+
+
+@dataclass(frozen=True)
+class ControllerSettings:
+    """The simulated controller.
+
+    Attributes:
+        largest_depth: largest commanded depth in a disc; if the force is not reached there the touch is given up,
+            m.
+        depths: depths from the free pose to the largest for which the motor angles are computed.
+        slow_distance: distance from the expected contact, m, within which the tip moves
+        slow_speed: at this speed, m/s, to limit the impact.
+        firm_force: after the approach the tip moves up to this force, N,
+        creep_speed: at this speed, m/s.
+        slowest_press: slowest commanded motion while it presses, m/s.
+        compliance_limits: limits of the compliance that the controller estimates, m/N.
+        longest_press: longest time for a press, s.
+        lift_time: duration of lifting or lowering the tip by the third axis, s.
+    """
+
+    largest_depth: float = 0.02
+    depths: int = 60
+    slow_distance: float = 7e-3
+    slow_speed: float = 0.01
+    firm_force: float = 2.0
+    creep_speed: float = 4e-3
+    slowest_press: float = 2e-4
+    compliance_limits: tuple[float, float] = (5e-6, 3e-4)
+    longest_press: float = 5.0
+    lift_time: float = 0.1
+
+
+SETTINGS = ControllerSettings()
 
 
 class Pace(NamedTuple):
@@ -139,34 +173,14 @@ class SimulatedMotion(NamedTuple):
         )
 
 
-LARGEST_DEPTH = 0.02
-"""Largest commanded depth in a disc; if the force is not reached there the touch is given up, m."""
-DEPTHS = 60
-"""Depths from the free pose to the largest for which the motor angles are computed."""
-SLOW_DISTANCE = 7e-3
-"""Distance from the expected contact, m, within which the tip moves"""
-SLOW_SPEED = 0.01
-"""at this speed, m/s, to limit the impact."""
 CONTACT_FORCE = 0.5
 """Sensed force that ends the approach, N."""
-FIRM_FORCE = 2.0
-"""After the approach the tip moves up to this force, N,"""
-CREEP_SPEED = 4e-3
-"""at this speed, m/s."""
 REST = 0.04
 """Rest after the first contact, s."""
 FILTER = 0.004
 """Time constant of the controller's filter of the force, s."""
-SLOWEST_PRESS = 2e-4
-"""Slowest commanded motion while it presses, m/s."""
-COMPLIANCE_LIMITS = (5e-6, 3e-4)
-"""Limits of the compliance that the controller estimates, m/N."""
 FORCE_TOLERANCE = 0.005
 """Relative error of the force at which a press ends."""
-LONGEST_PRESS = 5.0
-"""Longest time for a press, s."""
-LIFT_TIME = 0.1
-"""Duration of lifting or lowering the tip by the third axis, s."""
 
 
 class TouchController:
@@ -188,13 +202,13 @@ class TouchController:
         self.plan, self.timing = plan, timing or self._pace.timing
         if not len(plan):
             raise UnsupportedDataError('the plan holds no touch', 'plan at least one')
-        self._depths = np.linspace(-self.timing.clearance, LARGEST_DEPTH, DEPTHS)
+        self._depths = np.linspace(-self.timing.clearance, SETTINGS.largest_depth, SETTINGS.depths)
         self._paths = self._motor_paths(cell)
         self._home = self._paths[[0, -1], 0] + (0.25, -0.15)
         self.engine = Engine(scene, cell, self._home[0])
         self._command, self._depth, self._lift = self._home[0], 0.0, LIFT
         self._touch, self._phase = 0, TRAVEL
-        self._force, self._first, self._compliance = 0.0, (0.0, 0.0), COMPLIANCE_LIMITS[0]
+        self._force, self._first, self._compliance = 0.0, (0.0, 0.0), SETTINGS.compliance_limits[0]
         self._ticks: list[Tick] = []
 
     def run(self) -> SimulatedMotion:
@@ -218,7 +232,7 @@ class TouchController:
         return SimulatedMotion.of(self._ticks, TICK, begins, holds, np.array(links), np.array(speed))
 
     def _motor_paths(self, cell: Cell) -> Floats:
-        """Motor angles for the depths of each touch by the nominal arm, (m, DEPTHS, 2), rad."""
+        """Motor angles for the depths of each touch by the nominal arm, (m, SETTINGS.depths, 2), rad."""
         aims = self.plan.contact(cell)[:, None] - self._depths[:, None] * self.plan.normal()[:, None]
         poses = inverse(cell.nominal, aims, self.plan.posture[:, None])
         lost = np.flatnonzero(~np.isfinite(poses).all(axis=(1, 2)))
@@ -248,7 +262,7 @@ class TouchController:
 
     def _raise(self, lift: float) -> None:
         start = self._lift
-        for part in _minimum_jerk_steps(LIFT_TIME):
+        for part in _minimum_jerk_steps(SETTINGS.lift_time):
             self._lift = start + part * (lift - start)
             self._tick()
 
@@ -270,11 +284,15 @@ class TouchController:
         self._phase, self._depth = APPROACH, -self.timing.clearance
         while self._force < CONTACT_FORCE:
             passed += TICK
-            self._advance(SLOW_SPEED if self._depth > -SLOW_DISTANCE else speed * min(1.0, passed / LIFT_TIME))
+            self._advance(
+                SETTINGS.slow_speed
+                if self._depth > -SETTINGS.slow_distance
+                else speed * min(1.0, passed / SETTINGS.lift_time)
+            )
         self._rest(PRESS, REST)
-        while self._force < FIRM_FORCE:
-            self._advance(CREEP_SPEED)
-        self._first, self._compliance = (self._depth, self._force), COMPLIANCE_LIMITS[0]
+        while self._force < SETTINGS.firm_force:
+            self._advance(SETTINGS.creep_speed)
+        self._first, self._compliance = (self._depth, self._force), SETTINGS.compliance_limits[0]
         level, beyond = float(self.plan.force[self._touch]), float(self.plan.preload[self._touch])
         self._press((1.0 + beyond) * level)
         if beyond:
@@ -284,9 +302,9 @@ class TouchController:
 
     def _advance(self, speed: float) -> None:
         self._depth += speed * TICK
-        if self._depth > LARGEST_DEPTH:
+        if self._depth > SETTINGS.largest_depth:
             raise UnsupportedDataError(
-                f'touch {self._touch} of the plan: no such force {1e3 * LARGEST_DEPTH:.0f} mm inside the disc',
+                f'touch {self._touch} of the plan: no such force {1e3 * SETTINGS.largest_depth:.0f} mm inside the disc',
                 'check the discs, or simulate a stiffer robot',
             )
         self._command = self._at(self._depth)
@@ -295,14 +313,16 @@ class TouchController:
     def _press(self, level: float) -> None:
         """Moves the commanded point, in one sense only, until the force reaches a level."""
         sense, (depth, force) = np.sign(level - self._force), self._first
-        for _ in range(round(LONGEST_PRESS / TICK)):
+        for _ in range(round(SETTINGS.longest_press / TICK)):
             missing = sense * (level - self._force)
             if missing < FORCE_TOLERANCE * level:
                 return
-            if sense > 0 and self._force > force + FIRM_FORCE:
-                self._compliance = float(np.clip((self._depth - depth) / (self._force - force), *COMPLIANCE_LIMITS))
+            if sense > 0 and self._force > force + SETTINGS.firm_force:
+                self._compliance = float(
+                    np.clip((self._depth - depth) / (self._force - force), *SETTINGS.compliance_limits)
+                )
             speed = missing * self._compliance / self._pace.control_time
-            self._advance(sense * float(np.clip(speed, SLOWEST_PRESS, self._pace.press)))
+            self._advance(sense * float(np.clip(speed, SETTINGS.slowest_press, self._pace.press)))
         raise UnsupportedDataError(
             f'touch {self._touch} of the plan: the force stays at {self._force:.1f} N instead of {level:.1f} N',
             'simulate a robot with less friction, or a stiffer one',

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as Xml
 
@@ -19,46 +20,66 @@ LARGEST_TIP = 5e-3
 """Radius of the ball at the tip, m, unless a disc is small."""
 LIFT = 0.02
 """How far the third axis lifts the tip above its place between the discs, m."""
-DISC_HEIGHT = 8e-3
-"""Half the height of a disc, m."""
-OBJECT_HEIGHT = 0.2
-"""Third semi-axis of an ellipsoid, m."""
-SLAB = 5e-3
-"""Thickness of the slab behind an edge, m."""
 PIECES = 8
 """Hinges of a link that bends."""
 HARD = {'solref': f'{2 * TIMESTEP} 1', 'solimp': '0.9999 0.9999 0.001 0.5 2'}
 """Contacts and stops as hard as the engine makes them."""
 HARD_STOP = {'solreflimit': HARD['solref'], 'solimplimit': HARD['solimp']}
 HARD_FRICTION = {'solreffriction': HARD['solref'], 'solimpfriction': HARD['solimp']}
-SLIDING_STIFFNESS = 1e7
-"""Of the contact with an object along which the tip slides, N/m: about that of a steel ball of this size on steel."""
-SLIDING_TIME = 2e-5
-"""Damping of that contact over its stiffness, s."""
-SLIDING_IMPEDANCE = 0.7
-"""Impedance of that contact at any depth: with 0.9 and this damping the tip bounces where it has no backlash."""
 PAD_ONSET, PAD_FULL = 0.3, 0.7
 """Impedance of a coat on a disc at no pressure, and from the depth on for which its stiffness is stated."""
-LINK_INERTIA = (0.9, 0.2)
-"""Inertia for which each transmission is critically damped, kg m²."""
 BACKLASH_INERTIA, BACKLASH_DAMPING = 0.5, 1.0
 """Of the hinge with backlash, kg m² and Nm s/rad."""
-ROTOR = 4.0
-"""Inertia of a rotor, reduced to the output of its gear, kg m²."""
-MOTOR_GAIN = 4e6
-"""Stiffness of a motor's position servo, Nm/rad."""
-LIFT_SERVO = (1e5, 1.0)
-"""Stiffness of the third axis' servo, N/m, and the mass that its damping is laid out for, kg."""
-SMALL_MASS = 0.3
-"""Mass of the third axis, of the gripper, of the tip, and of the base's upper part by 100, kg."""
-TIP_DAMPING = 50.0
-"""Of the ball on its pin, N s/m."""
 LIGHT_ARM, LIGHT_TIP = 0.1, 0.3
 """Inertia of a quasi-static scene's arm, and of its parts behind the third axis, over that of the others: as light as
 the contacts stay closed with this time step."""
-LIGHT_BACKLASH_DAMPING = 20.0
-"""Of the hinge with backlash in such a scene, Nm s/rad: its stops are reached without an impact."""
 _TIP_PARTS = ('quill', 'gripper', 'tip')
+
+
+@dataclass(frozen=True)
+class EngineSettings:
+    """Size, stiffness and mass of what the robot consists of.
+
+    Attributes:
+        disc_height: half the height of a disc, m.
+        object_height: third semi-axis of an ellipsoid, m.
+        slab: thickness of the slab behind an edge, m.
+        sliding_stiffness: of the contact with an object along which the tip slides, N/m: about that of a steel ball
+            of this size on steel.
+        sliding_time: damping of that contact over its stiffness, s.
+        sliding_impedance: impedance of that contact at any depth: with 0.9 and this damping the tip bounces where
+            it has no backlash.
+        link_inertia: inertia for which each transmission is critically damped, kg m².
+        rotor: inertia of a rotor, reduced to the output of its gear, kg m².
+        motor_gain: stiffness of a motor's position servo, Nm/rad.
+        lift_servo: stiffness of the third axis' servo, N/m, and the mass that its damping is laid out for, kg.
+        small_mass: mass of the third axis, of the gripper, of the tip, and of the base's upper part by 100, kg.
+        tip_damping: of the ball on its pin, N s/m.
+        light_backlash_damping: of the hinge with backlash in such a scene, Nm s/rad: its stops are reached without
+            an impact.
+        friction_hardness: how much harder the friction inside a transmission is than MuJoCo's hardest: at rest it
+            yields to a load f at the speed f R/b, with R = A (1 - d)/d, d and b its impedance and damping and A the
+            inverse inertia that the engine ascribes to the joint, which is reduced by this. With ten times as much
+            the solver does not converge.
+    """
+
+    disc_height: float = 8e-3
+    object_height: float = 0.2
+    slab: float = 5e-3
+    sliding_stiffness: float = 1e7
+    sliding_time: float = 2e-5
+    sliding_impedance: float = 0.7
+    link_inertia: tuple[float, float] = (0.9, 0.2)
+    rotor: float = 4.0
+    motor_gain: float = 4e6
+    lift_servo: tuple[float, float] = (1e5, 1.0)
+    small_mass: float = 0.3
+    tip_damping: float = 50.0
+    light_backlash_damping: float = 20.0
+    friction_hardness: float = 1e3
+
+
+SETTINGS = EngineSettings()
 
 
 def _tip_radius(cell: Cell) -> float:
@@ -127,7 +148,7 @@ def _disc(world: Xml.Element, scene: Scene, cell: Cell, number: int) -> None:
             'solimp': (PAD_ONSET, PAD_FULL, scene.pad[1], 0.5, 2.0),
         }  # scaled in `engine`
     friction = (scene.contact_friction, 0.0, 0.0)
-    size = (disc.radius - _tip_radius(cell), DISC_HEIGHT)
+    size = (disc.radius - _tip_radius(cell), SETTINGS.disc_height)
     condim = 3 if scene.contact_friction else 1
     _put(body, 'geom', name=f'disc{number}', type='cylinder', size=size, friction=friction, condim=condim, priority=1,
          **surface)  # fmt: skip
@@ -141,7 +162,7 @@ def _object(world: Xml.Element, scene: Scene, outline: Outline) -> None:
     """
     body = _put(world, 'body', name='object')
     surface: dict[str, object] = {'friction': (scene.contact_friction, 0.0, 0.0), 'solref': (-1.0, -1.0)}
-    surface |= {'solimp': (SLIDING_IMPEDANCE, SLIDING_IMPEDANCE, 0.001, 0.5, 2.0)}
+    surface |= {'solimp': (SETTINGS.sliding_impedance, SETTINGS.sliding_impedance, 0.001, 0.5, 2.0)}
     surface |= {'condim': 3 if scene.contact_friction else 1, 'priority': 1}
     for number, piece in enumerate(outline.pieces):
         name = f'object{number}'
@@ -149,22 +170,24 @@ def _object(world: Xml.Element, scene: Scene, outline: Outline) -> None:
             (x, y), (a, b) = piece.center, piece.semi_axes
             turn = (0.0, 0.0, piece.rotation)
             if a == b > 0:
-                _put(body, 'geom', name=name, type='cylinder', size=(a, DISC_HEIGHT), pos=(x, y, 0.0), **surface)
+                _put(
+                    body, 'geom', name=name, type='cylinder', size=(a, SETTINGS.disc_height), pos=(x, y, 0.0), **surface
+                )
             elif a > 0:
-                size = (a, b, OBJECT_HEIGHT)
+                size = (a, b, SETTINGS.object_height)
                 _put(body, 'geom', name=name, type='ellipsoid', size=size, pos=(x, y, 0.0), euler=turn, **surface)
         elif isinstance(piece, Edge):
             begin, end = np.array(piece.begin), np.array(piece.end)
             along = (end - begin) / np.hypot(*(end - begin))
-            x, y = (begin + end) / 2 + SLAB / 2 * np.array([-along[1], along[0]])
-            size = (float(np.hypot(*(end - begin))) / 2, SLAB / 2, DISC_HEIGHT)
+            x, y = (begin + end) / 2 + SETTINGS.slab / 2 * np.array([-along[1], along[0]])
+            size = (float(np.hypot(*(end - begin))) / 2, SETTINGS.slab / 2, SETTINGS.disc_height)
             turn = (0.0, 0.0, float(np.arctan2(along[1], along[0])))
             _put(body, 'geom', name=name, type='box', size=size, pos=(float(x), float(y), 0.0), euler=turn, **surface)
 
 
 def _base(world: Xml.Element, scene: Scene) -> Xml.Element:
     base = _put(world, 'body', name='base', pos=(scene.parameters.x0, scene.parameters.y0, 0.0))
-    mass = 100.0 * SMALL_MASS
+    mass = 100.0 * SETTINGS.small_mass
     _put(base, 'inertial', pos=(0.0, 0.0, 0.0), mass=mass, diaginertia=(1.0, 1.0, 1.0))
     for axis, compliance, direction in zip('xy', scene.base_compliance, ((1, 0, 0), (0, 1, 0)), strict=True):
         if compliance:
@@ -190,14 +213,21 @@ def _transmission(parent: Xml.Element, scene: Scene, number: int) -> Xml.Element
     """Rotor, springs and backlash of a joint, and the frame of the link behind, at the joint's axis."""
     values, name, z = scene.parameters.as_dict(), str(number), (0, 0, 1)
     rotor = _body(parent, f'rotor{name}', 1.0)
-    _put(rotor, 'joint', name=f'motor{name}', type='hinge', axis=z, armature=ROTOR)
+    _put(rotor, 'joint', name=f'motor{name}', type='hinge', axis=z, armature=SETTINGS.rotor)
     link = _body(rotor, f'link{name}', 1.0)
     _slip(link, scene, number)
     friction = scene.winding_friction[number - 1]
     rubbing: dict[str, object] = {'frictionloss': friction, **HARD_FRICTION} if friction else {}
     stiffness = 1.0 / values[f'p{name}']
     _spring(
-        link, f'spring{name}', 'hinge', z, stiffness, LINK_INERTIA[number - 1], armature=BACKLASH_INERTIA, **rubbing
+        link,
+        f'spring{name}',
+        'hinge',
+        z,
+        stiffness,
+        SETTINGS.link_inertia[number - 1],
+        armature=BACKLASH_INERTIA,
+        **rubbing,
     )
     backlash = values[f'g{name}']
     if backlash:
@@ -215,7 +245,7 @@ def _slip(link: Xml.Element, scene: Scene, number: int) -> None:
     """The second spring of a transmission, with Coulomb friction beside it, if there is one."""
     compliance, torque = scene.slip_compliance[number - 1], scene.slip_torque[number - 1]
     if compliance:
-        _spring(link, f'slip{number}', 'hinge', (0, 0, 1), 1.0 / compliance, LINK_INERTIA[number - 1],
+        _spring(link, f'slip{number}', 'hinge', (0, 0, 1), 1.0 / compliance, SETTINGS.link_inertia[number - 1],
                 armature=BACKLASH_INERTIA, frictionloss=torque, **HARD_FRICTION)  # fmt: skip
 
 
@@ -234,16 +264,16 @@ def _link1(beam: Xml.Element, scene: Scene) -> Xml.Element:
 def _tip(beam: Xml.Element, scene: Scene, cell: Cell) -> None:
     """Third axis, gripper on two springs, and the ball, with backlash if there is any."""
     x, y, z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
-    body = _body(beam, 'quill', SMALL_MASS, x=scene.parameters.l2)
+    body = _body(beam, 'quill', SETTINGS.small_mass, x=scene.parameters.l2)
     _put(body, 'joint', name='lift', type='slide', axis=z)
-    body = _body(body, 'gripper', SMALL_MASS)
+    body = _body(body, 'gripper', SETTINGS.small_mass)
     for name, axis in (('grip_x', x), ('grip_y', y)):
-        _spring(body, name, 'slide', axis, 1.0 / scene.parameters.p_ee, 2.0 * SMALL_MASS)
+        _spring(body, name, 'slide', axis, 1.0 / scene.parameters.p_ee, 2.0 * SETTINGS.small_mass)
     _put(body, 'site', name='pin')
     if scene.parameters.g_ee:
-        body = _body(body, 'tip', SMALL_MASS)
+        body = _body(body, 'tip', SETTINGS.small_mass)
         for name, axis in (('loose_x', x), ('loose_y', y)):
-            _put(body, 'joint', name=name, type='slide', axis=axis, damping=TIP_DAMPING)
+            _put(body, 'joint', name=name, type='slide', axis=axis, damping=SETTINGS.tip_damping)
     _put(body, 'site', name='ball')
     _put(body, 'geom', name='ball', type='sphere', size=_tip_radius(cell), condim=1)
 
@@ -285,7 +315,7 @@ def _lighten(world: Xml.Element) -> None:
         for joint in body.findall('joint'):
             name = str(joint.get('name'))
             if name.startswith('backlash'):
-                joint.set('damping', _text(LIGHT_BACKLASH_DAMPING))
+                joint.set('damping', _text(SETTINGS.light_backlash_damping))
             elif 'stiffness' in joint.attrib:
                 _scale(joint, 'damping', float(np.sqrt(factor)))
             if not name.startswith('motor'):
@@ -299,7 +329,11 @@ def _scale(element: Xml.Element, attribute: str, factor: float) -> None:
 
 def _servos(root: Xml.Element) -> None:
     servos = _put(root, 'actuator')
-    for name, gain, inertia in (('motor1', MOTOR_GAIN, ROTOR), ('motor2', MOTOR_GAIN, ROTOR), ('lift', *LIFT_SERVO)):
+    for name, gain, inertia in (
+        ('motor1', SETTINGS.motor_gain, SETTINGS.rotor),
+        ('motor2', SETTINGS.motor_gain, SETTINGS.rotor),
+        ('lift', *SETTINGS.lift_servo),
+    ):
         damping = 2.0 * np.sqrt(gain * inertia)
         _put(servos, 'position', name=name, joint=name, kp=gain, kv=float(damping))
 
@@ -312,10 +346,6 @@ STEPS = 4
 """Steps of the integration between two commands."""
 TICK = STEPS * TIMESTEP
 """Time between two commands, s."""
-FRICTION_HARDNESS = 1e3
-"""How much harder the friction inside a transmission is than MuJoCo's hardest: at rest it yields to a load f at the
-speed f R/b, with R = A (1 - d)/d, d and b its impedance and damping and A the inverse inertia that the engine ascribes
-to the joint, which is reduced by this. With ten times as much the solver does not converge."""
 
 
 def load_engine() -> Any:
@@ -362,7 +392,7 @@ class Engine:
             [self.model.joint(name).qposadr[0] for name in names if name in {f'{part}{n}' for part in parts}]
             for n in (1, 2)
         ]
-        self.model.dof_invweight0[self.model.dof_frictionloss > 0] /= FRICTION_HARDNESS
+        self.model.dof_invweight0[self.model.dof_frictionloss > 0] /= SETTINGS.friction_hardness
         self._frame = self.model.body('quill').id
         self._ball = self.model.geom('ball').id
         self.data.qpos[self._motors] = joints
@@ -383,9 +413,9 @@ class Engine:
         """
         inverse_mass = self.model.body_invweight0[self.model.geom('ball').bodyid[0], 0]
         if outline is not None:
-            stiffness = SLIDING_STIFFNESS * inverse_mass * (1.0 - SLIDING_IMPEDANCE)
+            stiffness = SETTINGS.sliding_stiffness * inverse_mass * (1.0 - SETTINGS.sliding_impedance)
             object_geoms = self.model.geom_bodyid == self.model.body('object').id
-            self.model.geom_solref[object_geoms] = (-stiffness, -SLIDING_TIME * stiffness)
+            self.model.geom_solref[object_geoms] = (-stiffness, -SETTINGS.sliding_time * stiffness)
             return
         for number in scene.padded_discs(cell):
             damping = 2.0 * np.sqrt(scene.pad[0] * inverse_mass) * PAD_FULL

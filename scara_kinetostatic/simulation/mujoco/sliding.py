@@ -7,6 +7,7 @@ softer than that of touches is said at `Engine`. It starts and stops with consta
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -27,16 +28,28 @@ from scara_kinetostatic.touches.streams import Streams
 
 COMPLIANCE = 2.5e-5
 """Compliance of the arm that the controller assumes, m/N."""
-CONTROL_TIME = 0.15
-"""Time constant with which the force approaches its target, s."""
-APPROACH_SPEED = 8e-3
-"""Fastest motion along the normal, m/s."""
 FILTER = 0.004
 """Time constant of the controller's filter of the force, s."""
-SETTLING = 0.4
-"""Time for the force to settle before the slide, s."""
-_LARGEST_DEPTH = 0.02
-"""Depth at which it gives up, m."""
+
+
+@dataclass(frozen=True)
+class SlideControllerSettings:
+    """The simulated controller of a slide.
+
+    Attributes:
+        control_time: time constant with which the force approaches its target, s.
+        approach_speed: fastest motion along the normal, m/s.
+        settling: time for the force to settle before the slide, s.
+        largest_depth: depth at which it gives up, m.
+    """
+
+    control_time: float = 0.15
+    approach_speed: float = 8e-3
+    settling: float = 0.4
+    largest_depth: float = 0.02
+
+
+SETTINGS = SlideControllerSettings()
 
 
 class EngineSlide(NamedTuple):
@@ -106,8 +119,8 @@ class SlideController:
         """
         self._rest(2 * self.timing.pause)
         while self._force < 1.0:
-            self._press(APPROACH_SPEED, PRESS)
-        self._hold_force(SETTLING, 0.0)
+            self._press(SETTINGS.approach_speed, PRESS)
+        self._hold_force(SETTINGS.settling, 0.0)
         length = (self.slide.end - self.slide.begin) * self._track.length
         span = abs(length) / self.slide.speed + self.timing.start
         self._hold_force(span, np.sign(length) * self.slide.speed)
@@ -126,11 +139,18 @@ class SlideController:
             part = min(1.0, number * TICK / self.timing.start, (count - number) * TICK / self.timing.start)
             self._travelled += part * speed * TICK
             missing = self.slide.force - self._force
-            self._press(float(np.clip(missing * COMPLIANCE / CONTROL_TIME, -APPROACH_SPEED, APPROACH_SPEED)), phase)
+            self._press(
+                float(
+                    np.clip(
+                        missing * COMPLIANCE / SETTINGS.control_time, -SETTINGS.approach_speed, SETTINGS.approach_speed
+                    )
+                ),
+                phase,
+            )
 
     def _press(self, speed: float, phase: int) -> None:
         self._depth += speed * TICK
-        if self._depth > _LARGEST_DEPTH:
+        if self._depth > SETTINGS.largest_depth:
             raise UnsupportedDataError('the simulated arm does not feel the object', 'check where it stands')
         self._tick(phase)
 
