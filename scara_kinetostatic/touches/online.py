@@ -1,8 +1,9 @@
 """Online detection: the touches in two streams that are still running.
 
-The latest samples are kept, whether anything is touched or not (`OnlineSettings`). A poll compares only the new forces, smoothed, with the zero of the sensor; once the force has deviated from it and
-returned, `find_touches` runs on all kept samples, and each contact that has ended is reported once. What the joints
-remember of the load is kept without a limit of time.
+The latest samples are kept, whether anything is touched or not (`OnlineSettings`). A poll compares only the new forces,
+smoothed, with the zero of the sensor; once the force has deviated from it and returned, `find_touches` runs on all kept
+samples, and each contact that has ended is reported once. What the joints remember of the load is kept without a limit
+of time.
 
 Which clock is valid for both topics is found as for a recording (`clock`), by all that came so far. Where there is
 none, nothing more is reported: the recording could not be used either.
