@@ -37,7 +37,7 @@ from scara_kinetostatic.report.markers import (
     touch_markers,
     uncertainty_markers,
 )
-from scara_kinetostatic.results import effect_figures, figures, tip_maps
+from scara_kinetostatic.results import figures, tip_maps
 from scara_kinetostatic.results.document import as_document
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
@@ -134,7 +134,7 @@ def missing_effect() -> Markup:
     outcome = calibrate_recordings([UNDECLARED], cell)
     (found,), (residual,) = outcome.diagnosis.found, outcome.effect_residuals
     titles = 'base model', f'with {found.effect.title}'
-    return effect_figures.residual_picture(residual, 'missing', titles)
+    return figures.effect_picture(residual, 'missing', titles)
 
 
 if __name__ == '__main__':

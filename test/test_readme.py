@@ -13,7 +13,7 @@ from pipeline.opened import Row, outcome_of, rows
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.cli.main import build_parser
 from scara_kinetostatic.report.quantities import SCALES
-from scara_kinetostatic.results.text import text_report
+from scara_kinetostatic.results.report import text_report
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / 'README.md').read_text(encoding='utf-8')

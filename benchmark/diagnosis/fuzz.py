@@ -32,9 +32,8 @@ from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.results.document import as_document
-from scara_kinetostatic.results.page import html_text
 from scara_kinetostatic.results.parameter_file import parameter_text
-from scara_kinetostatic.results.text import text_report
+from scara_kinetostatic.results.report import html_text, text_report
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 

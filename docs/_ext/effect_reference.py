@@ -21,7 +21,7 @@ from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL, PAPER_NOMINAL
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.report.figure import style
-from scara_kinetostatic.results.effect_figures import residual_picture
+from scara_kinetostatic.results.figures import effect_picture
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_touches
 from scara_kinetostatic.simulation.truth import parse_effect, with_effects
@@ -143,7 +143,7 @@ class EffectPicture(MarkdownDirective):
         result = nodes.container(classes=['effect-picture'])
         if label in found:
             with style():
-                picture = residual_picture(found[label], f'effect-{chosen.effect.name}')
+                picture = effect_picture(found[label], f'effect-{chosen.effect.name}')
             result += nodes.raw('', str(picture), format='html')
         others = ', '.join(found) or 'nothing'
         verdict = outcome.diagnosis.verdict

@@ -81,8 +81,8 @@ def run(args: argparse.Namespace) -> int:
     from scara_kinetostatic.files.atomic import write_texts
     from scara_kinetostatic.files.checksum import check_different
     from scara_kinetostatic.pipeline import calibrate_recordings
+    from scara_kinetostatic.results.report import text_report
     from scara_kinetostatic.results.residuals import NAME, residual_table
-    from scara_kinetostatic.results.text import text_report
     from scara_kinetostatic.results.write import RESULTS, write_results
     from scara_kinetostatic.touches.left_out import kept_recordings, parse_left_out
 

@@ -28,7 +28,7 @@ from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.report.json_file import json_text
 from scara_kinetostatic.results.document import NAME
-from scara_kinetostatic.results.page import NAME as PAGE_NAME
+from scara_kinetostatic.results.report import NAME as PAGE_NAME
 from scara_kinetostatic.results.write import write_results
 
 _ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')

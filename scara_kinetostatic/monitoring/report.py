@@ -32,7 +32,8 @@ from scara_kinetostatic.report import (
 from scara_kinetostatic.report.content import Level
 from scara_kinetostatic.report.figure import FAINT, INK, MICRO, WARN, as_svg, new_figure
 from scara_kinetostatic.report.quantities import chance, count, p_equals, shown
-from scara_kinetostatic.results.messages import ANSWERS, sentence
+from scara_kinetostatic.report.text import sentence
+from scara_kinetostatic.results.messages import ANSWERS
 
 
 def explanation_table(ranking: Sequence[Explanation], rivals: Sequence[str]) -> Table:

@@ -11,7 +11,7 @@ from scara_kinetostatic.assessment.thresholds import LEAST_FREEDOMS
 from scara_kinetostatic.files.calibration_file import RESULT_SCHEMA as SCHEMA
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.results.document import NAME
-from scara_kinetostatic.results.parameter_rows import base_rank
+from scara_kinetostatic.results.tables import base_rank
 
 _SHARED = (
     'created', 'recordings', 'warnings', 'cell', 'parameters', 'model', 'noise', 'force_error', 'held_out_force_error',

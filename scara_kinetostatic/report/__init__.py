@@ -39,6 +39,7 @@ from scara_kinetostatic.report.content import (
     Figures,
     Items,
     Legend,
+    Level,
     Note,
     Report,
     Section,
@@ -47,7 +48,7 @@ from scara_kinetostatic.report.content import (
 from scara_kinetostatic.report.json_file import Document, json_text, plain, utc
 from scara_kinetostatic.report.page import as_page
 from scara_kinetostatic.report.table import NOT_DETERMINED, Table
-from scara_kinetostatic.report.text import as_text
+from scara_kinetostatic.report.text import as_text, sentence
 
 __all__ = [
     'NOT_DETERMINED',
@@ -59,6 +60,7 @@ __all__ = [
     'Figures',
     'Items',
     'Legend',
+    'Level',
     'Note',
     'Report',
     'Section',
@@ -68,5 +70,6 @@ __all__ = [
     'as_text',
     'json_text',
     'plain',
+    'sentence',
     'utc',
 ]

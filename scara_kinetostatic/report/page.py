@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.report.content import Report
+from scara_kinetostatic.report.text import sentence
 
 if TYPE_CHECKING:
     import jinja2
@@ -32,6 +33,7 @@ def _template() -> jinja2.Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters['sentence'] = sentence
     environment.filters['kind'] = lambda block: type(block).__name__
     return environment.get_template('report.html.j2')
 

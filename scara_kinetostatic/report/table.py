@@ -41,7 +41,8 @@ class Table(NamedTuple):
 
         Text is set to the left, numbers to the right, a value with its standard deviation at the ±.
         """
-        lines = [list(line) for line in (self.heading, *([self.units] if any(self.units) else []), *self.rows)]
+        above = (line for line in (self.heading, self.units) if any(line))
+        lines = [list(line) for line in (*above, *self.rows)]
         for column in range(len(self.heading)):
             own = [line for line in lines if self._is_single(line, column)]
             for line, cell in zip(own, _padded([line[column] for line in own], self.is_number(column)), strict=True):
@@ -64,5 +65,5 @@ def _padded(cells: list[str], number: bool) -> list[str]:
         before = max(len(value) for value, _, _ in parts)
         cells = [f'{value:>{before}}{sign}{std}' for value, sign, std in parts]
         number = False
-    width = max(len(cell) for cell in cells)
+    width = max((len(cell) for cell in cells), default=0)
     return [cell.rjust(width) if number else cell.ljust(width) for cell in cells]

@@ -65,7 +65,7 @@ def _lines(block: Block) -> list[str]:
 
 
 def _verdict(verdict: Verdict) -> list[str]:
-    actions = (f'To do: {action}' for action in verdict.actions)
+    actions = (f'To do: {action}.' for action in verdict.actions)
     return [*wrapped([verdict.headline], ''), *wrapped((*verdict.sentences, *actions), '  ')]
 
 
@@ -76,3 +76,12 @@ def _facts(block: Facts) -> list[str]:
         text = f'{fact.value} {fact.unit}'.strip() + (f'; {fact.remark}' if fact.remark else '')
         lines += textwrap.wrap(text, _WIDTH, initial_indent=fact.title.ljust(indent), subsequent_indent=' ' * indent)
     return lines
+
+
+def sentence(text: str) -> str:
+    """The text with a capital, unless it starts with a name, and a full stop."""
+    text = text.strip()
+    first = text.split(' ', 1)[0]
+    if first.isalpha() and first.islower():
+        text = text[0].upper() + text[1:]
+    return text if text.endswith('.') else f'{text}.'

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from scara_kinetostatic import __version__
-from scara_kinetostatic.assessment.grade import Assessment
 from scara_kinetostatic.assessment.outcome import Outcome, Recording
 from scara_kinetostatic.calibration.result import Calibration, joint_covariance
 from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
-from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found, Ranked, Value
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.files.calibration_file import SCHEMA, cell_entry, model_entry
 from scara_kinetostatic.model.arm import CalibratedArm, Predictor
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.parameters import NAMES, UNITS
-from scara_kinetostatic.report.json_file import Document, utc
-from scara_kinetostatic.results.parameter_rows import base_rank
+from scara_kinetostatic.report.json_file import Document, plain
+from scara_kinetostatic.results.tables import base_rank
 
 NAME = 'calibration.json'
 
@@ -31,35 +28,38 @@ def as_document(outcome: Outcome) -> Document:
     SI units. What the data do not determine, and numbers that are not finite, are None.
     """
     c = outcome.final
-    return {
-        'schema': SCHEMA,
-        'version': __version__,
-        'created': utc(outcome.created),
-        'recordings': [_recording(item) for item in outcome.recordings],
-        'sources': list(outcome.sources),
-        'warnings': list(outcome.warnings),
-        'cell': cell_entry(c.cell),
-        'model': model_entry(CalibratedArm.of_outcome(outcome)),
-        'parameters': _parameters(outcome),
-        'covariance': _covariance(c),
-        'covariance_extended': _covariance(c, c.effect_std),
-        'covariance_with_cell': _covariance_with_cell(c),
-        'touches': _touches(outcome),
-        'noise': {**c.noise.as_dict(), 'source': c.noise_source},
-        **_errors(outcome),
-        'fit': {
-            'chi_square': _number(c.chi_square),
-            'degrees_of_freedom': c.degrees_of_freedom,
-            'enlargement': c.enlargement,
-            'iterations': c.iterations,
-            'termination': c.termination.name.lower(),
-        },
-        'identifiability': _identifiability(c),
-        'diagnosis': _diagnosis(outcome.diagnosis),
-        'budget': _budget(outcome),
-        'tip_uncertainty': _tip_uncertainty(outcome),
-        'assessment': _assessment(outcome.assessment),
-    }
+    document: Document = plain(
+        {
+            'schema': SCHEMA,
+            'version': __version__,
+            'created': outcome.created,
+            'recordings': [_recording(item) for item in outcome.recordings],
+            'sources': outcome.sources,
+            'warnings': outcome.warnings,
+            'cell': cell_entry(c.cell),
+            'model': model_entry(CalibratedArm.of_outcome(outcome)),
+            'parameters': _parameters(outcome),
+            'covariance': _covariance(c),
+            'covariance_extended': _covariance(c, c.effect_std),
+            'covariance_with_cell': _covariance_with_cell(c),
+            'touches': _touches(outcome),
+            'noise': {**c.noise.as_dict(), 'source': c.noise_source},
+            **_errors(outcome),
+            'fit': {
+                'chi_square': c.chi_square,
+                'degrees_of_freedom': c.degrees_of_freedom,
+                'enlargement': c.enlargement,
+                'iterations': c.iterations,
+                'termination': c.termination.name.lower(),
+            },
+            'identifiability': _identifiability(c),
+            'diagnosis': _diagnosis(outcome.diagnosis),
+            'budget': _budget(outcome),
+            'tip_uncertainty': _tip_uncertainty(outcome),
+            'assessment': outcome.assessment,
+        }
+    )
+    return document
 
 
 def _budget(outcome: Outcome) -> list[Document]:
@@ -69,8 +69,8 @@ def _budget(outcome: Outcome) -> list[Document]:
             'source': item.label,
             **({} if item.declared is None else {'declared': item.declared, 'unit': item.unit}),
             'contribution': {
-                **{name: _number(std) for name, std in zip(NAMES, item.parameters.tolist(), strict=True)},
-                'tip': _number(item.tip),
+                **dict(zip(NAMES, item.parameters, strict=True)),
+                'tip': item.tip,
             },
         }
         for item in outcome.budget
@@ -81,9 +81,9 @@ def _tip_uncertainty(outcome: Outcome) -> Document:
     tip = outcome.tip_uncertainty
     at = tip.at
     return {
-        'median': _number(tip.median),
-        'worst': _number(tip.worst),
-        'at': None if at is None else at.tip.tolist(),
+        'median': tip.median,
+        'worst': tip.worst,
+        'at': None if at is None else at.tip,
         'region': 'workspace',
         'coverage_factor': COVERAGE_FACTOR,
         'tolerance': outcome.final.cell.tolerance,
@@ -91,33 +91,18 @@ def _tip_uncertainty(outcome: Outcome) -> Document:
         if at is None
         else {
             'elbow': 'left' if at.posture > 0 else 'right',
-            'joints': at.joints.tolist(),
-            'force': at.force.tolist(),
-            'direction': at.direction.tolist(),
+            'joints': at.joints,
+            'force': at.force,
+            'direction': at.direction,
         },
         'undetermined': tip.undetermined,
-        'between_touches': {'median': _number(tip.median_touched), 'worst': _number(tip.worst_touched)},
+        'between_touches': {'median': tip.median_touched, 'worst': tip.worst_touched},
     }
-
-
-def _assessment(assessment: Assessment) -> Document:
-    """Whether the result may be used, why, and what to do."""
-    return {
-        'grade': assessment.grade.value,
-        'reasons': list(assessment.reasons),
-        'actions': list(assessment.actions),
-    }
-
-
-def _number(value: float) -> float | None:
-    """A number as JSON has it: None where it is not finite."""
-    return float(value) if math.isfinite(value) else None
 
 
 def _recording(item: Recording) -> Document:
-    start = None if item.start is None else utc(item.start)
     turned = {'turned': item.turned} if item.turned else {}
-    return {'path': item.path, 'sha256': item.sha256, 'start': start, **turned}
+    return {'path': item.path, 'sha256': item.sha256, 'start': item.start, **turned}
 
 
 def _errors(outcome: Outcome) -> Document:
@@ -126,26 +111,26 @@ def _errors(outcome: Outcome) -> Document:
     base, extended = compared.base, compared.extended
     return {
         'force_error': {
-            'nominal': _number(compared.nominal),
-            'calibrated': _number(base.force_error),
-            'extended': _number(extended.force_error),
+            'nominal': compared.nominal,
+            'calibrated': base.force_error,
+            'extended': extended.force_error,
         },
         'held_out_force_error': {
-            'calibrated': _number(base.held_out),
-            'extended': _number(extended.held_out),
+            'calibrated': base.held_out,
+            'extended': extended.held_out,
             'folds': outcome.extended_held_out.folds,
         },
         'reduced_chi_square': {
-            'calibrated': _number(base.reduced_chi_square),
-            'extended': _number(extended.reduced_chi_square),
+            'calibrated': base.reduced_chi_square,
+            'extended': extended.reduced_chi_square,
         },
         'tip_error': {
-            'nominal': _number(compared.nominal_tip),
-            'calibrated': _number(base.tip.fitted),
-            'extended': _number(extended.tip.fitted),
-            'held_out': {'calibrated': _number(base.tip.held_out), 'extended': _number(extended.tip.held_out)},
-            'noise': _number(extended.tip.noise),
-            'bias': {'rms': _number(compared.tip_bias), 'largest': _number(compared.largest_tip_bias)},
+            'nominal': compared.nominal_tip,
+            'calibrated': base.tip.fitted,
+            'extended': extended.tip.fitted,
+            'held_out': {'calibrated': base.tip.held_out, 'extended': extended.tip.held_out},
+            'noise': extended.tip.noise,
+            'bias': {'rms': compared.tip_bias, 'largest': compared.largest_tip_bias},
         },
     }
 
@@ -153,20 +138,20 @@ def _errors(outcome: Outcome) -> Document:
 def _parameters(outcome: Outcome) -> Document:
     c = outcome.final
     nominal = c.cell.nominal.as_dict()
-    stds = np.where(np.isnan(c.std), np.nan, c.std_noise).tolist()
+    stds = np.where(np.isnan(c.std), np.nan, c.std_noise)
     return {
         bias.name: {
             'nominal': nominal[bias.name],
             'value': bias.value,
-            'std': _number(bias.std),
-            'std_noise': _number(noise),
+            'std': bias.std,
+            'std_noise': noise,
             'unit': UNITS[bias.name],
             'status': c.status[bias.name],
             'base_model': {
                 'value': bias.base,
-                'std': _number(bias.base_std),
+                'std': bias.base_std,
                 'bias': bias.shift,
-                'bias_in_std': _number(bias.in_std),
+                'bias_in_std': bias.in_std,
             },
         }
         for bias, noise in zip(outcome.comparison.biases, stds, strict=True)
@@ -182,13 +167,13 @@ def _covariance(c: Calibration, extra_std: Floats | None = None) -> Document:
         if np.isfinite(std):
             names.append(labels[place])
             places.append(len(NAMES) + place)
-    return {'names': names, 'matrix': c.covariance[np.ix_(places, places)].tolist()}
+    return {'names': names, 'matrix': c.covariance[np.ix_(places, places)]}
 
 
 def _covariance_with_cell(c: Calibration) -> Document:
     """What a later prediction needs: all values of the model and the errors of the cell description, SI units."""
     names, values, matrix = joint_covariance(c)
-    return {'names': list(names), 'values': values.tolist(), 'matrix': matrix.tolist()}
+    return {'names': names, 'values': values, 'matrix': matrix}
 
 
 def _touches(outcome: Outcome) -> Document:
@@ -198,7 +183,7 @@ def _touches(outcome: Outcome) -> Document:
     return {
         'found': outcome.found,
         'used': int(c.used.sum()),
-        'rejected': [{'index': item.index, 'reason': item.reason} for item in outcome.rejected],
+        'rejected': outcome.rejected,
         'fitted': [
             {
                 'index': int(t.index[k]),
@@ -206,15 +191,15 @@ def _touches(outcome: Outcome) -> Document:
                 'time': float(t.time[k]),
                 'object': c.cell.discs[t.disc[k]].name,
                 'posture': int(t.posture[k]),
-                'joints': t.joints[k].tolist(),
-                'approach': t.approach[k].tolist(),
-                'press': t.press[k].tolist(),
-                **({'history': t.history[k].tolist()} if with_history else {}),
-                'force': c.force[k].tolist(),
-                'residual': c.residual[k].tolist(),
-                'residual_base_model': before.residual[k].tolist(),
-                'nominal_residual': before.nominal_residual[k].tolist(),
-                'distance': _number(c.standardized[k]),
+                'joints': t.joints[k],
+                'approach': t.approach[k],
+                'press': t.press[k],
+                **({'history': t.history[k]} if with_history else {}),
+                'force': c.force[k],
+                'residual': c.residual[k],
+                'residual_base_model': before.residual[k],
+                'nominal_residual': before.nominal_residual[k],
+                'distance': c.standardized[k],
                 'used': bool(c.used[k]),
             }
             for k in range(len(t))
@@ -228,13 +213,10 @@ def _identifiability(c: Calibration) -> Document:
     own = [group for group in found.confounded if set(group) & set(NAMES)]
     return {
         'rank': base_rank(c),
-        'condition': _number(found.condition),
-        'confounded': [list(group) for group in own],
+        'condition': found.condition,
+        'confounded': own,
         'confounded_effects': [list(group) for group in found.confounded if group not in own],
-        'combinations': [
-            {'text': item.text, 'value': _number(item.value), 'std': _number(item.std), 'unit': item.unit}
-            for item in found.combinations
-        ],
+        'combinations': found.combinations,
         'advice': found.advice,
     }
 
@@ -244,15 +226,15 @@ def _diagnosis(d: Diagnosis) -> Document:
     effects = d.effects_by_label()
     return {
         'verdict': d.verdict,
-        'p_value': _number(d.p_value),
+        'p_value': d.p_value,
         'effects': [_found(item) for item in d.found if item.is_found],
         'possible': [_found(item) for item in d.found if item.in_every_model and item.is_possible],
         'rivals': [[_name_and_target(effects, label)['name'] for label in group] for group in d.rivals],
         'rival_effects': [[_rival(d, effects, label) for label in group] for group in d.rivals],
-        'remaining_p_value': _number(d.remaining_p_value),
+        'remaining_p_value': d.remaining_p_value,
         'advice': d.advice,
-        'dependences': _dependences(d.dependences),
-        'remaining_dependences': _dependences(d.remaining),
+        'dependences': d.dependences,
+        'remaining_dependences': d.remaining,
         'candidates': [_candidate(item, d.role_of(item)) for item in d.ranking],
     }
 
@@ -270,7 +252,7 @@ def _named(effect: Effect) -> Document:
 
 
 def _values(values: Sequence[Value]) -> Document:
-    return {v.name: {'value': _number(v.value), 'std': _number(v.std), 'unit': v.unit} for v in values}
+    return {v.name: {'value': v.value, 'std': v.std, 'unit': v.unit} for v in values}
 
 
 def _found(item: Found) -> Document:
@@ -286,15 +268,11 @@ def _rival(d: Diagnosis, effects: Mapping[str, Effect], label: str) -> Document:
 def _candidate(item: Ranked, role: str) -> Document:
     return _named(item.effect) | {
         'role': role,
-        'p_value': _number(item.p_value),
-        'share': _number(item.share),
-        'gain': _number(item.gain),
-        'held_out': _number(item.held_out),
-        'independent_part': _number(item.independent_part),
-        'undetected_bias': _number(item.undetected_bias),
+        'p_value': item.p_value,
+        'share': item.share,
+        'gain': item.gain,
+        'held_out': item.held_out,
+        'independent_part': item.independent_part,
+        'undetected_bias': item.undetected_bias,
         'biased_parameter': item.biased_parameter or None,
     }
-
-
-def _dependences(dependences: Sequence[Dependence]) -> list[Document]:
-    return [{'name': each.name, 'p_value': _number(each.p_value), 'share': _number(each.share)} for each in dependences]

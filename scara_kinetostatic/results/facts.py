@@ -14,7 +14,7 @@ from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.files.calibration_file import arm_document
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.report.json_file import utc
-from scara_kinetostatic.results.parameter_rows import base_rank
+from scara_kinetostatic.results.tables import base_rank
 
 GROUP = 'calibration'
 Value = str | int | float | list[str]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from scipy import special
@@ -11,28 +11,17 @@ from scipy import special
 from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.assessment.thresholds import LEAST_FREEDOMS
+from scara_kinetostatic.assessment.tolerance import advice
 from scara_kinetostatic.calibration.identifiability import Combination
 from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.diagnosis.thresholds import SIGNIFICANCE
 from scara_kinetostatic.model.parameters import NAMES, UNITS
+from scara_kinetostatic.model.quantity import quantity
+from scara_kinetostatic.report import Level, Verdict, sentence
 from scara_kinetostatic.report.quantities import SCALES, Scale, count, decimals, p_equals
-from scara_kinetostatic.results.parameter_rows import base_rank
-
-
-class Verdict(NamedTuple):
-    """The verdict on model and fit in words.
-
-    Attributes:
-        level: ``good``, ``caution`` or ``bad``.
-        headline: one clause.
-        sentences: the reasons, and what to do.
-    """
-
-    level: str
-    headline: str
-    sentences: tuple[str, ...]
-
+from scara_kinetostatic.results.tables import base_rank
 
 ANSWERS = {
     Grade.FIT: 'Fit for use',
@@ -83,7 +72,7 @@ def verdict(outcome: Outcome) -> Verdict:
     if c.termination is not Termination.CONVERGED:
         level, headline = 'bad', 'The fit did not converge'
         sentences.append(sentence(c.termination.advice))
-    return Verdict(level, headline, tuple(sentences))
+    return Verdict(headline, level, tuple(sentences))
 
 
 def model_verdict(outcome: Outcome) -> Verdict:
@@ -91,10 +80,10 @@ def model_verdict(outcome: Outcome) -> Verdict:
     d = outcome.diagnosis
     level, headline, sentences = _model(d)
     advice = [sentence(d.advice)] if d.advice else []
-    return Verdict(level, headline, (*sentences, f'Verdict: {d.verdict}.', *advice))
+    return Verdict(headline, level, (*sentences, f'Verdict: {d.verdict}.', *advice))
 
 
-def _model(d: Diagnosis) -> tuple[str, str, list[str]]:
+def _model(d: Diagnosis) -> tuple[Level, str, list[str]]:
     """Level, headline and sentences on whether the model is complete."""
     p = p_equals(d.p_value)
     if d.verdict == 'none':
@@ -279,10 +268,19 @@ def _unit_of_ratio(unit: str, other: str) -> str:
     return f'{"/".join(parts)} · '
 
 
-def sentence(text: str) -> str:
-    """The text with a capital, unless it starts with a name, and a full stop."""
-    text = text.strip()
-    first = text.split(' ', 1)[0]
-    if first.isalpha() and first.islower():
-        text = text[0].upper() + text[1:]
-    return text if text.endswith('.') else f'{text}.'
+def tip_sentences(outcome: Outcome) -> list[str]:
+    """How uncertain the tip is, what dominates, and what would help most."""
+    tip = outcome.tip_uncertainty
+    if tip.at is None or not math.isfinite(tip.worst):
+        return ['The uncertainty of the tip is not determined by these touches.']
+    largest = max(outcome.budget, key=lambda item: item.tip)
+    share = largest.tip**2 / sum(item.tip**2 for item in outcome.budget)
+    at = f'x {tip.at.tip[0]:.2f} m, y {tip.at.tip[1]:.2f} m'
+    sizes = f'at most {quantity(tip.worst, "m")}, at {at}, median {quantity(tip.median, "m")}.'
+    help_most = advice(outcome.evidence)
+    part = f'{100 * share:.0f} %' if share >= 0.005 else 'below 1 %'
+    found = [
+        f'Expanded uncertainty of the tip (k = {COVERAGE_FACTOR:g}) over the workspace: {sizes}',
+        f'Largest contribution there: {largest.title}, {part} of the variance.',
+    ]
+    return [*found, f'What would help most: {help_most}.'] if help_most else found

@@ -9,13 +9,14 @@ robot without load to a place; the map shows H̄(L̄, Q, F) less H̄(L̄n, Q, F)
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Canvas
 from matplotlib.patches import Circle, PathPatch
 from matplotlib.path import Path
 from matplotlib.ticker import MaxNLocator
@@ -33,6 +34,7 @@ from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.kinematics import forward, inverse, wrap
 from scara_kinetostatic.model.kinetostatics import direct_kinetostatics
+from scara_kinetostatic.report import Figure, Figures
 from scara_kinetostatic.report.figure import FAINT, INK, PAPER, SERIES, WARN, Margins, as_svg, mark, new_figure
 
 _WIDTH = 450.0
@@ -92,33 +94,24 @@ class Deviation(NamedTuple):
     force: float
 
 
-class Maps(NamedTuple):
-    """The maps as pictures, with their captions; empty where there is none."""
-
-    uncertainty: list[Markup]
-    uncertainty_caption: str
-    deviation: list[Markup]
-    deviation_caption: str
-
-
-def maps_context(outcome: Outcome) -> Maps:
-    """All maps, none where the data do not determine the tip; to be called within `report.figure.style`."""
+def uncertainty_figures(outcome: Outcome) -> Figures | None:
+    """Maps of the expanded uncertainty of the tip; None where the data do not determine it."""
     c, tip = outcome.final, outcome.tip_uncertainty
-    places = [tip_map(c, each.posture) for each in tip.maps]
-    is_determined = bool(np.isfinite(tip.worst))
-    found = [deviation(c, each) for each in places] if is_determined else []
-    tolerance = c.cell.tolerance
-    uncertain = [
-        uncertainty_picture(c, where, each, tolerance)
-        for where, each in zip(places, tip.maps, strict=True)
+    figures = [
+        Figure(partial(uncertainty_picture, c, tip_map(c, each.posture), each, c.cell.tolerance))
+        for each in tip.maps
         if np.isfinite(each.expanded).any()
     ]
-    return Maps(
-        uncertainty=uncertain,
-        uncertainty_caption=_uncertainty_caption(tip, tolerance) if uncertain else '',
-        deviation=[deviation_picture(c, each) for each in found],
-        deviation_caption=_deviation_caption(found) if found else '',
-    )
+    return Figures(tuple(figures), _uncertainty_caption(tip, c.cell.tolerance)) if figures else None
+
+
+def deviation_figures(outcome: Outcome) -> Figures | None:
+    """Maps of the deviation of the tip; None where the data do not determine it."""
+    c, tip = outcome.final, outcome.tip_uncertainty
+    if not np.isfinite(tip.worst):
+        return None
+    found = [deviation(c, tip_map(c, each.posture)) for each in tip.maps]
+    return Figures(tuple(Figure(partial(deviation_picture, c, each)) for each in found), _deviation_caption(found))
 
 
 def _uncertainty_caption(tip: TipUncertainty, tolerance: float | None) -> str:
@@ -245,7 +238,7 @@ def uncertainty_picture(c: Calibration, places: TipMap, drawn: UncertaintyMap, t
     return as_svg(figure, f'uncertainty_{places.name}', f'uncertainty of the tip, posture {places.name}')
 
 
-def _draw_map(c: Calibration, places: TipMap, grid: tuple[Floats, Floats], shown: Floats) -> tuple[Figure, Axes]:
+def _draw_map(c: Calibration, places: TipMap, grid: tuple[Floats, Floats], shown: Floats) -> tuple[Canvas, Axes]:
     """Filled lines of equal value with labels, the discs and touches, the extrapolated part faded; all in mm."""
     width, height = np.ptp(places.x), np.ptp(places.y)
     margins = Margins(left=60, bottom=44, top=26)

@@ -13,7 +13,8 @@ from scara_kinetostatic.errors import ParameterError, expect
 from scara_kinetostatic.files.atomic import write_texts, writing
 from scara_kinetostatic.report.json_file import json_text, utc
 from scara_kinetostatic.results import document as json_file
-from scara_kinetostatic.results import page, parameter_file, residuals
+from scara_kinetostatic.results import parameter_file, residuals
+from scara_kinetostatic.results import report as page
 
 RESULTS = (parameter_file.NAME, json_file.NAME, page.NAME, residuals.NAME)
 """The files of a result."""

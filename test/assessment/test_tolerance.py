@@ -18,9 +18,8 @@ from scara_kinetostatic.calibration.uncertainty_budget import Improvement, Item
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.pipeline import calibrate_touches
-from scara_kinetostatic.results.budget_table import largest_of_tip
-from scara_kinetostatic.results.head import numbers
-from scara_kinetostatic.results.text import text_report
+from scara_kinetostatic.results.report import numbers, text_report
+from scara_kinetostatic.results.tables import tip_budget
 
 CELL = replace(PAPER_CELL, discs=tuple(disc._replace(center_std=1.5e-5) for disc in PAPER_CELL.discs))
 
@@ -143,7 +142,7 @@ def test_the_text_has_large_contributions_in_mm_and_rotations_in_mrad(outcome: O
     plate = Item('plate_angle[a]', 2e-3, 'rad', np.zeros(12), 1.2e-3)
     wide = replace(outcome)
     vars(wide)['budget'] = (plate,)
-    lines = '\n'.join(largest_of_tip(wide).lines())  # type: ignore[union-attr]
+    lines = '\n'.join(tip_budget(wide, most=5).lines())  # type: ignore[union-attr]
     assert '2 mrad' in lines
     assert '1.2' in lines
     assert 'mm' in lines

@@ -16,7 +16,7 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.results.document import as_document
-from scara_kinetostatic.results.text import text_report
+from scara_kinetostatic.results.report import text_report
 
 SHIFTS = {
     'shift[base]': (6e-5, -6e-5, 53.5),

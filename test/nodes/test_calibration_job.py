@@ -23,7 +23,7 @@ from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.nodes.announced import ALL, LAST, SESSION, Announced
 from scara_kinetostatic.nodes.calibration_job import Job, Reply, do
 from scara_kinetostatic.nodes.outcome_text import summary, warnings_in_line
-from scara_kinetostatic.results import page
+from scara_kinetostatic.results import report as page
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
 from scara_kinetostatic.touches.left_out import REASON

@@ -15,8 +15,8 @@ from scara_kinetostatic.effects.object_radius import ObjectRadius
 from scara_kinetostatic.model.cell import Noise
 from scara_kinetostatic.model.touch import Rejection
 from scara_kinetostatic.results import messages
-from scara_kinetostatic.results.parameter_rows import parameter_rows
-from scara_kinetostatic.results.text import MOST_REJECTED, text_report
+from scara_kinetostatic.results.report import MOST_REJECTED, text_report
+from scara_kinetostatic.results.tables import parameter_rows
 
 
 def test_every_parameter_with_its_uncertainty(plain: Outcome) -> None:

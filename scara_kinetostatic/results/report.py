@@ -1,0 +1,442 @@
+"""What `calibrate` prints, and `report.html`: may the result be used, the result, what is behind it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from datetime import datetime, timezone
+from functools import partial
+
+import numpy as np
+
+from scara_kinetostatic.assessment.conformity import Decision
+from scara_kinetostatic.assessment.grade import Grade
+from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.assessment.tolerance import NOT_STATED
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.tip_uncertainty import COVERAGE_FACTOR
+from scara_kinetostatic.effects.registry import catalogue
+from scara_kinetostatic.report import (
+    Block,
+    Fact,
+    Facts,
+    Figure,
+    Figures,
+    Items,
+    Legend,
+    Level,
+    Note,
+    Report,
+    Section,
+    Verdict,
+    as_page,
+    as_text,
+)
+from scara_kinetostatic.report.quantities import PAGE_SCALES, PAGE_UNITS, SCALES, count, p_equals
+from scara_kinetostatic.report.text import sentence
+from scara_kinetostatic.results import messages, tables
+
+NAME = 'report.html'
+MOST_REJECTED = 12
+"""So many rejected touches are listed in the text."""
+_LEVELS: dict[Grade, Level] = {Grade.FIT: 'good', Grade.CAUTION: 'caution', Grade.UNFIT: 'bad'}
+_ALWAYS = ('robot', 'cell', 'sensor', 'operator')
+"""Shown in every head, stated or not."""
+_PARTS = {'robot': 'serial_number', 'sensor': 'sensor_serial_number'}
+"""A thing and its serial number share a line."""
+_TITLES = {'laboratory': 'Laboratory', 'location': 'Place', 'certificate': 'Certificate No.', 'sensor': 'Force sensor'}
+
+
+def text_report(outcome: Outcome) -> str:
+    """Assessment, verdict, parameters, effects, errors, budget, rejected touches, for a terminal."""
+    verdict, c = messages.verdict(outcome), outcome.final
+    facts = {
+        'touches': f'{int(c.used.sum())} used of {outcome.found} found',
+        'force error': messages.force_errors(outcome),
+        'tip error': messages.tip_errors(outcome),
+        'bias': messages.bias(outcome),
+        'chi-square': messages.fit_quality(outcome),
+        'noise': messages.noise(outcome),
+        'determined': ' '.join(messages.identifiability(outcome)),
+    }
+    blocks: list[Block | None] = [
+        Verdict(f'{verdict.headline}.', sentences=verdict.sentences),
+        tables.parameter_table(c, SCALES),
+        Section('added to the base model', tuple(tables.effect_tables(outcome.diagnosis.found))),
+        Facts(tuple(Fact(name, text) for name, text in facts.items() if text)),
+    ]
+    if DeclaredErrors.of(c.cell) is not None or c.cell.tolerance is not None:
+        blocks += [' '.join(messages.tip_sentences(outcome)), tables.tip_budget(outcome, most=5)]
+    if outcome.rejected:
+        lines = [f'touch {item.index}: {item.reason}' for item in outcome.rejected]
+        more = [f'and {len(lines) - MOST_REJECTED} more, see the report'] if len(lines) > MOST_REJECTED else []
+        blocks.append(Items((*lines[:MOST_REJECTED], *more), f'Not used ({len(lines)}):'))
+    blocks += [_warnings(outcome)]
+    return as_text(Report('Kinetostatic calibration', _answer(outcome), _present(blocks)))
+
+
+def html_text(outcome: Outcome) -> str:
+    """The page: the answer, the result, the diagnosis; in an appendix, folded, what they rest on."""
+    c = outcome.final
+    sensor = f'force sensor in the {c.cell.sensor.frame.value} frame, sign {c.cell.sensor.sign.value}'
+    report = Report(
+        title='Kinetostatic calibration',
+        answer=_answer(outcome),
+        head=_head(outcome),
+        blocks=(
+            Facts(numbers(outcome)),
+            _parameters(outcome),
+            *_maps(outcome),
+            _diagnosis(outcome),
+            Section('Appendix', ()),
+            *_appendix(outcome),
+        ),
+        footer=f'{count(c.iterations, "solver iteration")}, {c.termination.name.lower()} · {sensor} · gripper sign '
+        f'{c.cell.gripper_sign.value} · all numbers in full and in SI units in calibration.json, one row per touch in '
+        'residuals.csv',
+    )
+    return as_page(report)
+
+
+def _present(blocks: Iterable[Block | None]) -> tuple[Block, ...]:
+    return tuple(block for block in blocks if block is not None and block != '')
+
+
+def _answer(outcome: Outcome) -> Verdict:
+    """The assessment; parameters of effects by the plain name of the effect."""
+    a = outcome.assessment
+
+    def plain(text: str) -> str:
+        for item in outcome.diagnosis.found:
+            one = rf'{re.escape(item.effect.label)}\.\w+'
+            text = item.effect.title.join(re.split(f'{one}(?:(?: and |, ){one})*', text))
+        return text
+
+    first, *others = map(plain, a.reasons)
+    headline = f'{messages.ANSWERS[a.grade]}: {first}.'
+    return Verdict(headline, _LEVELS[a.grade], tuple(map(sentence, others)), tuple(map(plain, a.actions)))
+
+
+def _warnings(outcome: Outcome) -> Items | None:
+    return Items(tuple(outcome.warnings), 'About the recording:') if outcome.warnings else None
+
+
+def _head(outcome: Outcome) -> tuple[tuple[str, str], ...]:
+    """Date; what the cell description says of robot, cell, sensor and people; recordings with their checksums."""
+    given = outcome.final.cell.identification.given()
+    found = [('Date', _date(outcome.created))]
+    for name in (*_ALWAYS, *(name for name in given if name not in _ALWAYS and name not in _PARTS.values())):
+        serial = given.get(_PARTS.get(name, ''), '')
+        parts = [given.get(name, ''), f'serial No. {serial}' if serial else '']
+        text = ', '.join(filter(None, parts))
+        found.append((_TITLES.get(name, name.capitalize()), text or 'not stated'))
+    for item in outcome.recordings:
+        start = '' if item.start is None else _date(item.start) if item.start.year > 2000 else 'simulated clock'
+        found.append(('Recording', ' '.join(filter(None, (item.path, start, item.turned, f'SHA-256 {item.sha256}')))))
+    return (*found, *((('Recording', path) for path in outcome.sources) if not outcome.recordings else ()))
+
+
+def _date(time: datetime) -> str:
+    return time.astimezone(timezone.utc).strftime('%Y-%m-%d %H:%M UTC')
+
+
+def numbers(outcome: Outcome) -> tuple[Fact, Fact, Fact]:
+    """Error of the tip before and after; its uncertainty against the tolerance; force error on held-out touches."""
+    compared = outcome.comparison
+    final, folds = compared.extended, outcome.extended_held_out.folds
+    tip = Fact(
+        'Tip error, before → after',
+        f'{_mm(compared.nominal_tip)} → {_mm(final.tip.held_out)}',
+        'mm',
+        'rms distance from the touched circles: nominal → calibrated, each touch by a fit without it; '
+        f'{_mm(final.tip.fitted)} mm in the fit, {_mm(final.tip.noise)} mm is expected from noise',
+    )
+    held_out = Fact(
+        'Force error on held-out touches',
+        f'{final.held_out:.3g}',
+        'N',
+        f'touches not used in the fit, {count(folds, "fold")}; {final.force_error:.3g} N in the fit, '
+        f'{compared.nominal:.3g} N with nominal parameters',
+    )
+    return tip, _uncertainty(outcome), held_out
+
+
+def _uncertainty(outcome: Outcome) -> Fact:
+    """The largest expanded uncertainty of the tip against the tolerance, and whether it conforms."""
+    tip, found, tolerance = outcome.tip_uncertainty, outcome.evidence.conformity, outcome.final.cell.tolerance
+    title = 'Tip uncertainty' if tolerance is None else 'Tip uncertainty against tolerance'
+    allowed = 'no tolerance is stated' if tolerance is None else f'tolerance {_mm(tolerance)} mm'
+    if not np.isfinite(tip.worst):
+        return Fact(title, 'not determined', '', f'by these touches; {allowed}')
+    parts = [f'largest expanded uncertainty (k = {COVERAGE_FACTOR:g}) in the workspace']
+    if np.isfinite(tip.worst_touched):
+        parts[0] += f', {_mm(tip.worst_touched)} mm between the touches'
+    if tip.undetermined > 0:
+        parts.append(f'not determined in {100 * tip.undetermined:.0f} % of it')
+    if found is None:
+        return Fact(title, _mm(tip.worst), 'mm', '; '.join([*parts, allowed]))
+    parts.append(f'conformity {_decision(outcome, found.decision)}')
+    return Fact(title, f'{_mm(tip.worst)} of {_mm(found.tolerance)}', 'mm', '; '.join(parts))
+
+
+def _decision(outcome: Outcome, decision: Decision) -> str:
+    """What is said of conformity (ISO 14253-1): as much as the uncertainties contain."""
+    if decision is Decision.DOES_NOT_CONFORM:
+        return 'excluded'
+    if decision is Decision.UNDECIDED:
+        return 'neither shown nor excluded'
+    if outcome.diagnosis.verdict == 'unexplained':
+        return NOT_STATED
+    if DeclaredErrors.of(outcome.final.cell) is None:
+        return 'shown as far as noise goes: no uncertainties of discs and sensor are declared'
+    return 'shown'
+
+
+def _mm(metres: float) -> str:
+    return f'{1e3 * metres:.3g}'
+
+
+def _parameters(outcome: Outcome) -> Section:
+    """The twelve parameters, and the combinations that are determined instead of some."""
+    _, *combinations = messages.identifiability(outcome, PAGE_SCALES)
+    title = 'Parameters' if outcome.final is outcome.calibration else 'Parameters (extended model)'
+    return Section(title, (tables.parameter_table(outcome.final, PAGE_SCALES), *combinations))
+
+
+def _maps(outcome: Outcome) -> list[Section]:
+    """Uncertainty and deviation of the tip, where the data determine them."""
+    from scara_kinetostatic.results import tip_maps
+
+    found = (
+        ('Uncertainty of the tip', tip_maps.uncertainty_figures(outcome)),
+        ('Deviation of the tip, nominal → calibrated', tip_maps.deviation_figures(outcome)),
+    )
+    return [Section(title, (figures,)) for title, figures in found if figures is not None]
+
+
+def _diagnosis(outcome: Outcome) -> Section:
+    d, compared = outcome.diagnosis, outcome.comparison
+    verdict = messages.model_verdict(outcome)
+    blocks: list[Block] = [Verdict(f'{verdict.headline}.', verdict.level, verdict.sentences)]
+    if d.verdict == 'none':
+        one = ', one at a time,' if d.ranking else ''
+        blocks.append(
+            Note(
+                f'Tested: {len(catalogue(outcome.calibration.cell))} physical effects{one} and smooth dependences of '
+                'the residual on joint angles, torques, size and direction of the force, the discs and the places on '
+                'them, the direction of approach, and time.'
+            )
+        )
+    if outcome.final is not outcome.calibration:
+        for table, item in zip(tables.effect_tables(d.found, PAGE_UNITS), d.found, strict=True):
+            blocks.append(table._replace(title=table.title.strip()))
+            if item.effect.off_normal_std:
+                blocks.append(Note(_OFF_NORMAL))
+        these, them = ('this effect', 'it') if len(d.found) == 1 else ('these effects', 'them')
+        blocks.append(
+            f'With {these} in the model: {p_equals(d.remaining_p_value)} for “the extended model is adequate”. Without '
+            f'{them} the parameters would be biased, and the tip displaced by {_mm(compared.tip_bias)} mm (rms over '
+            f'the touches; at most {_mm(compared.largest_tip_bias)} mm).'
+        )
+    if d.rivals:
+        groups = [', '.join(messages.group_names(d, [label]) for label in group) for group in d.rivals]
+        blocks.append(Items(tuple(groups), 'These touches cannot distinguish:'))
+    return Section('Diagnosis', tuple(blocks))
+
+
+_OFF_NORMAL = (
+    'The force of each touch is off the normal by an angle of its own, which no model predicts: the extended model '
+    'includes this scatter in the weights, it does not remove it. Where it predicts a force, the angle is taken from '
+    'the measured one, so that its force error is the part along the force.'
+)
+"""Note to an effect that scatters."""
+
+
+def _appendix(outcome: Outcome) -> list[Section]:
+    """What the result rests on, folded; what the touches show of the effects is open."""
+    extended = outcome.final is not outcome.calibration
+    sections = [
+        *([_effects(outcome)] if extended else []),
+        _budget(outcome),
+        *([_bias(outcome)] if extended else []),
+        _candidates(outcome),
+        _limits(outcome, extended),
+        _noise(outcome),
+        *_pictures(outcome, extended),
+        _touches(outcome),
+    ]
+    return [section for section in sections if section is not None]
+
+
+def _effects(outcome: Outcome) -> Section:
+    from scara_kinetostatic.results.figures import effect_picture
+
+    found = outcome.diagnosis.found[:3]
+    rivals = ' and its rivals' if outcome.diagnosis.rivals else ''
+    figures = []
+    for number, item in enumerate(found):
+        titles = ('without it', 'with it') if item.in_every_model else ('without the rivals', 'with all rivals')
+        draw = partial(effect_picture, outcome.effect_residuals[number], f'effect{number}', titles)
+        figures.append(Figure(draw, title=item.effect.title))
+    caption = Note(
+        f'The deviation by this effect, estimated from each touch alone. Left: residuals of the model without the '
+        f'effect{rivals}; right: of the model with it. Grey bars: ± 1 σ of one touch. Points beyond the scale are '
+        'drawn at its edge. Short dashes: what is expected of the effect after the other parameters have absorbed part '
+        'of it. Filled: posture left, hollow: right.'
+    )
+    which = 'this effect' if len(found) == 1 else 'these effects'
+    return Section(f'What the touches show of {which}', (*figures, caption))
+
+
+def _budget(outcome: Outcome) -> Section | None:
+    of_tip, of_parameters = tables.tip_budget(outcome), tables.parameter_budget(outcome)
+    if of_tip is None:
+        return None
+    blocks: list[Block] = [
+        ' '.join(messages.tip_sentences(outcome)),
+        'Of the tip, where its uncertainty is largest, in its worst direction (standard uncertainties, k = 1; type A: '
+        'from the touches, B: declared):',
+        of_tip,
+    ]
+    if of_parameters is not None:
+        blocks += ['Of the parameters:', of_parameters]
+    return Section('Uncertainty budget', tuple(blocks), folded=True)
+
+
+def _bias(outcome: Outcome) -> Section:
+    from scara_kinetostatic.results.figures import bias_picture
+
+    compared, folds = outcome.comparison, outcome.extended_held_out.folds
+    note = Note(
+        'Force error: mean distance of measured and predicted force, e_f. Tip error: rms distance of the predicted tip '
+        f'from the circle of contact; {_mm(compared.extended.tip.noise)} mm is expected from noise. Held out: touches '
+        f'not used in the fit, {folds} folds for the force, one by one and to first order for the tip. All on the same '
+        'touches and with the noise of the extended model.'
+    )
+    figure = Figure(
+        partial(bias_picture, compared.biases),
+        'Estimate of the base model less that of the extended model, in standard deviations of the former. Band: ± 1 '
+        'σ, the uncertainty that the base model states; thin grey lines: uncertainty of the extended model.',
+        'Bias of the base model',
+    )
+    errors = tables.error_table(compared)._replace(title='Errors of both models')
+    blocks = (errors, note, figure, tables.bias_table(compared))
+    return Section('Base model and extended model', blocks, folded=True)
+
+
+def _candidates(outcome: Outcome) -> Section | None:
+    """The identifiable candidates; of rejected curves only the first ones."""
+    d = outcome.diagnosis
+    if d.verdict == 'none' or not d.ranking:
+        return None
+    known = sorted((item for item in d.ranking if item.role != 'unidentifiable'), key=lambda item: -item.gain)
+    rejected = [item for item in known if d.role_of(item) == 'rejected']
+    curves = [item for item in rejected if not item.effect.is_physical][3:]
+    listed = tables.candidate_table(d, [item for item in rejected if item not in curves])
+    more = f', and {len(curves)} fitted curves more' if curves else ''
+    blocks = [
+        tables.candidate_table(d, [item for item in known if item not in rejected]),
+        None if listed is None else listed._replace(title=f'Rejected{more}'),
+        Note(
+            'Each candidate is added to the base model alone. Gain: twice the logarithm of the odds against no effect, '
+            'less the penalty for its parameters and for the length of the list. Held-out gain: the same for touches '
+            'left out one by one, without penalty. Share: part of the residual sum of squares that it explains. The '
+            'decision is between sets of effects: a large effect raises the gain of similar ones, so that a rejected '
+            'effect may have a high gain alone and none beside those found.'
+        ),
+    ]
+    return Section('Candidate effects', _present(blocks), folded=True)
+
+
+def _limits(outcome: Outcome, extended: bool) -> Section:
+    d = outcome.diagnosis
+    depends = tables.dependence_table(d.remaining if extended else d.dependences)
+    limits, unidentifiable = tables.limit_table(outcome), tables.unidentifiable_table(d)
+    blocks: list[Block] = []
+    if depends is not None:
+        blocks += [*(['Residual of the extended model:'] if extended else []), depends]
+    if limits is not None:
+        blocks += [
+            'Detection limits: an effect just too small to be detected could bias one of the parameters by more than '
+            'its standard deviation.',
+            limits,
+        ]
+    if unidentifiable is not None:
+        blocks += [f'Effects that these touches cannot identify: {len(unidentifiable.rows)}', unidentifiable]
+    return Section('Limits of this diagnosis', tuple(blocks or ['None among the effects of the list.']), folded=True)
+
+
+def _noise(outcome: Outcome) -> Section:
+    from scara_kinetostatic.results.figures import correlation_picture
+
+    c = outcome.final
+    lines = messages.identifiability(outcome, PAGE_SCALES)
+    lines += [f'Noise of one touch: {messages.noise(outcome)}.', f'Chi-square {messages.fit_quality(outcome)}.']
+    blocks: list[Block] = [
+        Items(tuple(lines)),
+        Items(
+            messages.NEVER_IDENTIFIABLE,
+            'Errors that touches of this kind cannot show, whatever their number, and the parameters they change:',
+        ),
+    ]
+    if sum(status == 'estimated' for status in c.status.values()) > 1:
+        caption = (
+            'Correlations of the estimates: blue positive, orange negative, area proportional to size; in per cent '
+            'from 50 % on.'
+        )
+        blocks.append(Figures((Figure(partial(correlation_picture, c), caption),)))
+    return Section('Identifiability and noise', tuple(blocks), folded=True)
+
+
+def _pictures(outcome: Outcome, extended: bool) -> list[Section]:
+    """The cell; force errors and residuals."""
+    from scara_kinetostatic.results import figures
+
+    c = outcome.final
+    cell = Figure(
+        partial(figures.cell_picture, c),
+        'View from above, base frame. Each line is the force of one touch, its head at the contact, its length '
+        f'proportional to the force, the longest {np.hypot(*c.force.T).max():.1f} N. One arm of either posture is '
+        'drawn in full (left solid, right dashed), the others faintly.',
+    )
+    errors = Figure(
+        partial(figures.error_picture, c),
+        'Distance between measured and predicted force, logarithmic scale. Open grey circles: nominal parameters; '
+        f'coloured symbols: {"extended model" if extended else "calibrated"}.',
+    )
+    residuals = Figure(
+        partial(figures.residual_picture, c),
+        'Measured less predicted force. If model and noise are right, the residuals scatter about zero without a '
+        'pattern. Points beyond the scale are drawn at its edge.',
+    )
+    quantiles = Figure(
+        partial(figures.quantile_picture, c),
+        'Normalised residual of each touch, in standard deviations, against the quantiles of its distribution (χ with '
+        'two degrees of freedom). Band: pointwise 95 %.',
+    )
+    legend = _legend(c)
+    return [
+        Section('The cell', (legend, cell), folded=True),
+        Section('Force errors and residuals', (legend, errors, residuals, Figures((quantiles,))), folded=True),
+    ]
+
+
+def _legend(c: Calibration) -> Legend:
+    """Sign, colour and name of each disc that was touched."""
+    from scara_kinetostatic.report.figure import COLOURS, WARN, mark
+
+    looks = [(mark(number), c.cell.discs[number].name) for number in sorted(set(c.touches.disc.tolist()))]
+    unused = () if c.used.all() else (('✖', COLOURS[WARN], 'not used'),)
+    discs = ((look.sign, COLOURS[look.colour], name) for look, name in looks)
+    return Legend((*discs, ('', 'inherit', 'filled: posture left, hollow: right'), *unused))
+
+
+def _touches(outcome: Outcome) -> Section:
+    number, used = len(outcome.rejected), int(outcome.final.used.sum())
+    blocks: list[Block | None] = [f'All {outcome.found} touches were used.']
+    if outcome.rejected:
+        lines = tuple(f'touch {item.index}: {item.reason}' for item in outcome.rejected)
+        blocks = [Items(lines, f'{number} of {outcome.found} touches were not used:')]
+    blocks += [_warnings(outcome), tables.touch_table(outcome.final)]
+    return Section(f'Touches: {used} used of {outcome.found} found', _present(blocks), folded=True)
