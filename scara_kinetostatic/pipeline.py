@@ -151,9 +151,15 @@ def touches_of_file(path: str | Path, cell: Cell) -> Detection:
 
     Raises:
         RecordingError: it cannot be read.
+        InputError: most touches of a table meet no object; a mistake that explains it is named.
     """
+
+    def explain(touches: TouchSet, cell: Cell) -> InputError | None:
+        mistake = find_mistake(touches, cell, origin=Origin.TABLE)
+        return None if mistake is None else mistake.error(path)
+
     if is_touch_table(path):
-        return touches_of_table(load_touch_table(path), cell)
+        return touches_of_table(load_touch_table(path), cell, explain)
     streams = read_streams(path, cell)
     detection = find_touches(streams, cell)
     warnings = (*streams.warnings, *detection.warnings)
@@ -280,7 +286,8 @@ def _check_streams(streams: Streams, cell: Cell) -> None:
             f'{wrench} is stamped about {apart} than {joints}: without that {len(detection.touches)} '
             f'of {detection.found} touches can be used, else {len(found.touches)}'
         )
-        raise InputError(streams.source, problem, 'let both drivers stamp by one clock, and record again')
+        remedy = f'let both drivers stamp by one clock, or state `sensor.time_offset: {-offset:.1f}`'
+        raise InputError(streams.source, problem, remedy)
     if len(found.held) < FEWEST_TOUCHES:
         _check_units(streams, cell)
 

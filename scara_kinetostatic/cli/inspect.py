@@ -41,13 +41,14 @@ def run(args: argparse.Namespace) -> int:
         InputError: the recording or the cell cannot be read or is invalid.
     """
     from scara_kinetostatic.bags.reader import read_streams
-    from scara_kinetostatic.files.touch_table import is_touch_table, load_touch_table
+    from scara_kinetostatic.files.touch_table import is_touch_table
+    from scara_kinetostatic.pipeline import touches_of_file
     from scara_kinetostatic.touches.detection import find_touches
-    from scara_kinetostatic.touches.table import in_base_frame, touches_of_table
+    from scara_kinetostatic.touches.table import in_base_frame
 
     cell = cell_or_recorded(args.cell, [args.bag])
     if is_touch_table(args.bag):
-        detection = touches_of_table(load_touch_table(args.bag), cell)
+        detection = touches_of_file(args.bag, cell)
         found = _inspection(args.bag, None, detection, in_base_frame(cell))
     else:
         streams = read_streams(args.bag, cell)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from scara_kinetostatic.assessment.mistake_hypotheses import Origin
-from scara_kinetostatic.assessment.mistakes import find_mistake
 from scara_kinetostatic.errors import InputError, RecordingError
 from scara_kinetostatic.files.touch_table import TouchTable
 from scara_kinetostatic.model.arrays import Floats, Indices, Mask
@@ -43,12 +41,15 @@ def in_base_frame(cell: Cell) -> Cell:
     return replace(cell, sensor=cell.sensor._replace(frame=SensorFrame.BASE, sign=SensorSign.ON_OBJECT))
 
 
-def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
+def touches_of_table(
+    table: TouchTable, cell: Cell, explain: Callable[[TouchSet, Cell], InputError | None] = lambda touches, cell: None
+) -> Detection:
     """The touches of a table, rejected where no object of the cell is there.
 
     Args:
         table: the table.
         cell: nominal parameters and discs.
+        explain: the mistake by which most touches meet no object; None if it finds none.
 
     Raises:
         RecordingError: a row names an object that the cell does not have, or the forces are in another frame or sign.
@@ -75,10 +76,8 @@ def touches_of_table(table: TouchTable, cell: Cell) -> Detection:
         order=order_of_time(table.time),
     )
     lost = int(np.sum(~known))
-    if lost > SETTINGS.lost * len(disc):
-        mistake = find_mistake(touches, cell, origin=Origin.TABLE)
-        if mistake is not None:
-            raise mistake.error(table.source)
+    if lost > SETTINGS.lost * len(disc) and (mistake := explain(touches, cell)) is not None:
+        raise mistake
     _check_sign(table, cell, disc, named, association)
     if lost and association.advice:
         problem = f'{lost} of {len(disc)} touches have no object: {association.advice}'
