@@ -156,7 +156,7 @@ def touches_of_file(path: str | Path, cell: Cell) -> Detection:
 
     def explain(touches: TouchSet, cell: Cell) -> InputError | None:
         mistake = find_mistake(touches, cell, origin=Origin.TABLE)
-        return None if mistake is None else mistake.error(path)
+        return None if mistake is None else mistake.error(str(path))
 
     if is_touch_table(path):
         return touches_of_table(load_touch_table(path), cell, explain)
