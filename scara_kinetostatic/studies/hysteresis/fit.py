@@ -11,19 +11,17 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
 from scara_kinetostatic.studies.hysteresis.laws import Law, Parameter, Refinement, Values, refined
+from scara_kinetostatic.studies.hysteresis.least_squares import first_least, minimise, out_of_kinks
 from scara_kinetostatic.studies.hysteresis.motion import Motion, Rows
 
-_FOLLOWED = 3
+_FOLLOWED = 5
 """Number of starting points that are optimised."""
 _STEP = 1e-4
 """Step of the scaled parameters for the finite differences of the Jacobian."""
-_EVALUATIONS = 100
-"""Largest number of evaluations of one optimisation."""
 
 
 class Fit(NamedTuple):
@@ -57,34 +55,72 @@ def fit_refined(base: Fit, refinement: Refinement, motion: Motion, rows: Rows) -
 
 
 def _best(law: Law, motion: Motion, rows: Rows, starts: Sequence[Values]) -> Fit:
-    def square(start: Values) -> float:
-        left = (motion.force - law.force(start, motion))[rows]
-        return float(left @ left)
+    problem = _Problem(law, motion, rows)
+    raw: dict[float, Values] = {}
+    scaled: dict[float, Values] = {}
+    for start in starts:
+        raw.setdefault(round(problem.square(start), 9), start)
+        values = _scaled_to_force(law, motion, rows, start)
+        scaled.setdefault(round(problem.square(values), 9), values)
+    followed = [
+        problem.minimise(several[square]) for several in (raw, scaled) for square in sorted(several)[:_FOLLOWED]
+    ]
+    best = followed[first_least([float(np.sum(problem.residual(each) ** 2)) for each in followed])]
+    return problem.fitted(out_of_kinks(problem.residual, best, problem.bounds))
 
-    followed = [_descend(law, motion, rows, start) for start in sorted(starts, key=square)[:_FOLLOWED]]
-    return min(followed, key=lambda each: each.rms(rows))
+
+class _Problem:
+    """The least-squares problem, scaled to the order of 1."""
+
+    def __init__(self, law: Law, motion: Motion, rows: Rows) -> None:
+        self.law, self.motion, self.rows = law, motion, rows
+        self.scale = law.scales(motion)
+        least = np.array([each.least for each in law.parameters]) / self.scale
+        self.bounds = least, np.full(len(least), np.inf)
+        self._extent = float(np.linalg.norm(motion.force[rows]))
+
+    def values(self, scaled: Floats) -> dict[str, float]:
+        return dict(zip((each.name for each in self.law.parameters), (scaled * self.scale).tolist(), strict=True))
+
+    def residual(self, scaled: Floats) -> Floats:
+        force = self.law.force(self.values(scaled), self.motion)
+        return np.asarray((force - self.motion.force)[self.rows] / self._extent)
+
+    def square(self, values: Values) -> float:
+        return float(np.sum(((self.law.force(values, self.motion) - self.motion.force)[self.rows] / self._extent) ** 2))
+
+    def jacobian(self, scaled: Floats) -> Floats:
+        here = self.residual(scaled)
+        steps = np.eye(len(scaled)) * _STEP
+        return np.stack([(self.residual(scaled + step) - here) / _STEP for step in steps], axis=1)
+
+    def minimise(self, start: Values) -> Floats:
+        first = np.array([start[each.name] for each in self.law.parameters]) / self.scale
+        return minimise(self.residual, self.jacobian, first, self.bounds, penalty=1e-6, evaluations=60)
+
+    def fitted(self, scaled: Floats) -> Fit:
+        values = self.values(scaled)
+        return Fit(self.law, values, self.motion.force - self.law.force(values, self.motion))
+
+
+def _scaled_to_force(law: Law, motion: Motion, rows: Rows, start: Values) -> Values:
+    """A start with its forces scaled, and shifted where the law has a zero of the force, to fit best."""
+    force, measured = law.force(start, motion)[rows], motion.force[rows]
+    has_zero = 'force_zero' in start
+    design = np.stack([force, np.full(len(force), motion.force_range if has_zero else 0.0)], axis=1)
+    (factor, shift), *_ = np.linalg.lstsq(design, measured, rcond=1e-9)
+    if not factor > 0:
+        return start
+    powers = {'N': 1, 'm/N': -1, 'N/m': 1, 'Ns/m': 1}
+    values = {each.name: start[each.name] * float(factor) ** powers.get(each.unit, 0) for each in law.parameters}
+    if has_zero:
+        values['force_zero'] += float(shift) * motion.force_range
+    return values
 
 
 def _descend(law: Law, motion: Motion, rows: Rows, start: Values) -> Fit:
-    names = [each.name for each in law.parameters]
-    scale = law.scales(motion)
-
-    def residual(scaled: Floats) -> Floats:
-        force = law.force(dict(zip(names, (scaled * scale).tolist(), strict=True)), motion)
-        return np.asarray((force - motion.force)[rows])
-
-    def jacobian(scaled: Floats) -> Floats:
-        here = residual(scaled)
-        steps = np.eye(len(scaled)) * _STEP
-        return np.stack([(residual(scaled + step) - here) / _STEP for step in steps], axis=1)
-
-    least = np.array([each.least for each in law.parameters]) / scale
-    first = np.maximum(np.array([start[name] for name in names]) / scale, least + 1e-9)
-    found = least_squares(
-        residual, first, jacobian, bounds=(least, np.full(len(least), np.inf)), x_scale='jac', max_nfev=_EVALUATIONS
-    )
-    values = dict(zip(names, (found.x * scale).tolist(), strict=True))
-    return Fit(law, values, motion.force - law.force(values, motion))
+    problem = _Problem(law, motion, rows)
+    return problem.fitted(out_of_kinks(problem.residual, problem.minimise(start), problem.bounds))
 
 
 def refit(fitted: Fit, motion: Motion, rows: Rows, only: Sequence[str] | None = None) -> Fit:

@@ -100,7 +100,7 @@ def _size(parameter: Parameter, motion: Motion) -> float:
     return sizes[parameter.unit]
 
 
-_ZERO = Parameter('zero', 'm', -np.inf, (-0.2, 0.0, 0.2))
+_ZERO = Parameter('zero', 'm', -np.inf, (-0.4, -0.2, 0.0, 0.2, 0.4))
 _START = Parameter('start', 'm', -np.inf, (0.0,))
 _COMPLIANCE = Parameter('compliance', 'm/N', 1e-15, (0.03, 0.08, 0.2, 0.5))
 _HALF_GAP = Parameter('half_gap', 'm', 0.0, (0.01, 0.03, 0.08, 0.2))
@@ -213,8 +213,8 @@ def _plateau(values: Values, motion: Motion, sign: int) -> Floats:
 _LAW6 = (_ZERO, _COMPLIANCE, _HALF_GAP, _SENSOR)
 BACKLASH = Law('backlash', 'law (6): slope and gap', _LAW6, _backlash)
 SOFTENING = Law('softening', 'softening spring', (*_LAW6, *_SLIPS), _softening)
-VISCOUS = Law('viscous', 'damper in parallel', (*_LAW6, Parameter('damping', 'Ns/m', -np.inf, (0.5,))), _viscous)
-FRICTION = Law('friction', 'friction in parallel', (*_LAW6, Parameter('friction', 'N', 0.0, (0.5,))), _friction)
+VISCOUS = Law('viscous', 'damper in parallel', (*_LAW6, Parameter('damping', 'Ns/m', -np.inf, (0.05, 0.5))), _viscous)
+FRICTION = Law('friction', 'friction in parallel', (*_LAW6, Parameter('friction', 'N', 0.0, (0.05, 0.5))), _friction)
 SLIP_NO_GAP = Law('slip_no_gap', 'slip in series, no gap', (_START, _COMPLIANCE, *_SLIPS), _slip)
 SLIP = Law('slip', 'slip in series', (_START, _COMPLIANCE, _HALF_GAP, _SENSOR, *_SLIPS), _slip)
 RESET = Law('reset', 'law (6), reset at every reversal', _LAW6[1:], _reset)

@@ -17,21 +17,18 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares, nnls
+from scipy.optimize import nnls
 
 from scara_kinetostatic.model.arrays import Floats, Mask
+from scara_kinetostatic.studies.hysteresis.least_squares import first_least, minimise, out_of_kinks
 from scara_kinetostatic.studies.hysteresis.load_driven.laws import Law, Shape
 from scara_kinetostatic.studies.hysteresis.load_driven.load_path import LoadPath
 from scara_kinetostatic.studies.hysteresis.model_selection import effective_count
 
 _ROUNDS = 12
 """Largest number of improvements of amplitudes and states in turn."""
-_EVALUATIONS = 25
-"""Largest number of evaluations of a refinement,"""
-_EVALUATIONS_WARM = 10
-"""and where one of its starting points is a fit to nearly the same records."""
-_TOLERANCE = 1e-6
-"""Relative change of the sum of squares, and of the parameters, at which a refinement ends."""
+_DIGITS = 12
+"""Digits after the point that count, of a sum of squares as a share of that of the response."""
 _REFINED = 2
 """Number of grid points that are refined."""
 _STEP = 1e-4
@@ -130,126 +127,125 @@ def fit(
     starts = []
     for number, shape in enumerate(shapes(law, size)):
         grids = [each.grid[number] for each in records]
-        middle = len(law.states) // 2
-        for begin in {0, middle, len(law.states) - 1}:
-            square, amplitudes, picked = _alternate(grids, begin, direction)
-            states = np.array([law.states[pick] for pick in picked])
-            starts.append(LoadFit(law, direction, amplitudes, shape, states, square))
-    starts.sort(key=lambda start: start.square)
-    followed = starts[:_REFINED] if warm_start is None else [warm_start, starts[0]]
-    evaluations = _EVALUATIONS if warm_start is None else _EVALUATIONS_WARM
-    found = [_refine(start, records, size, evaluations) for start in followed]
-    return min(found, key=lambda each: each.square)
+        begins = sorted({0, len(law.states) // 2, len(law.states) - 1})
+        found = [_alternate(grids, begin, direction) for begin in begins]
+        square, picked = found[first_least([square for square, _ in found])]
+        starts.append((square, LoadFit(law, direction, np.empty(0), shape, np.array(law.states)[picked], square)))
+    order = np.argsort(np.round([square for square, _ in starts], _DIGITS), kind='stable')
+    followed = [starts[k][1] for k in order[:_REFINED]]
+    refined = [_refine(start, records, size) for start in ([warm_start, followed[0]] if warm_start else followed)]
+    return refined[first_least([each.square for each in refined])]
 
 
-def _alternate(grids: Sequence[Floats], begin: int, direction: float) -> tuple[float, Floats, list[int]]:
-    """Sum of squares, amplitudes and indices of the states at one shape."""
-    picked, wide = [begin] * len(grids), grids[0].shape[-1] - 1
-    amplitudes, square = np.zeros(wide), np.inf
+def _amplitudes(gram: Floats, direction: float) -> Floats:
+    """Least-squares amplitudes a ≥ 0, (k,), from the Gram matrix of (B, y), (k + 1, k + 1)."""
+    wide = len(gram) - 1
+    scale = np.sqrt(np.maximum(np.diagonal(gram)[:wide], 1e-300))
+    root = np.linalg.cholesky(gram[:wide, :wide] / np.outer(scale, scale) + 1e-12 * np.eye(wide))
+    return np.asarray(nnls(root.T, np.linalg.solve(root, direction * gram[:wide, wide] / scale))[0] / scale)
+
+
+def _alternate(grids: Sequence[Floats], begin: int, direction: float) -> tuple[float, list[int]]:
+    """Sum of squares, as a share of that of the response, and indices of the states at one shape."""
+    picked = [begin] * len(grids)
+    whole = sum(float(grid[0, -1, -1]) for grid in grids)
     for _ in range(_ROUNDS):
         total = np.sum([grid[pick] for grid, pick in zip(grids, picked, strict=True)], axis=0)
-        scale = np.sqrt(np.maximum(np.diagonal(total)[:wide], 1e-300))
-        normal = total[:wide, :wide] / np.outer(scale, scale) + 1e-9 * np.eye(wide)
-        root = np.linalg.cholesky(normal)
-        amplitudes = nnls(root.T, np.linalg.solve(root, direction * total[:wide, wide] / scale))[0] / scale
-        vector = np.append(-direction * amplitudes, 1.0)
-        squares = [np.einsum('i,sij,j->s', vector, grid, vector) for grid in grids]
+        vector = np.append(-direction * _amplitudes(total, direction), 1.0)
+        squares = [np.round(np.einsum('i,sij,j->s', vector, grid, vector) / whole, _DIGITS) for grid in grids]
         new, square = [int(each.argmin()) for each in squares], float(sum(each.min() for each in squares))
         if new == picked:
             break
         picked = new
-    return square, amplitudes, picked
+    return square, picked
 
 
 class _Refinement:
-    """The nonlinear problem of a refinement; parameters and residuals are scaled to the order of 1.
+    """The nonlinear problem of a refinement: shape and states, with the best amplitudes for them (variable projection).
+
+    Parameters are scaled to the order of 1.
 
     Attributes:
         start: the fit to start from.
         records: with their moments.
-        unit: of the common parameters, amplitudes first, (k + t,).
-        extent: of the response.
+        first: the parameters to start from, scaled, shape first.
+        bounds: least and largest values of the parameters.
     """
 
     def __init__(self, start: LoadFit, records: Sequence[Moments], size: float) -> None:
         self.start, self.records, law = start, records, start.law
-        self.extent = max(float(np.ptp(each.path.response[each.rows])) for each in records)
-        sizes = np.abs(law.basis(records[0].path, start.shape, 1.0)).max(axis=0)
-        scales = [size if each.is_load else 1.0 for each in law.shape]
-        self.unit = np.concatenate([self.extent / np.maximum(sizes, 1e-300), scales])
-        self._wide = len(law.amplitudes)
-        self._ends = np.cumsum([0, *(int(each.rows.sum()) for each in records)])
+        responses = [each.path.response[each.rows] for each in records]
+        self._response = np.concatenate([each - each.mean() for each in responses])
+        self._ends = np.cumsum([0, *(len(each) for each in responses)])
+        self._scales = np.array([size if each.is_load else 1.0 for each in law.shape])
+        states = len(records) if law.has_state else 0
+        lower = np.array([_LEAST] * len(law.shape) + [-1.0] * states)
+        upper = np.array([each.most for each in law.shape] + [1.0] * states)
+        self.bounds = lower, upper
+        self.first: Floats = np.concatenate([np.array(start.shape) / self._scales, start.states[:states]])
 
-    @property
-    def first(self) -> Floats:
-        """The parameters to start from, scaled."""
-        common = np.concatenate([self.start.amplitudes, self.start.shape]) / self.unit
-        return np.concatenate([common, self.start.states if self.start.law.has_state else []])
-
-    @property
-    def bounds(self) -> tuple[Floats, Floats]:
-        """Least and largest values of the parameters."""
-        most, states = [each.most for each in self.start.law.shape], len(self.first) - len(self.unit)
-        lower = np.array([0.0] * self._wide + [_LEAST] * len(most) + [-1.0] * states)
-        return lower, np.array([np.inf] * self._wide + most + [1.0] * states)
-
-    def split(self, scaled: Floats) -> tuple[Floats, Shape, Floats]:
-        """Amplitudes, shape and initial states."""
-        common = scaled[: len(self.unit)] * self.unit
-        states = scaled[len(self.unit) :] if self.start.law.has_state else self.start.states
-        return common[: self._wide], tuple(common[self._wide :].tolist()), states
+    def fitted(self, scaled: Floats) -> LoadFit:
+        """The law with these parameters and the best amplitudes for them."""
+        shape, states = self._split(scaled)
+        basis = self._basis(shape, states)
+        amplitudes = self._amplitudes(basis)
+        left = self._response - basis @ amplitudes
+        return LoadFit(self.start.law, self.start.direction, amplitudes, shape, states, float(left @ left))
 
     def residual(self, scaled: Floats) -> Floats:
         """Prediction less response of all samples, without the records' zeros."""
-        amplitudes, shape, own = self.split(scaled)
-        parts = []
-        for each, state in zip(self.records, own.tolist(), strict=True):
-            response = each.path.response[each.rows]
-            parts.append(self._centred(each, shape, state) @ amplitudes - (response - response.mean()))
-        return np.concatenate(parts) / self.extent
+        basis = self._basis(*self._split(scaled))
+        left = basis @ self._amplitudes(basis) - self._response
+        return np.asarray(left)
 
     def jacobian(self, scaled: Floats) -> Floats:
-        """Derivatives of the residual; those by shape and state by differences."""
-        amplitudes, shape, own = self.split(scaled)
-        out = np.zeros((self._ends[-1], len(scaled)))
-        for number, (each, state) in enumerate(zip(self.records, own.tolist(), strict=True)):
-            rows = slice(self._ends[number], self._ends[number + 1])
-            basis = self._centred(each, shape, state)
-            here = basis @ amplitudes
-            out[rows, : self._wide] = basis * self.unit[: self._wide]
-            for place, value in enumerate(shape):
-                moved = (*shape[:place], value + _STEP * self.unit[self._wide + place], *shape[place + 1 :])
-                out[rows, self._wide + place] = (self._centred(each, moved, state) @ amplitudes - here) / _STEP
-            if self.start.law.has_state:
-                step = _STEP if state < 0 else -_STEP
-                moved_state = self._centred(each, shape, state + step) @ amplitudes
-                out[rows, len(self.unit) + number] = (moved_state - here) / step
-        return out / self.extent
+        """Derivatives of the residual, of the basis by differences, at right angles to it (Kaufman, BIT 15, 1975)."""
+        shape, states = self._split(scaled)
+        basis = self._basis(shape, states)
+        amplitudes = self._amplitudes(basis)
+        here = basis @ amplitudes
+        moved = np.zeros((len(here), len(scaled)))
+        for place in range(len(shape)):
+            stepped = list(shape)
+            stepped[place] += _STEP * self._scales[place]
+            moved[:, place] = (self._basis(tuple(stepped), states) @ amplitudes - here) / _STEP
+        for number in range(len(scaled) - len(shape)):
+            rows, step = slice(*self._ends[number : number + 2]), _STEP if states[number] < 0 else -_STEP
+            own = self._centred(number, shape, float(states[number]) + step) @ amplitudes
+            moved[rows, len(shape) + number] = (own - here[rows]) / step
+        along = np.linalg.qr(basis[:, amplitudes > 0])[0]
+        moved -= along @ (along.T @ moved)
+        return moved
 
-    def _centred(self, each: Moments, shape: Shape, state: float) -> Floats:
-        """The basis s B of a record less its mean."""
+    def _split(self, scaled: Floats) -> tuple[Shape, Floats]:
+        """Shape and initial states."""
+        count = len(self._scales)
+        states = scaled[count:] if self.start.law.has_state else np.zeros(len(self.records))
+        return tuple((scaled[:count] * self._scales).tolist()), states
+
+    def _amplitudes(self, basis: Floats) -> Floats:
+        columns = np.column_stack([basis, self._response])
+        return _amplitudes(columns.T @ columns, 1.0)
+
+    def _basis(self, shape: Shape, states: Floats) -> Floats:
+        """The basis s B of all records, each less its mean."""
+        return np.concatenate([self._centred(number, shape, state) for number, state in enumerate(states.tolist())])
+
+    def _centred(self, number: int, shape: Shape, state: float) -> Floats:
+        each = self.records[number]
         basis = self.start.law.basis(each.path, shape, state)[each.rows]
         return self.start.direction * (basis - basis.mean(axis=0))
 
 
-def _refine(start: LoadFit, records: Sequence[Moments], size: float, evaluations: int) -> LoadFit:
+def _refine(start: LoadFit, records: Sequence[Moments], size: float) -> LoadFit:
     """Gauss-Newton refinement of all parameters, within their bounds."""
     problem = _Refinement(start, records, size)
-    lower, upper = problem.bounds
-    inside = np.clip(problem.first, lower + 1e-9, np.where(np.isfinite(upper), upper - 1e-9, np.inf))
-    found = least_squares(
-        problem.residual,
-        inside,
-        problem.jacobian,
-        bounds=(lower, upper),
-        x_scale=np.maximum(np.abs(inside), 0.05),
-        max_nfev=evaluations,
-        ftol=_TOLERANCE,
-        xtol=_TOLERANCE,
-    )
-    amplitudes, shape, states = problem.split(found.x)
-    square = 2 * float(found.cost) * problem.extent**2
-    return LoadFit(start.law, start.direction, amplitudes, shape, np.array(states), square)
+    if not len(problem.first):
+        return problem.fitted(problem.first)
+    shape = len(start.shape)
+    penalty = np.where(np.arange(len(problem.first)) < shape, 1e-5 / np.maximum(problem.first, 1e-3), 1e-3)
+    found = minimise(problem.residual, problem.jacobian, problem.first, problem.bounds, penalty)
+    return problem.fitted(out_of_kinks(problem.residual, found, problem.bounds))
 
 
 def predict(fitted: LoadFit, path: LoadPath, known: Mask) -> Prediction:
