@@ -1,11 +1,10 @@
 """The part of a recording in which the tip is in contact: joint angles and force at the same instants.
 
 The zero of the force sensor cannot be taken from where the arm moves most, as with touches: here it moves in contact.
-It is taken from the begin of the recording, where the arm is free unless the force is more than `LARGEST_ZERO` larger
-there than elsewhere, and not the same at the end; else from the smallest force that is steady for at least
-`SHORTEST_FREE`. Each contact has the zero of the free motion right before it, where there is one. The force is taken to
-the stamps of the joint states by a mean over `SMOOTHING`. A slide lasts for longer than a touch: where the noise asks
-for it, contact is sought in a mean over up to `LONGEST_SMOOTHING`.
+It is the steady force at the begin of the recording, where the arm is free; each contact has the zero of the free
+motion right before it, where there is one. The force is taken to the stamps of the joint states by a mean over
+`SMOOTHING`. A slide lasts for longer than a touch: where the noise asks for it, contact is sought in a mean over up to
+`LONGEST_SMOOTHING`.
 """
 
 from __future__ import annotations
@@ -19,26 +18,10 @@ from scara_kinetostatic.model.arrays import Floats, Indices, Mask
 from scara_kinetostatic.touches.contacts import SHORTEST_FREE, Contacts, find_contacts, tare_before
 from scara_kinetostatic.touches.signals import SMOOTHING, Signals, moving_mean, white_noise
 
-LEAST_FORCE = 0.3
-"""Contact counts as lost where the force is below this part of the median force in contact."""
 LARGEST_ZERO = 2.0
-"""A recording that begins with a steady force larger than the smallest by this at most, N, begins with free motion."""
-_STEADY = 3.0
-"""A mean force is steady where the scatter about it is at most this many times the white noise."""
-_SAME_ZERO = 0.5
-"""Steady forces that differ by less than this, N,"""
-_SAME_SIGMAS = 4.0
-"""or than this many standard deviations of the mean over `SHORTEST_FREE`, are the same zero."""
-_FREE_WAY = 5e-3
-"""Nothing that is touched lets the tip move so far, m, within 45° of a steady force."""
-_LEAST_STEP = 3e-4
-"""A shorter way within `SHORTEST_FREE` does not count for this, m: it may be noise."""
-_OTHER_ZERO = 1.0
-"""A recording that begins with a steady force farther from the zero, N, begins in contact."""
+"""A zero that is larger by more than this than another steady force, N, was taken in contact."""
 LONGEST_SMOOTHING = 0.25
 """Of the force in which contact is sought, s."""
-_HARDLY_SEEN = 2.0
-"""A force below this many times that from which on contact is seen is worth a warning."""
 
 
 class ContactSamples(NamedTuple):
@@ -82,8 +65,8 @@ def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -
     Raises:
         UnsupportedDataError: the tip never touches anything, or is never free.
     """
-    zero, warnings = force_zero(signals, source) if zero is None else (zero, ())
-    contacts = contacts_of(signals, zero)
+    zero = force_zero(signals, source) if zero is None else zero
+    contacts = find_contacts(signals, zero, LONGEST_SMOOTHING)
     if not len(contacts.begin):
         reach = float(np.hypot(*(signals.filtered.value - zero).T).max())
         raise UnsupportedDataError(
@@ -103,10 +86,18 @@ def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -
         previous = end
     size = np.hypot(*force.T)
     typical = float(np.median(size[number >= 0])) if (number >= 0).any() else 0.0
-    used = (number >= 0) & (size > LEAST_FORCE * typical) & _has_force_near(time, signals)
+    later = np.clip(np.searchsorted(signals.wrench.time, time), 1, len(signals.wrench.time) - 1)
+    is_near = (
+        np.diff(signals.wrench.time)[later - 1] <= signals.wrench.gap_limit
+    )  # nothing is interpolated over a pause
+    used = (number >= 0) & (size > 0.3 * typical) & is_near
     if used.sum() < 2:
         problem = f'{source}: contact lasts for {int(used.sum())} joint states only'
         raise UnsupportedDataError(problem, 'slide for longer, or record joint states at a higher rate')
+    weak = (
+        f'the force in contact, {typical:.1f} N, is close to the {contacts.threshold:.1f} N from which on contact is '
+        'seen: parts may be missing or wrong; slide with more force',
+    )
     first, last = np.flatnonzero(used)[[0, -1]]
     between = ~used[first : last + 1]
     return ContactSamples(
@@ -117,27 +108,7 @@ def contact_samples(signals: Signals, source: str, zero: Floats | None = None) -
         force_noise=white_noise(signals.wrench.value) / float(np.sqrt(width)),
         lost=float(between.sum() * signals.joints.period),
         zero=own,
-        warnings=(*signals.warnings, *warnings, *_hardly_seen(typical, contacts.threshold)),
-    )
-
-
-def contacts_of(signals: Signals, zero: Floats) -> Contacts:
-    """The contacts of a slide.
-
-    Args:
-        signals: the recording.
-        zero: what the sensor reports without force, (2,), N.
-    """
-    return find_contacts(signals, zero, LONGEST_SMOOTHING)
-
-
-def _hardly_seen(force: float, threshold: float) -> tuple[str, ...]:
-    """A warning where the force in contact is close to the one from which on contact is seen, N."""
-    if force > _HARDLY_SEEN * threshold:
-        return ()
-    return (
-        f'the force in contact, {force:.1f} N, is close to the {threshold:.1f} N from which on contact is seen: parts '
-        'may be missing or wrong; slide with more force',
+        warnings=(*signals.warnings, *(weak if typical <= 2 * contacts.threshold else ())),
     )
 
 
@@ -152,54 +123,32 @@ def _number_of_contact(time: Floats, contacts: Contacts) -> Indices:
     return np.where(time <= ends, number, -1)
 
 
-def _has_force_near(time: Floats, signals: Signals) -> Mask:
-    """Whether each time is between two forces without a pause, (n,): across a pause nothing is interpolated."""
-    stamps = signals.wrench.time
-    later = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
-    return np.asarray(stamps[later] - stamps[later - 1] <= signals.wrench.gap_limit)
-
-
 def _renumbered(number: Indices, used: Mask) -> Indices:
     """Number of the uninterrupted contact of the used instants: one that is lost in between counts as two."""
     breaks = np.append(True, ~used[:-1]) | np.append(True, np.diff(number) != 0)
     return (np.cumsum(breaks & used) - 1)[used]
 
 
-def force_zero(signals: Signals, source: str) -> tuple[Floats, tuple[str, ...]]:
-    """What the sensor reports without force, (2,), N, and a warning where the recording begins in contact.
+def force_zero(signals: Signals, source: str) -> Floats:
+    """What the sensor reports without force, (2,), N: the first steady force, and all like it.
 
     Args:
         signals: the recording.
         source: its name, for messages.
 
     Raises:
-        UnsupportedDataError: no steady force lasts long enough.
+        UnsupportedDataError: no steady force lasts long enough, or the recording begins in contact.
     """
+    remedy = 'begin and end the recording with free motion'
     _, mean, steady, tolerance = _blocks(signals)
     if not steady.any():
         problem = f'{source}: the force is never steady for {SHORTEST_FREE:g} s: there is no zero of the force sensor'
-        raise UnsupportedDataError(problem, 'begin and end the recording with free motion')
-    size_of = np.hypot(*mean.T)
-    least = int(np.flatnonzero(steady)[size_of[steady].argmin()])
-    is_large = bool(steady[0]) and size_of[0] >= size_of[least] + LARGEST_ZERO
-    at_both_ends = bool(steady[0] and steady[-1]) and np.hypot(*(mean[0] - mean[-1])) < tolerance
-    if steady[0] and (at_both_ends or not is_large):
-        least = 0
-    same = steady & (np.hypot(*(mean - mean[least]).T) < tolerance)
-    zero = np.median(mean[same], axis=0)
-    if is_large and at_both_ends:
-        size_there = float(np.hypot(*zero))
-        return zero, (
-            f'the zero of the force sensor is {size_there:.1f} N, the force at begin and end of the recording, and '
-            'smaller in between: nothing may be touched at begin and end',
-        )
-    away = float(np.hypot(*(mean[0] - zero)))
-    if steady[0] and away > _OTHER_ZERO:
-        return zero, (
-            f'the recording begins in contact, or the zero of the force sensor changes by {away:.1f} N; '
-            'begin and end with free motion',
-        )
-    return zero, ()
+        raise UnsupportedDataError(problem, remedy)
+    mean = mean[steady]
+    excess = float(np.hypot(*mean[0]) - np.hypot(*mean.T).min())
+    if excess > LARGEST_ZERO and np.hypot(*(mean[0] - mean[-1])) >= tolerance:
+        raise UnsupportedDataError(f'{source}: it begins in contact: later the force is {excess:.1f} N smaller', remedy)
+    return np.asarray(np.median(mean[np.hypot(*(mean - mean[0]).T) < tolerance], axis=0))
 
 
 def zero_if_free(signals: Signals, zero: Floats, tip: Floats) -> Floats | None:
@@ -222,8 +171,8 @@ def zero_if_free(signals: Signals, zero: Floats, tip: Floats) -> Floats | None:
     found: Floats = np.median(mean[first:], axis=0)
     way = np.diff(np.column_stack([np.interp(time[first:], signals.joints.time, column) for column in tip.T]), axis=0)
     length, along = np.hypot(*way.T), np.abs(way @ (found - zero)) / max(float(np.hypot(*(found - zero))), 1e-9)
-    counts = (length > _LEAST_STEP) & (along > np.sqrt(0.5) * length)
-    return found if float(along[counts].sum()) > _FREE_WAY else None
+    counts = (length > 3e-4) & (along > np.sqrt(0.5) * length)  # shorter: may be noise
+    return found if float(along[counts].sum()) > 5e-3 else None
 
 
 def _blocks(signals: Signals) -> tuple[Floats, Floats, Mask, float]:
@@ -236,5 +185,5 @@ def _blocks(signals: Signals) -> tuple[Floats, Floats, Mask, float]:
     blocks = wrench.value[: count * size].reshape(count, size, 2)
     scatter = blocks.std(axis=1).max(axis=1, initial=0.0)
     time = wrench.time[: count * size].reshape(count, size).mean(axis=1)
-    steady = scatter <= _STEADY * noise + 1e-6
-    return time, blocks.mean(axis=1), steady, max(_SAME_ZERO, _SAME_SIGMAS * noise / float(np.sqrt(size)))
+    steady = scatter <= 3 * noise + 1e-6
+    return time, blocks.mean(axis=1), steady, max(0.5, 4 * noise / float(np.sqrt(size)))

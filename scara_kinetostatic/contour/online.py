@@ -13,11 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from itertools import pairwise
 
 import numpy as np
 
-from scara_kinetostatic.contour.contact import LARGEST_ZERO, contacts_of, force_zero, zero_if_free
+from scara_kinetostatic.contour.contact import LARGEST_ZERO, LONGEST_SMOOTHING, force_zero, zero_if_free
 from scara_kinetostatic.contour.joining import JoinedPasses, Outline
 from scara_kinetostatic.contour.path import WINDOWS
 from scara_kinetostatic.contour.result import Contour
@@ -29,6 +28,7 @@ from scara_kinetostatic.model.cell import Sensor
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.touches.contacts import AFTER_CONTACT
 from scara_kinetostatic.touches.online import StreamPair
+from scara_kinetostatic.touches.segmentation import find_contacts
 from scara_kinetostatic.touches.signals import Signals, as_signals
 
 MOST_NODES = 20_000
@@ -49,8 +49,6 @@ _LEAD = 3 * SECOND // 10
 """Samples that are kept before the points that are needed, ns: smoothing and the begin of a pass take some."""
 _OVERLAP = 3e-3
 """Of what is joined already, so much is joined with the next part of a pass, m: by it the two are found to be one."""
-_SHORTEST = 0.2
-"""Between two jumps of the tip, a shorter slide is not traced, s."""
 _SAID = 30 * SECOND
 """So long a jump of the tip is said, ns."""
 _LATE = 'the clocks of the topics seem to differ: nothing is traced until that is sure, for 15 s at most'
@@ -137,10 +135,6 @@ class OnlineContour:
         event = self._event if self.now < self._happened + _SAID else ''
         return '; '.join(filter(None, (self._doubt, event, self._problem)))
 
-    def _say(self, event: str) -> None:
-        """Says it for a while."""
-        self._event, self._happened = event, self.now
-
     def _forget_problems(self) -> None:
         self._problem = self._event = ''
         self._happened = _NEVER
@@ -179,7 +173,10 @@ class OnlineContour:
                 self._trace(signals, touching)
                 self._drop(self.now - (_LONGEST if touching else _FREE))
             except JumpError as jump:
-                self._break(signals, jump)
+                self._event, self._happened = f'{jump.what}; {jump.remedy}', self.now
+                with suppress(JumpError):
+                    self._trace(signals.stretch(-np.inf, jump.times[0]), touching=False)
+                self._drop(signals.start + round(1e9 * jump.times[-1]))
         return self._shown is not before
 
     def _signals(self, now: int) -> Signals | None:
@@ -198,7 +195,7 @@ class OnlineContour:
 
     def _last_contact(self, signals: Signals) -> float:
         """End of the last contact by the zero that is known, s; minus infinity where there is none."""
-        ends = np.empty(0) if self.zero is None else contacts_of(signals, self.zero).end
+        ends = np.empty(0) if self.zero is None else find_contacts(signals, self.zero, LONGEST_SMOOTHING).end
         return float(ends[-1]) if len(ends) else -np.inf
 
     def _find_zero(self, signals: Signals) -> bool:
@@ -211,7 +208,7 @@ class OnlineContour:
             self._heal_zero(signals)
             return True
         try:
-            self.zero, _ = force_zero(signals.stretch(last + AFTER_CONTACT, np.inf), _SOURCE)
+            self.zero = force_zero(signals.stretch(last + AFTER_CONTACT, np.inf), _SOURCE)
         except UnsupportedDataError as error:
             self._problem = '' if self.zero is not None else error.problem
         return self.zero is not None
@@ -244,17 +241,6 @@ class OnlineContour:
             self._problem = error.problem if touching else ''
         else:
             self._join(contour, signals.start, self.now, touching)
-
-    def _break(self, signals: Signals, jump: JumpError) -> None:
-        """Joins for good what was before the last jump of the tip; the next poll goes on after it."""
-        bounds = [-np.inf, *jump.times.tolist()]
-        for begin, end in pairwise(bounds):
-            part = signals.stretch(begin, end)
-            if end - begin > _SHORTEST and len(part.wrench.time) > 1:
-                with suppress(JumpError):
-                    self._trace(part, touching=False)
-        self._say(f'{jump.what}; {jump.remedy}')
-        self._drop(signals.start + round(1e9 * bounds[-1]))
 
     def _join(self, contour: Contour, start: int, now: int, touching: bool) -> None:
         """Joins the new points of a contour to the outlines, those for good that do not change any more."""

@@ -122,51 +122,24 @@ def tip_places(arm: CalibratedArm, joints: Floats, force: Floats, force_noise: f
     return TipPlaces(found.tip, by_model.transpose(2, 1, 0), covariance, noise.matrices, loadings)
 
 
-LARGEST_ANGLE = 1.2
-"""Largest angle between force and normal of a contact, rad: beyond, the path is not that of a tip on a surface."""
-MOST_LEFT_OUT = 0.25
-"""Largest part of a pass where the force may be not across: one with more is left out, as where the object turns under
-the tip. Where all are such, or of all points twice as many, frame or sign of the sensor are wrong.
-"""
-_MANY = 100
-"""Points of such a pass at least."""
-_CLEAR_FORCE = 4.0
-"""In a pass the median force is at least so many standard deviations of the noise of a sample,"""
-_FAINT = 0.5
-"""or this part of the median of all."""
-END_SAMPLES = 3
-"""Instants left out at both ends of a pass, where the tip comes or goes and its direction is known from one side."""
 LARGEST_TIP = 0.1
 """Largest radius of a tip, m; more is one in millimetres."""
-INNER_CORNER = 0.25
-"""In an inner corner the path has a radius below this part of the tip's: the surface is hollow, and hardly wider."""
-_JUMP = 1e-3
-"""The tip jumps where it moves from one joint state to the next by more than this, m,"""
-_JUMP_FACTOR = 8.0
-"""and more than this many times its usual step."""
 
 
 class JumpError(UnsupportedDataError):
     """The tip jumps while in contact.
 
-    Args:
-        source: the recording.
-        sizes: how far it jumps, (k,), m.
-        times: when it is there, since the start of the recording, (k,), s.
-
     Attributes:
+        times: of the jumps, since the start of the recording, (k,), s.
         what: that it jumps, how far and how often.
     """
 
     def __init__(self, source: str, sizes: Floats, times: Floats) -> None:
         self.times = times
         more = f' and {len(sizes) - 1} more times' if len(sizes) > 1 else ''
-        jumps = f'the tip jumps by {1e3 * sizes[0]:.2g} mm'
-        self.what = f'{jumps}{more}, in contact'
-        super().__init__(
-            f'{source}: {jumps} at {times[0]:.2f} s{more}, in contact',
-            'check that the joint states are complete and stamped right, and slide without leaping over a gap',
-        )
+        self.what = f'the tip jumps by {1e3 * sizes[0]:.2g} mm{more}, in contact'
+        remedy = 'check that the joint states are complete and stamped right, and slide without leaping over a gap'
+        super().__init__(f'{source}: {self.what}, at {times[0]:.2f} s', remedy)
 
 
 def trace_contour(
@@ -252,7 +225,7 @@ def _without_free(number: Indices, samples: ContactSamples) -> Indices:
 
     Contact is sought in a mean over a longer time than a short loss of contact lasts.
     """
-    least = min(_CLEAR_FORCE * samples.force_noise, _FAINT * float(np.median(np.hypot(*samples.force.T))))
+    least = min(4 * samples.force_noise, 0.5 * float(np.median(np.hypot(*samples.force.T))))
     width = 2 * round(0.5 * LONGEST_SMOOTHING / max(float(np.median(np.diff(samples.time))), 1e-6)) + 1
     kept = []
     for k in range(number.max() + 1):
@@ -283,7 +256,7 @@ def _split_at_gaps(samples: ContactSamples, center: Floats, source: str, period:
     pause = elapsed > max(0.1, 5 * period)
     usual = float(np.median(step[same])) if same.any() else 0.0
     speed = step * period / np.maximum(elapsed, 0.2 * period)
-    jumps = np.flatnonzero(same & ~pause & (speed > max(_JUMP, _JUMP_FACTOR * usual)))
+    jumps = np.flatnonzero(same & ~pause & (speed > max(1e-3, 8 * usual)))
     if len(jumps):
         raise JumpError(source, step[jumps], samples.time[jumps + 1])
     return samples.contact + np.append(0, np.cumsum(pause & same))
@@ -325,7 +298,7 @@ def _course(samples: ContactSamples, center: Floats, force: Floats, number: Indi
         is_left = np.median((force[here] * left).sum(axis=1)) > 0
         normal[here] = -left if is_left else left
         convex[here], hollow[here] = (found.left, found.right) if is_left else (found.right, found.left)
-        end[here[:END_SAMPLES]] = end[here[-END_SAMPLES:]] = True
+        end[here[:3]] = end[here[-3:]] = True  # there the direction is known from one side
     return _Course(normal, along, angle_std, convex, hollow, white, end)
 
 
@@ -337,19 +310,10 @@ def _usable(course: _Course, force: Floats, number: Indices, source: str) -> tup
     """
     inside = (number >= 0) & ~course.end
     off = np.where(inside, off_normal_angle(force, course.normal, course.along), np.inf)
-    across = np.abs(off) < LARGEST_ANGLE
-    if not across.any():
-        problem = f'{source}: the force is nowhere across the motion of the tip'
-        raise UnsupportedDataError(problem, 'check frame and sign of the force sensor in the cell description')
-    count = np.bincount(number[across], minlength=number.max() + 1)
-    across &= count[number] > 1  # a single point has no direction along the surface
-    if not across.any():
-        raise UnsupportedDataError(f'{source}: the force is across the motion of the tip at single points only')
-    part = float((inside & ~across).sum() / inside.sum())
-    total, bad = (np.bincount(number[which], minlength=number.max() + 1) for which in (inside, inside & ~across))
-    doubtful = (total >= _MANY) & (bad > MOST_LEFT_OUT * total)
-    across &= ~doubtful[number]
-    if part > 2 * MOST_LEFT_OUT or not across.any():
+    across = np.abs(off) < 1.2  # rad; beyond, the path is not that of a tip on a surface
+    part = float((inside & ~across).sum() / max(int(inside.sum()), 1))
+    across &= np.bincount(number[across], minlength=number.max() + 1)[number] > 1  # one point has no direction
+    if part > 0.5 or not across.any():
         problem = f'{source}: the force is not across the motion of the tip at {100 * part:.0f} % of the points'
         raise UnsupportedDataError(problem, 'check frame and sign of the force sensor in the cell description')
     return across, int((inside & ~across).sum())
@@ -415,7 +379,7 @@ def _error_by_normal(angle_std: Floats, aside: Floats, convex: Floats, hollow: F
 
 def _is_inner_corner(hollow: Floats, radius: float) -> Mask:
     """Where the path turns away from the object within less than a part of the tip's radius, (n,)."""
-    return np.asarray(hollow * INNER_CORNER * radius > 1.0)
+    return np.asarray(0.25 * hollow * radius > 1.0)
 
 
 def _along(covariance: Floats, normal: Floats) -> Floats:

@@ -14,9 +14,8 @@ import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from scara_kinetostatic import __version__
 from scara_kinetostatic.bags.inputs import recorded_cell
@@ -30,11 +29,6 @@ from scara_kinetostatic.report.json_file import json_text
 from scara_kinetostatic.results.document import NAME
 from scara_kinetostatic.results.report import NAME as PAGE_NAME
 from scara_kinetostatic.results.write import write_results
-
-_ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
-
-_PATIENCE = 10.0
-"""For the scheduler of a cluster to answer and for its first worker, s."""
 
 
 class Task(NamedTuple):
@@ -88,12 +82,9 @@ def tasks_of(
             )
         names[name] = path
     place = str(cell.resolve()) if cell else ''
-    options = place, resume, report
-    return [_task(path, out / name, *options) for name, path in names.items()]
-
-
-def _task(recording: Path, folder: Path, cell: str, resume: bool, report: bool) -> Task:
-    return Task(str(recording.resolve()), cell, str(folder.resolve()), resume, report)
+    return [
+        Task(str(path.resolve()), place, str((out / name).resolve()), resume, report) for name, path in names.items()
+    ]
 
 
 def recalibrate(task: Task) -> Done:
@@ -137,101 +128,58 @@ def in_processes(tasks: Sequence[Task], number: int) -> Iterator[Done]:
     if number == 1:
         yield from map(recalibrate, tasks)
         return
-    context = multiprocessing.get_context('spawn')
-    with _one_thread():
-        pool = ProcessPoolExecutor(min(number, max(len(tasks), 1)), mp_context=context)
+    former = os.environ.copy()
+    os.environ |= dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
+    pool = ProcessPoolExecutor(min(number, max(len(tasks), 1)), mp_context=multiprocessing.get_context('spawn'))
+    try:
+        # Ctrl-C goes to all processes of a terminal: those that are started here never see it, this one afterwards
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            with _interrupts_held():
-                futures = [pool.submit(recalibrate, task) for task in tasks]
-            for task, future in zip(tasks, futures, strict=True):
-                yield _answer(task, future.result)
+            futures = [pool.submit(recalibrate, task) for task in tasks]
         finally:
-            pool.shutdown(cancel_futures=True)
-
-
-def _answer(task: Task, result: Callable[[], Done]) -> Done:
-    """The result of a task; where its process was lost, that is the answer."""
-    try:
-        return result()
-    except Exception as error:  # BrokenProcessPool, KilledWorker and others of their kind
-        lost = f'its process was lost, {type(error).__name__}, as by lack of memory'
-        return Done(task, '', f'{lost}; repeat with --resume and fewer processes')
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Ctrl-C goes to all processes of a terminal: those that are started inside never see it, this one afterwards."""
-    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for task, future in zip(tasks, futures, strict=True):
+            yield _answer(task, future.result)
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, former)
+        pool.shutdown(cancel_futures=True)
+        os.environ.clear()
+        os.environ |= former
 
 
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Lets processes that are started inside have one thread each; it is read when they import NumPy."""
-    former = {name: os.environ.get(name) for name in _ONE_THREAD}
-    os.environ.update(_ONE_THREAD)
-    try:
-        yield
-    finally:
-        for name, value in former.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
-
-
-def on_cluster(tasks: Sequence[Task], address: str) -> Iterator[Done]:
+def on_cluster(tasks: Sequence[Task], address: str, patience: float = 10.0) -> Iterator[Done]:
     """The tasks on a running Dask cluster, in their order.
 
     Args:
         tasks: the tasks.
         address: of its scheduler, such as ``tcp://host:8786``.
+        patience: for the scheduler to answer and for its first worker, s.
 
     Raises:
-        InputError: Dask is not installed, there is no scheduler, it has no worker, or one has another version.
+        InputError: Dask is not installed, there is no scheduler, or it has no worker.
     """
     try:
         from distributed import Client
     except ImportError as error:
         raise InputError('--dask', 'Dask is not installed', "pip install 'dask[distributed]'") from error
     try:
-        client = Client(address, timeout=_PATIENCE)
+        client = Client(address, timeout=patience)
     except Exception as error:  # whatever another kind of server makes of it
         raise InputError('--dask', f'there is no scheduler at {address}', 'start one by `dask scheduler`') from error
     try:
-        _check_workers(client, address)
-        futures = client.map(recalibrate, tasks, pure=False)
-        for task, future in zip(tasks, futures, strict=True):
+        client.wait_for_workers(1, timeout=patience)
+        for task, future in zip(tasks, client.map(recalibrate, tasks, pure=False), strict=True):
             yield _answer(task, future.result)
+    except TimeoutError as error:
+        remedy = f'start some by `dask worker {address}`'
+        raise InputError('--dask', f'the cluster at {address} has no worker', remedy) from error
     finally:
         client.close()
 
 
-def _check_workers(client: Any, address: str) -> None:
-    """Check that there are workers, all with this version of the package.
-
-    Raises:
-        InputError: there is none, or one has another version or none.
-    """
+def _answer(task: Task, result: Callable[[], Done]) -> Done:
+    """The result of a task; where its process was lost, or a worker lacks this package, that is the answer."""
     try:
-        client.wait_for_workers(1, timeout=_PATIENCE)
-    except TimeoutError as error:
-        remedy = f'start some by `dask worker {address}`'
-        raise InputError('--dask', f'the cluster at {address} has no worker', remedy) from error
-    try:
-        versions = client.run(package_version)
-    except Exception as error:  # whatever its unpickling raises there
-        problem = f'a worker of {address} cannot import this package: {error}'
-        raise InputError('--dask', problem, 'install it on all machines') from error
-    for worker, version in versions.items():
-        if version != __version__:
-            problem = f'worker {worker} has version {version} of this package, not {__version__}'
-            raise InputError('--dask', problem, 'install the same on all machines')
-
-
-def package_version() -> str:
-    """Of this package on the machine that is asked."""
-    return __version__
+        return result()
+    except Exception as error:  # BrokenProcessPool, KilledWorker and others of their kind
+        lost = f'its process was lost, {type(error).__name__}, as by lack of memory or of this package on a worker'
+        return Done(task, '', f'{lost}; repeat with --resume and fewer processes')

@@ -36,8 +36,6 @@ APPLICATION = 0x5C4A2A01
 VERSION = 2
 UNNAMED = 'robot'
 """Of a robot whose cell description does not identify it, and for which no name is given."""
-_PATIENCE = 30.0
-"""For another process that writes, s."""
 _TABLES = (
     """CREATE TABLE calibration (
     id INTEGER PRIMARY KEY, robot TEXT NOT NULL, measured TEXT NOT NULL, created TEXT NOT NULL, source TEXT NOT NULL,
@@ -46,13 +44,6 @@ _TABLES = (
     """CREATE TABLE parameter (
     calibration INTEGER NOT NULL REFERENCES calibration(id) ON DELETE CASCADE, name TEXT NOT NULL, value REAL NOT NULL,
     std REAL, std_noise REAL, unit TEXT NOT NULL, status TEXT NOT NULL, PRIMARY KEY (calibration, name))""",
-    'CREATE INDEX by_robot ON calibration (robot, measured)',
-)
-_FROM_VERSION_1 = (
-    "ALTER TABLE calibration ADD COLUMN measured TEXT NOT NULL DEFAULT ''",
-    """UPDATE calibration SET measured = coalesce(
-    (SELECT max(json_extract(value, '$.start')) FROM json_each(document, '$.recordings')), created)""",
-    'DROP INDEX by_robot',
     'CREATE INDEX by_robot ON calibration (robot, measured)',
 )
 
@@ -107,39 +98,22 @@ class History:
         self.path = Path(path)
         if not create and not self.path.is_file():
             raise InputError(path, 'there is no such history', '`history add` makes one')
-        with self._open() as connection:
-            version = self._version(connection, create)
-        if version != VERSION:
-            with self._open(write=True) as connection:
-                self._prepare(connection, self._version(connection, create))
-
-    def _version(self, connection: sqlite3.Connection, create: bool) -> int:
-        """Version of the file; 0 of an empty one, which may become a history.
-
-        Raises:
-            InputError: it is none, or of a later version.
-        """
-        tables = connection.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]
-        application, version = (
-            connection.execute(f'PRAGMA {name}').fetchone()[0] for name in ('application_id', 'user_version')
-        )
-        if not tables:
-            if not create:
-                raise InputError(self.path, 'is empty, and no history', '`history add` makes one')
-            return 0
+        with self._open(write=create) as connection:
+            if create and not connection.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]:
+                for statement in (
+                    *_TABLES,
+                    f'PRAGMA application_id = {APPLICATION}',
+                    f'PRAGMA user_version = {VERSION}',
+                ):
+                    connection.execute(statement)
+            application, version = (
+                connection.execute(f'PRAGMA {name}').fetchone()[0] for name in ('application_id', 'user_version')
+            )
         if application != APPLICATION:
-            raise InputError(self.path, 'is a database of another program', 'give another file')
-        if not 1 <= version <= VERSION:
-            remedy = 'use the version of this package that wrote it'
-            raise InputError(self.path, f'expected a history of version 1 to {VERSION}, got {version}', remedy)
-        return int(version)
-
-    def _prepare(self, connection: sqlite3.Connection, version: int) -> None:
-        """Bring an empty file, or one of an earlier version, to this one."""
-        for statement in {0: _TABLES, 1: _FROM_VERSION_1}.get(version, ()):
-            connection.execute(statement)
-        connection.execute(f'PRAGMA application_id = {APPLICATION}')
-        connection.execute(f'PRAGMA user_version = {VERSION}')
+            raise InputError(self.path, 'is no history of calibrations', 'give another file; `history add` makes one')
+        if version != VERSION:
+            problem = f'expected a history of version {VERSION}, got {version}'
+            raise InputError(self.path, problem, 'use the version of this package that wrote it, or add the files anew')
 
     @contextmanager
     def _open(self, *, write: bool = False) -> Iterator[sqlite3.Connection]:
@@ -149,7 +123,7 @@ class History:
             InputError: the file is no database, or cannot be read or written.
         """
         try:
-            with closing(sqlite3.connect(self.path, timeout=_PATIENCE, isolation_level=None)) as connection:
+            with closing(sqlite3.connect(self.path, timeout=30.0, isolation_level=None)) as connection:
                 connection.execute('PRAGMA foreign_keys = ON')
                 connection.execute('BEGIN IMMEDIATE' if write else 'BEGIN')
                 with connection:
@@ -201,11 +175,6 @@ class History:
         except (ValueError, TypeError, RecursionError, InputError) as error:
             remedy = f'`history remove {self.path} {number}` takes it out'
             raise InputError(self.path, f'calibration {number} cannot be read: {error}', remedy) from error
-
-    def robots(self) -> list[str]:
-        """Names of all robots."""
-        with self._open() as connection:
-            return [row[0] for row in connection.execute('SELECT DISTINCT robot FROM calibration ORDER BY robot')]
 
     def entries(self, robot: str = '', *, replaced: bool = False) -> list[Entry]:
         """Calibrations in the order in which they were measured, of one robot or of all.

@@ -112,14 +112,6 @@ def test_an_inner_corner_hardly_wider_than_the_tip_is_said():
     assert np.all(error < 4 * contour.std_normal)
 
 
-def test_a_tip_that_is_too_large_for_its_path_is_said():
-    streams = slide_along(SQUARE)
-    contour = trace_contour(streams, arm(), tip_radius=0.02)
-    assert any('check its radius' in warning for warning in contour.warnings)
-    sharp = polygon([[0.10, 0.30], [0.20, 0.30], [0.20, 0.40], [0.10, 0.40]])
-    assert not trace_contour(slide_along(sharp), arm()).warnings
-
-
 def test_surfaces_of_less_complete_models():
     contour = trace_contour(slide_along(DISC, end=0.3), arm())
     surfaces = surfaces_of(contour, arm())
@@ -293,26 +285,23 @@ def test_a_force_that_is_hardly_seen_is_said(seed):
 
 @pytest.mark.parametrize('bias', [(10.0, 0.0), (-8.0, -6.0)])
 def test_a_sensor_with_a_large_zero(bias):
-    """Begin and end say that it is no contact; stated where a steady force is smaller."""
+    """Begin and end say that it is no contact."""
     streams = slide_along(DISC)
     biased = replace(streams, wrench=replace(streams.wrench, force=streams.wrench.force + np.array(bias)))
     expected, contour = trace_contour(streams, arm()), trace_contour(biased, arm())
     np.testing.assert_allclose(contour.zero - expected.zero, bias, atol=1e-9)
     np.testing.assert_allclose(contour.surface, expected.surface, atol=1e-9)
-    assert bias[0] < 0 or 'nothing may be touched at begin and end' in contour.warnings[0]
 
 
 def test_a_recording_that_begins_in_contact():
-    """The zero is that of the end."""
     streams = slide_along(DISC)
     first = int(np.argmax(np.hypot(*(streams.wrench.force - streams.wrench.force[:40].mean(axis=0)).T) > 10)) + 200
     start = streams.wrench.stamp[first]
     wrench = replace(streams.wrench, stamp=streams.wrench.stamp[first:], force=streams.wrench.force[first:])
     later = np.searchsorted(streams.joints.stamp, start)
     joints = replace(streams.joints, stamp=streams.joints.stamp[later:], position=streams.joints.position[later:])
-    contour = trace_contour(replace(streams, joints=joints, wrench=wrench), arm())
-    np.testing.assert_allclose(contour.zero, trace_contour(streams, arm()).zero, atol=0.2)
-    assert rms(DISC.normal_error(contour.surface)) < 2e-5
+    with pytest.raises(UnsupportedDataError, match='it begins in contact: later the force is 12'):
+        trace_contour(replace(streams, joints=joints, wrench=wrench), arm())
 
 
 def test_what_is_no_slide_is_refused():
@@ -322,7 +311,7 @@ def test_what_is_no_slide_is_refused():
         trace_contour(replace(streams, wrench=free), arm())
     position = streams.joints.position.copy()
     position[len(position) // 2 :] += 0.02
-    with pytest.raises(UnsupportedDataError, match=r'the tip jumps by .* mm at'):
+    with pytest.raises(UnsupportedDataError, match=r'the tip jumps by .* mm, in contact, at'):
         trace_contour(replace(streams, joints=replace(streams.joints, position=position)), arm())
     still = slide_along(polygon([[0.2, 0.3], [0.2003, 0.3]], closed=False), speed=0.01)
     with pytest.raises(UnsupportedDataError, match='does not slide'):

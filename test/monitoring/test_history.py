@@ -122,16 +122,9 @@ def test_processes_that_write_at_a_time(plain: Outcome, tmp_path: Path) -> None:
 
 
 def test_files_of_other_versions_and_damaged_entries(run: Run, plain: Outcome, tmp_path: Path) -> None:
-    path, start = tmp_path / 'a.sqlite', '2025-01-06T08:00:00Z'
-    first, second = (later(plain, f'2026-0{k}-01T00:00:00Z', start if k == 2 else '') for k in (1, 2))
+    path = tmp_path / 'a.sqlite'
+    first, second = (later(plain, f'2026-0{k}-01T00:00:00Z') for k in (1, 2))
     History(path, create=True).add([first, second])
-    with sqlite3.connect(path) as connection:
-        connection.execute('DROP INDEX by_robot')
-        connection.execute('ALTER TABLE calibration DROP COLUMN measured')
-        connection.execute('CREATE INDEX by_robot ON calibration (robot, created)')
-        connection.execute('PRAGMA user_version = 1')
-    connection.close()
-    assert [entry.measured for entry in History(path).entries()] == [start, '2026-01-01T00:00:00Z']
     run('history', 'extract', path, '2')
     assert json.loads(Path('history/calibration.json').read_text()) == json.loads(json_text(dict(second.document)))
     with sqlite3.connect(path) as connection:
@@ -148,7 +141,7 @@ def test_files_of_other_versions_and_damaged_entries(run: Run, plain: Outcome, t
     with pytest.raises(InputError, match='got 9'):
         History(path)
     (tmp_path / 'empty').touch()
-    with pytest.raises(InputError, match='is empty'):
+    with pytest.raises(InputError, match='is no history'):
         History(tmp_path / 'empty')
 
 
@@ -161,7 +154,7 @@ def test_other_robots_and_other_files_are_refused(plain: Outcome, tmp_path: Path
         history.add([one, other])
     assert history.entries() == []
     assert history.add([one, replace(other, document={**other.document, 'x': 1})][:1], robot='b') == [True]
-    assert history.robots() == ['b']
+    assert {entry.robot for entry in history.entries()} == {'b'}
     with pytest.raises(InputError, match='no such history'):
         History(tmp_path / 'none.sqlite')
     (tmp_path / 'text').write_text('text' * 1000)
@@ -170,7 +163,7 @@ def test_other_robots_and_other_files_are_refused(plain: Outcome, tmp_path: Path
     with sqlite3.connect(tmp_path / 'other.sqlite') as connection:
         connection.execute('CREATE TABLE mine (a)')
     connection.close()
-    with pytest.raises(InputError, match='another program'):
+    with pytest.raises(InputError, match='is no history'):
         History(tmp_path / 'other.sqlite', create=True)
 
 
@@ -255,14 +248,13 @@ def parameters(folder: str) -> object:
     return json.loads((Path(folder) / 'calibration.json').read_text())['parameters']
 
 
-def test_a_cluster_gives_the_same_results(recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cluster_gives_the_same_results(recordings: Path, tmp_path: Path) -> None:
     distributed = pytest.importorskip('distributed')
     paths, cell = [recordings / 'good'], recordings / 'cell.yaml'
     tasks = tasks_of(paths, cell, tmp_path, report=False)
     with distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=':0') as cluster:
-        with monkeypatch.context() as patch, pytest.raises(InputError, match='has no worker'):
-            patch.setattr(archive, '_PATIENCE', 0.1)
-            list(on_cluster(tasks, cluster.scheduler_address))
+        with pytest.raises(InputError, match='has no worker'):
+            list(on_cluster(tasks, cluster.scheduler_address, patience=0.1))
         cluster.scale(1)
         assert [done.problem for done in on_cluster(tasks, cluster.scheduler_address)] == ['']
     (here,) = in_processes(tasks_of(paths, cell, tmp_path / 'here', report=False), 1)

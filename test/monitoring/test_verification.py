@@ -19,7 +19,7 @@ from scara_kinetostatic.monitoring.drift import DriftMonitor
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.monitoring.report import verification_document, verification_report
 from scara_kinetostatic.monitoring.verification import verify
-from scara_kinetostatic.report import as_page
+from scara_kinetostatic.report import as_page, plain
 from scara_kinetostatic.touches.detection import Detection
 
 
@@ -76,7 +76,7 @@ def test_a_bad_touch_is_named_and_the_others_agree(record: CalibrationRecord, of
     assert found.assessment.grade is Grade.CAUTION and found.ranking == ()
     assert 'the others agree' in found.assessment.reasons[0]
     assert found.p_value < 1e-6 and found.others_p_value > 0.01 and found.others_tip_error < 2 * found.expected
-    document = verification_document(found)
+    document = plain(verification_document(found))
     place = document['touches']['index'].index(found.outlying[0].touch)
     assert document['touches']['tip_error'][place] == document['touches']['outlying'][0]['tip_error']
     assert document['without_outlying']['p_value'] == found.others_p_value
@@ -123,7 +123,7 @@ def test_few_touches_on_one_object_cannot_show_the_tolerance(record: Calibration
     found = verify(detected(one_side), record, replace(DECLARED, tolerance=2e-5))
     assert found.assessment.grade is Grade.CAUTION
     assert 'do not show a change of' in ' '.join(found.assessment.reasons)
-    document = verification_document(found)
+    document = plain(verification_document(found))
     assert document['detectable']['l1']['change'] > 0 and document['detectable']['p_ee']['unit'] == 'm/N'
     assert '<h2>What these touches show</h2>' in as_page(verification_report(found))
 
