@@ -26,9 +26,8 @@ from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import Floats, Mask
 from scara_kinetostatic.model.cell import Sensor
 from scara_kinetostatic.model.kinematics import forward
-from scara_kinetostatic.touches.contacts import AFTER_CONTACT
+from scara_kinetostatic.touches.contacts import AFTER_CONTACT, find_contacts
 from scara_kinetostatic.touches.online import StreamPair
-from scara_kinetostatic.touches.segmentation import find_contacts
 from scara_kinetostatic.touches.signals import Signals, as_signals
 
 MOST_NODES = 20_000
