@@ -23,7 +23,6 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.calibration.calibrate import calibrate
-from scara_kinetostatic.calibration.estimate import WarmStart
 from scara_kinetostatic.calibration.result import ALTERNATIVES, Calibration, Contribution
 from scara_kinetostatic.calibration.solver import Termination
 from scara_kinetostatic.diagnosis.candidates import (
@@ -37,10 +36,9 @@ from scara_kinetostatic.diagnosis.candidates import (
     scan_trials,
 )
 from scara_kinetostatic.diagnosis.linear_problem import Problem, fitted_effects, orthonormal, pose_problem
-from scara_kinetostatic.diagnosis.refit import Effort, penalised_deviance, start_from, with_rejections_of
+from scara_kinetostatic.diagnosis.refit import Effort, fit_again, penalised_deviance, start_from, with_rejections_of
 from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, DISTINCT
-from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.errors import UnsupportedDataError
+from scara_kinetostatic.effects.base import Effect, Trial
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import G1, G2, G_EE, NAMES, P1, P2, P_EE
@@ -75,8 +73,7 @@ def fit_alternative_frequencies(
     ]
     if not waves:
         return []
-    problem = pose_problem(extended)
-    found = [as_fitted(problem, effect, values, 1) for effect, values, _ in fitted]
+    problem, found = _linear(extended)
     variants = []
     for place in waves:
         k = fitted[place].effect.grid_parameter_index
@@ -98,8 +95,7 @@ def alternative_places(extended: Calibration) -> list[Calibration]:
     places = [k for k, (effect, _, _) in enumerate(fitted) if effect.grid_parameter and not effect.is_smooth]
     if not places:
         return []
-    problem = pose_problem(extended)
-    found = [as_fitted(problem, effect, values, 1) for effect, values, _ in fitted]
+    problem, found = _linear(extended)
     models = [
         start_from(problem, [*found[:place], other, *found[place + 1 :]])[0]
         for place in places
@@ -115,9 +111,7 @@ def _credible_trials(problem: Problem, found: list[Candidate], place: int, scale
     if not scan.columns.any():
         return []
     gained = gains(problem, scan, beside)
-    unit = found[place].unit
-    unit = unit if beside is None else orthonormal(unit - beside @ (beside.T @ unit))
-    best = max(float(gained.max()), float(np.sum((unit.T @ problem.left) ** 2)))
+    best = max(float(gained.max()), _explained_beside(problem, found[place], beside))
     near = np.flatnonzero(gained > best - CREDIBLE * scale)
     candidates = [ScannedTrial(scan, k).candidate(problem) for k in near.tolist()]
     return [candidate for candidate in candidates if candidate.unit.shape[1]]
@@ -127,13 +121,22 @@ def _is_plausible(fit: Calibration) -> bool:
     return all(effect.is_plausible(values) for effect, values, _ in fitted_effects(fit))
 
 
-def _scan_beside(problem: Problem, found: list[Candidate], place: int) -> tuple[Scan, Floats | None]:
-    """The trials of an effect, and an orthonormal basis of the other effects."""
+def _scan_beside(
+    problem: Problem, found: list[Candidate], place: int, trials: Sequence[Trial] = ()
+) -> tuple[Scan, Floats | None]:
+    """Trials of an effect, by default all that it has, and an orthonormal basis of the other effects."""
     effect = found[place].effect
-    trials = effect.trials(problem.touch_state, problem.force)
+    trials = trials or effect.trials(problem.touch_state, problem.force)
     others = [candidate.unit for k, candidate in enumerate(found) if k != place]
-    beside = orthonormal(np.concatenate(others, axis=1)) if others else None
+    beside = orthonormal(np.concatenate(others, axis=1)) if any(unit.size for unit in others) else None
     return scan_trials(problem, effect, trials, len(trials)), beside
+
+
+def _explained_beside(problem: Problem, candidate: Candidate, beside: Floats | None) -> float:
+    """Decrease of the sum of squares by an effect as fitted beside the others."""
+    unit = candidate.unit
+    unit = unit if beside is None or not unit.size else orthonormal(unit, beside)
+    return float(np.sum((unit.T @ problem.left) ** 2))
 
 
 def _peaks(problem: Problem, found: list[Candidate], place: int, scale: float) -> list[Candidate]:
@@ -159,18 +162,14 @@ def _fit_variants(extended: Calibration, variants: Sequence[ExtendedModel], effo
     """
     scale = max(1.0, extended.reduced_chi_square)
     limit = penalised_deviance(extended, 0.0, scale) + CREDIBLE
-    fits = [fit for variant in variants if effort.allows() and (fit := _fit_variant(extended, variant, effort))]
+    fits = [
+        fit
+        for variant in variants
+        if effort.allows()
+        and (fit := fit_again(extended, effort.fit, model=variant))
+        and fit.termination is Termination.CONVERGED
+    ]
     return [fit for fit in fits if _has_physical_compliances(fit) and penalised_deviance(fit, 0.0, scale) < limit]
-
-
-def _fit_variant(extended: Calibration, start: ExtendedModel, effort: Effort) -> Calibration | None:
-    c = extended
-    warm_start = WarmStart(start, c.noise, c.used, c.errors)
-    try:
-        fit = effort.fit(c.touches, c.cell, start.effects, fixed=c.fixed, warm_start=warm_start)
-    except UnsupportedDataError:
-        return None
-    return fit if fit.termination is Termination.CONVERGED else None
 
 
 def _has_physical_compliances(fit: Calibration) -> bool:
@@ -213,26 +212,27 @@ def widened_by(extended: Calibration, others: Sequence[Calibration]) -> Calibrat
     same_effects = all(other.model.effects == extended.model.effects for other in others)
     count = len(extended.covariance) if same_effects else len(NAMES)
     off = np.array([other.model.as_array()[:count] - extended.model.as_array()[:count] for other in others])
-    covariance = extended.covariance.copy()
-    covariance[:count, :count] += off.T @ off / len(off)
-    std = np.sqrt(np.diag(covariance))
-    known = np.concatenate([extended.std, extended.effect_std])
-    std = np.where(known > 0, std, known)
-    contributions = with_alternatives(extended, covariance)
+    more = np.zeros_like(extended.covariance)
+    more[:count, :count] = off.T @ off / len(off)
+    return _widened(extended, more)
+
+
+def _widened(extended: Calibration, more: Floats, with_moments: bool = False) -> Calibration:
+    """An extended model with something added to its covariance, as the contribution of other credible models; what is
+    confounded or held stays so, but for moments that are being added.
+    """
+    covariance = extended.covariance + more
+    known = [part for part in extended.contributions if part.label != ALTERNATIVES]
+    rest = covariance - np.sum([part.covariance for part in known], axis=0)
+    before, std = np.concatenate([extended.std, extended.effect_std]), np.sqrt(np.diag(covariance))
+    std = np.where((before > 0) | (with_moments & (before == 0)), std, before)
     return replace(
         extended,
         covariance=covariance,
-        contributions=contributions,
+        contributions=(*known, Contribution(ALTERNATIVES, None, '', rest)),
         std=std[: len(NAMES)],
         effect_std=std[len(NAMES) :],
     )
-
-
-def with_alternatives(extended: Calibration, covariance: Floats) -> tuple[Contribution, ...]:
-    """The contributions to a covariance that has grown, what it has grown by as that of other credible models."""
-    known = [part for part in extended.contributions if part.label != ALTERNATIVES]
-    rest = covariance - np.sum([part.covariance for part in known], axis=0)
-    return (*known, Contribution(ALTERNATIVES, None, '', rest))
 
 
 def widened_by_constants(extended: Calibration, fits: Sequence[Calibration]) -> Calibration:
@@ -254,14 +254,11 @@ def widened_by_constants(extended: Calibration, fits: Sequence[Calibration]) -> 
             if constant is not None:
                 name, size = constant
                 largest[name] = max(size, largest.get(name, 0.0))
-    covariance = extended.covariance.copy()
+    more = np.zeros_like(extended.covariance)
     for name, size in largest.items():
         place = NAMES.index(name)
-        covariance[place, place] += size**2 if extended.std[place] > 0 else 0.0
-    std = np.where(extended.std > 0, np.sqrt(np.diag(covariance)[: len(NAMES)]), extended.std)
-    if not largest:
-        return extended
-    return replace(extended, covariance=covariance, contributions=with_alternatives(extended, covariance), std=std)
+        more[place, place] += size**2 if extended.std[place] > 0 else 0.0
+    return _widened(extended, more) if largest else extended
 
 
 _COVERAGE = 0.95
@@ -334,10 +331,8 @@ def _at_better_moment(extended: Calibration) -> Calibration | None:
             continue
         other = ScannedTrial(scanned.scan, int(np.argmax(scanned.gains))).candidate(problem)
         start = start_from(problem, [*found[:place], other, *found[place + 1 :]])[0]
-        warm_start = WarmStart(start, extended.noise, extended.used)
-        try:
-            fit = calibrate(extended.touches, extended.cell, start.effects, fixed=extended.fixed, warm_start=warm_start)
-        except UnsupportedDataError:
+        fit = fit_again(extended, calibrate, model=start, errors=None)
+        if fit is None:
             return None
         return with_rejections_of(fit, extended) if fit.termination is Termination.CONVERGED else None
     return None
@@ -361,16 +356,7 @@ def widened_by_moments(extended: Calibration, moments: tuple[Moment, ...]) -> Ca
     """An extended model with a covariance that covers the choice of its moments."""
     if not moments:
         return extended
-    covariance = extended.covariance + np.sum([moment.covariance for moment in moments], axis=0)
-    std, known = np.sqrt(np.diag(covariance)), np.concatenate([extended.std, extended.effect_std])
-    std[np.isnan(known)] = np.nan
-    return replace(
-        extended,
-        covariance=covariance,
-        contributions=with_alternatives(extended, covariance),
-        std=std[: len(NAMES)],
-        effect_std=std[len(NAMES) :],
-    )
+    return _widened(extended, np.sum([moment.covariance for moment in moments], axis=0), with_moments=True)
 
 
 def _linear(extended: Calibration) -> tuple[Problem, list[Candidate]]:
@@ -386,16 +372,12 @@ def _scan(extended: Calibration, problem: Problem, found: list[Candidate], place
     nearest = min(trials, key=lambda trial: abs(trial.place - moment))
     # where the grid does not hold all moments, those within three of its steps count
     trials = effect.finer(problem.touch_state, nearest, 3.0) or trials
-    others = [candidate.unit for k, candidate in enumerate(found) if k != place]
-    beside = orthonormal(np.concatenate(others, axis=1)) if any(unit.size for unit in others) else None
-    scan = scan_trials(problem, effect, trials, len(trials))
+    scan, beside = _scan_beside(problem, found, place, trials)
     if not scan.columns.any():
         return None
     scale = max(1.0, extended.reduced_chi_square) if problem.noise_given else extended.reduced_chi_square
     scale = max(scale, 1e-300)
-    unit = found[place].unit
-    unit = unit if beside is None or not unit.size else orthonormal(unit - beside @ (beside.T @ unit))
-    fitted = float(np.sum((unit.T @ problem.left) ** 2)) / scale
+    fitted = _explained_beside(problem, found[place], beside) / scale
     return _Scanned(scan, gains(problem, scan, beside) / scale, fitted)
 
 

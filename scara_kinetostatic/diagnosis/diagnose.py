@@ -50,6 +50,7 @@ from scara_kinetostatic.diagnosis.refit import (
     MOST_STEPS,
     WITH_OTHER_NOISE,
     Effort,
+    fit_again,
     steps_of,
 )
 from scara_kinetostatic.diagnosis.result import Contradiction, Diagnosis, Found, Ranked, Value
@@ -80,11 +81,11 @@ def diagnose(calibration: Calibration, effects: Sequence[Effect] | None = None) 
     """
     offered = catalogue(calibration.cell) if effects is None else effects
     known = tuple(effect for effect in offered if effect.label not in calibration.held_effects)
-    found = _diagnose_noise_and_effects(calibration, known)
-    return _with_trusted_tested(calibration, found, known) if calibration.trusted else found
+    found = _with_likeliest_noise(calibration, known)
+    return _without_contradicted(calibration, found, known) if calibration.trusted else found
 
 
-def _with_trusted_tested(calibration: Calibration, first: Diagnosis, known: tuple[Effect, ...]) -> Diagnosis:
+def _without_contradicted(calibration: Calibration, first: Diagnosis, known: tuple[Effect, ...]) -> Diagnosis:
     """The diagnosis without the trusted nominal values that the touches contradict, the worst taken out first.
 
     Args:
@@ -104,7 +105,7 @@ def _with_trusted_tested(calibration: Calibration, first: Diagnosis, known: tupl
             break
         base = fit
         left_out.append(tests[0])
-        again = _diagnose_noise_and_effects(base, known)
+        again = _with_likeliest_noise(base, known)
         found = replace(again, p_value=min(found.p_value, again.p_value), refitted=again.refitted or base)
     if not left_out:
         return found
@@ -118,21 +119,21 @@ def _with_trusted_tested(calibration: Calibration, first: Diagnosis, known: tupl
     )
 
 
-def _diagnose_noise_and_effects(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
+def _with_likeliest_noise(calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
     """The diagnosis with the noise as stated or estimated, or with the components that the touches ask for."""
     left = MOST_STEPS - steps_of(calibration)
     effort = Effort(left - WITH_OTHER_NOISE)
-    found = _diagnose_within(effort, calibration, known)
+    found = _bounded(effort, calibration, known)
     effort = Effort(min(MOST_STEPS / 3, max(left - effort.steps, WITH_OTHER_NOISE)))
     refitted = noise_candidate(calibration, found, effort)
     if refitted is None:
         return found
-    return likelier(found, calibration, _diagnose_within(effort, refitted, known), refitted)
+    return likelier(found, calibration, _bounded(effort, refitted, known), refitted)
 
 
-def _diagnose_within(effort: Effort, calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
+def _bounded(effort: Effort, calibration: Calibration, known: tuple[Effect, ...]) -> Diagnosis:
     """The diagnosis with the noise of a calibration; its names are suspicions where fits were left out."""
-    found = _diagnose_with_noise(calibration, known, effort)
+    found = _with_plausible_noise(calibration, known, effort)
     return _cut_short(found) if effort.has_left_out else found
 
 
@@ -148,14 +149,14 @@ def _cut_short(found: Diagnosis) -> Diagnosis:
     )
 
 
-def _diagnose_with_noise(calibration: Calibration, known: tuple[Effect, ...], effort: Effort) -> Diagnosis:
+def _with_plausible_noise(calibration: Calibration, known: tuple[Effect, ...], effort: Effort) -> Diagnosis:
     """The diagnosis with the noise of a calibration, or with estimated noise where it is stated too large."""
     overstated = advice.overstated_noise(calibration)
-    found = _diagnose(_with_estimated_noise(calibration) if overstated else calibration, known, effort)
+    found = _examine(_with_estimated_noise(calibration) if overstated else calibration, known, effort)
     if not overstated and found.extended is not None:
         overstated = advice.overstated_noise(found.extended)
         if overstated:
-            found = _diagnose(_with_estimated_noise(calibration), known, effort)
+            found = _examine(_with_estimated_noise(calibration), known, effort)
     final = found.extended or calibration
     noise = advice.noise_found(final)
     growing = '' if noise or final.model.off_normal_std else advice.growing_noise(growing_p_value(final))
@@ -170,15 +171,10 @@ def _diagnose_with_noise(calibration: Calibration, known: tuple[Effect, ...], ef
 
 def _with_estimated_noise(calibration: Calibration) -> Calibration:
     """The same fit with the noise estimated from its touches; itself where that has no fit."""
-    c = calibration
-    try:
-        warm_start = WarmStart(c.model, c.noise, c.used, c.errors)
-        return calibrate(c.touches, replace(c.cell, noise=None), c.model.effects, fixed=c.fixed, warm_start=warm_start)
-    except UnsupportedDataError:
-        return c
+    return fit_again(calibration, calibrate, cell=replace(calibration.cell, noise=None)) or calibration
 
 
-def _diagnose(c: Calibration, known: tuple[Effect, ...], effort: Effort) -> Diagnosis:
+def _examine(c: Calibration, known: tuple[Effect, ...], effort: Effort) -> Diagnosis:
     """Test the base model, select the likeliest hypothesis, and report nothing, a lack of fit or an extended model."""
     tests = examine_base_model(c, known)
     found, lead = select_hypothesis(c, known, tests.alarm, tests.off_normal_p_value < SIGNIFICANCE / 2, effort)

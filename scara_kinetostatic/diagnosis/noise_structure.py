@@ -42,11 +42,10 @@ from scara_kinetostatic.diagnosis.lack_of_fit import (
     excess_p_value,
     find_dependences,
 )
-from scara_kinetostatic.diagnosis.refit import Effort, penalised_deviance, with_rejections_of
+from scara_kinetostatic.diagnosis.refit import Effort, fit_again, penalised_deviance, with_rejections_of
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, STRICT_SIGNIFICANCE
 from scara_kinetostatic.effects.off_normal_force import OffNormalForce
-from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.model.cell import Noise
 
 _PENALTY = 6.0
@@ -170,12 +169,8 @@ def _is_understated(c: Calibration, deviance: float, effort: Effort) -> bool:
 
 def _refitted(c: Calibration, noise: Noise, effort: Effort) -> Calibration | None:
     """The model of a calibration fitted with the components of a noise; None where it has no fit."""
-    try:
-        warm_start = WarmStart(c.model, noise, c.used, c.errors)
-        found = effort.fit(c.touches, c.cell, c.model.effects, start=c.start, fixed=c.fixed, warm_start=warm_start)
-    except UnsupportedDataError:
-        return None
-    return with_rejections_of(found, c)
+    found = fit_again(c, effort.fit, noise=noise, start=c.start)
+    return None if found is None else with_rejections_of(found, c)
 
 
 def _with_component(noise: Noise, kind: str) -> Noise:

@@ -18,8 +18,9 @@ and the smaller D is the likelier model.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from scara_kinetostatic.diagnosis.candidates import Candidate
 from scara_kinetostatic.diagnosis.linear_problem import Problem
 from scara_kinetostatic.diagnosis.thresholds import INDEPENDENT_PART
 from scara_kinetostatic.errors import UnsupportedDataError
-from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.cell import Cell, Noise
 from scara_kinetostatic.model.effect_law import EffectLaw
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import Parameters
@@ -167,6 +168,33 @@ def fit_with(
         calibration.touches, calibration.cell, start.effects, fixed=calibration.fixed, warm_start=warm_start
     )
     return with_rejections_of(found, calibration)
+
+
+def fit_again(
+    c: Calibration,
+    fit: Callable[..., Calibration],
+    *,
+    model: ExtendedModel | None = None,
+    noise: Noise | None = None,
+    cell: Cell | None = None,
+    **options: Any,
+) -> Calibration | None:
+    """A calibration fitted anew, close to where it is; None where the touches have no such fit.
+
+    Args:
+        c: the calibration.
+        fit: `calibrate`, or `Effort.fit`.
+        model: to start from, with the effects to fit; that of the calibration by default.
+        noise: to start from; likewise.
+        cell: another description of the cell; likewise.
+        options: `errors` of the warm start, and further arguments of the fit.
+    """
+    model, errors = model or c.model, options.pop('errors', c.errors)
+    warm_start = WarmStart(model, noise or c.noise, c.used, errors)
+    try:
+        return fit(c.touches, cell or c.cell, model.effects, fixed=c.fixed, warm_start=warm_start, **options)
+    except UnsupportedDataError:
+        return None
 
 
 def with_rejections_of(found: Calibration, before: Calibration) -> Calibration:
