@@ -1,22 +1,149 @@
-"""What an assessment is made from."""
+"""What an assessment is made from: conformity with the tolerance, leverage of the touches, mistakes.
+
+The tolerance is the largest expanded uncertainty U = 2 u that the use allows. U is itself estimated where the noise is:
+with the part u_A of noise from ν degrees of freedom and the rest u_B, the one-sided limits of 95 % of U are
+
+    U± = 2 √(u_A² ν / χ²_ν(0.05 or 0.95) + u_B²),
+
+and U - U-, U+ - U the guard bands. As ISO 14253-1 has it, conformity is shown where U+ is at most the tolerance, the
+contrary where U- is beyond it; between, neither is shown. Where the noise is stated, and covers the residuals, both
+guard bands are zero.
+
+The effective degrees of freedom are those of Welch and Satterthwaite (GUM, JCGM 100, G.4.1): ν_eff = ν (u / u_A)⁴.
+
+The block of a used touch on the diagonal of the hat matrix is H_k = J_k Σ J_kᵀ, (2, 2), with J_k its whitened Jacobian
+and Σ the covariance of the fit, everything estimated along with the parameters included. Of an error of the touch in
+the direction of an eigenvector with eigenvalue λ, the residual shows the part 1 - λ, the parameters absorb the rest.
+With λ = 1 the touch is fitted whatever it measured: nothing checks it, and without it a parameter has no value.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from scipy.special import chdtri
 
-from scara_kinetostatic.assessment.conformity import Conformity, conformity
-from scara_kinetostatic.assessment.leverage import leverages
 from scara_kinetostatic.assessment.mistakes import Mistake, find_mistake
+from scara_kinetostatic.calibration.fit_point import project
+from scara_kinetostatic.calibration.observations import observe
 from scara_kinetostatic.calibration.result import Calibration
-from scara_kinetostatic.calibration.tip_uncertainty import TipUncertainty, Workspace, tip_uncertainty, workspace
+from scara_kinetostatic.calibration.solver import ActivePrior
+from scara_kinetostatic.calibration.tip_uncertainty import (
+    COVERAGE_FACTOR,
+    TipUncertainty,
+    Workspace,
+    tip_uncertainty,
+    workspace,
+)
 from scara_kinetostatic.calibration.uncertainty_budget import Improvement, improvements
 from scara_kinetostatic.diagnosis.comparison import Comparison
+from scara_kinetostatic.diagnosis.linear_problem import orthonormal
 from scara_kinetostatic.diagnosis.result import Diagnosis
-from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.arrays import Floats, read_only
 from scara_kinetostatic.model.touch import Rejection
+
+_CONFIDENCE = 0.95
+"""Of each guard band, one-sided: the usual one (ISO 14253-1)."""
+
+
+class Decision(str, Enum):
+    """What is decided about a tolerance."""
+
+    CONFORMS = 'conforms'
+    UNDECIDED = 'cannot be decided'
+    DOES_NOT_CONFORM = 'does not conform'
+
+
+class Conformity(NamedTuple):
+    """The worst expanded uncertainty of the tip against a tolerance.
+
+    Attributes:
+        decision: about the whole workspace.
+        tolerance: m.
+        worst: U where it is largest, m.
+        low: its lower limit, m.
+        high: its upper limit, m.
+        effective_freedoms: ν_eff; infinite where the noise is stated.
+        share: part of the workspace where U is at most the tolerance, 0 to 1.
+        touched: the decision where the joint angles are between those of the touches; None where no place is.
+    """
+
+    decision: Decision
+    tolerance: float
+    worst: float
+    low: float
+    high: float
+    effective_freedoms: float
+    share: float
+    touched: Decision | None
+
+
+def conformity(c: Calibration, tip: TipUncertainty) -> Conformity | None:
+    """Compare with the tolerance of the cell.
+
+    Args:
+        c: the calibration.
+        tip: its uncertainty of the tip.
+
+    Returns:
+        The comparison; None where the cell states no tolerance, or the uncertainty is not determined.
+    """
+    tolerance = c.cell.tolerance
+    if tolerance is None or tip.at is None or not np.isfinite(tip.worst):
+        return None
+    u = tip.worst / COVERAGE_FACTOR
+    noise = min(float(tip.at.gradient @ c.contributions[0].covariance @ tip.at.gradient), u**2)
+    freedoms = c.degrees_of_freedom if c.noise_source == 'estimated' or c.enlargement > 1 else np.inf
+    low, high = (_limit(u, noise, freedoms, part) for part in (_CONFIDENCE, 1 - _CONFIDENCE))
+    values = np.concatenate([each.expanded.ravel() for each in tip.maps])
+    values = values[np.isfinite(values)]
+    parts = low / u / COVERAGE_FACTOR, high / u / COVERAGE_FACTOR
+    between, decision = tip.worst_touched, _decide(low, high, tolerance)
+    if tip.undetermined > 0 and decision is Decision.CONFORMS:
+        decision = Decision.UNDECIDED
+    return Conformity(
+        decision=decision,
+        tolerance=tolerance,
+        worst=tip.worst,
+        low=low,
+        high=high,
+        effective_freedoms=freedoms * (u**2 / noise) ** 2 if noise > 0 else np.inf,
+        share=float(np.mean(values <= tolerance)) * (1 - tip.undetermined),
+        touched=_decide(parts[0] * between, parts[1] * between, tolerance) if np.isfinite(between) else None,
+    )
+
+
+def _limit(u: float, noise: float, freedoms: float, part: float) -> float:
+    """A limit of U: the noise part has the size that would be exceeded with a probability of `part`."""
+    factor = 1.0 if np.isinf(freedoms) else freedoms / float(chdtri(freedoms, 1 - part))
+    return COVERAGE_FACTOR * float(np.sqrt(max(u**2 - noise, 0.0) + noise * factor))
+
+
+def _decide(low: float, high: float, tolerance: float) -> Decision:
+    if high <= tolerance:
+        return Decision.CONFORMS
+    return Decision.DOES_NOT_CONFORM if low > tolerance else Decision.UNDECIDED
+
+
+def leverages(calibration: Calibration) -> Floats:
+    """The largest eigenvalue of each used touch's block of the hat matrix, 0 to 1, (n,).
+
+    What the cell description declares is estimated along, with rows of its own: they count in Σ, but are no touches.
+    """
+    c = calibration
+    observations = observe(c.touches.select(c.used), c.cell, c.errors)
+    point = project(observations, c.model, c.noise)
+    n, basis = len(point.distance), c.subspace.with_errors(len(c.errors))
+    rows = point.whitened.jacobian.reshape(2 * n, -1) @ basis
+    prior = ActivePrior.of(observations, c.subspace)
+    if prior is not None:
+        rows = np.concatenate([rows, prior.rows @ basis])
+    blocks = orthonormal(rows)[: 2 * n].reshape(n, 2, -1)
+    return read_only(np.clip(np.linalg.eigvalsh(np.einsum('nik,njk->nij', blocks, blocks))[:, -1], 0.0, 1.0))
 
 
 @dataclass(frozen=True, eq=False)

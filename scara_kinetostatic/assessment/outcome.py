@@ -7,7 +7,7 @@ from datetime import datetime, timezone
 from functools import cached_property
 from typing import NamedTuple
 
-from scara_kinetostatic.assessment.assess import assess
+from scara_kinetostatic.assessment.criteria import assess
 from scara_kinetostatic.assessment.evidence import Evidence
 from scara_kinetostatic.assessment.grade import Assessment
 from scara_kinetostatic.calibration.result import Calibration, Estimate, HeldOut

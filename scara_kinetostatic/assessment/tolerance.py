@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from scara_kinetostatic.assessment.completeness import to_discriminate
-from scara_kinetostatic.assessment.conformity import Conformity, Decision
-from scara_kinetostatic.assessment.evidence import Evidence
+from scara_kinetostatic.assessment.evidence import Conformity, Decision, Evidence
 from scara_kinetostatic.assessment.grade import Grade, Remark, quantity
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.calibration.result import ALTERNATIVES
@@ -17,6 +15,7 @@ from scara_kinetostatic.calibration.uncertainty_budget import (
     source_title,
     uncertainty_budget,
 )
+from scara_kinetostatic.diagnosis.result import Diagnosis
 
 _MOST_BEYOND = 0.5
 """Part of the workspace beyond the tolerance from which on a result is unfit."""
@@ -143,3 +142,15 @@ def kept(evidence: Evidence) -> Iterator[str]:
         f'the expanded uncertainty of the tip is at most {quantity(found.worst, "m")} (k = 2) all over the workspace, '
         f'the tolerance {quantity(found.tolerance, "m")}: it {_SHOWN if declared else _NOISE_ALONE}'
     )
+
+
+def to_discriminate(d: Diagnosis) -> str:
+    """What tells rivals apart: touches or, where no touch would, another measurement; empty if nothing is known."""
+    effects = d.effects_by_label()
+    labels = [label for group in d.rivals for label in group[:4] if label in effects]
+    if labels and d.discriminating == ():
+        effect = effects[labels[0]]
+        fixed = ' '.join(f"--fix '{effect.label}.{parameter.name}=VALUE'" for parameter in effect.parameters)
+        return f'measure one of the possible causes by other means and hold it, such as by {fixed}'
+    touches = dict.fromkeys(effects[label].identified_by for label in labels)
+    return f'to tell the causes apart, record {"; or ".join(touches)}' if touches else ''

@@ -299,18 +299,19 @@ def _with_prefix(value: float, unit: str) -> str:
     return f'{value * factor:.3g} {prefix}{unit}'
 
 
-def implausible_noise(c: Calibration) -> str:
-    """Why estimated noise is too large to be noise, such as a gross model error makes it; empty if it is not."""
+def implausible_noise(c: Calibration) -> tuple[str, str] | None:
+    """Why estimated noise is too large to be noise, such as a gross model error makes it, and what to do; else None."""
     if c.cell.noise is not None:
-        return ''
+        return None
     share = c.force_error / float(np.hypot(c.force[:, 0], c.force[:, 1]).mean())
     if c.noise.joint_rms <= 2e-4 and share <= 0.2:
-        return ''
-    return (
+        return None
+    problem = (
         f'the force error is {c.force_error:.2g} N, {100 * share:.0f} % of the force, which as noise would be a joint '
-        f'repeatability of {c.noise.joint_rms:.1e} rad: this is a model error; check the positions and radii of '
-        'the discs, the fixed parameters, and whether a joint lost its zero'
+        f'repeatability of {c.noise.joint_rms:.1e} rad: this is a model error'
     )
+    action = 'check the positions and radii of the discs, the fixed parameters, and whether a joint lost its zero'
+    return problem, action
 
 
 def large_noise(c: Calibration) -> str:

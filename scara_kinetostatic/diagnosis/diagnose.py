@@ -437,4 +437,6 @@ def examine_base_model(c: Calibration, known: tuple[Effect, ...]) -> BaseTests:
     halves = 2 if fit.declared_p_value is not None or c.trusted else 1
     declared = 1.0 if fit.declared_p_value is None else fit.declared_p_value
     p_value = min(1.0, 2 * halves * min(fit.p_value, off_normal), halves * max(shares(c), 1) * declared)
-    return BaseTests(problem, candidate_set, p_value, fit.dependences, off_normal, advice.implausible_noise(c))
+    return BaseTests(
+        problem, candidate_set, p_value, fit.dependences, off_normal, '; '.join(advice.implausible_noise(c) or ())
+    )

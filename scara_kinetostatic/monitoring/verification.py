@@ -24,9 +24,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import chndtrinc
 
-from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark
+from scara_kinetostatic.assessment.grade import LIMITS, Assessment, Grade, Remark
 from scara_kinetostatic.assessment.outcome import Recording
-from scara_kinetostatic.assessment.thresholds import NOISE_OVERSTATED
 from scara_kinetostatic.bags.inputs import other_descriptions
 from scara_kinetostatic.calibration.fit_point import base_force
 from scara_kinetostatic.calibration.observations import observe
@@ -132,7 +131,7 @@ def _moved(record: CalibrationRecord, place: int, change: float) -> float:
 LEVEL = 1e-3
 """p-value below which the touches contradict the calibration. Source: of a thousand sound ones, one is refused."""
 MOST_OUTLYING = 0.1
-"""Part of the touches that may be outliers in a sound calibration. Source: `assessment.thresholds.MOST_REJECTED`."""
+"""Part of the touches that may be outliers in a sound calibration. Source: `assessment.LIMITS.most_rejected`."""
 FEWEST = 6
 """Fewer touches say little: caution. Source: twelve numbers for twelve parameters."""
 MOST_FORCE = 1.5
@@ -294,7 +293,7 @@ def _limits(v: Verification, largest_force: float) -> list[Remark]:
         reason = f'the touches do not show a change of {v.detectable[0].text}, which is beyond the tolerance'
         found.append(Remark(Grade.CAUTION, reason, 'make more touches, all round all objects, at several forces'))
     scatter = float(np.sqrt(v.chi_square / v.degrees_of_freedom))
-    if v.p_value > 1 - LEVEL and scatter < NOISE_OVERSTATED:
+    if v.p_value > 1 - LEVEL and scatter < LIMITS.noise_overstated:
         reason = f'the residuals are {scatter:.2g} times what is expected: a change may hide below the stated noise'
         found.append(Remark(Grade.CAUTION, reason, 'state noise and uncertainties as they are'))
     if largest_force > MOST_FORCE * v.record.arm.used.highest_force:

@@ -6,8 +6,8 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+from scara_kinetostatic.assessment.grade import LIMITS
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.assessment.thresholds import LEAST_FREEDOMS
 from scara_kinetostatic.files.calibration_file import RESULT_SCHEMA as SCHEMA
 from scara_kinetostatic.report.json_file import Document
 from scara_kinetostatic.results.document import NAME
@@ -54,7 +54,7 @@ def _verdict(outcome: Outcome) -> str:
     found = [item.effect.label for item in d.found if item.is_found]
     possible = [f'possible: {item.effect.label}' for item in d.found if item.in_every_model and item.is_possible]
     open_ones = [f'one of ({", ".join(group)})' for group in d.rivals]
-    checked = '' if outcome.final.degrees_of_freedom >= LEAST_FREEDOMS else ' (too few touches to check)'
+    checked = '' if outcome.final.degrees_of_freedom >= LIMITS.least_freedoms else ' (too few touches to check)'
     return ', '.join([d.verdict + checked, *found, *possible, *open_ones])
 
 

@@ -8,9 +8,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy import special
 
-from scara_kinetostatic.assessment.grade import Grade
+from scara_kinetostatic.assessment.grade import LIMITS, Grade
 from scara_kinetostatic.assessment.outcome import Outcome
-from scara_kinetostatic.assessment.thresholds import LEAST_FREEDOMS
 from scara_kinetostatic.assessment.tolerance import advice
 from scara_kinetostatic.calibration.identifiability import Combination
 from scara_kinetostatic.calibration.solver import Termination
@@ -64,7 +63,7 @@ def verdict(outcome: Outcome) -> Verdict:
         sentences.append(sentence(d.advice))
     groups = c.identifiability.confounded
     if groups and level == 'good':
-        unchecked = ' nothing checks it:' if c.degrees_of_freedom < LEAST_FREEDOMS else ''
+        unchecked = ' nothing checks it:' if c.degrees_of_freedom < LIMITS.least_freedoms else ''
         level = 'caution'
         headline = f'The base model fits, but{unchecked} these data do not determine every parameter'
     if groups:

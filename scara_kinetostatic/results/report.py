@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from scara_kinetostatic.assessment.conformity import Decision
+from scara_kinetostatic.assessment.evidence import Decision
 from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.assessment.tolerance import NOT_STATED

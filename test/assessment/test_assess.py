@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 
+from scara_kinetostatic.assessment.evidence import leverages
 from scara_kinetostatic.assessment.grade import Assessment, Grade, Remark, quantity
-from scara_kinetostatic.assessment.leverage import leverages
-from scara_kinetostatic.assessment.moved_object import find_moved_object
 from scara_kinetostatic.assessment.outcome import Outcome
+from scara_kinetostatic.assessment.rejections import find_moved_object
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
 from scara_kinetostatic.effects.object_position import ObjectPosition

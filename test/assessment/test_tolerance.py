@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import scara_kinetostatic as sk
-from scara_kinetostatic.assessment.conformity import Conformity, Decision, conformity
+from scara_kinetostatic.assessment.evidence import Conformity, Decision, conformity
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.assessment.tolerance import _fall, action
 from scara_kinetostatic.calibration.calibrate import calibrate

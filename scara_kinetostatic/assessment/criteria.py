@@ -1,0 +1,446 @@
+"""The criteria, each of which may leave remarks, and the assessment made of them.
+
+What the model lacks; whether the touches check the result; whether the parameters have values, and such as a robot can
+have; where the result is an extrapolation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+
+import numpy as np
+from scipy import special
+
+from scara_kinetostatic.assessment import rejections, tolerance
+from scara_kinetostatic.assessment.evidence import Evidence
+from scara_kinetostatic.assessment.grade import LIMITS, Assessment, Grade, Remark, quantity
+from scara_kinetostatic.assessment.rejections import between
+from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
+from scara_kinetostatic.calibration.result import Calibration
+from scara_kinetostatic.calibration.solver import Termination
+from scara_kinetostatic.diagnosis.advice import contradicted, implausible_noise, large_noise
+from scara_kinetostatic.diagnosis.lack_of_fit import Dependence
+from scara_kinetostatic.diagnosis.result import Diagnosis, Found
+from scara_kinetostatic.effects.base import Effect
+from scara_kinetostatic.model.arrays import Floats, Indices
+from scara_kinetostatic.model.kinematics import forward, forward_by_parameters
+from scara_kinetostatic.model.parameters import NAMES, UNITS
+from scara_kinetostatic.model.quantity import displacement
+
+
+def ambiguous(evidence: Evidence) -> Iterator[Remark]:
+    """Rivals: the values hold whichever is there, the effects do not."""
+    d = evidence.diagnosis
+    if d.verdict != 'ambiguous':
+        return
+    groups = '; '.join(_one_of(d, group) for group in d.rivals)
+    yield Remark(
+        Grade.CAUTION,
+        f'a model error was corrected, but its cause is open: {groups}; the twelve parameters and their uncertainties '
+        'hold whichever it is, the effects do not',
+        tolerance.to_discriminate(d),
+    )
+
+
+def _one_of(d: Diagnosis, group: Sequence[str]) -> str:
+    titles = [d.effects_by_label()[label].title if label in d.effects_by_label() else label for label in group]
+    left = len(titles) - 4
+    return ' or '.join([*titles[:4], *([f'one of {left} more'] if left > 0 else [])])
+
+
+def shifted(evidence: Evidence) -> Iterator[Remark]:
+    """Something that shifted at a moment: corrected, but a cell in which things move."""
+    for item in evidence.diagnosis.found:
+        effect, values = item.effect, {value.name: value.value for value in item.values}
+        if not (effect.is_stepwise and item.in_every_model):
+            continue
+        moment = _moment(evidence.final, values.get('moment', np.nan), effect)
+        moment += '' if evidence.sequence_known else ', in the order given, as that in time is not known'
+        if effect.on_object:
+            what = f'{effect.target} has moved {moment}, {displacement(values["x"], values["y"])}: corrected'
+            yield Remark(Grade.CAUTION, what, f'fasten {effect.target}, measure its place again, and record again')
+        else:
+            what = f'{effect.finding} {moment}: corrected; the result is that of after it'
+            yield Remark(Grade.CAUTION, what, f'find out why {effect.finding}, and record again without that')
+
+
+def _moment(c: Calibration, moment: float, effect: Effect) -> str:
+    """The two touches between which a moment lies; of a disc, two of its own."""
+    touches, own = c.touches, np.ones(len(c.touches), dtype=bool)
+    if effect.on_object:
+        own = touches.disc == [disc.name for disc in c.cell.discs].index(effect.target or '')
+    before, after = own & (touches.order < moment), own & (touches.order > moment)
+    if not (before.any() and after.any()):
+        return 'at a moment'
+    last = int(np.flatnonzero(before)[np.argmax(touches.order[before])])
+    first = int(np.flatnonzero(after)[np.argmin(touches.order[after])])
+    return between(touches, last, first)
+
+
+def unexplained(evidence: Evidence) -> Iterator[Remark]:
+    """A model error that no effect explains: what it does to the tip decides."""
+    d, c = evidence.diagnosis, evidence.final
+    for test in d.contradicted:
+        action = f'correct the nominal value of {test.name}, or leave it out of uncertainty.nominal'
+        yield Remark(Grade.CAUTION, f'{contradicted(test)}: the result is without it', action)
+    if d.verdict != 'unexplained' or (d.contradicted and not d.remaining and not d.found):
+        return
+    implausible = implausible_noise(c)
+    if implausible:
+        yield Remark(Grade.UNFIT, *implausible)
+        return
+    curves = [item.effect for item in d.found if not item.effect.is_physical]
+    if curves and not d.remaining:
+        yield _about_curve(curves[0], evidence.base.fixed)
+    elif d.remaining:
+        yield _about_dependence(d.remaining[0], evidence)
+    else:
+        yield _about_noise(c)
+
+
+def _about_curve(curve: Effect, fixed: Iterable[str]) -> Remark:
+    """A fitted curve; a wrong value of a fixed parameter needs one."""
+    held = ', '.join(fixed)
+    return Remark(
+        Grade.CAUTION,
+        f'a model error of unknown cause is corrected by a fitted curve ({curve.description}): it holds where the '
+        'touches are, and may not elsewhere',
+        f'estimate {held} as well: a wrong value looks like this'
+        if held
+        else f'to identify the cause, record {curve.identified_by}',
+    )
+
+
+def _about_dependence(dependence: Dependence, evidence: Evidence) -> Remark:
+    """Unfit where the error is larger than the noise."""
+    c, tip = evidence.final, evidence.comparison.extended.tip
+    if c.noise_source == 'given':
+        small = c.reduced_chi_square <= LIMITS.model_error_unfit
+    else:
+        small = dependence.share <= LIMITS.model_error_share
+    return Remark(
+        Grade.CAUTION if small else Grade.UNFIT,
+        f'a model error is not explained; the residual is correlated with: {dependence.name}; the touches are '
+        f'{quantity(tip.fitted, "m")} off (rms), {quantity(tip.noise, "m")} by noise; the stated uncertainties do not '
+        'cover its bias',
+        'look in the report at what the residuals depend on, mend it, and record again',
+    )
+
+
+def _about_noise(c: Calibration) -> Remark:
+    """Residuals that are larger than the noise, or distributed otherwise, without a pattern."""
+    factor = c.reduced_chi_square**0.5
+    if c.noise_source == 'estimated':
+        reason = 'the residuals are not distributed like noise, without a pattern: some touches are bad'
+        return Remark(Grade.CAUTION, reason, 'record more touches')
+    return Remark(
+        Grade.CAUTION if factor <= LIMITS.noise_factor else Grade.UNFIT,
+        f'the residuals are {factor:.2g} times the stated noise, without a pattern; the uncertainties are enlarged by '
+        'that',
+        'leave the noise out of the cell description to have it estimated',
+    )
+
+
+def noise(evidence: Evidence) -> Iterator[Remark]:
+    """Noise that no robot has, or that the touches contradict."""
+    c = evidence.final
+    if large_noise(c) and evidence.diagnosis.verdict != 'unexplained':
+        yield Remark(
+            Grade.CAUTION,
+            f'the joints seem to repeat no better than {1e6 * c.noise.joint_rms:.0f} µrad: a model error may be '
+            'counted as noise',
+            'give the noise in the cell description if it is known',
+        )
+    factor = c.reduced_chi_square**0.5
+    if c.noise_source == 'given' and factor < LIMITS.noise_overstated:
+        yield Remark(
+            Grade.CAUTION,
+            f'the residuals are {factor:.2g} times the stated noise: the uncertainties are stated too large by that',
+            'leave the noise out of the cell description to have it estimated',
+        )
+
+
+MORE_TOUCHES = 'record more touches, all round every disc, in both elbow postures and at three force levels'
+
+
+def convergence(evidence: Evidence) -> Iterator[Remark]:
+    """A fit that did not converge."""
+    termination = evidence.final.termination
+    if termination is not Termination.CONVERGED:
+        yield Remark(Grade.UNFIT, 'the fit did not converge', termination.advice.rpartition('; ')[2])
+
+
+def held_out(evidence: Evidence) -> Iterator[Remark]:
+    """Touches that do not predict each other."""
+    errors = evidence.comparison.extended
+    ratio = errors.held_out / max(errors.force_error, evidence.final.noise.force_rms)
+    if ratio <= LIMITS.held_out_caution:
+        return
+    yield Remark(
+        Grade.CAUTION if ratio <= LIMITS.held_out_unfit else Grade.UNFIT,
+        f'touches that the fit has not seen are predicted with a force error of {errors.held_out:.2g} N, those it has '
+        f'seen with {errors.force_error:.2g} N',
+        MORE_TOUCHES,
+    )
+
+
+def leverage(evidence: Evidence) -> Iterator[Remark]:
+    """Touches that nothing checks."""
+    found = evidence.leverages
+    high = np.flatnonzero(found > LIMITS.leverage_caution)
+    if not len(high):
+        return
+    high = high[np.argsort(-found[high], kind='stable')]
+    used = np.flatnonzero(evidence.final.used)[high]
+    worst = float(found[high[0]])
+    yield Remark(
+        Grade.CAUTION if worst <= LIMITS.leverage_unfit else Grade.UNFIT,
+        f'{len(high)} of {len(found)} touches are not checked by the others: of an error of touch '
+        f'{evidence.final.touches.index[used[0]]} the parameters absorb {_percent(worst)} (leverage {worst:.2f})',
+        MORE_TOUCHES if len(high) > 4 else f'touch again beside {_places(evidence.final, used)}',
+    )
+
+
+def _percent(part: float) -> str:
+    return 'everything' if part > 0.995 else f'{100 * part:.0f} %'
+
+
+def _places(c: Calibration, which: Indices) -> str:
+    """Where these touches are."""
+    t = c.touches
+    places = dict.fromkeys(
+        f'{c.cell.discs[t.disc[k]].name}, elbow {"left" if t.posture[k] > 0 else "right"}, touch {t.index[k]}'
+        for k in which.tolist()
+    )
+    return '; '.join(places)
+
+
+def freedoms(evidence: Evidence) -> Iterator[Remark]:
+    """Few degrees of freedom: the noise is not checked."""
+    number = evidence.final.degrees_of_freedom
+    if number >= LIMITS.least_freedoms:
+        return
+    estimated = evidence.final.noise_source == 'estimated'
+    consequence = 'the estimated noise is a guess' if estimated else 'they do not check the stated noise'
+    left = f'{number} degree{"" if number == 1 else "s"} of freedom {"is" if number == 1 else "are"} left'
+    yield Remark(
+        Grade.CAUTION, f'{int(evidence.final.used.sum())} touches are few: {left}, {consequence}', MORE_TOUCHES
+    )
+
+
+_NOT_NEGATIVE = ('p_ee', 'p1', 'p2', 'g_ee', 'g1', 'g2')
+_MANY = 4
+"""So many parameters without a value are more than some touches of a kind would mend."""
+
+
+def mistake(evidence: Evidence) -> Iterator[Remark]:
+    """A mistake in the cell description or in the touches."""
+    if evidence.mistake is not None:
+        yield Remark(Grade.UNFIT, evidence.mistake.text, evidence.mistake.action)
+
+
+def undetermined(evidence: Evidence) -> Iterator[Remark]:
+    """Parameters without a value: unfit where the place of the unloaded tip depends on them."""
+    c = evidence.final
+    groups = [set(group) & set(NAMES) for group in c.identifiability.confounded]
+    names = [name for name in NAMES if any(name in group for group in groups)]
+    if not names:
+        return
+    action = MORE_TOUCHES if len(names) > _MANY else c.identifiability.advice
+    if set(names) & set(NAMES[:GEOMETRY]):
+        listed = 'any parameter' if len(names) == len(NAMES) else ', '.join(names)
+        yield Remark(Grade.UNFIT, f'the touches do not determine {listed}, nor where the tip is', action)
+        return
+    size = np.hypot(*c.force[c.used].T)
+    yield Remark(
+        Grade.CAUTION,
+        f'the touches do not determine {", ".join(names)} each by itself: the result holds at '
+        f'{size.min():.0f} to {size.max():.0f} N, as touched, and may not elsewhere',
+        action,
+    )
+
+
+def negative(evidence: Evidence) -> Iterator[Remark]:
+    """Compliances and backlashes below zero beyond their uncertainty."""
+    c = evidence.final
+    bound = negative_bound(c)
+    for name in _NOT_NEGATIVE:
+        value, std = getattr(c.parameters, name), c.std_of(name)
+        if std > 0 and value < -bound * std and not (name == 'g_ee' and evidence.mistake):
+            yield Remark(
+                Grade.UNFIT,
+                f'{name} is negative, {quantity(value, UNITS[name])} ± {quantity(std, UNITS[name])}: no robot is like '
+                'that; something else is wrong that has the same effect',
+                _CHECKS[name],
+            )
+
+
+def negative_bound(c: Calibration) -> float:
+    """Standard uncertainties below zero from which on a value is negative."""
+    if c.noise_source == 'given':
+        return LIMITS.negative
+    probability = float(special.ndtr(-LIMITS.negative))
+    return -float(special.stdtrit(c.degrees_of_freedom, probability))
+
+
+_RADII = 'check the radii in the cell description: they reach to the centre of the tip'
+_SLIP = 'preload every other touch: a joint that slips under load looks like a negative backlash'
+_FORCE = 'check the gain, the frame and the sign of the force sensor'
+_CHECKS = {'g_ee': _RADII, 'g1': _SLIP, 'g2': _SLIP, 'p_ee': _FORCE, 'p1': _FORCE, 'p2': _FORCE}
+"""What to check where a value is negative."""
+
+
+def large_backlash(evidence: Evidence) -> Iterator[Remark]:
+    """A backlash of the gripper that is rather an error of all radii."""
+    value, std = evidence.final.parameters.g_ee, evidence.final.std_of('g_ee')
+    if std > 0 and value - 2 * std > LIMITS.largest_gripper_backlash:
+        size = quantity(value, 'm')
+        yield Remark(
+            Grade.CAUTION,
+            f'the backlash of the gripper, g_ee, is {size}: it has that much play, or all radii are stated {size} too '
+            'large, which touches cannot distinguish',
+            'check the radii in the cell description, and the gripper for play',
+        )
+
+
+GEOMETRY = 6
+"""The first parameters are those of the unloaded arm."""
+_ELBOWS = {1: 'left', -1: 'right'}
+_FIRST_ANGLES = np.linspace(-np.pi, np.pi, 12, endpoint=False)
+_ELBOW_ANGLES = np.deg2rad(np.linspace(20.0, 160.0, 8))
+"""The workspace: all round the base, the elbow neither nearly stretched nor nearly folded."""
+
+
+def postures(evidence: Evidence) -> Iterator[Remark]:
+    """An elbow posture that was not touched."""
+    c = evidence.final
+    touched = set(c.touches.posture[c.used].tolist())
+    for posture in {1, -1} - touched:
+        yield Remark(
+            Grade.CAUTION,
+            f'all touches are with the elbow {_ELBOWS[-posture]}: with the elbow {_ELBOWS[posture]} the result is an '
+            'extrapolation that nothing has checked',
+            f'use it with the elbow {_ELBOWS[-posture]} only, or touch with the elbow {_ELBOWS[posture]}, too',
+        )
+
+
+def forces(evidence: Evidence) -> Iterator[Remark]:
+    """Forces that are all alike."""
+    c = evidence.final
+    if any({'p_ee', 'g_ee'} <= set(group) for group in c.identifiability.confounded):
+        return  # said already
+    size = np.hypot(*c.force[c.used].T)
+    least, most = float(size.min()), float(size.max())
+    if most < LIMITS.force_range * least:
+        yield Remark(
+            Grade.CAUTION,
+            f'all touches are at {least:.0f} to {most:.0f} N: at other forces the result is an extrapolation',
+            f'touch with {least / 2:.0f} N as well',
+        )
+
+
+def places(evidence: Evidence) -> Iterator[Remark]:
+    """Touches that cover a small part of the workspace."""
+    c = evidence.final
+    if any(set(group) & set(NAMES[:GEOMETRY]) for group in c.identifiability.confounded):
+        return
+    touched = float(np.median(tip_std(c, c.touches.joints[c.used])))
+    joints = workspace(c)
+    std = tip_std(c, joints)
+    worst = int(np.argmax(std))
+    if touched > 0 and std[worst] > LIMITS.extrapolation * touched:
+        x, y = forward(c.parameters, joints[worst : worst + 1])[0]
+        yield Remark(
+            Grade.CAUTION,
+            f'the touches cover a small part of the workspace: at x {x:.2f} m, y {y:.2f} m the tip is uncertain by '
+            f'{quantity(float(std[worst]), "m")} (1 σ), at the touches by {quantity(touched, "m")}',
+            'use it near the touches, or touch objects that are farther apart',
+        )
+
+
+def workspace(c: Calibration) -> Floats:
+    """Joint angles all over the workspace, in the elbow postures that were touched, (n, 2), rad."""
+    first, second = (axis.ravel() for axis in np.meshgrid(_FIRST_ANGLES, _ELBOW_ANGLES, indexing='ij'))
+    touched = np.unique(c.touches.posture[c.used])
+    return np.concatenate([np.stack([first, posture * second], axis=-1) for posture in touched])
+
+
+def tip_std(c: Calibration, joints: Floats) -> Floats:
+    """Standard uncertainty of the unloaded tip H(L̄, Q) in the direction where it is largest, (n,), m."""
+    derivative = forward_by_parameters(c.parameters, joints)[..., :GEOMETRY]
+    covariance = derivative @ c.covariance[:GEOMETRY, :GEOMETRY] @ derivative.swapaxes(1, 2)
+    return np.sqrt(np.clip(np.linalg.eigvalsh(covariance)[:, -1], 0.0, None))
+
+
+CRITERIA: tuple[Callable[[Evidence], Iterator[Remark]], ...] = (
+    mistake,
+    convergence,
+    negative,
+    undetermined,
+    rejections.rejected,
+    held_out,
+    leverage,
+    freedoms,
+    unexplained,
+    ambiguous,
+    shifted,
+    noise,
+    rejections.unusable,
+    large_backlash,
+    tolerance.conformity,
+    postures,
+    forces,
+    places,
+)
+"""In the order in which equally grave reasons are given."""
+
+
+def assess(evidence: Evidence) -> Assessment:
+    """Whether a result may be used, why, and what to do.
+
+    Args:
+        evidence: the calibration with all that speaks for or against its use.
+    """
+    remarks = [remark for criterion in CRITERIA for remark in criterion(evidence)]
+    remarks = remarks or [Remark(Grade.FIT, _nothing_against(evidence))]
+    corrections = [Remark(Grade.FIT, reason, action) for reason, action in _corrections(evidence)]
+    return Assessment.of([*remarks, *corrections], _notes(evidence))
+
+
+def _nothing_against(evidence: Evidence) -> str:
+    """The reason of a result that is fit."""
+    errors = evidence.comparison.extended
+    return (
+        f'{int(evidence.final.used.sum())} touches determine all parameters and check them, by a force error of '
+        f'{errors.held_out:.2g} N on touches that the fit has not seen'
+    )
+
+
+def _corrections(evidence: Evidence) -> Iterator[tuple[str, str]]:
+    """Model errors that the result corrects; those of the cell description are to be corrected there as well."""
+    for item in evidence.diagnosis.found:
+        if item.in_every_model and item.effect.is_physical and not item.effect.is_stepwise:
+            yield f'{item.effect.finding}: corrected in this result', _correction(item)
+
+
+def _correction(item: Found) -> str:
+    """What to measure again; empty where the cell description says nothing of it."""
+    found = {value.name: value.value for value in item.values}
+    if not found or not np.isfinite(list(found.values())).all():
+        return ''
+    return item.effect.correction(found)
+
+
+def _notes(evidence: Evidence) -> Iterator[str]:
+    """What the result was judged without."""
+    c = evidence.final
+    if c.fixed:
+        yield f'held at given values, which count as exact: {", ".join(c.fixed)}'
+    yield from tolerance.kept(evidence)
+    missing = []
+    if DeclaredErrors.of(c.cell) is None:
+        missing.append('no uncertainties (discs, radii and sensor count as exact)')
+    if c.cell.tolerance is None:
+        missing.append('no tolerance')
+    if missing:
+        yield f'the cell description declares {" and ".join(missing)}'
