@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Sensor, SensorFrame, SensorSign
 from scara_kinetostatic.model.kinematics import forward, forward_by_parameters, posture, quarter_turn, rotate
-from scara_kinetostatic.model.parameters import L2, THETA1, THETA2, Parameters
+from scara_kinetostatic.model.parameters import Parameters
 
 
 @dataclass(frozen=True)
@@ -153,10 +153,10 @@ def _fit_geometry(joints: Floats, force: Floats, cell: Cell, rounds: int = 8) ->
 
 def _miss_jacobian(parameters: Parameters, joints: Floats, lever: Floats, sensor: Sensor) -> Floats:
     """Derivative of the miss by x0, y0, theta1, l1, theta2, l2, (n, 2, 6); `lever` is r_d F/|F|, (n, 2), m."""
-    derivative = forward_by_parameters(parameters, joints)[..., : L2 + 1]
+    jacobian = forward_by_parameters(parameters, joints)[..., :6]
     if sensor.frame is SensorFrame.TOOL:
-        derivative[..., [THETA1, THETA2]] += quarter_turn(lever)[..., None]
-    return derivative
+        jacobian[..., [2, 4]] += quarter_turn(lever)[..., None]
+    return jacobian
 
 
 def _other_convention(joints: Floats, force: Floats, cell: Cell, lost: int) -> tuple[str, str]:
