@@ -26,7 +26,8 @@ from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
 from scara_kinetostatic.nodes.collector import POLL
 from scara_kinetostatic.nodes.conversion import joint_sample, wrench_sample
-from scara_kinetostatic.nodes.session import Session, Stream
+from scara_kinetostatic.nodes.session import Session
+from scara_kinetostatic.nodes.streams import Stream
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import START, simulate_streams

@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState
 from scara_kinetostatic.bags.cdr import joint_state_messages, wrench_messages
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.nodes.stream_subscription import RELIABLE_STREAM
+from scara_kinetostatic.nodes.streams import RELIABLE_STREAM
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
 from scara_kinetostatic.simulation.streams import simulate_streams

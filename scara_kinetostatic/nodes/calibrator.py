@@ -17,34 +17,34 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from scara_kinetostatic.assessment.grade import Grade
 from scara_kinetostatic.errors import ParameterError, ScaraKinetostaticError
-from scara_kinetostatic.nodes.announced import SESSION, Announced
-from scara_kinetostatic.nodes.calibration_job import UNFIT, Job, Reply
-from scara_kinetostatic.nodes.calibration_process import CANCELLED, CalibrationProcess, Progress
-from scara_kinetostatic.nodes.calibrator_settings import CalibratorSettings
-from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN, Condition, DiagnosticsPublisher
-from scara_kinetostatic.nodes.outcome_text import stored_document, summary, warnings_in_line
-from scara_kinetostatic.nodes.result_parameters import ResultParameters
+from scara_kinetostatic.nodes.calibration_job import (
+    CANCELLED,
+    UNFIT,
+    CalibrationProcess,
+    Job,
+    Progress,
+    Reply,
+    stored_document,
+    summary,
+    warnings_in_line,
+)
+from scara_kinetostatic.nodes.calibrator_parameters import Announced, CalibratorSettings, ResultParameters
+from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError
 from scara_kinetostatic.nodes.runtime import run
-from scara_kinetostatic.nodes.stream_subscription import LATCHED
+from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.results import parameter_file
-from scara_kinetostatic.results.document import NAME
 from scara_kinetostatic.results.parameter_file import EffectParameter, load_result
 
-POLL = 0.05
-"""Between two looks at the process that calibrates, s."""
-LEVELS = {Grade.FIT.value: OK, Grade.CAUTION.value: WARN, Grade.UNFIT.value: ERROR}
-"""The level of a result."""
+_LEVELS = {'fit': OK, 'caution': WARN, UNFIT: ERROR}
+"""The level of a result by its grade."""
 
 
-class Calibrator(Node):
+class Calibrator(CellNode):
     """Calibrates on request. One thread spins it.
 
     Raises:
@@ -67,10 +67,10 @@ class Calibrator(Node):
         self._progress = self.create_publisher(String, '~/progress', LATCHED)
         self.create_service(Trigger, '~/calibrate', self._calibrate, callback_group=ReentrantCallbackGroup())
         self.create_service(Trigger, '~/cancel', self._cancel, callback_group=ReentrantCallbackGroup())
-        self.create_service(Trigger, '~/load', self._load)
-        self._timer = self.create_timer(POLL, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.serve('load', self._load)
+        self._timer = self.every(0.05, self._poll)
         self._timer.cancel()
-        DiagnosticsPublisher(self, 'calibration', self._report)
+        self.publish_status('calibration', self._report)
         self.get_logger().info(f'ready; call {self.resolve_service_name("~/calibrate")}')
 
     def close(self) -> None:
@@ -81,7 +81,7 @@ class Calibrator(Node):
 
     def _note_recording(self, message: String, info: dict[str, Any]) -> None:
         if self._announced.note(message.data, info.get('publication_sequence_number')):
-            together = ', '.join(self._announced.chosen(SESSION))
+            together = ', '.join(self._announced.chosen('session'))
             self.get_logger().info(f'the collector was started anew; recordings of this session: {together}')
 
     async def _calibrate(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -125,27 +125,21 @@ class Calibrator(Node):
         response.message = str(ended) if response.success else 'too late: the calibration was done'
         return response
 
-    def _load(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _load(self) -> str:
         """Takes an earlier result, that of the parameter `name`, as the present one."""
         if self._process is not None:
-            response.message = 'a calibration is running; call again when it is done, or ~/cancel'
-            return response
-        try:
-            folder = self._settings.stored
-            stored = load_result(folder / parameter_file.NAME)
-            if stored.facts.get('assessment') == UNFIT and not self._settings.publishes_unfit:
-                raise ParameterError(folder, 'the result is unfit for use', 'publish_unfit:=true takes it all the same')
-            self._results.publish(*stored)
-            self._condition = self._loaded(str(folder))
-            response.success, response.message = True, self._condition.message
-            if document := stored_document(folder):
-                self._publish_document(document, folder, self._settings.name, True, response.message)
-            else:
-                response.message += f'; ~/result is as it was: no {NAME} there'
-        except ScaraKinetostaticError as error:
-            response.message = str(error)
-            self.get_logger().error(response.message)
-        return response
+            raise RefusedError('a calibration is running; call again when it is done, or ~/cancel')
+        folder = self._settings.stored
+        stored = load_result(folder / parameter_file.NAME)
+        if stored.facts.get('assessment') == UNFIT and not self._settings.publishes_unfit:
+            raise ParameterError(folder, 'the result is unfit for use', 'publish_unfit:=true takes it all the same')
+        self._results.publish(*stored)
+        self._condition = self._loaded(str(folder))
+        message = self._condition.message
+        if document := stored_document(folder):
+            self._publish_document(document, folder, self._settings.name, True, message)
+            return message
+        return f'{message}; ~/result is as it was: no calibration.json there'
 
     def _poll(self) -> None:
         """Looks what the running calibration does."""
@@ -182,11 +176,11 @@ class Calibrator(Node):
         where = f'files not written: {reply.unwritten}' if reply.unwritten else f'written to {reply.folder}'
         kept = '' if take else 'the parameters calibrated.* are left as they were; publish_unfit:=true replaces them'
         message = '; '.join(filter(None, (reply.line, warnings_in_line(reply.warnings), where, reply.note, kept)))
-        level = LEVELS[reply.grade]
+        level = _LEVELS[reply.grade]
         if reply.verdict == 'unexplained' or reply.warnings or reply.unwritten:
             level = max(level, WARN)
         self._condition = Condition(level, message, reply.details | {'published': str(take).lower()})
-        self._log(level, message)
+        self.say(level, message)
         for warning in reply.warnings:
             self.get_logger().warning(warning)
         folder = None if reply.unwritten else Path(reply.folder)
@@ -206,15 +200,6 @@ class Calibrator(Node):
         }
         self._result.publish(String(data=json.dumps(summary(document) | own, ensure_ascii=False)))
 
-    def _log(self, level: bytes, message: str) -> None:
-        logger = self.get_logger()
-        if level == ERROR:
-            logger.error(message)
-        elif level == WARN:
-            logger.warning(message)
-        else:
-            logger.info(message)
-
     def _fail(self, response: Trigger.Response, message: str) -> None:
         """Answers that there is no result."""
         response.message = message
@@ -231,13 +216,13 @@ class Calibrator(Node):
         if not self._results.exist:
             return Condition(OK, 'no calibration yet', {})
         grade = self._results.fact('assessment')
-        if grade not in LEVELS:
+        if grade not in _LEVELS:
             return Condition(WARN, f'result loaded from {where}, which does not say how it was assessed', {})
-        level = LEVELS[str(grade)]
+        level = _LEVELS[str(grade)]
         if self._results.fact('verdict') == 'unexplained':
             level = max(level, WARN)
         message = f'{grade}: result loaded from {where}, {self._origin()}'
-        self._log(level, message)
+        self.say(level, message)
         return Condition(level, message, {})
 
     def _origin(self) -> str:

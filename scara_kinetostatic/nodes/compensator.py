@@ -16,64 +16,197 @@ is said on `/diagnostics`; without a recent force, or without a calibration that
 from __future__ import annotations
 
 import sys
+from collections import Counter, deque
 from collections.abc import Sequence
 from itertools import islice
+from math import hypot, isfinite, isnan, pi
+from time import monotonic
+from typing import NamedTuple
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped, WrenchStamped
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from scara_kinetostatic.errors import ParameterError, ScaraKinetostaticError
+from scara_kinetostatic.errors import InputError, ParameterError, ScaraKinetostaticError, UnsupportedDataError
 from scara_kinetostatic.files.urdf import BASE_FRAME
 from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.cell import Cell, SensorSign
+from scara_kinetostatic.model.effect_law import TouchMetadata
+from scara_kinetostatic.model.kinematics import posture
+from scara_kinetostatic.model.online import MotionSense, OnlineArm, OnlinePosition
 from scara_kinetostatic.nodes import declare
+from scara_kinetostatic.nodes.cell_node import CellNode, Condition, FollowedCalibration
 from scara_kinetostatic.nodes.conversion import (
     NANOSECONDS,
     PlanarPose,
     Sample,
     UnusableMessageError,
-    joint_sample,
     joint_trajectory,
     planar,
     pose_bytes,
     stamp_of,
-    wrench_sample,
 )
 from scara_kinetostatic.nodes.declare import Range
-from scara_kinetostatic.nodes.diagnostics import Condition, DiagnosticsPublisher
-from scara_kinetostatic.nodes.followed_calibration import FollowedCalibration
-from scara_kinetostatic.nodes.followed_tip import ELBOWS, Answer, FollowedTip, StaleError
-from scara_kinetostatic.nodes.frame_check import FrameCheck
-from scara_kinetostatic.nodes.polling import PolledGroup, PollingExecutor, waiting
-from scara_kinetostatic.nodes.runtime import run
-from scara_kinetostatic.nodes.stream_monitor import StreamMonitor
+from scara_kinetostatic.nodes.runtime import PolledGroup, PollingExecutor, run, waiting
+from scara_kinetostatic.nodes.streams import CellStreams, Stream, TFMessage
 
-try:
-    from tf2_msgs.msg import TFMessage
-except ImportError:
-    TFMessage = None
-
-NEWEST = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=4,
-    reliability=ReliabilityPolicy.BEST_EFFORT,
-    durability=DurabilityPolicy.VOLATILE,
-)
-"""Samples that a busy machine has let wait are left out; matches every publisher."""
-TARGETS_EVERY = 8
-"""Polls of the streams to one of the wanted poses and forces."""
-TF_PERIOD = 0.02
-"""Between two transforms, s."""
-SHORTEST = 0.05
-"""Duration of a trajectory at least, s: controllers refuse points in the past."""
+_ELBOWS = ('present', 'left', 'right')
 
 
-class Compensator(Node):
+class Answer(NamedTuple):
+    """Joint angles for a wanted pose.
+
+    Attributes:
+        joints: Q, rad, without a turn more than the present ones need.
+        move: the largest way of a joint, rad.
+        std_normal: standard uncertainty of the tip along the force, m.
+        status: as that of `JointAngles`.
+    """
+
+    joints: tuple[float, float]
+    move: float
+    std_normal: float
+    status: str
+
+
+class FollowedTip:
+    """What the node knows of the arm: the calibration in use, the last samples, the zero of the force.
+
+    Args:
+        cell: whose joints and sensor the messages are of.
+        timeout: age beyond which a sample is stale, s.
+        force_noise: standard deviation of one force of the stream, N; 0 for that of a touch.
+
+    Attributes:
+        assumptions: what is taken of what no message says; empty if nothing is.
+    """
+
+    def __init__(self, cell: Cell, timeout: float, force_noise: float) -> None:
+        self.cell, self.timeout, self._noise = cell, timeout, force_noise
+        self.online: OnlineArm | None = None
+        self.statuses: Counter[str] = Counter()
+        self.zero: tuple[float, float] | None = None
+        self.assumptions = ''
+        self._joints: tuple[float, float, float] | None = None
+        self._wrench: tuple[float, float, float] | None = None
+        self._forces: deque[tuple[float, float, float]] = deque(maxlen=5000)
+        self._needs_metadata = False
+        self._motion = MotionSense()
+        self._approach = (0.0, 0.0)
+
+    def use(self, arm: CalibratedArm) -> None:
+        """Takes another calibration from the next sample on.
+
+        Raises:
+            ParameterError: it cannot be followed.
+        """
+        noise = arm.noise._replace(force=self._noise) if self._noise else arm.noise
+        online = OnlineArm(arm, noise)
+        if self.online is not None:
+            online.follow_on(self.online)
+        predictor = online.predictor
+        self._needs_metadata = bool(predictor.effects_of('approach')) or predictor.depends_on_time
+        self.assumptions = predictor.assumptions
+        self.online = online
+
+    def take_wrench(self, sample: Sample) -> None:
+        """A force as the sensor reports it, in the frame of the cell description."""
+        sign = -1.0 if self.cell.sensor.sign is SensorSign.ON_ROBOT else 1.0
+        now = monotonic()
+        self._wrench = sign * sample.first, sign * sample.second, now
+        self._forces.append(self._wrench)
+
+    def take_joints(self, sample: Sample) -> OnlinePosition | None:
+        """Joint angles, and where the tip is with them; None without a calibration or a recent force."""
+        now = monotonic()
+        self._joints = sample.first, sample.second, now
+        if self._needs_metadata:
+            self._approach = self._motion.note(sample.first, sample.second)
+        if self.online is None or self._wrench is None or now - self._wrench[2] > self.timeout:
+            return None
+        fx, fy = self._force(sample.first, sample.second)
+        found = self.online.locate(sample.first, sample.second, fx, fy, self._metadata())
+        self.statuses[found.status] += 1
+        return found
+
+    def _force(self, q1: float, q2: float) -> tuple[float, float]:
+        """The true force, base frame, N."""
+        assert self.online is not None
+        assert self._wrench is not None
+        zero = self.zero or (0.0, 0.0)
+        return self.online.true_force(q1, q2, self._wrench[0] - zero[0], self._wrench[1] - zero[1])
+
+    def tare(self) -> tuple[float, float]:
+        """Takes the mean of the last forces as zero; nothing must be touched.
+
+        Raises:
+            UnsupportedDataError: there are too few.
+        """
+        since = monotonic() - 0.5
+        recent = [(x, y) for x, y, when in self._forces if when > since]
+        if len(recent) < 3:
+            raise UnsupportedDataError(f'{len(recent)} forces in the last 0.5 s')
+        x, y = np.mean(recent, axis=0).tolist()
+        self.zero = x, y
+        return self.zero
+
+    def forget_forces(self) -> bool:
+        """Forgets forces and their zero, as where they are turned otherwise from here on; whether there was a zero."""
+        had, self.zero, self._wrench = self.zero is not None, None, None
+        self._forces.clear()
+        return had
+
+    def answer(self, x: float, y: float, fx: float, fy: float, elbow: str) -> Answer:
+        """Joint angles for a wanted place and force.
+
+        Raises:
+            InputError: there is no calibration, or the place is out of reach.
+            UnsupportedDataError: there are no recent joint angles.
+        """
+        if self.online is None:
+            raise InputError('the calibration', 'there is none yet', 'set the parameter calibration, or calibrate')
+        if self._joints is None or monotonic() - self._joints[2] > self.timeout:
+            raise UnsupportedDataError('no recent joint angles')
+        present = np.array(self._joints[:2])
+        sides = {'left': 1, 'right': -1, 'present': int(posture(self.online.arm.model.parameters, present[None])[0])}
+        side = np.array([sides[elbow]])
+        metadata = self._metadata() or TouchMetadata.plain(1)
+        found = self.online.predictor.compensate(np.array([[x, y]]), np.array([[fx, fy]]), side, metadata)
+        if not np.isfinite(found.joints).all():
+            raise InputError('the wanted pose', f'({x:.4g}, {y:.4g}) m is out of reach', 'wish for another')
+        angles = found.joints[0] + 2 * pi * np.round((present - found.joints[0]) / (2 * pi))
+        q1, q2 = angles.tolist()
+        move = float(np.abs(angles - present).max())
+        return Answer((q1, q2), move, float(found.std_normal[0]), str(found.status[0]))
+
+    def ages(self) -> dict[str, float]:
+        """Age of the last sample of each stream, s; infinite where there is none."""
+        now = monotonic()
+        streams = {'joint angles': self._joints, 'forces': self._wrench}
+        return {name: float('inf') if last is None else now - last[2] for name, last in streams.items()}
+
+    @property
+    def force(self) -> float:
+        """Size of the last force less the zero, N; NaN where there is none."""
+        if self._wrench is None:
+            return float('nan')
+        zero = self.zero or (0.0, 0.0)
+        size = hypot(self._wrench[0] - zero[0], self._wrench[1] - zero[1])
+        return size if isfinite(size) else float('nan')
+
+    def _metadata(self) -> TouchMetadata | None:
+        """Of the present pose, where the calibration asks for it."""
+        if not self._needs_metadata or self.online is None:
+            return None
+        time = np.array([self.online.arm.used.duration])
+        return TouchMetadata.plain(1)._replace(time=time, approach=np.array([self._approach]))
+
+
+class Compensator(CellNode):
     """Follows the tip.
 
     Raises:
@@ -84,15 +217,13 @@ class Compensator(Node):
         super().__init__('compensator')
         self._calibration = FollowedCalibration(self, self._use)
         cell = self._calibration.cell
-        self._timeout = declare.number(
-            self, 'timeout', 0.1, 'age of a message beyond which it is stale, s', Range(0.001, 60)
-        )
-        noise = declare.number(
-            self, 'force_noise', 0.0, 'standard deviation of one force, N; 0: that of the calibration', Range(0, 100)
-        )
-        self._elbow = declare.text(self, 'elbow', 'present', f'of the answers: {", ".join(ELBOWS)}')
-        if self._elbow not in ELBOWS:
-            raise ParameterError('parameter elbow', f'expected {", ".join(ELBOWS)}, got {self._elbow!r}')
+        age = 'age of a message beyond which it is stale, s'
+        self._timeout = declare.number(self, 'timeout', 0.1, age, Range(0.001, 60))
+        meaning = 'standard deviation of one force, N; 0: that of the calibration'
+        noise = declare.number(self, 'force_noise', 0.0, meaning, Range(0, 100))
+        self._elbow = declare.text(self, 'elbow', 'present', f'of the answers: {", ".join(_ELBOWS)}')
+        if self._elbow not in _ELBOWS:
+            raise ParameterError('parameter elbow', f'expected {", ".join(_ELBOWS)}, got {self._elbow!r}')
         self._speed = declare.number(self, 'speed', 0.2, 'of a joint at most in an answer, rad/s', Range(1e-3, 100))
         prefix = declare.text(self, 'frame_prefix', '', 'before the names of frames, as of robot_state_publisher')
         tip_frame = declare.text(self, 'tip_frame', 'compensated_tip', 'frame of the tip; empty: no transform')
@@ -101,24 +232,21 @@ class Compensator(Node):
         self._answered, self._answer_problem = 'none', ''
         self._wanted = (0.0, 0.0)
         self._next_transform = self._polls = 0
-        self._check = FrameCheck(self, cell.sensor.frame, self._turned)
+        self._streams = CellStreams(self, cell, self._turned)
         self._pose = self.create_publisher(PoseWithCovarianceStamped, '~/pose', 10)
         self._transform = self.create_publisher(TFMessage, '/tf', 10) if TFMessage and self._tip_frame else None
         self._trajectory = self.create_publisher(JointTrajectory, '~/joint_trajectory', 1)
         joint_states, wrench = cell.sensor[:2]
-        self._joints_heard = StreamMonitor(self.resolve_topic_name(joint_states), with_joints=True)
-        self._wrench_heard = StreamMonitor(self.resolve_topic_name(wrench))
         self._group = PolledGroup()
-        self._wrenches = self._polled(WrenchStamped, wrench, NEWEST)
-        self.awaited = self._polled(JointState, joint_states, NEWEST)
+        # samples that a busy machine has let wait are left out; matches every publisher
+        newest = QoSProfile(depth=4, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._wrenches = self._polled(WrenchStamped, wrench, newest)
+        self.awaited = self._polled(JointState, joint_states, newest)
         self._targets = self._polled(PoseStamped, '~/target_pose', 1)
         self._wanted_forces = self._polled(WrenchStamped, '~/target_wrench', 1)
-        self.create_service(Trigger, '~/tare', self._tare)
-        DiagnosticsPublisher(self, 'tip', self._report)
+        self.serve_tare(self._tip.tare)
+        self.publish_status('tip', self._report)
         self._calibration.start()
-
-    def close(self) -> None:
-        """Nothing to close."""
 
     def _use(self, arm: CalibratedArm) -> None:
         """Takes a calibration from the next sample on."""
@@ -131,34 +259,23 @@ class Compensator(Node):
         if anew and self._tip.forget_forces():
             self.get_logger().warning('the forces are turned otherwise from here on: call ~/tare again')
 
-    def _take_wrench(self, message: bytes) -> None:
-        try:
-            sample = wrench_sample(message, self._check.turn(message))
-            self._wrench_heard.accept(sample.stamp_ns, (sample.first, sample.second))
-            self._tip.take_wrench(sample)
-        except UnusableMessageError as error:
-            self._wrench_heard.refuse(str(error))
-
     def _polled(self, kind: type, topic: str, profile: QoSProfile | int) -> Subscription:
-        return self.create_subscription(kind, topic, _ignore, profile, callback_group=self._group, raw=True)
+        return self.create_subscription(kind, topic, lambda _: None, profile, callback_group=self._group, raw=True)
 
     def poll(self) -> None:
         """Takes what has come: wrenches first, so that a joint state goes with the last force before it.
 
-        One joint state: where more have come, the next wait ends at once.
+        One joint state: where more have come, the next wait ends at once. Wanted poses and forces come with every
+        eighth call.
         """
         for message in waiting(self._wrenches):
-            self._take_wrench(message)
+            if (sample := self._streams.sample(Stream.WRENCH, message)) is not None:
+                self._tip.take_wrench(sample)
         for message in islice(waiting(self.awaited), 1):
-            try:
-                sample = joint_sample(message, self._tip.cell.joint_names)
-                self._joints_heard.accept(sample.stamp_ns, (sample.first, sample.second))
-            except UnusableMessageError as error:
-                self._joints_heard.refuse(str(error))
-            else:
+            if (sample := self._streams.sample(Stream.JOINTS, message)) is not None:
                 self._take_joints(sample)
         self._polls += 1
-        if self._polls % TARGETS_EVERY:
+        if self._polls % 8:
             return
         for message in waiting(self._wanted_forces):
             self._want(deserialize_message(message, WrenchStamped))
@@ -166,18 +283,16 @@ class Compensator(Node):
             self._answer(deserialize_message(message, PoseStamped))
 
     def _take_joints(self, sample: Sample) -> None:
-        """Publishes where the tip is."""
-        try:
-            found = self._tip.take_joints(sample)
-        except StaleError:  # the diagnostics say so
+        """Publishes where the tip is; the diagnostics say why there is no pose."""
+        found = self._tip.take_joints(sample)
+        if found is None or isnan(found.x):
             return
-        if found is not None and found.x == found.x:
-            stamp = sample.stamp_ns or int(self.get_clock().now().nanoseconds)
-            pose = PlanarPose(found.x, found.y, found.yaw, found.covariance.tolist())
-            self._pose.publish(pose_bytes(stamp, self._frame, pose))
-            if self._transform is not None and not 0 <= self._next_transform - stamp <= NANOSECONDS:
-                self._next_transform = stamp + round(TF_PERIOD * NANOSECONDS)
-                self._transform.publish(TFMessage(transforms=[self._as_transform(stamp, pose)]))
+        stamp = sample.stamp_ns or int(self.get_clock().now().nanoseconds)
+        pose = PlanarPose(found.x, found.y, found.yaw, found.covariance.tolist())
+        self._pose.publish(pose_bytes(stamp, self._frame, pose))
+        if self._transform is not None and not 0 <= self._next_transform - stamp <= NANOSECONDS:
+            self._next_transform = stamp + NANOSECONDS // 50
+            self._transform.publish(TFMessage(transforms=[self._as_transform(stamp, pose)]))
 
     def _as_transform(self, stamp: int, pose: PlanarPose) -> TransformStamped:
         message = TransformStamped(child_frame_id=self._tip_frame)
@@ -200,10 +315,10 @@ class Compensator(Node):
             self._check_frame(message.header.frame_id)
             x, y = planar(message.pose.position)
             answer = self._tip.answer(x, y, *self._wanted, self._elbow)
-        except (UnusableMessageError, StaleError, ScaraKinetostaticError) as error:
+        except (UnusableMessageError, ScaraKinetostaticError) as error:
             self._leave(f'~/target_pose is not answered: {error}')
             return
-        duration = max(SHORTEST, answer.move / self._speed)
+        duration = max(0.05, answer.move / self._speed)  # controllers refuse points in the past
         self._trajectory.publish(joint_trajectory(self._tip.cell.joint_names, answer.joints, duration))
         self._answered = self._described(x, y, answer)
         sure = answer.status in ('ok', 'unloaded')
@@ -227,42 +342,24 @@ class Compensator(Node):
         self._answer_problem = problem
         self.get_logger().warning(problem)
 
-    def _tare(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            x, y = self._tip.tare()
-            response.success, response.message = True, f'zero of the force: ({x:.4g}, {y:.4g}) N'
-        except StaleError as error:
-            response.message = f'not tared: {error}'
-        self.get_logger().info(response.message)
-        return response
-
     def _report(self) -> Condition:
         """The status: what is missing first."""
-        values = {'last answer': self._answered, **self._figures()}
-        complaints = [self._check.complaint()]
-        for monitor in (self._joints_heard, self._wrench_heard):
-            monitor.publishers = [found.node_name for found in self.get_publishers_info_by_topic(monitor.topic)]
-            rate = monitor.rate()
-            values |= monitor.details(rate)
-            complaints += [monitor.complaint(rate, expected=True), monitor.mixture()]
-        statuses, self._tip.statuses = dict(self._tip.statuses), type(self._tip.statuses)()
-        values |= {f'poses: {name}': str(number) for name, number in statuses.items()}
+        zero, statuses = self._tip.zero, self._tip.statuses
+        self._tip.statuses = Counter()
+        self._streams.look_at_publishers()
+        complaints, heard = self._streams.examine()
+        values = {
+            'last answer': self._answered,
+            'force [N]': f'{self._tip.force:.4g}',
+            'zero of the force [N]': 'not tared' if zero is None else f'({zero[0]:.4g}, {zero[1]:.4g})',
+            'wanted force [N]': f'({self._wanted[0]:.4g}, {self._wanted[1]:.4g})',
+            **heard,
+            **{f'poses: {name}': str(number) for name, number in statuses.items()},
+        }
         complaints += [f'no recent {name}' for name, age in self._tip.ages().items() if age > self._timeout]
         complaints += [f'{number} poses {name}' for name, number in statuses.items() if name not in ('ok', 'unloaded')]
         complaints += [self._answer_problem, self._tip.assumptions]
         return self._calibration.condition(complaints, values, 'following the tip')
-
-    def _figures(self) -> dict[str, str]:
-        zero = self._tip.zero
-        return {
-            'force [N]': f'{self._tip.force:.4g}',
-            'zero of the force [N]': 'not tared' if zero is None else f'({zero[0]:.4g}, {zero[1]:.4g})',
-            'wanted force [N]': f'({self._wanted[0]:.4g}, {self._wanted[1]:.4g})',
-        }
-
-
-def _ignore(_: bytes) -> None:
-    """Polled subscriptions have no callback."""
 
 
 def main(args: Sequence[str] | None = None) -> int:

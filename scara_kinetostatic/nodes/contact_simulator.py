@@ -10,36 +10,203 @@ that factor. Publishes the topics named in the cell description and, latched,
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from math import tau
 from time import monotonic
+from typing import Any, TypeVar
 
+import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
+from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.files.urdf import BASE_FRAME, TOOL_FRAME
-from scara_kinetostatic.model.cell import SensorFrame
+from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign
+from scara_kinetostatic.model.extended_model import ExtendedModel
+from scara_kinetostatic.model.parameters import DESCRIPTIONS, UNITS, Parameters
 from scara_kinetostatic.nodes import conversion, declare
+from scara_kinetostatic.nodes.cell_node import CellNode
+from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.declare import Range
-from scara_kinetostatic.nodes.playback import Playback
 from scara_kinetostatic.nodes.runtime import run
-from scara_kinetostatic.nodes.simulator_settings import declare_simulator
-from scara_kinetostatic.nodes.stream_subscription import LATCHED, RELIABLE_STREAM
-from scara_kinetostatic.simulation.slides import simulate_slides
+from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
+from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, Plan, default_plan
+from scara_kinetostatic.simulation.plan_file import holds_slides, load_plan, load_slides
+from scara_kinetostatic.simulation.sensors import TYPICAL_NOISE, SensorModel
+from scara_kinetostatic.simulation.slides import Slide, simulate_slides
 from scara_kinetostatic.simulation.streams import simulate_streams
+from scara_kinetostatic.simulation.truth import deviating_robot, parse_effect, with_effects
+from scara_kinetostatic.touches.streams import Streams
 
-TICK = 0.01
-"""Between two batches of messages, s."""
-LONGEST_TICK = 0.05
-"""Longest advance of the simulation in one tick: a slow machine slows it down instead of sending bursts, s."""
-DISCOVERY = 0.5
-"""From the first subscriber to the start, s: the subscriber has then discovered both publishers."""
-PAUSE = 1.0
-"""Between two passes through the plan, simulated s."""
+_E = TypeVar('_E', bound=Enum)
 
 
-class ContactSimulator(Node):
+@dataclass(frozen=True)
+class SimulatorSettings:
+    """Inputs of the simulation.
+
+    Attributes:
+        cell: with the frame and the sign that the simulated sensor really has.
+        plan: the touches, or slides along objects.
+        truth: the simulated robot, with its effects.
+        sensors: noise, bias and rates.
+        seed: of all random numbers.
+        wait_for_subscribers: subscribers that both topics need before the simulation starts.
+    """
+
+    cell: Cell
+    plan: Plan | tuple[Slide, ...]
+    truth: ExtendedModel
+    sensors: SensorModel
+    seed: int
+    wait_for_subscribers: int
+
+
+def declare_simulator(node: Node) -> SimulatorSettings:
+    """Declares all parameters except those that may change while the node runs.
+
+    Raises:
+        InputError: the cell or the plan cannot be read, or a value or an effect is not valid.
+    """
+    cell = _cell(node)
+    waiting = 'subscribers that both topics need before the simulation starts'
+    return SimulatorSettings(
+        cell=cell,
+        plan=_plan(node, cell),
+        truth=_with_effects(node, cell),
+        sensors=_sensors(node, cell),
+        seed=declare.whole(node, 'seed', 0, 'seed of the noise', Range(0, 2**31 - 1)),
+        wait_for_subscribers=declare.whole(node, 'wait_for_subscribers', 0, waiting, Range(0, 100)),
+    )
+
+
+def _cell(node: Node) -> Cell:
+    cell = declare.cell_or_example(node)
+    frame = declare.text(node, 'frame', '', 'frame of the sensor, base or tool; empty: as the cell says')
+    sign = declare.text(node, 'sign', '', 'sign of the sensor, on_object or on_robot; empty: as the cell says')
+    sensor = cell.sensor._replace(
+        frame=_choice('frame', frame, cell.sensor.frame, SensorFrame),
+        sign=_choice('sign', sign, cell.sensor.sign, SensorSign),
+    )
+    return replace(cell, sensor=sensor)
+
+
+def _plan(node: Node, cell: Cell) -> Plan | tuple[Slide, ...]:
+    """The touches, or the slides."""
+    meaning = 'plan of touches, or of slides along objects (YAML file); empty: touches over all discs of the cell'
+    file = declare.text(node, 'plan', '', meaning)
+    meaning = 'preload of every other touch: force beyond that of the hold, over it; with a plan: 0'
+    preload = declare.number(node, 'preload', 0.0, meaning, Range(0.0, LARGEST_PRELOAD))
+    if file and preload > 0:
+        raise ParameterError('parameter preload', 'a plan defines all touches', 'leave out preload or plan')
+    if file and holds_slides(file):
+        return load_slides(file, cell)
+    return load_plan(file, cell) if file else default_plan(cell, preload=preload)
+
+
+def _choice(name: str, value: str, default: _E, choices: type[_E]) -> _E:
+    try:
+        return choices(value) if value else default
+    except ValueError:
+        expected = ' or '.join(str(choice.value) for choice in choices)
+        raise ParameterError(f'parameter {name}', f'expected {expected}, got {value!r}') from None
+
+
+def _with_effects(node: Node, cell: Cell) -> ExtendedModel:
+    """The simulated robot, with its effects."""
+    how = "effects of the simulated robot, each as 'name[target]:parameter=value,parameter=value', SI units"
+    chosen = [parse_effect(text, cell) for text in declare.texts(node, 'effects', how)]
+    return with_effects(_truth(node, cell.nominal), chosen)
+
+
+def _truth(node: Node, nominal: Parameters) -> Parameters:
+    """The true parameters; by default they deviate from the nominal ones as in table 2."""
+    ranges = {
+        'x0': Range(-100, 100), 'y0': Range(-100, 100), 'theta1': Range(-tau, tau), 'theta2': Range(-tau, tau),
+        'l1': Range(1e-3, 100), 'l2': Range(1e-3, 100), 'g1': Range(0, 0.1), 'g2': Range(0, 0.1),
+    }  # fmt: skip
+    values = {}
+    for name, default in deviating_robot(nominal).as_dict().items():
+        meaning = f'true {DESCRIPTIONS[name]}, {UNITS[name]}'
+        values[name] = declare.number(node, f'truth.{name}', default, meaning, ranges.get(name, Range(0, 1e-2)))
+    return Parameters(**values)
+
+
+def _sensors(node: Node, cell: Cell) -> SensorModel:
+    usual = SensorModel()
+    noise = cell.noise or TYPICAL_NOISE
+    angle, force, bias, rates = Range(0, 0.1), Range(0, 100), Range(-100, 100), Range(1, 2000)
+
+    def number(name: str, default: float, description: str, bounds: Range) -> float:
+        return declare.number(node, name, default, description, bounds)
+
+    return SensorModel(
+        touch_noise=noise.with_rms(
+            number('noise.joint', noise.joint_rms, 'repeatability of a joint angle from touch to touch, rad', angle),
+            number('noise.force', noise.force_rms, 'repeatability of the force from touch to touch, N', force),
+        ),
+        joint_noise=number('noise.joint_sample', usual.joint_noise, 'white noise of the joint samples, rad', angle),
+        force_noise=number('noise.force_sample', usual.force_noise, 'white noise of the force samples, N', force),
+        bias=(
+            number('bias.x', usual.bias[0], 'bias of the force sensor along x, N', bias),
+            number('bias.y', usual.bias[1], 'bias of the force sensor along y, N', bias),
+        ),
+        joint_rate=number('joint_rate', usual.joint_rate, 'joint states per simulated second, Hz', rates),
+        wrench_rate=number('wrench_rate', usual.wrench_rate, 'wrenches per simulated second, Hz', rates),
+    )
+
+
+class Playback:
+    """Both streams in the order of their stamps.
+
+    Args:
+        streams: stamped from 0, ns.
+        start: added to every stamp, ns.
+
+    Attributes:
+        start: as given; may be changed before the first message is returned.
+    """
+
+    def __init__(self, streams: Streams, start: int) -> None:
+        stamps = np.concatenate([streams.joints.stamp, streams.wrench.stamp])
+        order = np.argsort(stamps, kind='stable')
+        self._stamp = stamps[order]
+        self._values = np.concatenate([streams.joints.position, streams.wrench.force])[order]
+        self._is_wrench = order >= len(streams.joints.stamp)
+        self._next = 0
+        self.start = start
+
+    @property
+    def finished(self) -> bool:
+        """Whether every message has been returned."""
+        return self._next == len(self._stamp)
+
+    @property
+    def end(self) -> int:
+        """Stamp of the last message, ns."""
+        return self.start + int(self._stamp[-1])
+
+    def advance(self, elapsed: float) -> Iterator[tuple[bool, Sample]]:
+        """The messages that became due since the last call.
+
+        Args:
+            elapsed: simulated time since the start, s.
+
+        Yields:
+            Whether it is a wrench, else joint angles, and its numbers.
+        """
+        first = self._next
+        self._next = max(first, int(np.searchsorted(self._stamp, round(1e9 * elapsed), side='right')))
+        for row in range(first, self._next):
+            stamp = self.start + int(self._stamp[row])
+            yield bool(self._is_wrench[row]), Sample(stamp, *self._values[row].tolist())
+
+
+class ContactSimulator(CellNode):
     """Publishes a plan of touches or slides, once or repeatedly.
 
     Raises:
@@ -65,30 +232,19 @@ class ContactSimulator(Node):
         self._elapsed = 0.0
         self._ready_since: float | None = None
         self._last_tick: float | None = None
-        self._timer = self.create_timer(TICK, self._tick)
+        self._timer = self.create_timer(0.01, self._tick)
         kind = 'slides' if isinstance(self._settings.plan, tuple) else 'touches'
         self.get_logger().info(f'{len(self._settings.plan)} {kind} planned')
 
-    def close(self) -> None:
-        """Nothing to close."""
-
     def _simulate(self, start: int = 0) -> Playback:
         """The next pass through the plan, with noise of its own; joints with memory keep what the last one left."""
-        settings, seed = self._settings, self._settings.seed + self._passes
+        settings = self._settings
+        given: dict[str, Any] = {'sensors': settings.sensors, 'seed': settings.seed + self._passes, 'start': 0}
         if isinstance(settings.plan, tuple):
-            streams = simulate_slides(
-                settings.cell, settings.truth, settings.plan, sensors=settings.sensors, seed=seed, start=0
-            )
+            streams = simulate_slides(settings.cell, settings.truth, settings.plan, **given)
         else:
-            streams = simulate_streams(
-                settings.cell,
-                settings.truth,
-                settings.plan,
-                sensors=settings.sensors,
-                seed=seed,
-                start=0,
-                repeated=self._passes > 0,
-            )
+            repeated = self._passes > 0
+            streams = simulate_streams(settings.cell, settings.truth, settings.plan, **given, repeated=repeated)
         self._passes += 1
         return Playback(streams, start)
 
@@ -98,7 +254,7 @@ class ContactSimulator(Node):
             return
         now = monotonic()
         factor = self.get_parameter('time_factor').value
-        self._elapsed += min(now - self._last_tick, LONGEST_TICK) * factor
+        self._elapsed += min(now - self._last_tick, 0.05) * factor  # a slow machine slows it down: no bursts
         self._last_tick = now
         for is_wrench, sample in self._playback.advance(self._elapsed):
             if is_wrench:
@@ -115,15 +271,15 @@ class ContactSimulator(Node):
             return
         now = monotonic()
         self._ready_since = self._ready_since or now
-        if now - self._ready_since >= DISCOVERY:
+        if now - self._ready_since >= 0.5:  # the subscriber has then discovered both publishers
             self._playback.start = self.get_clock().now().nanoseconds
             self._last_tick = now
             self.get_logger().info('the simulation starts')
 
     def _end_pass(self) -> None:
         if self.get_parameter('loop').value:
-            self._playback = self._simulate(self._playback.end + round(1e9 * PAUSE))
-            self._elapsed = -PAUSE
+            self._playback = self._simulate(self._playback.end + 10**9)  # after a pause of 1 simulated s
+            self._elapsed = -1.0
             return
         self._timer.cancel()
         self._finished.publish(Bool(data=True))

@@ -18,12 +18,7 @@ from collections.abc import Sequence
 from time import monotonic, time_ns
 
 import numpy as np
-from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Path
-from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
-from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from scara_kinetostatic.contour.joining import Outline
@@ -35,27 +30,14 @@ from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.files.urdf import BASE_FRAME
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.nodes import declare
-from scara_kinetostatic.nodes.conversion import UnusableMessageError, joint_sample, path, wrench_sample
+from scara_kinetostatic.nodes.cell_node import CellNode, Condition, FollowedCalibration
+from scara_kinetostatic.nodes.conversion import Sample, marker_array, path
 from scara_kinetostatic.nodes.declare import Range
-from scara_kinetostatic.nodes.diagnostics import Condition, DiagnosticsPublisher
-from scara_kinetostatic.nodes.followed_calibration import FollowedCalibration
-from scara_kinetostatic.nodes.frame_check import FrameCheck
-from scara_kinetostatic.nodes.marker_messages import marker_array
 from scara_kinetostatic.nodes.runtime import run
-from scara_kinetostatic.nodes.stream_monitor import StreamMonitor
-from scara_kinetostatic.nodes.stream_subscription import LATCHED, StreamSubscription
-
-REST = 0.005
-"""Between two callbacks, s: messages of 1 kHz are taken several at a time."""
-PAUSE = 5.0
-"""Between two evaluations at least, in times that the last one took."""
-TARE_TIME = SECOND // 2
-"""Over so long a time the zero of the force is averaged, ns."""
-FORCE_SCALE = 0.002
-"""Length of the arrow of a force, m/N."""
+from scara_kinetostatic.nodes.streams import LATCHED, CellStreams, Stream
 
 
-class ContourTracker(Node):
+class ContourTracker(CellNode):
     """Traces the surface along which the tip slides. One thread spins it.
 
     Raises:
@@ -76,24 +58,15 @@ class ContourTracker(Node):
         self._frame = declare.text(self, 'frame_prefix', '', 'before the names of frames') + BASE_FRAME
         self._online: OnlineContour | None = None
         self._next = 0.0
-        self._check = FrameCheck(self, cell.sensor.frame, self._turned)
         self._path = self.create_publisher(Path, '~/path', LATCHED)
         self._markers = self.create_publisher(MarkerArray, '~/markers', LATCHED)
-        topics = [self.resolve_topic_name(topic) for topic in cell.sensor[:2]]
-        self._joints_heard = StreamMonitor(topics[0], with_joints=True)
-        self._wrench_heard = StreamMonitor(topics[1])
-        self._streams = (
-            StreamSubscription(self, JointState, cell.sensor.joint_states, self._take_joints, self._joints_heard.lose),
-            StreamSubscription(self, WrenchStamped, cell.sensor.wrench, self._take_wrench, self._wrench_heard.lose),
-        )
-        self.create_service(Trigger, '~/clear', self._clear)
-        self.create_service(Trigger, '~/tare', self._tare)
-        self.create_timer(period, self._evaluate, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        DiagnosticsPublisher(self, 'contour', self._report)
+        self._streams = CellStreams(self, cell, self._turned)
+        self._streams.subscribe(self._take)
+        self.serve('clear', self._clear)
+        self.serve_tare(self._tare)
+        self.every(period, self._evaluate)
+        self.publish_status('contour', self._report)
         self._calibration.start()
-
-    def close(self) -> None:
-        """Nothing to close."""
 
     def _use(self, arm: CalibratedArm) -> None:
         """Takes a calibration; with another one than before the outlines begin anew."""
@@ -111,25 +84,10 @@ class ContourTracker(Node):
         if anew and self._online is not None:
             self._online.restart()
 
-    def _take_joints(self, message: bytes, received: int) -> None:
-        try:
-            sample = joint_sample(message, self._cell.joint_names)
-        except UnusableMessageError as error:
-            self._joints_heard.refuse(str(error))
-            return
-        self._joints_heard.accept(sample.stamp_ns, sample[1:])
-        if self._online is not None:
-            self._online.add_joint_state(sample.stamp_ns, sample[1:], received or time_ns())
-
-    def _take_wrench(self, message: bytes, received: int) -> None:
-        try:
-            sample = wrench_sample(message, self._check.turn(message))
-        except UnusableMessageError as error:
-            self._wrench_heard.refuse(str(error))
-            return
-        self._wrench_heard.accept(sample.stamp_ns, sample[1:])
-        if self._online is not None:
-            self._online.add_wrench(sample.stamp_ns, sample[1:], received or time_ns())
+    def _take(self, stream: Stream, _: bytes, received: int, sample: Sample | None) -> None:
+        if self._online is not None and sample is not None:
+            add = self._online.add_joint_state if stream is Stream.JOINTS else self._online.add_wrench
+            add(sample.stamp_ns, sample[1:], received or time_ns())
 
     def _evaluate(self) -> None:
         """Traces what has come, and publishes what has changed."""
@@ -138,7 +96,7 @@ class ContourTracker(Node):
             return
         if self._online.poll(time_ns()):
             self._publish()
-        self._next = began + PAUSE * (monotonic() - began)
+        self._next = began + 5 * (monotonic() - began)  # a pause of five times what it took
 
     def _publish(self) -> None:
         online = self._online
@@ -148,39 +106,33 @@ class ContourTracker(Node):
         self._path.publish(path(online.now, self._frame, [] if present is None else _places(present)))
         scale = float(self.get_parameter('uncertainty_scale').value)
         scene = known_markers(self._cell.discs, online.tip_radius) + outline_markers(online.outlines, scale)
-        self._markers.publish(marker_array(scene + tip_markers(online.contour, FORCE_SCALE), self._frame))
+        self._markers.publish(marker_array(scene + tip_markers(online.contour, 0.002), self._frame))
 
-    def _clear(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self._online is None:
-            response.message = 'there is no calibration yet, and no outline'
-            return response
-        number = len(self._online.outlines)
-        self._online.clear()
+    def _clear(self) -> str:
+        online = self._calibrated()
+        number = len(online.outlines)
+        online.clear()
         self._publish()
-        response.success, response.message = True, f'outlines forgotten: {number}'
-        self.get_logger().info(response.message)
-        return response
+        return f'outlines forgotten: {number}'
 
-    def _tare(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            if self._online is None:
-                raise UnsupportedDataError('there is no calibration yet')
-            x, y = self._online.tare(TARE_TIME).tolist()
-            response.success, response.message = True, f'zero of the force: ({x:.4g}, {y:.4g}) N'
-        except UnsupportedDataError as error:
-            response.message = f'not tared: {error.problem}'
-        self.get_logger().info(response.message)
-        return response
+    def _tare(self) -> Sequence[float]:
+        return self._calibrated().tare(SECOND // 2).tolist()
+
+    def _calibrated(self) -> OnlineContour:
+        """The contour.
+
+        Raises:
+            UnsupportedDataError: there is no calibration, and so no outline.
+        """
+        if self._online is None:
+            raise UnsupportedDataError('there is no calibration yet')
+        return self._online
 
     def _report(self) -> Condition:
         """The status: what is missing first."""
-        values, complaints = dict[str, str](), [self._check.complaint()]
-        for monitor, stream in zip((self._joints_heard, self._wrench_heard), self._streams, strict=True):
-            monitor.publishers = [publisher.node_name for publisher in stream.publishers()]
-            rate = monitor.rate()
-            values |= monitor.details(rate)
-            complaints += [monitor.complaint(rate, expected=True), monitor.mixture(), monitor.loss()]
-        values['wrench frame'] = self._check.description()
+        self._streams.look_at_publishers()
+        complaints, values = self._streams.examine()
+        complaints += [monitor.loss() for monitor in self._streams.monitors.values()]
         online = self._online
         if online is None:
             return self._calibration.condition(complaints, values, '')
@@ -231,7 +183,7 @@ def _figures(online: OnlineContour) -> dict[str, str]:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Runs the node; see `runtime.run` for the exit status."""
-    return run(ContourTracker, args, rest=REST)
+    return run(ContourTracker, args, rest=0.005)
 
 
 if __name__ == '__main__':

@@ -1,34 +1,33 @@
 """Messages to numbers and back; nothing else in the package takes a ROS message apart.
 
 The two messages that come at 1 kHz are read from their bytes (CDR, little endian, as every common middleware sends
-them) without a message object, which takes ten times as long; any other encoding is deserialized by `rclpy`.
+them) without a message object, which takes ten times as long.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from math import cos, sin
 from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Duration, Time
-from geometry_msgs.msg import PoseStamped, WrenchStamped
+from geometry_msgs.msg import Point, PoseStamped, Vector3, WrenchStamped
 from nav_msgs.msg import Path
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
+from std_msgs.msg import ColorRGBA
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from visualization_msgs.msg import Marker, MarkerArray
+
+from scara_kinetostatic.report.markers import Primitive, Shape
 
 NANOSECONDS = 1_000_000_000
-LARGEST = 1e5
-"""A joint angle, rad, force, N, or place, m, beyond this is not one."""
 _PLAIN = b'\0\1'
 """How a message in plain CDR, little endian, begins."""
 _HEAD = struct.Struct('<iII')
 """Stamp and length of the frame's name."""
 _COUNT = struct.Struct('<I')
-_WRENCH = struct.Struct('<6d')
-_POSE = struct.Struct('<43d')
-"""Place, quaternion, and the covariance of x, y, z and the rotations about them, by rows."""
 
 
 class Sample(NamedTuple):
@@ -87,7 +86,8 @@ def pose_bytes(stamp_ns: int, frame_id: str, pose: PlanarPose) -> bytes:
     (xx, xy, xw), (_, yy, yw), (_, _, ww) = pose.covariance
     z6 = (0.0,) * 6
     rows = (xx, xy, 0.0, 0.0, 0.0, xw, xy, yy, 0.0, 0.0, 0.0, yw, *z6, *z6, *z6, xw, yw, 0.0, 0.0, 0.0, ww)
-    return head.ljust(_aligned(len(head), 8), b'\0') + _POSE.pack(pose.x, pose.y, 0.0, 0.0, 0.0, *pose.half_turn, *rows)
+    numbers = pose.x, pose.y, 0.0, 0.0, 0.0, *pose.half_turn, *rows  # place, quaternion, covariance by rows
+    return head.ljust(_aligned(len(head), 8), b'\0') + struct.pack('<43d', *numbers)
 
 
 def planar(vector: Any) -> tuple[float, float]:
@@ -163,40 +163,49 @@ def wrench_sample(serialized: bytes, turn: Sequence[Sequence[float]] | None = No
     Raises:
         UnusableMessageError: the force is not finite.
     """
-    if serialized[:2] != _PLAIN:
-        message = deserialize_message(serialized, WrenchStamped)
-        vector = message.wrench.force
-        return _force(_nanoseconds(message.header.stamp), (vector.x, vector.y, vector.z), turn)
+    stamp, size = _header(serialized)
     try:
-        seconds, nanoseconds, size = _HEAD.unpack_from(serialized, 4)
-        force = _WRENCH.unpack_from(serialized, _aligned(16 + size, 8))
+        force = struct.unpack_from('<6d', serialized, _aligned(16 + size, 8))
     except struct.error as error:
         raise UnusableMessageError('the message is cut off') from error
-    return _force(seconds * NANOSECONDS + nanoseconds, force, turn)
+    if turn is None:
+        return _finite(Sample(stamp, force[0], force[1]))
+    first, second = (row[0] * force[0] + row[1] * force[1] + row[2] * force[2] for row in turn)
+    return _finite(Sample(stamp, first, second))
 
 
 def frame_of(serialized: bytes) -> str:
     """The `frame_id` of a `WrenchStamped` as it came over the wire; empty where it cannot be read."""
-    if serialized[:2] != _PLAIN:
-        return str(deserialize_message(serialized, WrenchStamped).header.frame_id)
     try:
-        size = _HEAD.unpack_from(serialized, 4)[2]
-    except struct.error:
+        _, size = _header(serialized)
+    except UnusableMessageError:
         return ''
     return serialized[16 : 15 + size].decode(errors='replace') if size else ''
+
+
+def _header(serialized: bytes) -> tuple[int, int]:
+    """Stamp, ns, and length of the `frame_id` with its end.
+
+    Raises:
+        UnusableMessageError: the message is cut off, or not in plain CDR.
+    """
+    if serialized[:2] != _PLAIN:
+        raise UnusableMessageError('expected a message in CDR, little endian')
+    try:
+        seconds, nanoseconds, size = _HEAD.unpack_from(serialized, 4)
+    except struct.error as error:
+        raise UnusableMessageError('the message is cut off') from error
+    return seconds * NANOSECONDS + nanoseconds, size
 
 
 def _joint_fields(serialized: bytes) -> tuple[int, Sequence[str], Sequence[float]]:
     """Stamp, ns, names and positions of a `JointState`.
 
     Raises:
-        UnusableMessageError: it is cut off.
+        UnusableMessageError: it is cut off, or not in plain CDR.
     """
-    if serialized[:2] != _PLAIN:
-        message = deserialize_message(serialized, JointState)
-        return _nanoseconds(message.header.stamp), message.name, message.position
+    stamp, size = _header(serialized)
     try:
-        seconds, nanoseconds, size = _HEAD.unpack_from(serialized, 4)
         at = _aligned(16 + size, 4)
         (count,) = _COUNT.unpack_from(serialized, at)
         names, at = [], at + 4
@@ -210,7 +219,7 @@ def _joint_fields(serialized: bytes) -> tuple[int, Sequence[str], Sequence[float
         positions = struct.unpack_from(f'<{count}d', serialized, _aligned(at + 4, 8)) if count else ()
     except struct.error as error:
         raise UnusableMessageError('the message is cut off') from error
-    return seconds * NANOSECONDS + nanoseconds, names, positions
+    return stamp, names, positions
 
 
 def _aligned(at: int, size: int) -> int:
@@ -218,19 +227,57 @@ def _aligned(at: int, size: int) -> int:
     return at + (4 - at) % size
 
 
-def _force(stamp: int, force: Sequence[float], turn: Sequence[Sequence[float]] | None) -> Sample:
-    if turn is None:
-        return _finite(Sample(stamp, force[0], force[1]))
-    x, y, z = force[:3]
-    first, second = (row[0] * x + row[1] * y + row[2] * z for row in turn)
-    return _finite(Sample(stamp, first, second))
-
-
 def _finite(sample: Sample) -> Sample:
-    if not (abs(sample.first) <= LARGEST and abs(sample.second) <= LARGEST):
+    if not (abs(sample.first) <= 1e5 and abs(sample.second) <= 1e5):  # rad, N or m
         raise UnusableMessageError(f'expected plausible numbers, got {sample.first:g} and {sample.second:g}')
     return sample
 
 
-def _nanoseconds(stamp: Time) -> int:
-    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+def marker_array(primitives: Iterable[Primitive], frame: str) -> MarkerArray:
+    """All primitives in a frame; those of earlier messages on the topic vanish.
+
+    Stamps are 0, for the latest transform: what is shown does not depend on clocks.
+    """
+    array = MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
+    array.markers[0].header.frame_id = frame
+    numbers: Counter[str] = Counter()
+    for primitive in primitives:
+        marker = _marker(primitive)
+        marker.header.frame_id = frame
+        marker.id = numbers[primitive.group]
+        numbers[primitive.group] += 1
+        array.markers.append(marker)
+    return array
+
+
+def _marker(primitive: Primitive) -> Marker:
+    types = {
+        Shape.STRIP: Marker.LINE_STRIP,
+        Shape.CYLINDER: Marker.CYLINDER,
+        Shape.ARROW: Marker.ARROW,
+        Shape.DOT: Marker.SPHERE,
+        Shape.TEXT: Marker.TEXT_VIEW_FACING,
+    }
+    red, green, blue, opacity = primitive.colour
+    marker = Marker(ns=primitive.group, type=types[primitive.shape], action=Marker.ADD, text=primitive.text)
+    marker.color = ColorRGBA(r=red, g=green, b=blue, a=opacity)
+    marker.pose.orientation.w = 1.0
+    marker.scale = _scale(primitive)
+    points = [Point(x=x, y=y, z=z) for x, y, z in primitive.points]
+    if primitive.shape in (Shape.STRIP, Shape.ARROW):
+        marker.points = points
+    else:
+        marker.pose.position = points[0]
+    return marker
+
+
+def _scale(primitive: Primitive) -> Vector3:
+    """What RViz takes each component for, by the type of the marker."""
+    size = primitive.size
+    if primitive.shape is Shape.STRIP:
+        return Vector3(x=size)
+    if primitive.shape is Shape.TEXT:
+        return Vector3(z=size)
+    if primitive.shape is Shape.ARROW:  # by tail and head; z = 0: length of the head as RViz takes it
+        return Vector3(x=size, y=3.0 * size)
+    return Vector3(x=size, y=size, z=primitive.height or size)

@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import os
+import random
+import signal
+import socket
+import subprocess
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,22 +31,128 @@ from scara_kinetostatic.errors import InputError, UnsupportedDataError
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell
 from scara_kinetostatic.model.parameters import NAMES
-from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain
-from scara_kinetostatic.nodes.result_parameters import DEVIATION, VALUE
-from scara_kinetostatic.nodes.stream_subscription import LATCHED
+from scara_kinetostatic.nodes.streams import LATCHED
 
+THIS_MACHINE = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+"""Environment of nodes that look for others on this machine only."""
 START_UP = 120.0
-"""Longest wait for the nodes to find each other, s."""
-STANDSTILL = 60.0
-"""Longest time without a new touch, s of wall time."""
-CALIBRATION = 600.0
-"""Longest calibration, report included, s. All three are far more than an idle machine needs; a node that has ended is
-noticed at once."""
-ASK_AGAIN = 2.0
-"""After this time without an answer the first request is repeated, s."""
-WAIT = 0.1
+"""Longest wait for the nodes to find each other, s; far more than an idle machine needs."""
 
-Progress = Callable[[str, int], None]
+
+class NodeProcesses:
+    """Nodes of this package in a ROS domain of their own, this machine only. A context manager.
+
+    Args:
+        domain: ROS domain.
+        logs: folder for what each node prints, made if need be.
+    """
+
+    def __init__(self, domain: int, logs: Path) -> None:
+        self._environment = os.environ | THIS_MACHINE | {'ROS_DOMAIN_ID': str(domain), 'PYTHONUNBUFFERED': '1'}
+        self._logs = logs
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+
+    def __enter__(self) -> NodeProcesses:
+        self._logs.mkdir(parents=True, exist_ok=True)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def start(
+        self, name: str, parameters: Mapping[str, object], namespace: str = '', remaps: Mapping[str, str] | None = None
+    ) -> int:
+        """Starts a node.
+
+        Args:
+            name: of the node and of its module.
+            parameters: ROS parameters by name.
+            namespace: of the node, without slashes at its ends.
+            remaps: new names of topics by their names.
+
+        Returns:
+            Its process id.
+        """
+        arguments = [part for key, value in parameters.items() for part in ('-p', f'{key}:={_yaml(value)}')]
+        code = f'import sys; from scara_kinetostatic.nodes import executables; sys.exit(executables.{name}())'
+        command = [sys.executable, '-c', code, '--ros-args', *arguments]
+        rules = {**({'__ns': f'/{namespace}'} if namespace else {}), **(remaps or {})}
+        command += [part for old, new in rules.items() for part in ('-r', f'{old}:={new}')]
+        name = '_'.join(filter(None, (*namespace.split('/'), name)))
+        with self.log(name).open('wb') as log:
+            process = subprocess.Popen(
+                command,
+                env=self._environment,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,  # Ctrl-C reaches this process alone, which ends the nodes.
+            )
+        self._running[name] = process
+        return process.pid
+
+    def log(self, name: str) -> Path:
+        """Where a node's output goes."""
+        return self._logs / f'{name}.log'
+
+    def check(self) -> None:
+        """Whether all nodes are still there.
+
+        Raises:
+            InputError: one has ended; with the last line it printed.
+        """
+        for name, process in self._running.items():
+            if process.poll() is not None:
+                lines = self.log(name).read_text(errors='replace').split('\n')
+                last = next((line for line in reversed(lines) if line.strip()), 'no output')
+                raise InputError(
+                    name, f'the node ended with status {process.returncode}: {last}', f'see {self.log(name)}'
+                )
+
+    def stop(self) -> dict[str, int]:
+        """Ends all nodes as Ctrl-C does, by SIGKILL those that do not end in time.
+
+        Returns:
+            Exit status of each.
+        """
+        for process in self._running.values():
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+        try:
+            return {name: process.wait(10.0) for name, process in self._running.items()}
+        except subprocess.TimeoutExpired:
+            return {name: process.returncode for name, process in self._running.items()}
+        finally:
+            for process in self._running.values():
+                if process.poll() is None:
+                    process.kill()
+                    process.wait()
+            self._running.clear()
+
+
+def free_domain() -> int:
+    """A ROS domain that no process on this machine uses, chosen at random."""
+    domains = random.sample(range(1, 100), 99)  # their ports lie below those that Linux hands out
+    return next((domain for domain in domains if _is_free(domain)), domains[0])
+
+
+def _is_free(domain: int) -> bool:
+    """Whether the discovery port of the domain (DDSI-RTPS: 7400 + 250 d) is free."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(('', 7400 + 250 * domain))
+        except OSError:
+            return False
+    return True
+
+
+def _yaml(value: object) -> str:
+    """A value as ROS reads it from the command line: strings in quotes, numbers and switches plain."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return repr(value) if isinstance(value, (int, float)) else "'" + str(value).replace("'", "''") + "'"
 
 
 @dataclass(frozen=True)
@@ -114,7 +225,7 @@ class DemoClient:
             self._check()
             if monotonic() > end:
                 raise InputError('demo', f'waited {timeout:.0f} s for {what}', 'is the machine overloaded?')
-            self._executor.spin_once(timeout_sec=WAIT)
+            self._executor.spin_once(timeout_sec=0.1)
 
     def wait_for_news(self, timeout: float) -> None:
         """Waits for another touch or the end of the simulation."""
@@ -145,7 +256,7 @@ class DemoClient:
         asked: list[tuple[float, Future]] = []
 
         def answered() -> bool:
-            if probe.service_is_ready() and (not asked or monotonic() > asked[-1][0] + ASK_AGAIN):
+            if probe.service_is_ready() and (not asked or monotonic() > asked[-1][0] + 2.0):
                 asked.append((monotonic(), probe.call_async(GetParameters.Request())))
             return any(future.done() for _, future in asked)
 
@@ -169,7 +280,9 @@ class DemoClient:
         self.finished = message.data
 
 
-def run_demo(folder: Path, cell: Cell | None, settings: Mapping[str, object], progress: Progress) -> DemoResult:
+def run_demo(
+    folder: Path, cell: Cell | None, settings: Mapping[str, object], progress: Callable[[str, int], None]
+) -> DemoResult:
     """Simulates, records and calibrates a cell.
 
     Args:
@@ -184,7 +297,8 @@ def run_demo(folder: Path, cell: Cell | None, settings: Mapping[str, object], pr
     """
     domain = free_domain()
     with NodeProcesses(domain, folder / 'logs') as nodes:
-        description = {'cell': _write_cell(folder, cell or PAPER_CELL)}
+        description = {'cell': folder / 'cell.yaml'}
+        description['cell'].write_text(dump_cell(cell or PAPER_CELL), encoding='utf-8')
         progress('starting the nodes', 0)
         nodes.start('calibrator', {'output': folder / 'calibration'})
         nodes.start('collector', {**description, 'output': folder, 'autostart': True})
@@ -194,22 +308,16 @@ def run_demo(folder: Path, cell: Cell | None, settings: Mapping[str, object], pr
             truth = client.parameters('/contact_simulator', 'truth')
             _demand(client, '/collector/stop', START_UP)
             progress('calibrating', client.touches)
-            message = _demand(client, '/calibrator/calibrate', CALIBRATION)
-            estimate, std = (client.parameters('/calibrator', group) for group in (VALUE, DEVIATION))
+            message = _demand(client, '/calibrator/calibrate', 600.0)
+            estimate, std = (client.parameters('/calibrator', group) for group in ('calibrated', 'calibrated_std'))
             return DemoResult(message, truth, estimate, std, Path(client.recording), folder / 'calibration')
 
 
-def _write_cell(folder: Path, cell: Cell) -> Path:
-    path = folder / 'cell.yaml'
-    path.write_text(dump_cell(cell), encoding='utf-8')
-    return path
-
-
-def _follow(client: DemoClient, progress: Progress) -> None:
+def _follow(client: DemoClient, progress: Callable[[str, int], None]) -> None:
     """Waits for the end of the simulation, as long as further touches are recorded."""
     client.wait('the collector to record', lambda: bool(client.recording), START_UP)
     while not client.finished:
-        client.wait_for_news(STANDSTILL)
+        client.wait_for_news(60.0)
         progress('touching', client.touches)
 
 

@@ -15,51 +15,29 @@ import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.node import Node
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from scara_kinetostatic.errors import InputError, ScaraKinetostaticError
 from scara_kinetostatic.files.calibration_file import parse_document
+from scara_kinetostatic.files.touch_table import LARGEST
 from scara_kinetostatic.model.arm import Predictor
+from scara_kinetostatic.model.kinematics import posture
+from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.drift import Alarm, DriftMonitor, SinceTouch, alarm_line, drift_document
 from scara_kinetostatic.monitoring.linear import Measured
 from scara_kinetostatic.monitoring.record import CalibrationRecord
 from scara_kinetostatic.nodes import declare
-from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN, Condition, DiagnosticsPublisher
-from scara_kinetostatic.nodes.monitored_touch import touch_of, was_seen
+from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, CellNode, Condition, RefusedError
 from scara_kinetostatic.nodes.runtime import run
-from scara_kinetostatic.nodes.stream_subscription import LATCHED, LATCHED_TOUCHES
+from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES
 from scara_kinetostatic.report.quantities import count
 from scara_kinetostatic.results.document import NAME
 
-TOUCHES = 'collector/touch'
-MOST_TOUCHES = 500
-"""So many touches are kept to take one back. Where it is not the last, all that are kept are counted anew."""
-BLIND = 100.0
-"""A threshold above which only changes by many standard uncertainties are seen."""
-MOST_REJECTED = 3
-"""So many rejected touches in a row are said: what drifted far is no longer recognised as a touch of an object."""
 
-
-class _Key(NamedTuple):
-    """A touch by its recording and number."""
-
-    recording: str
-    number: str
-
-
-class _Kept(NamedTuple):
-    """A touch that counts."""
-
-    measured: Measured
-    disc: int
-
-
-class Monitor(Node):
+class Monitor(CellNode):
     """Watches for drift. One thread spins it.
 
     Raises:
@@ -75,9 +53,7 @@ class Monitor(Node):
         self._monitor: DriftMonitor | None = None
         self._problem = '' if named else 'no calibration yet: calibrate, or set the parameter calibration'
         self._refused = self._assumptions = ''
-        self._kept: dict[_Key, _Kept] = {}
-        self._forgotten: dict[str, int] = {}
-        self._before_last: tuple[_Key, DriftMonitor] | None = None
+        self._kept: dict[tuple[str, str], tuple[Measured, int]] = {}  # by recording and number; with the disc
         self._ignored = self._rejected = 0
         self._rejection = ''
         self._alarm: Alarm | None = None
@@ -86,12 +62,9 @@ class Monitor(Node):
             self._take(CalibrationRecord.load(declare.place('calibration', named)))
         if follow or not named:
             self.create_subscription(String, 'calibrator/result', self._note_result, LATCHED)
-        self.create_subscription(DiagnosticArray, TOUCHES, self._note_touch, LATCHED_TOUCHES)
-        self.create_service(Trigger, '~/reset', self._reset)
-        DiagnosticsPublisher(self, 'drift', self._report)
-
-    def close(self) -> None:
-        """Nothing is open."""
+        self.create_subscription(DiagnosticArray, 'collector/touch', self._note_touch, LATCHED_TOUCHES)
+        self.serve('reset', self._reset)
+        self.publish_status('drift', self._report)
 
     def _take(self, record: CalibrationRecord) -> None:
         """Begins anew with a calibration."""
@@ -104,8 +77,7 @@ class Monitor(Node):
         self._tell()
 
     def _forget(self) -> None:
-        self._kept, self._forgotten, self._before_last, self._alarm = {}, {}, None, None
-        self._rejected = 0
+        self._kept, self._alarm, self._rejected = {}, None, 0
 
     def _note_result(self, message: String) -> None:
         """Takes a newer result of the calibrator; one that was not published leaves the former one."""
@@ -131,49 +103,42 @@ class Monitor(Node):
     def _note_touch(self, message: DiagnosticArray) -> None:
         for status in message.status:
             values = {item.key: item.value for item in status.values}
-            key = _Key(values.get('recording', ''), values.get('touch', ''))
+            key = values.get('recording', ''), values.get('touch', '')
             if values.get('accepted') == 'true':
                 self._rejected = 0
                 self._add(key, values)
-            elif values.get('discarded') != 'true':
+                continue
+            if values.get('discarded') != 'true':
                 self._rejected, self._rejection = self._rejected + 1, values.get('reason', '')
-            if values.get('accepted') != 'true' and key in self._kept:
-                del self._kept[key]
-                self._take_back(key)
+            if self._kept.pop(key, None) is not None:
+                self._count_again()
         self._tell()
 
-    def _add(self, key: _Key, values: Mapping[str, str]) -> None:
+    def _add(self, key: tuple[str, str], values: Mapping[str, str]) -> None:
         """Counts a touch, unless it was part of the calibration or has been counted."""
         monitor = self._monitor
-        if monitor is None or key in self._kept or self._is_forgotten(key):
+        if monitor is None or key in self._kept:
             return
-        if was_seen(key.recording, key.number, monitor.record):
+        if was_seen(*key, monitor.record):
             self._ignored += 1
             return
         before = monitor.copy()
         try:
-            int(key.number)
+            int(key[1])
             touch = touch_of(values, monitor.record)
-            kept = _Kept(monitor.measure(touch), int(touch.disc[0]))
+            kept = monitor.measure(touch), int(touch.disc[0])
             alarm = monitor.add_measured(*kept)
         except (KeyError, ValueError, ArithmeticError, ScaraKinetostaticError) as error:  # LinAlgError is a ValueError
-            self._monitor, self._problem = before, f'touch {key.number} cannot be evaluated: {error}'
+            self._monitor, self._problem = before, f'touch {key[1]} cannot be evaluated: {error}'
             self.get_logger().warning(self._problem)
             return
         self._problem = ''
-        self._before_last = key, before
         self._kept[key] = kept
         if alarm is not None and self._alarm is None:
             self.get_logger().error(alarm_line(alarm, self._since(alarm)))
         self._alarm = alarm
-        while len(self._kept) > MOST_TOUCHES:
-            oldest = next(iter(self._kept))
-            del self._kept[oldest]
-            self._forgotten[oldest.recording] = max(int(oldest.number), self._forgotten.get(oldest.recording, -1))
-
-    def _is_forgotten(self, key: _Key) -> bool:
-        """Whether a touch has been counted and is no longer kept: latched messages may come again."""
-        return key.number.isdigit() and int(key.number) <= self._forgotten.get(key.recording, -1)
+        while len(self._kept) > 1000:  # as many as the topic has for one who hears it anew
+            del self._kept[next(iter(self._kept))]
 
     def _since(self, alarm: Alarm) -> SinceTouch | None:
         """The touch since which an alarm says that the calibration does not hold; None where it is no longer kept."""
@@ -181,29 +146,23 @@ class Monitor(Node):
         place = alarm.since - (self._monitor.count - len(self._kept))
         return SinceTouch(*list(self._kept)[place]) if 0 <= place < len(self._kept) else None
 
-    def _take_back(self, key: _Key) -> None:
-        """The last touch as if it had not been; for an earlier one all that are kept are counted again."""
-        if self._before_last is not None and self._before_last[0] == key:
-            self._monitor = self._before_last[1]
-            self._alarm = self._monitor.alarm
-        elif self._monitor is not None:
-            self._monitor.reset()
-            self._alarm = None
-            latest = len(self._kept) - 1
-            for number, kept in enumerate(self._kept.values()):
-                self._alarm = self._monitor.add_measured(*kept, named=number == latest)
-        self._before_last = None
-
-    def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _count_again(self) -> None:
+        """All touches that are kept, as where one of them was taken back."""
         if self._monitor is None:
-            response.message = self._refused or self._problem
-            return response
+            return
+        self._monitor.reset()
+        self._alarm = None
+        for number, kept in enumerate(self._kept.values(), 1):
+            self._alarm = self._monitor.add_measured(*kept, named=number == len(self._kept))
+
+    def _reset(self) -> str:
+        if self._monitor is None:
+            raise RefusedError(self._refused or self._problem)
         self._monitor.reset()
         self._forget()
         self._problem = ''
-        response.success, response.message = True, 'touches count anew from here'
         self._tell()
-        return response
+        return 'touches count anew from here'
 
     def _report(self) -> Condition:
         monitor = self._monitor
@@ -232,13 +191,13 @@ class Monitor(Node):
 
     def _complaints(self, record: CalibrationRecord) -> Iterator[str]:
         """Why nothing, or not all, is watched."""
-        if not self.count_publishers(TOUCHES):
-            yield f'nobody publishes {self.resolve_topic_name(TOUCHES)}: no touch is watched'
+        if not self.count_publishers('collector/touch'):
+            yield f'nobody publishes {self.resolve_topic_name("collector/touch")}: no touch is watched'
         if record.arm.grade == 'unfit':
             yield 'the calibration is unfit for use'
-        if self._monitor is not None and self._monitor.threshold > BLIND:
+        if self._monitor is not None and self._monitor.threshold > 100:  # only large changes are seen
             yield 'the noise was estimated by too few touches: drift is hardly seen'
-        if self._rejected >= MOST_REJECTED:
+        if self._rejected >= 3:  # what drifted far is no longer recognised as a touch of an object
             yield f'the last {self._rejected} touches were rejected, the last one: {self._rejection}'
         yield from filter(None, (self._refused, self._problem, self._assumptions))
 
@@ -250,6 +209,60 @@ class Monitor(Node):
         since = None if self._alarm is None else self._since(self._alarm)
         document = drift_document(monitor, self._assumptions, self._alarm, since)
         self._drift.publish(String(data=json.dumps(document)))
+
+
+def touch_of(values: Mapping[str, str], record: CalibrationRecord) -> TouchSet:
+    """A touch of the message in the cell of the calibration.
+
+    Raises:
+        KeyError, ValueError: a value is missing or no number.
+        InputError: the object or the frame is not that of the calibration.
+    """
+    cell = record.arm.cell
+    names = [disc.name for disc in cell.discs]
+    if values['object'] not in names:
+        problem = f'the calibration knows no object {values["object"]!r}'
+        raise InputError('collector/touch', problem, 'calibrate with this cell description')
+    if values['frame'] != cell.sensor.frame.value:
+        raise InputError('collector/touch', f'the frame of the force is {values["frame"]}, not that of the calibration')
+    joints = np.array([[_number(values, 'q1_rad'), _number(values, 'q2_rad')]])
+    force = np.array([[_number(values, 'fx_N'), _number(values, 'fy_N')]])
+    moved = np.array([float(values.get(name) or 0.0) for name in ('approach1', 'approach2', 'press1', 'press2')])
+    return TouchSet(
+        joints,
+        force,
+        np.array([names.index(values['object'])]),
+        posture(record.arm.model.parameters, joints),
+        time=np.array([record.arm.used.duration]),
+        approach=moved[None, :2],
+        press=moved[None, 2:],
+    )
+
+
+def _number(values: Mapping[str, str], name: str) -> float:
+    """A plausible number.
+
+    Raises:
+        KeyError, ValueError: there is none.
+    """
+    number = float(values[name])
+    if not abs(number) <= LARGEST[name]:
+        raise ValueError(f'{name} = {number:g} is not plausible')
+    return number
+
+
+def was_seen(recording: str, number: str, record: CalibrationRecord) -> bool:
+    """Whether a touch is one of those that a calibration was made of.
+
+    Of a calibration by one recording that went on afterwards, the touches that it had found then; of one by several,
+    all touches of these. A path that is not absolute is that of any folder whose path ends with it.
+    """
+    parts = Path(recording).parts
+    places = [Path(path) for path in record.paths if path]
+    if not any(recording == str(p) or (not p.is_absolute() and parts[-len(p.parts) :] == p.parts) for p in places):
+        return False
+    found = record.document['touches'].get('found')
+    return len(places) > 1 or not isinstance(found, int) or not number.isdigit() or int(number) < found
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -8,42 +8,40 @@ restored its handlers; so at the end both signals are ignored.
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from types import FrameType
-from typing import Protocol
+from typing import Any
 
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
+from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError, WaitSet
+from rclpy.callback_groups import CallbackGroup
+from rclpy.constants import S_TO_NS
 from rclpy.exceptions import ParameterException
-from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import (
+    Executor,
+    ExternalShutdownException,
+    ShutdownException,
+    SingleThreadedExecutor,
+    TimeoutException,
+)
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 
 from scara_kinetostatic.errors import ScaraKinetostaticError
+from scara_kinetostatic.nodes.cell_node import CellNode
 from scara_kinetostatic.nodes.executables import ENDING
 
-EXIT_DONE = 0
-EXIT_WRONG_INPUT = 2
-LAST_ANSWERS = 3
-"""Callbacks after a node has closed: answers of services that were waiting for something that now will not come."""
-WAKE_UP = 0.2
-"""Longest time from a signal to its effect, s."""
-
-
-class Stoppable(Protocol):
-    """A node that has files or threads to close before it ends."""
-
-    def close(self) -> None:
-        """Closes them; called once, after the last callback has begun."""
-
-    def destroy_node(self) -> None:
-        """Leave the ROS graph."""
+_SERVE = 0.25
+"""Between two rounds for timers and services of a polled node, s; while they wait, with each message."""
 
 
 def run(
-    make_node: Callable[[], Stoppable],
+    make_node: Callable[[], CellNode],
     args: Sequence[str] | None = None,
     make_executor: Callable[[], Executor] = SingleThreadedExecutor,
     rest: float = 0.0,
@@ -73,27 +71,27 @@ def run(
     executor.add_node(node)
     try:
         while not signals and rclpy.ok():
-            executor.spin_once(timeout_sec=WAKE_UP)
+            executor.spin_once(timeout_sec=0.2)  # the longest time from a signal to its effect
             if rest:
                 time.sleep(rest)
     except ExternalShutdownException:
         pass
     finally:
         node.close()
-        for _ in range(LAST_ANSWERS):
+        for _ in range(3):  # answers of services that were waiting for something that now will not come
             executor.spin_once(timeout_sec=0)
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
         _ignore_signals()
-    return EXIT_DONE
+    return 0
 
 
 def _refuse(message: str) -> int:
     print(' '.join(message.split()), file=sys.stderr)
     rclpy.try_shutdown()
     _ignore_signals()
-    return EXIT_WRONG_INPUT
+    return 2
 
 
 def _note_signals() -> list[int]:
@@ -111,3 +109,70 @@ def _note_signals() -> list[int]:
 def _ignore_signals() -> None:
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
+
+
+class PolledGroup(CallbackGroup):
+    """Of subscriptions that no executor waits for."""
+
+    def can_execute(self, entity: Any) -> bool:
+        """Never."""
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        """Never."""
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        """Nothing to end."""
+
+
+class PollingExecutor(SingleThreadedExecutor):
+    """Waits for one subscription of its node, calls `poll`, and now and then what waits besides.
+
+    The wait is on one entity, and its set is made once; an executor makes one of all entities in each round.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._polled: Any = None
+        self._wait_set: Any = None
+        self._next = 0.0
+
+    def add_node(self, node: Node) -> bool:
+        """The one node, with `awaited`, a subscription, and `poll`; what is there stays and is no garbage."""
+        self._polled, self._wait_set = node, WaitSet(1, 0, 0, 0, 0, 0, self._context.handle)
+        gc.freeze()
+        gc.set_threshold(10_000)  # a sample leaves nothing; a search takes milliseconds
+        return bool(super().add_node(node))
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """One round."""
+        if timeout_sec:
+            self._wait(min(timeout_sec, _SERVE))
+            self._polled.poll()
+        if not timeout_sec or time.monotonic() >= self._next:
+            self._next = time.monotonic() + (0.0 if self._serve() else _SERVE)
+
+    def _serve(self) -> bool:
+        """One callback of what waits besides; whether there was one."""
+        try:
+            handler, _, _ = self.wait_for_ready_callbacks(timeout_sec=0)
+        except (TimeoutException, ShutdownException):
+            return False
+        handler()
+        if (error := handler.exception()) is not None:
+            raise error
+        return True
+
+    def _wait(self, timeout: float) -> None:
+        with self._polled.awaited.handle:
+            self._wait_set.clear_entities()
+            self._wait_set.add_subscription(self._polled.awaited.handle)
+            self._wait_set.wait(int(timeout * S_TO_NS))
+
+
+def waiting(subscription: Subscription) -> Iterator[bytes]:
+    """The messages of a raw subscription that have come already."""
+    with subscription.handle:
+        while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+            yield taken[0]

@@ -1,41 +1,183 @@
-"""A recording in progress: every message is written to the bag, every touch counted once the bag holds it durably."""
+"""A recording in progress: every message is written to the bag, every touch counted once the bag holds it durably.
+
+The message on `~/touch` is a `diagnostic_msgs/DiagnosticArray` with one status: a standard type that carries a level, a
+sentence and values by name, and that every tool shows without the interfaces of this package. Its header stamp is the
+middle of the hold by the clock of the two streams. Level OK: accepted; WARN: rejected or discarded, with the reason.
+Values, in SI units, empty where unknown:
+
+============= =========================================================================
+`recording`   folder of the recording
+`touch`       number of the touch in it, from 0
+`accepted`    `true` or `false`
+`discarded`   `true` or `false`: by `~/discard_last`
+`reason`      why it is not accepted
+`object`      the object touched
+`frame`       of the force: that of the sensor, `base` or `tool`
+`fx_N`        force on the object
+`fy_N`        force on the object
+`q1_rad`      joint angle
+`q2_rad`      joint angle
+`approach1`   motion of joint 1 in its last movement before the hold, rad; its sign is the direction of approach
+`approach2`   that of joint 2
+`press1`      the part of `approach1` in contact, rad
+`press2`      that of `approach2`
+============= =========================================================================
+"""
 
 from __future__ import annotations
 
 import json
+import shutil
 from collections import deque
 from contextlib import suppress
-from enum import Enum
+from math import hypot
 from pathlib import Path
 from time import monotonic
+from typing import NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from scara_kinetostatic.bags.writer import BagWriter, OfferedQos, fresh_folder
 from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import common_reason
-from scara_kinetostatic.nodes.conversion import Sample
-from scara_kinetostatic.nodes.disk_room import MIB, DiskRoom
-from scara_kinetostatic.nodes.judged_touch import JudgedTouch, judged_touches
+from scara_kinetostatic.nodes.conversion import Sample, stamp_of
+from scara_kinetostatic.nodes.streams import Stream
 from scara_kinetostatic.touches.detection import DISCARDED, Detection
 from scara_kinetostatic.touches.online import OnlineDetector
 
-QUIET = 1.0
-"""Time without a message after which the bag is written durably, s;"""
 LONGEST_FILE = 600.0
-"""and so it is after this time without a touch, s."""
-REMEMBERED = 1000
-"""So many touches can be discarded, the latest first."""
-_MANY = 0.2
-"""A larger part of rejected touches is reported."""
-ATTEMPTS = 10
-"""Attempts to make a folder whose name no other collector takes at the same moment."""
+"""After this time without a touch the bag is written durably, s; and after 1 s without a message."""
 
 
-class Stream(Enum):
-    """The two topics."""
+class JudgedTouch(NamedTuple):
+    """One touch, accepted or not.
 
-    JOINTS = 'joints'
-    WRENCH = 'wrench'
+    Attributes:
+        number: in the recording.
+        stamp: middle of its hold, of the contact where there is none, ns by the clock of the streams.
+        contact: begin and end of the contact, ns by the same clock.
+        reason: why it is rejected; empty where it is accepted.
+        object: name of the object touched; empty where unknown.
+        force: on the object, in the frame of the sensor, (fx, fy), N; empty where unknown.
+        joints: (q1, q2), rad; empty where unknown.
+        approach: motion of each joint before the hold, then the part of it in contact, rad; empty where unknown.
+        received: when the wrench of that stamp was received, ns; 0 where unknown.
+    """
+
+    number: int
+    stamp: int
+    contact: tuple[int, int]
+    reason: str
+    object: str = ''
+    force: tuple[float, ...] = ()
+    joints: tuple[float, ...] = ()
+    approach: tuple[float, ...] = ()
+    received: int = 0
+
+    @property
+    def line(self) -> str:
+        """In one line, for the log."""
+        if self.reason:
+            return f'touch {self.number} rejected: {self.reason}'
+        return f'touch {self.number}: {self.object}, {hypot(*self.force):.1f} N'
+
+    def message(self, node: str, recording: str, frame: str) -> DiagnosticArray:
+        """The message on `~/touch`; see the docstring of the module.
+
+        Args:
+            node: full name of the node.
+            recording: folder of the recording.
+            frame: of the force.
+        """
+        force, joints = (pair or ('', '') for pair in (self.force, self.joints))
+        values = {
+            'recording': recording,
+            'touch': self.number,
+            'accepted': str(not self.reason).lower(),
+            'discarded': str(self.reason == DISCARDED).lower(),
+            'reason': self.reason,
+            'object': self.object,
+            'frame': frame,
+            'fx_N': force[0],
+            'fy_N': force[1],
+            'q1_rad': joints[0],
+            'q2_rad': joints[1],
+            **dict(zip(('approach1', 'approach2', 'press1', 'press2'), self.approach or ('',) * 4, strict=True)),
+        }
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.WARN if self.reason else DiagnosticStatus.OK,
+            name=f'{node}: touch {self.number}',
+            message=self.line,
+            hardware_id='scara_kinetostatic',
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = stamp_of(self.stamp)
+        return array
+
+
+def judged_touches(detection: Detection, cell: Cell) -> list[JudgedTouch]:
+    """The touches of a detection in the order of time."""
+    held = detection.held
+    places = {index: place for place, index in enumerate(held.index.tolist())}
+    accepted = set(detection.touches.index.tolist())
+    judged = []
+    for episode in detection.episodes:
+        begin, end, middle = (
+            detection.start + round(1e9 * time) for time in (*episode.contact, 0.5 * sum(episode.hold))
+        )
+        touch = JudgedTouch(episode.index, middle, (begin, end), episode.reason)
+        if (place := places.get(episode.index)) is not None:
+            touch = touch._replace(
+                object=cell.discs[int(held.disc[place])].name if episode.index in accepted else '',
+                force=tuple(held.force[place].tolist()),
+                joints=tuple(held.joints[place].tolist()),
+                approach=(*held.approach[place].tolist(), *held.press[place].tolist()),
+            )
+        judged.append(touch)
+    return judged
+
+
+class DiskRoom:
+    """How long the disk will hold a recording: said before it is full.
+
+    Args:
+        folder: the recording.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._since = monotonic()
+        self._written = 0
+
+    def add(self, size: int) -> None:
+        """Notes that so many bytes are recorded."""
+        self._written += size
+
+    def free(self) -> int:
+        """Free space, bytes; -1 where it is unknown."""
+        with suppress(OSError):
+            return shutil.disk_usage(self._folder).free
+        return -1
+
+    def complaint(self) -> str:
+        """That the disk will be full soon; empty if it will not."""
+        free = self.free()
+        rate = self._written / max(monotonic() - self._since, 1.0)
+        lasting = free / rate if rate else float('inf')
+        if free < 0 or (free >= 1 << 30 and lasting >= 3600):
+            return ''
+        time = f', at {rate / 2**20:.1g} MiB/s for {_duration(lasting)}' if rate else ''
+        return f'the disk of {self._folder.parent} has {free >> 20} MiB left{time}: make room'
+
+
+def _duration(seconds: float) -> str:
+    """Roughly, so that the text does not change each second."""
+    if seconds < 120:
+        return 'less than 2 min'
+    minutes = int(seconds // 60)
+    return f'about {minutes // 10 * 10 or minutes} min' if minutes < 300 else f'about {minutes // 60} h'
 
 
 class Session:
@@ -67,8 +209,8 @@ class Session:
         self.folder = self._writer.folder
         self.room = DiskRoom(self.folder)
         self._detector = OnlineDetector(cell, topics=topics)
-        self._accepted: deque[JudgedTouch] = deque(maxlen=REMEMBERED)
-        self._reasons: deque[str] = deque(maxlen=REMEMBERED)
+        self._accepted: deque[JudgedTouch] = deque(maxlen=1000)
+        self._reasons: deque[str] = deque(maxlen=1000)
         self._secured, self._last_message, self._secured_at = True, monotonic(), monotonic()
 
     def take(self, stream: Stream, message: bytes, log_time: int, sample: Sample | None) -> None:
@@ -126,7 +268,7 @@ class Session:
         """
         found = self._secure(self._detector.poll())
         now = monotonic()
-        if not self._secured and (now - self._last_message > QUIET or now - self._secured_at > LONGEST_FILE):
+        if not self._secured and (now - self._last_message > 1.0 or now - self._secured_at > LONGEST_FILE):
             self._checkpoint()
         return found
 
@@ -174,7 +316,7 @@ class Session:
             'rejected': str(self.rejected),
             'last touch': self.news or 'none yet',
             'clock': self.clock_warning or 'header stamps',
-            'disk free [MiB]': str(self.room.free() // MIB),
+            'disk free [MiB]': str(self.room.free() >> 20),
         }
 
     @property
@@ -185,7 +327,7 @@ class Session:
     def rejections(self) -> str:
         """How many touches are rejected and why, where they are many; else empty."""
         judged = self.touches + self.rejected
-        if not self._reasons or len(self._reasons) <= _MANY * judged:
+        if not self._reasons or len(self._reasons) <= 0.2 * judged:
             return ''
         reason = common_reason(self._reasons, judged) or f'the last: {self._reasons[-1]}'
         return f'{len(self._reasons)} of {judged} touches rejected, {reason}'
@@ -211,11 +353,11 @@ class Session:
 
 def _new_bag(parent: Path, cell: Cell, log_time: int, topics: tuple[str, str] | None) -> BagWriter:
     """A bag in a folder of its own, even if another collector begins at the same moment."""
-    for _ in range(ATTEMPTS - 1):
+    for attempt in range(10):
         folder = fresh_folder(parent, 'touches')
         try:
             return BagWriter(folder, cell, log_time=log_time, topics=topics)
         except OutputError:
-            if not folder.exists():
+            if not folder.exists() or attempt == 9:
                 raise
-    return BagWriter(fresh_folder(parent, 'touches'), cell, log_time=log_time, topics=topics)
+    raise AssertionError

@@ -22,9 +22,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
-from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
@@ -34,12 +32,12 @@ from scara_kinetostatic.files.calibration_file import parse_document
 from scara_kinetostatic.files.urdf import BASE_FRAME, CALIBRATED_COLOUR, NOMINAL_COLOUR, side_by_side
 from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.nodes import declare
-from scara_kinetostatic.nodes.conversion import UnusableMessageError, joint_sample
+from scara_kinetostatic.nodes.calibration_job import stored_document
+from scara_kinetostatic.nodes.cell_node import CellNode
+from scara_kinetostatic.nodes.conversion import UnusableMessageError, joint_sample, marker_array
 from scara_kinetostatic.nodes.declare import Range, cell_or_example
-from scara_kinetostatic.nodes.marker_messages import marker_array
-from scara_kinetostatic.nodes.outcome_text import stored_document
 from scara_kinetostatic.nodes.runtime import run
-from scara_kinetostatic.nodes.stream_subscription import LATCHED, LATCHED_TOUCHES
+from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES
 from scara_kinetostatic.report.markers import (
     Primitive,
     Scales,
@@ -53,35 +51,8 @@ from scara_kinetostatic.report.markers import (
 )
 from scara_kinetostatic.results.document import NAME
 
-PERIOD = 0.1
-"""Between two messages on `~/arm`, s."""
-SCENE_PERIOD = 0.5
-"""The least between two messages on `~/markers`, s: each has all touches in it."""
-PAUSE = 20.0
-"""Between two messages on `~/markers`, in times that the last one took: many touches take a while."""
-REST = 0.01
-"""Between two callbacks, s: of joint states at 1 kHz only some are taken."""
-MOST_TOUCHES = 1000
-"""So many are shown, the latest."""
-SCALES = (
-    'length of the arrow of a force, m/N',
-    'the same of a residual force, m/N',
-    'magnification of displacements of objects',
-    'magnification of the uncertainty of the tip',
-)
-"""Meaning of each of the fields of `Scales`, as a parameter."""
-NO_ANGLES = (0.0, 0.0)
-"""Joint angles at which a result is tried before it is shown."""
-NEWEST = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=ReliabilityPolicy.BEST_EFFORT,
-    durability=DurabilityPolicy.VOLATILE,
-)
-"""The present joint angles; matches every publisher."""
 
-
-class Visualizer(Node):
+class Visualizer(CellNode):
     """Shows what the other nodes find.
 
     Raises:
@@ -106,17 +77,23 @@ class Visualizer(Node):
         self._description = self.create_publisher(String, 'robot_description', LATCHED)
         self._frames = self.create_client(SetParameters, 'robot_state_publisher/set_parameters')
         self._untold = ''
-        self.create_subscription(JointState, self._cell.sensor.joint_states, self._note_joints, NEWEST, raw=True)
+        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)  # matches every publisher
+        self.create_subscription(JointState, self._cell.sensor.joint_states, self._note_joints, newest, raw=True)
         self.create_subscription(DiagnosticArray, 'collector/touch', self._note_touch, LATCHED_TOUCHES)
         self.create_subscription(String, 'calibrator/result', self._note_result, LATCHED)
         self._describe(None)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(PERIOD, self._publish_arms, clock=steady)
-        self.create_timer(SCENE_PERIOD, self._publish_scene, clock=steady)
+        self.every(0.1, self._publish_arms)
+        self.every(0.5, self._publish_scene)
 
     def _declare_scales(self) -> None:
         """Declares how large things are drawn; they can be set while the node runs."""
-        for (name, usual), meaning in zip(Scales()._asdict().items(), SCALES, strict=True):
+        meanings = (
+            'length of the arrow of a force, m/N',
+            'the same of a residual force, m/N',
+            'magnification of displacements of objects',
+            'magnification of the uncertainty of the tip',
+        )
+        for (name, usual), meaning in zip(Scales()._asdict().items(), meanings, strict=True):
             declare.number(self, f'{name}_scale', usual, meaning, Range(0.0, 1e6), read_only=False)
         self.add_post_set_parameters_callback(self._draw_again)
 
@@ -126,9 +103,6 @@ class Visualizer(Node):
 
     def _draw_again(self, _: Sequence[Any]) -> None:
         self._changed = True
-
-    def close(self) -> None:
-        """Nothing to close."""
 
     def _note_joints(self, message: bytes) -> None:
         try:
@@ -144,7 +118,7 @@ class Visualizer(Node):
             if touch is not None:
                 self._touches[values.get('recording', ''), values.get('touch', '')] = touch
                 self._changed = True
-        while len(self._touches) > MOST_TOUCHES:
+        while len(self._touches) > 1000:  # the latest are shown
             del self._touches[next(iter(self._touches))]
 
     def _note_result(self, message: String) -> None:
@@ -153,7 +127,7 @@ class Visualizer(Node):
             document, missing = _with_file(said)
             calibrated = estimated(document)
             result_markers(document, self._cell.discs, self._scales)
-            uncertainty_markers(document, NO_ANGLES, self._scales)
+            uncertainty_markers(document, (0.0, 0.0), self._scales)  # tried before it is shown
             published = bool(said.get('published', True))
         except (ValueError, LookupError, TypeError, AttributeError, ScaraKinetostaticError) as error:
             self.get_logger().warning(f'calibrator/result cannot be shown: {type(error).__name__}: {error}')
@@ -184,7 +158,7 @@ class Visualizer(Node):
         if self._changed and began >= self._next_scene:
             self._markers.publish(marker_array(self._scene(), self._frame))
             self._changed = False
-            self._next_scene = began + PAUSE * (monotonic() - began)
+            self._next_scene = began + 20 * (monotonic() - began)  # many touches take a while
 
     def _publish_arms(self) -> None:
         if self._joints is not None:
@@ -223,7 +197,7 @@ def _with_file(said: Mapping[str, Any]) -> tuple[Mapping[str, Any], str]:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Runs the node; see `runtime.run` for the exit status."""
-    return run(Visualizer, args, rest=REST)
+    return run(Visualizer, args, rest=0.01)  # of joint states at 1 kHz only some are taken
 
 
 if __name__ == '__main__':

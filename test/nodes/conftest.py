@@ -16,8 +16,12 @@ from rclpy.signals import SignalHandlerOptions  # noqa: E402
 
 from scara_kinetostatic.files.cell_file import dump_cell  # noqa: E402
 from scara_kinetostatic.model.cell import PAPER_CELL  # noqa: E402
-from scara_kinetostatic.nodes.demo_client import DemoClient  # noqa: E402
-from scara_kinetostatic.nodes.processes import THIS_MACHINE, NodeProcesses, free_domain  # noqa: E402
+from scara_kinetostatic.nodes.demo_client import (  # noqa: E402
+    THIS_MACHINE,
+    DemoClient,
+    NodeProcesses,
+    free_domain,
+)
 
 
 @pytest.fixture

@@ -20,9 +20,8 @@ from scara_kinetostatic.errors import CellError, InputError, RecordingError
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL
-from scara_kinetostatic.nodes.announced import ALL, LAST, SESSION, Announced
-from scara_kinetostatic.nodes.calibration_job import Job, Reply, do
-from scara_kinetostatic.nodes.outcome_text import summary, warnings_in_line
+from scara_kinetostatic.nodes.calibration_job import Job, Reply, do, summary, warnings_in_line
+from scara_kinetostatic.nodes.calibrator_parameters import CHOICES, Announced
 from scara_kinetostatic.results import report as page
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
@@ -220,7 +219,7 @@ def test_announced_recordings_that_belong_together(
     announced = Announced()
     for path, number in announcements:
         announced.note(path, number)
-    assert [announced.chosen(which) for which in (SESSION, LAST, ALL)] == [session, last, everything]
+    assert [announced.chosen(which) for which in CHOICES] == [session, last, everything]
 
 
 def test_a_recording_that_was_stopped_ends_the_session() -> None:
@@ -229,9 +228,9 @@ def test_a_recording_that_was_stopped_ends_the_session() -> None:
     announced.note('monday_again', 1)  # after a crash
     announced.stop('monday_again')
     assert not announced.note('tuesday', 1)
-    assert announced.chosen(SESSION) == ['tuesday']
+    assert announced.chosen('session') == ['tuesday']
     assert announced.note('tuesday_again', 1)
-    assert announced.chosen(SESSION) == ['tuesday', 'tuesday_again']
+    assert announced.chosen('session') == ['tuesday', 'tuesday_again']
 
 
 def test_many_warnings_are_counted() -> None:

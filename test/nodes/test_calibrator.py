@@ -21,12 +21,11 @@ from std_srvs.srv import Trigger
 from scara_kinetostatic.bags.writer import write_streams
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
-from scara_kinetostatic.nodes import calibration_process as module
+from scara_kinetostatic.nodes import calibration_job as module
 from scara_kinetostatic.nodes.calibrator import Calibrator
-from scara_kinetostatic.nodes.demo_client import DemoClient
-from scara_kinetostatic.nodes.diagnostics import ERROR, OK
-from scara_kinetostatic.nodes.processes import NodeProcesses
-from scara_kinetostatic.nodes.stream_subscription import LATCHED
+from scara_kinetostatic.nodes.cell_node import ERROR, OK
+from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses
+from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.pipeline import calibrate_recordings
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams

@@ -17,18 +17,16 @@ from rosbags.rosbag2 import Reader
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
+from scara_kinetostatic.errors import OutputError
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.nodes import conversion, session
+from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, RefusedError
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.conversion import Sample
-from scara_kinetostatic.nodes.demo_client import DemoClient
-from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN
-from scara_kinetostatic.nodes.processes import NodeProcesses
-from scara_kinetostatic.nodes.stream_monitor import StreamMonitor
-from scara_kinetostatic.nodes.stream_subscription import LATCHED, RELIABLE_STREAM
+from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses
+from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM, StreamMonitor
 from scara_kinetostatic.touches.detection import find_touches
 
 
@@ -75,7 +73,7 @@ def test_start_and_stop_each_make_sense_once(
 def test_every_message_of_a_fast_stream_is_recorded(spin: Callable[..., Node], tmp_path: Path) -> None:
     collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
     publish(collector, RELIABLE_STREAM, 1000)
-    assert eventually(lambda: all(monitor.count == 1000 for monitor in collector._monitors.values()))
+    assert eventually(lambda: all(monitor.count == 1000 for monitor in collector._streams.monitors.values()))
     collector.close()
     (bag,) = tmp_path.iterdir()
     streams = read_streams(bag, PAPER_CELL)
@@ -85,7 +83,7 @@ def test_every_message_of_a_fast_stream_is_recorded(spin: Callable[..., Node], t
 def test_a_best_effort_publisher_is_heard(spin: Callable[..., Node]) -> None:
     collector = spin(Collector)
     publish(collector, QoSPresetProfiles.SENSOR_DATA.value, 300)
-    assert eventually(lambda: all(monitor.count > 0 for monitor in collector._monitors.values()))
+    assert eventually(lambda: all(monitor.count > 0 for monitor in collector._streams.monitors.values()))
 
 
 def test_diagnostics_name_what_is_wrong(spin: Callable[..., Node], tmp_path: Path) -> None:
@@ -97,20 +95,18 @@ def test_diagnostics_name_what_is_wrong(spin: Callable[..., Node], tmp_path: Pat
     assert 'shoulder elbow' in collector._examine().message
 
     (tmp_path / 'bags').write_text('a file where the folder should be')
-    answer = collector._start(Trigger.Request(), Trigger.Response())
-    assert not answer.success
+    with pytest.raises(OutputError):
+        collector._start()
     assert collector._examine().level == ERROR
     assert str(tmp_path / 'bags') in collector._examine().message
 
     (tmp_path / 'bags').unlink()
-    assert collector._start(Trigger.Request(), Trigger.Response()).success
+    assert collector._start().startswith('recording to ')
 
 
 def test_a_disk_that_fails_ends_the_recording_and_not_the_node(
     spin: Callable[..., Node], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from scara_kinetostatic.errors import OutputError
-
     collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
     folder = collector._session.folder
 
@@ -121,9 +117,8 @@ def test_a_disk_that_fails_ends_the_recording_and_not_the_node(
     publish(collector, RELIABLE_STREAM, 20)
     assert eventually(lambda: collector._session is None)
     assert 'No space left on device' in collector._examine().message
-    answer = collector._stop(Trigger.Request(), Trigger.Response())
-    assert not answer.success
-    assert 'No space left on device' in answer.message
+    with pytest.raises(RefusedError, match='No space left on device'):
+        collector._stop()
 
 
 def test_senseless_messages_do_not_end_the_node(spin: Callable[..., Node], tmp_path: Path) -> None:
@@ -143,11 +138,10 @@ def test_senseless_messages_do_not_end_the_node(spin: Callable[..., Node], tmp_p
         wrench.publish(conversion.wrench(Sample(stamp, nan, 0.0), ''))
         wrench.publish(conversion.wrench(Sample(stamp, 1e300, -1e300), ''))
         sleep(0.15)  # Let the touch detection have a look at it.
-    assert eventually(lambda: [m.count for m in collector._monitors.values()] == [66, 62])
-    assert [monitor.unusable for monitor in collector._monitors.values()] == [16, 8]
-    answer = collector._stop(Trigger.Request(), Trigger.Response())
-    assert answer.success, answer.message
-    assert collector._start(Trigger.Request(), Trigger.Response()).success
+    assert eventually(lambda: [m.count for m in collector._streams.monitors.values()] == [66, 62])
+    assert [monitor.unusable for monitor in collector._streams.monitors.values()] == [16, 8]
+    assert '0 touches' in collector._stop()
+    assert collector._start().startswith('recording to ')
 
 
 def test_a_folder_that_cannot_be_written_leaves_the_node_up(spin: Callable[..., Node], tmp_path: Path) -> None:
@@ -156,7 +150,7 @@ def test_a_folder_that_cannot_be_written_leaves_the_node_up(spin: Callable[..., 
     assert collector._examine().level == ERROR
     assert str(tmp_path / 'bags') in collector._examine().message
     (tmp_path / 'bags').unlink()
-    assert collector._start(Trigger.Request(), Trigger.Response()).success
+    assert collector._start().startswith('recording to ')
 
 
 def test_two_collectors_that_choose_the_same_name_record_both(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -183,8 +177,8 @@ def test_simulated_time_begins_with_the_clock(spin: Callable[..., Node], tmp_pat
     arguments = ('use_sim_time:=true', 'autostart:=true', f'output:={tmp_path}')
     collector = spin(Collector, '--ros-args', *(part for argument in arguments for part in ('-p', argument)))
     assert 'waiting for /clock' in collector._examine().message
-    refused = collector._start(Trigger.Request(), Trigger.Response())
-    assert (refused.success, '/clock' in refused.message) == (False, True)
+    with pytest.raises(RefusedError, match='/clock'):
+        collector._start()
     assert collector._examine().level == WARN  # it waits, nothing has failed
     clock = collector.create_publisher(ClockMessage, '/clock', 1)
 
@@ -194,7 +188,7 @@ def test_simulated_time_begins_with_the_clock(spin: Callable[..., Node], tmp_pat
 
     assert eventually(tick)
     publish(collector, RELIABLE_STREAM, 5)
-    assert eventually(lambda: all(monitor.count == 5 for monitor in collector._monitors.values()))
+    assert eventually(lambda: all(monitor.count == 5 for monitor in collector._streams.monitors.values()))
     collector.close()
     (bag,) = tmp_path.iterdir()
     with Reader(bag) as reader:

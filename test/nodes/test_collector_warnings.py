@@ -20,21 +20,19 @@ from scara_kinetostatic.bags.cdr import joint_state_messages, wrench_messages
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.model.cell import PAPER_CELL, SensorSign
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
-from scara_kinetostatic.nodes import disk_room, session
+from scara_kinetostatic.nodes import session
+from scara_kinetostatic.nodes.cell_node import OK, WARN, PersistentComplaints
 from scara_kinetostatic.nodes.collector import Collector
-from scara_kinetostatic.nodes.complaints import PersistentComplaints
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.demo_client import DemoClient
-from scara_kinetostatic.nodes.diagnostics import OK, WARN
-from scara_kinetostatic.nodes.session import Session, Stream
-from scara_kinetostatic.nodes.stream_monitor import StreamMonitor
+from scara_kinetostatic.nodes.session import Session
+from scara_kinetostatic.nodes.streams import Stream, StreamMonitor
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
 from scara_kinetostatic.touches.detection import DISCARDED, find_touches
 from scara_kinetostatic.touches.streams import Streams
 
 GIB = 1 << 30
-SECOND = 1_000_000_000
 
 
 def touches(count: int) -> Streams:
@@ -42,35 +40,17 @@ def touches(count: int) -> Streams:
     return simulate_streams(PAPER_CELL, PAPER_MEASURED, plan, seed=3)
 
 
-def part(streams: Streams, begin: int, end: int) -> Streams:
-    """The messages stamped from `begin` to `end`, ns."""
-    j, w = streams.joints, streams.wrench
-    some, others = ((begin <= stamp) & (stamp < end) for stamp in (j.stamp, w.stamp))
-    return replace(
-        streams,
-        joints=replace(j, stamp=j.stamp[some], position=j.position[some]),
-        wrench=replace(w, stamp=w.stamp[others], force=w.force[others]),
-    )
-
-
-def feed(recording: Session, streams: Streams, ahead: int = 0, apart: int = 0) -> None:
-    """Gives a recording all messages in the order of their stamps.
-
-    The clock of the driver is `ahead` of that of the collector, that of the sensor by `apart` more, ns.
-    """
-    joints, wrench = (
-        replace(topic, stamp=topic.stamp + more)  # type: ignore[type-var]
-        for topic, more in ((streams.joints, ahead), (streams.wrench, ahead + apart))
-    )
+def feed(recording: Session, streams: Streams) -> None:
+    """Gives a recording all messages in the order of their stamps."""
+    joints, wrench = streams.joints, streams.wrench
     messages = joint_state_messages(joints.stamp, joints.position, PAPER_CELL.joint_names)
     messages += wrench_messages(wrench.stamp, wrench.force, 'base')
-    received = np.concatenate([streams.joints.stamp, streams.wrench.stamp])
     stamps = np.concatenate([joints.stamp, wrench.stamp])
     values = np.concatenate([joints.position, wrench.force]).tolist()
-    for number, place in enumerate(np.argsort(received, kind='stable').tolist()):
+    for number, place in enumerate(np.argsort(stamps, kind='stable').tolist()):
         stream = Stream.JOINTS if place < len(joints.stamp) else Stream.WRENCH
         stamp = int(stamps[place])
-        recording.take(stream, messages[place], int(received[place]), Sample(stamp, *values[place]))
+        recording.take(stream, messages[place], stamp, Sample(stamp, *values[place]))
         if number % 50 == 0:
             recording.poll()
 
@@ -92,11 +72,10 @@ def test_a_few_rejected_touches_are_no_warning(tmp_path: Path) -> None:
     assert (recording.touches, recording.rejected, recording.rejections()) == (4, 0, '')
 
 
-@pytest.mark.parametrize('apart', [0, 3 * SECOND])
-def test_discarded_touches_are_those_of_the_recording(tmp_path: Path, apart: int) -> None:
-    """The last one first; the calibrator leaves the same ones out, also where clocks differ."""
+def test_discarded_touches_are_those_of_the_recording(tmp_path: Path) -> None:
+    """The last one first; the calibrator leaves the same ones out."""
     recording = Session(tmp_path, PAPER_CELL, 1)
-    feed(recording, touches(4), apart=apart)
+    feed(recording, touches(4))
     recording.poll()
     accepted = recording.touches
     discarded = [recording.discard_last(10**18) for _ in range(2)]
@@ -106,23 +85,6 @@ def test_discarded_touches_are_those_of_the_recording(tmp_path: Path, apart: int
     detection = find_touches(read_streams(recording.folder, PAPER_CELL), PAPER_CELL)
     numbers = [(touch.number, DISCARDED) for touch in reversed(discarded) if touch]
     assert [(item.index, item.reason) for item in detection.rejected] == numbers
-    assert detection.warnings == ()
-
-
-def test_a_touch_discarded_before_the_clock_steps_stays_discarded(tmp_path: Path) -> None:
-    """The recording is then read by another clock than that by which the touch was discarded."""
-    recording, streams = Session(tmp_path, PAPER_CELL, 1), touches(6)
-    middle = int(np.mean(streams.wrench.stamp[[0, -1]]))
-    first, rest = part(streams, 0, middle), part(streams, middle, 1 << 62)
-    feed(recording, first, ahead=10 * SECOND)
-    recording.poll()
-    touch = recording.discard_last(10**18)
-    assert touch is not None
-    feed(recording, rest, ahead=5 * SECOND)
-    recording.close()
-    assert recording.clock_warning
-    detection = find_touches(read_streams(recording.folder, PAPER_CELL), PAPER_CELL)
-    assert [(item.index, item.reason) for item in detection.rejected] == [(touch.number, DISCARDED)]
     assert detection.warnings == ()
 
 
@@ -148,9 +110,9 @@ def test_a_disk_that_fills_is_announced(
     free: int, written: int, seconds: float, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = [0.0]
-    monkeypatch.setattr(disk_room, 'monotonic', lambda: clock[0])
-    monkeypatch.setattr(disk_room.shutil, 'disk_usage', lambda _: SimpleNamespace(free=free))
-    room = disk_room.DiskRoom(tmp_path / 'bag')
+    monkeypatch.setattr(session, 'monotonic', lambda: clock[0])
+    monkeypatch.setattr(session.shutil, 'disk_usage', lambda _: SimpleNamespace(free=free))
+    room = session.DiskRoom(tmp_path / 'bag')
     room.add(written)
     clock[0] = seconds
     assert room.complaint() == (said and f'the disk of {tmp_path} has {said}')
@@ -159,7 +121,7 @@ def test_a_disk_that_fills_is_announced(
 def test_the_collector_warns_of_the_disk(
     spin: Callable[..., Node], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(disk_room, 'LEAST_ROOM', 1 << 62)
+    monkeypatch.setattr(session.shutil, 'disk_usage', lambda _: SimpleNamespace(free=GIB // 2))
     collector = spin(Collector, '--ros-args', '-p', 'autostart:=true', '-p', f'output:={tmp_path}')
     condition = collector._examine()
     assert condition.level == WARN
@@ -175,7 +137,7 @@ def test_a_robot_taken_for_the_example_cell_is_said(
     collector = spin(Collector, '--ros-args', '-p', f'output:={tmp_path / "bags"}')
     said = 'taken for the example cell'
     for name, expected in (('/left/contact_simulator', False), ('/left/driver', True)):
-        collector._monitors[Stream.JOINTS].publishers = [name]
+        collector._streams.monitors[Stream.JOINTS].publishers = [name]
         assert (said in collector._examine().message) == expected
         assert (collector._examine().level == WARN) == expected
     client._node.create_publisher(JointState, '/joint_states', 10)
@@ -187,7 +149,7 @@ def test_a_robot_taken_for_the_example_cell_is_said(
 
 def test_a_robot_whose_cell_is_given_is_no_example(spin: Callable[..., Node], cell_file: Path) -> None:
     collector = spin(Collector, '--ros-args', '-p', f'cell:={cell_file}')
-    collector._monitors[Stream.JOINTS].publishers = ['/left/driver']
+    collector._streams.monitors[Stream.JOINTS].publishers = ['/left/driver']
     assert collector._examine().level == OK
 
 

@@ -30,11 +30,11 @@ from scara_kinetostatic.files.calibration_file import arm_document
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.cell import PAPER_CELL, Identification, Sensor
 from scara_kinetostatic.model.online import OnlineArm
+from scara_kinetostatic.nodes.cell_node import WARN
 from scara_kinetostatic.nodes.compensator import Compensator
 from scara_kinetostatic.nodes.conversion import PlanarPose, Sample, joint_state, pose_bytes, wrench
-from scara_kinetostatic.nodes.diagnostics import WARN
-from scara_kinetostatic.nodes.processes import THIS_MACHINE
-from scara_kinetostatic.nodes.stream_subscription import LATCHED
+from scara_kinetostatic.nodes.demo_client import THIS_MACHINE
+from scara_kinetostatic.nodes.streams import LATCHED
 
 CELL = replace(PAPER_CELL, sensor=Sensor())
 JOINTS, FORCE = (0.4, 1.1), (20.0, -5.0)
@@ -270,7 +270,7 @@ def test_a_result_of_another_robot_is_refused(bench: Callable[..., Bench], arm: 
 def test_another_frame_of_the_forces_needs_another_zero(bench: Callable[..., Bench]) -> None:
     b = bench()
     b.wait(lambda: len(b.poses) > 5, b.move)
-    b.node._tare(Trigger.Request(), Trigger.Response())
+    b.node._tip.tare()
     assert b.node._tip.zero == pytest.approx(FORCE)
     b.node._turned(b'', False)
     assert b.node._tip.zero is not None

@@ -29,11 +29,11 @@ from scara_kinetostatic.files.calibration_file import arm_document
 from scara_kinetostatic.model.arm import CalibratedArm
 from scara_kinetostatic.model.arrays import rms
 from scara_kinetostatic.model.cell import PAPER_CELL
+from scara_kinetostatic.nodes.contact_simulator import Playback
 from scara_kinetostatic.nodes.contour_tracker import ContourTracker
 from scara_kinetostatic.nodes.conversion import joint_state, wrench
-from scara_kinetostatic.nodes.playback import Playback
-from scara_kinetostatic.nodes.processes import THIS_MACHINE
-from scara_kinetostatic.nodes.stream_subscription import LATCHED, RELIABLE_STREAM
+from scara_kinetostatic.nodes.demo_client import THIS_MACHINE
+from scara_kinetostatic.nodes.streams import LATCHED, RELIABLE_STREAM
 from scara_kinetostatic.simulation.outline import circle
 from scara_kinetostatic.simulation.slides import Slide, simulate_slides
 from scara_kinetostatic.touches.streams import Streams
@@ -107,7 +107,7 @@ class Bench:
 
     def heard(self) -> int:
         """Messages that the node has taken."""
-        return self.node._joints_heard.count + self.node._wrench_heard.count
+        return sum(monitor.count for monitor in self.node._streams.monitors.values())
 
     def call(self, name: str) -> Trigger.Response:
         self.wait(self.services[name].service_is_ready)

@@ -23,12 +23,12 @@ from std_msgs.msg import String
 from scara_kinetostatic.bags.reader import read_streams
 from scara_kinetostatic.files.cell_file import dump_cell
 from scara_kinetostatic.model.cell import SensorFrame
-from scara_kinetostatic.nodes import conversion, frame_check
+from scara_kinetostatic.nodes import conversion
+from scara_kinetostatic.nodes import streams as module
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.conversion import Sample
 from scara_kinetostatic.nodes.demo_client import DemoClient
-from scara_kinetostatic.nodes.frame_check import FrameCheck
-from scara_kinetostatic.nodes.stream_subscription import RELIABLE_STREAM
+from scara_kinetostatic.nodes.streams import LATCHED_TOUCHES, RELIABLE_STREAM, FrameCheck
 from scara_kinetostatic.touches.detection import find_touches
 
 FIRST, AT_ONCE = 50, 400
@@ -73,12 +73,12 @@ def test_bytes_that_are_no_transforms_are_said() -> None:
 def test_live_touches_are_those_of_the_recording(
     late: bool, spin: Callable[..., Node], client: DemoClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(frame_check, 'TFMessage', String)
+    monkeypatch.setattr(module, 'TFMessage', String)
     (tmp_path / 'cell.yaml').write_text(dump_cell(TOOL_CELL))
     settings = {'autostart': 'true', 'cell': tmp_path / 'cell.yaml', 'output': tmp_path / 'bags'}
     arguments = [text for name, value in settings.items() for text in ('-p', f'{name}:={value}')]
     node = spin(Collector, '--ros-args', *arguments)
-    tree = node.create_publisher(String, '/tf_static', frame_check._FIXED)
+    tree = node.create_publisher(String, '/tf_static', LATCHED_TOUCHES)
     kinds = {'/joint_states': JointState, '/wrench': WrenchStamped}
     publishers = {name: node.create_publisher(kind, name, RELIABLE_STREAM) for name, kind in kinds.items()}
     assert eventually(lambda: all(item.get_subscription_count() for item in (tree, *publishers.values())))
@@ -89,13 +89,13 @@ def test_live_touches_are_those_of_the_recording(
     for first, sent in pairwise(steps):
         for item in messages[first:sent]:
             publishers[item.topic].publish(item.payload)
-        assert eventually(lambda sent=sent: sum(monitor.count for monitor in node._monitors.values()) == sent)
+        assert eventually(lambda sent=sent: sum(monitor.count for monitor in node._streams.monitors.values()) == sent)
         if late and first == 0:  # before the first touch
             publish_tree(tree, node)
     session = node._session
     assert trigger(client, '/collector/stop').success
     streams = read_streams(session.folder, TOOL_CELL)
-    assert streams.turned and node._frame.description() == streams.turned
+    assert streams.turned and node._streams.frame.description() == streams.turned
     offline = find_touches(streams, TOOL_CELL)
     assert len(offline.touches) == 72
     assert (session.touches, session.rejected) == (72, 0)
@@ -104,4 +104,4 @@ def test_live_touches_are_those_of_the_recording(
 def publish_tree(tree: Any, node: Node) -> None:
     for item in transforms(0):
         tree.publish(item.payload)
-    assert eventually(lambda: len(node._frame.messages) == 2)
+    assert eventually(lambda: len(node._streams.frame.messages) == 2)

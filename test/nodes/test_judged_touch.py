@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.parameters import PAPER_MEASURED
-from scara_kinetostatic.nodes.judged_touch import judged_touches
+from scara_kinetostatic.nodes.session import judged_touches
 from scara_kinetostatic.simulation.plan import default_plan
 from scara_kinetostatic.simulation.streams import simulate_streams
 from scara_kinetostatic.touches.detection import DISCARDED, Detection, Episode, find_touches, no_touches

@@ -13,17 +13,15 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from monitoring.simulated import CELL, TRUTH, touches_of
 from rclpy.node import Node
-from std_srvs.srv import Trigger
 
 from scara_kinetostatic.errors import InputError
 from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.monitoring.drift import DriftMonitor
 from scara_kinetostatic.monitoring.record import CalibrationRecord
-from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN
-from scara_kinetostatic.nodes.judged_touch import JudgedTouch
-from scara_kinetostatic.nodes.monitor import TOUCHES, Monitor, String
-from scara_kinetostatic.nodes.monitored_touch import touch_of, was_seen
-from scara_kinetostatic.nodes.stream_subscription import LATCHED_TOUCHES
+from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN, RefusedError
+from scara_kinetostatic.nodes.monitor import Monitor, String, touch_of, was_seen
+from scara_kinetostatic.nodes.session import JudgedTouch
+from scara_kinetostatic.nodes.streams import LATCHED_TOUCHES
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.report.json_file import json_text
 from scara_kinetostatic.results.document import as_document
@@ -56,7 +54,7 @@ def watching(spin: Callable[..., Node]) -> Callable[..., Node]:
 
     def start(*args: str) -> Node:
         node = spin(Monitor, *args)
-        node.create_publisher(DiagnosticArray, TOUCHES, LATCHED_TOUCHES)
+        node.create_publisher(DiagnosticArray, 'collector/touch', LATCHED_TOUCHES)
         return node
 
     return start
@@ -86,7 +84,7 @@ def test_a_change_is_raised_and_reset(watching: Callable[..., Node], calibration
     assert node._report().values['rejected touches in a row'] == '0'
     feed(node, changed, '/tuesday', reason=DISCARDED)
     assert node._report().level == OK and node._report().values['touches'] == '30'
-    assert node._reset(Trigger.Request(), Trigger.Response()).success
+    assert node._reset() == 'touches count anew from here'
     assert node._report().values['touches'] == '0'
 
 
@@ -183,7 +181,7 @@ def test_touches_that_are_rejected_one_after_the_other(watching: Callable[..., N
     feed(node, touches.select([2]), '/a', reason='no object there')
     assert node._report().level == WARN and 'the last 3 touches were rejected' in node._report().message
     feed(node, touches.select([3]), '/a', reason=DISCARDED)
-    assert node._reset(Trigger.Request(), Trigger.Response()).success
+    assert node._reset() == 'touches count anew from here'
     assert node._report().level == OK
     feed(node, touches.select([0, 1, 2]), '/b', reason='no object there')
     assert node._report().level == WARN
@@ -194,7 +192,8 @@ def test_touches_that_are_rejected_one_after_the_other(watching: Callable[..., N
 def test_the_calibration_of_the_calibrator(watching: Callable[..., Node], calibration: Path) -> None:
     node = watching()
     assert node._report().level == WARN and 'no calibration yet' in node._report().message
-    assert not node._reset(Trigger.Request(), Trigger.Response()).success
+    with pytest.raises(RefusedError, match='no calibration yet'):
+        node._reset()
     created = json.loads(calibration.read_text())['created']
     said = {'published': True, 'created': created, 'files': {'folder': str(calibration.parent)}}
     for wrong in ('{', '[]', '{}', json.dumps(said | {'created': 'x'}), json.dumps(said | {'files': {'folder': ''}})):

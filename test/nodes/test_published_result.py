@@ -21,15 +21,15 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from scara_kinetostatic.errors import ParameterError
+from scara_kinetostatic.files.calibration_file import RESULT_SCHEMA
 from scara_kinetostatic.model.cell import PAPER_CELL, Noise
 from scara_kinetostatic.model.parameters import NAMES, PAPER_ACTUAL
-from scara_kinetostatic.nodes import calibration_process as module
-from scara_kinetostatic.nodes.calibration_job import Reply
+from scara_kinetostatic.nodes import calibration_job as module
+from scara_kinetostatic.nodes.calibration_job import Reply, details, line_of
 from scara_kinetostatic.nodes.calibrator import Calibrator
+from scara_kinetostatic.nodes.cell_node import ERROR, OK, WARN
 from scara_kinetostatic.nodes.demo_client import DemoClient
-from scara_kinetostatic.nodes.diagnostics import ERROR, OK, WARN
-from scara_kinetostatic.nodes.outcome_text import SCHEMA, details, one_line
-from scara_kinetostatic.nodes.stream_subscription import LATCHED
+from scara_kinetostatic.nodes.streams import LATCHED
 from scara_kinetostatic.pipeline import calibrate_touches
 from scara_kinetostatic.report.json_file import json_text
 from scara_kinetostatic.results.document import as_document
@@ -50,7 +50,7 @@ def outcome() -> Any:
 @pytest.fixture(scope='module')
 def reply(outcome: Any) -> Reply:
     return Reply(
-        line=one_line(outcome),
+        line=line_of(outcome),
         grade='fit',
         verdict='none',
         warnings=[],
@@ -113,7 +113,7 @@ def test_an_unfit_result_leaves_the_parameters_unless_told_to_replace_them(
     client.wait('the results', lambda: len(heard) == 4, WAIT)
     assert [item['published'] for item in heard] == [False, True, False, True]
     assert heard[-1]['message'] == answer.message
-    assert heard[-1]['schema'] == SCHEMA
+    assert heard[-1]['schema'] == RESULT_SCHEMA
     assert heard[-1]['files'] == {'folder': '/results'}
     assert heard[-1]['assessment'] == reply.document['assessment']
     assert heard[-1]['identifiability']['rank'] == 12

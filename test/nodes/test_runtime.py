@@ -13,8 +13,7 @@ import yaml
 from nodes.waiting import WAIT
 from rcl_interfaces.srv import GetParameters
 
-from scara_kinetostatic.nodes.demo_client import DemoClient
-from scara_kinetostatic.nodes.processes import NodeProcesses, free_domain
+from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses, free_domain
 
 NODES = ('contact_simulator', 'collector', 'calibrator')
 

@@ -15,8 +15,8 @@ from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.compensator import Compensator
 from scara_kinetostatic.nodes.contact_simulator import ContactSimulator
 from scara_kinetostatic.nodes.contour_tracker import ContourTracker
-from scara_kinetostatic.nodes.frame_check import TFMessage
 from scara_kinetostatic.nodes.monitor import Monitor
+from scara_kinetostatic.nodes.streams import TFMessage
 from scara_kinetostatic.nodes.visualizer import Visualizer
 
 ROOT = Path(__file__).parents[2]

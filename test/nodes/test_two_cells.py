@@ -16,17 +16,15 @@ from rclpy.qos import QoSPresetProfiles
 from rosbags.interfaces import QosReliability
 from rosbags.rosbag2 import Reader
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
 from scara_kinetostatic.bags.reader import embedded_cell, read_streams
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.nodes import conversion
+from scara_kinetostatic.nodes.cell_node import OK, WARN
 from scara_kinetostatic.nodes.collector import Collector
 from scara_kinetostatic.nodes.conversion import Sample
-from scara_kinetostatic.nodes.demo_client import DemoClient
-from scara_kinetostatic.nodes.diagnostics import OK, WARN
-from scara_kinetostatic.nodes.processes import NodeProcesses
-from scara_kinetostatic.nodes.stream_subscription import LATCHED_TOUCHES, RELIABLE_STREAM
+from scara_kinetostatic.nodes.demo_client import DemoClient, NodeProcesses
+from scara_kinetostatic.nodes.streams import LATCHED_TOUCHES, RELIABLE_STREAM
 from scara_kinetostatic.touches.detection import DISCARDED, find_touches
 
 PLAN = """
@@ -79,12 +77,12 @@ def test_topics_and_quality_of_service_are_recorded_as_they_are(spin: Callable[.
     joints = collector.create_publisher(JointState, '/arm/state', RELIABLE_STREAM)
     wrench = collector.create_publisher(WrenchStamped, '/left/ft', QoSPresetProfiles.SENSOR_DATA.value)
     assert eventually(lambda: joints.get_subscription_count() > 0 and wrench.get_subscription_count() > 0)
-    assert collector._start(Trigger.Request(), Trigger.Response()).success
+    assert collector._start()
     for stamp in range(10**18, 10**18 + 10**9, 10**7):
         joints.publish(conversion.joint_state(Sample(stamp, 0.1, 0.2), ('joint1', 'joint2')))
         wrench.publish(conversion.wrench(Sample(stamp, 0.0, 0.0), 'base'))
         sleep(0.001)
-    assert eventually(lambda: all(monitor.count > 50 for monitor in collector._monitors.values()))
+    assert eventually(lambda: all(monitor.count > 50 for monitor in collector._streams.monitors.values()))
     collector.close()
     (bag,) = tmp_path.iterdir()
     with Reader(bag) as reader:

@@ -25,10 +25,10 @@ from visualization_msgs.msg import Marker, MarkerArray
 from scara_kinetostatic.model.cell import PAPER_CELL
 from scara_kinetostatic.model.kinematics import forward
 from scara_kinetostatic.nodes import conversion
+from scara_kinetostatic.nodes.calibration_job import summary
 from scara_kinetostatic.nodes.conversion import Sample
-from scara_kinetostatic.nodes.judged_touch import JudgedTouch
-from scara_kinetostatic.nodes.outcome_text import summary
-from scara_kinetostatic.nodes.stream_subscription import LATCHED, LATCHED_TOUCHES, RELIABLE_STREAM
+from scara_kinetostatic.nodes.session import JudgedTouch
+from scara_kinetostatic.nodes.streams import LATCHED, LATCHED_TOUCHES, RELIABLE_STREAM
 from scara_kinetostatic.nodes.visualizer import Visualizer
 from scara_kinetostatic.report.json_file import json_text
 from scara_kinetostatic.results.document import as_document

@@ -1,0 +1,352 @@
+"""The parameters of the node `calibrator`: what to calibrate, and the present result.
+
+The parameters `calibrated.<name>`, `calibrated_std.<name>` and `calibration.<name>` exist once there is a result, from
+a calibration or from a parameter file of an earlier one, and the node alone changes them. Those of effects exist as
+long as the last calibration has found them: `effects.<name>.<target>.<parameter>` and `effects_std…`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from scara_kinetostatic.calibration.calibrate import parse_fixed
+from scara_kinetostatic.errors import ParameterError, RecordingError, ScaraKinetostaticError
+from scara_kinetostatic.files.cell_file import load_cell
+from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, UNITS
+from scara_kinetostatic.nodes import declare
+from scara_kinetostatic.nodes.calibration_job import UNFIT, Job
+from scara_kinetostatic.results import parameter_file
+from scara_kinetostatic.results.facts import FACTS, GROUP, Value
+from scara_kinetostatic.results.parameter_file import EffectParameter
+from scara_kinetostatic.touches.left_out import parse_left_out
+
+CHOICES = {
+    'session': 'the last one, with those before a restart of the collector',
+    'last': 'the last one',
+    'all': 'all since this node has started',
+}
+
+
+_EFFECTS = (f'{parameter_file.EFFECTS}.', f'{parameter_file.EFFECTS_STD}.')
+"""How the names of effects' parameters begin."""
+_NUMBERS = {
+    **{f'calibrated.{name}': f'{DESCRIPTIONS[name]}, {UNITS[name]}' for name in NAMES},
+    **{f'calibrated_std.{name}': f'{DESCRIPTIONS[name]}, standard deviation, {UNITS[name]}' for name in NAMES},
+}
+"""First the values, then their standard deviations, each in the order of `NAMES`."""
+
+
+def _declared() -> dict[str, tuple[Parameter.Type, str]]:
+    """Type and description of every parameter of a result, but those of effects."""
+    types = {
+        str: Parameter.Type.STRING,
+        int: Parameter.Type.INTEGER,
+        float: Parameter.Type.DOUBLE,
+        list: Parameter.Type.STRING_ARRAY,
+    }
+    return {
+        **{name: (Parameter.Type.DOUBLE, meaning) for name, meaning in _NUMBERS.items()},
+        **{f'{GROUP}.{name}': (types[fact.kind], fact.meaning) for name, fact in FACTS.items()},
+    }
+
+
+class Announced:
+    """Recordings in the order in which they were announced.
+
+    A collector that was started anew, after a crash say, goes on with the same session in another recording. One that
+    was told to stop begins another session when it is told to start, also by another process, the next day say. The
+    middleware tells which process: every publisher numbers its messages from 1.
+    """
+
+    def __init__(self) -> None:
+        self._all: list[str] = []
+        self._session: list[str] = []
+        self._stopped = ''
+
+    def note(self, path: str, number: int | None) -> bool:
+        """Notes an announcement.
+
+        Args:
+            path: of the recording.
+            number: of the message among those of its publisher; None or 0 where the middleware does not state it.
+
+        Returns:
+            Whether the collector was started anew, so that the recording belongs to those before it.
+        """
+        if not path or self._session[-1:] == [path]:
+            return False
+        continued = number == 1 and bool(self._session) and self._session[-1] != self._stopped
+        self._session = [*(item for item in self._session if continued and item != path), path]
+        self._all = [*(item for item in self._all if item != path), path]
+        return continued
+
+    def stop(self, path: str) -> None:
+        """Notes that the collector was told to stop a recording."""
+        self._stopped = path
+
+    def chosen(self, which: str) -> list[str]:
+        """The recordings to calibrate together.
+
+        Args:
+            which: one of `CHOICES`.
+        """
+        return list({'session': self._session, 'last': self._session[-1:], 'all': self._all}[which])
+
+
+class CalibratorSettings:
+    """Declares the parameters, refuses values that cannot be used, and makes a job of them.
+
+    Args:
+        node: whose parameters they are.
+        announced: the recordings that the collector has announced.
+
+    Raises:
+        CellError: the cell description cannot be read, or is not valid.
+        ParameterError: a parameter is not valid.
+    """
+
+    def __init__(self, node: Node, announced: Announced) -> None:
+        self._node = node
+        self._announced = announced
+        self._declare_inputs(node)
+        output = 'folder for the results; empty: beside the last recording, with _calibration after its name'
+        declare.text(node, 'output', '', output, read_only=False)
+        name = 'name under which the result is kept: a folder in that of the results; empty: that folder itself'
+        _check('name', declare.text(node, 'name', '', name, read_only=False))
+        unfit = 'whether a result that is not fit for use replaces an earlier one in parameters and files'
+        declare.switch(node, 'publish_unfit', False, unfit, read_only=False)
+        node.add_on_set_parameters_callback(_check_parameters)
+
+    @staticmethod
+    def _declare_inputs(node: Node) -> None:
+        cell = 'cell description (YAML file); empty: the one in the recordings'
+        _check('cell', declare.text(node, 'cell', '', cell, read_only=False))
+        declare.text(node, 'recording', '', 'recording to calibrate from', read_only=False)
+        more = 'recordings to calibrate from together; if recording is empty, too: those announced by the collector'
+        declare.texts(node, 'recordings', more, read_only=False)
+        which = '; '.join(f'{choice}: {meaning}' for choice, meaning in CHOICES.items())
+        announced = f'which of the recordings announced by the collector ({which})'
+        _check('announced', declare.text(node, 'announced', 'session', announced, read_only=False))
+        left_out = (
+            'what to leave out: touches such as 5 or 10-14, those of one recording as touches_1:5, or a recording'
+        )
+        _check('leave_out', declare.texts(node, 'leave_out', left_out, read_only=False))
+        fixed = 'parameters to hold, such as l1=0.3302, g_ee (at its nominal value) or object_radius[disc_2].radius=0'
+        _check('fixed', declare.texts(node, 'fixed', fixed, read_only=False))
+
+    @property
+    def name(self) -> str:
+        """Of the result; empty where it has none."""
+        return self._text('name')
+
+    @property
+    def publishes_unfit(self) -> bool:
+        """Whether a result that is not fit for use replaces an earlier one."""
+        return bool(self._node.get_parameter('publish_unfit').value)
+
+    @property
+    def folder(self) -> Path:
+        """For the results.
+
+        Raises:
+            ParameterError: it is not named, nor is a recording.
+        """
+        if named := self._text('output'):
+            return declare.place('output', named) / self.name
+        last = declare.place('recording', self._recordings()[0][-1]).absolute()
+        return last.with_name(f'{last.name}_calibration') / self.name
+
+    @property
+    def stored(self) -> Path:
+        """The folder of an earlier result, that of the parameter `name`.
+
+        Raises:
+            ParameterError: there is none.
+        """
+        folder = self.folder
+        if (folder / parameter_file.NAME).is_file():
+            return folder
+        home = folder.parent if self.name else folder
+        names = sorted(path.parent.name for path in home.glob(f'*/{parameter_file.NAME}') if path.parent.name != UNFIT)
+        problem = f'there is no result {self.name!r} in {home}' if self.name else f'there is no result in {home}'
+        raise ParameterError('parameter name', problem, f'there are {", ".join(names)}' if names else 'calibrate first')
+
+    def job(self) -> Job:
+        """What the parameters tell to do.
+
+        Raises:
+            InputError: no recording is named, or one is not there.
+        """
+        recordings, joined = self._recordings()
+        paths = [declare.place('recording', recording) for recording in recordings]
+        for path in paths:
+            if not path.exists():
+                raise RecordingError(path, 'there is no such recording', 'check the path')
+        cell = self._text('cell')
+        return Job(
+            recordings=list(map(str, paths)),
+            joined=joined,
+            cell=str(declare.place('cell', cell)) if cell else '',
+            fixed=self._texts('fixed'),
+            left_out=self._texts('leave_out'),
+            output=str(self.folder),
+            publish_unfit=self.publishes_unfit,
+            name=self.name,
+        )
+
+    def _recordings(self) -> tuple[list[str], bool]:
+        """The recordings, and whether they were put together without being named."""
+        named = [*filter(None, [self._text('recording')]), *self._texts('recordings')]
+        chosen = named or self._announced.chosen(self._text('announced'))
+        if not chosen:
+            raise ParameterError(
+                'parameter recording', 'no recording is named, and no collector has announced one', 'set it'
+            )
+        return chosen, not named and len(chosen) > 1
+
+    def _text(self, name: str) -> str:
+        return str(self._node.get_parameter(name).value)
+
+    def _texts(self, name: str) -> list[str]:
+        return _listed(self._node.get_parameter(name).value)
+
+
+def _listed(value: Any) -> list[str]:
+    return [str(text) for text in value or [] if str(text).strip()]
+
+
+def _check(name: str, value: Any) -> None:
+    """Check the value of a parameter.
+
+    Raises:
+        InputError: it makes no sense.
+    """
+    where = f'parameter {name}'
+    if name == 'cell' and value:
+        load_cell(declare.place(name, str(value)))
+    elif name == 'announced' and value not in CHOICES:
+        raise ParameterError(where, f'expected {", ".join(CHOICES)}, got {value!r}')
+    elif name == 'name' and value and not re.fullmatch(r'[A-Za-z0-9_-][A-Za-z0-9._-]*', str(value)):
+        raise ParameterError(where, f'expected letters, digits, . _ or -, got {value!r}')
+    elif name == 'name' and value == UNFIT:
+        raise ParameterError(where, f'{UNFIT!r} is the folder of results that are not fit for use', 'take another')
+    elif name == 'leave_out':
+        parse_left_out(_listed(value), where)
+    elif name == 'fixed':
+        for text in _listed(value):
+            parse_fixed(text, f'{where}:')
+
+
+def _check_parameters(parameters: list[Parameter]) -> SetParametersResult:
+    """Refuses values that cannot be used."""
+    try:
+        for parameter in parameters:
+            _check(parameter.name, parameter.value)
+    except ScaraKinetostaticError as error:
+        return SetParametersResult(successful=False, reason=str(error))
+    return SetParametersResult(successful=True)
+
+
+class ResultParameters:
+    """Holds the parameters of the node and guards them.
+
+    In `rclpy` not even its own node may change a parameter declared read-only. So these are ordinary ones with a
+    callback that accepts what `publish` sets, and rejects the rest.
+
+    Args:
+        node: whose parameters they are. One thread spins it. Values given at its start (`--params-file`) are taken
+            over.
+
+    Raises:
+        InvalidParameterTypeException: such a value has another type.
+        ParameterError: a parameter of the base model is not finite.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._writing, self._declared = False, _declared()
+        for full, (kind, description) in self._declared.items():
+            self._declare(full, kind, description)
+            given = node.get_parameter_or(full)
+            if given.type_ == Parameter.Type.NOT_SET:
+                node.undeclare_parameter(full)
+            elif full.startswith('calibrated.') and not np.isfinite(given.value):
+                raise ParameterError(f'parameter {full}', f'expected a finite number, got {given.value}')
+        self._effects = [full for full in node._parameter_overrides if full.startswith(_EFFECTS)]
+        for full in self._effects:
+            self._declare(full, Parameter.Type.DOUBLE, 'of an effect')
+        node.add_on_set_parameters_callback(self._guard)
+
+    @property
+    def exist(self) -> bool:
+        """Whether there is a result."""
+        return bool(self._node.has_parameter('calibrated.l1'))
+
+    def fact(self, name: str) -> Value | None:
+        """What the present result is made from or worth; None where it does not say so."""
+        full = f'{GROUP}.{name}'
+        return self._node.get_parameter(full).value if self._node.has_parameter(full) else None
+
+    def publish(
+        self,
+        values: ArrayLike,
+        deviations: ArrayLike,
+        effects: Sequence[EffectParameter] = (),
+        facts: Mapping[str, Value] | None = None,
+    ) -> None:
+        """Sets all of them at once; those of effects that are no longer found are removed.
+
+        Args:
+            values: those of the base model in the order of `NAMES`.
+            deviations: their standard deviations; NaN where there is none.
+            effects: those of the effects found.
+            facts: what the result is made from and worth, by the names of `FACTS`.
+        """
+        numbers = np.concatenate([np.asarray(values), np.asarray(deviations)]).tolist()
+        described = dict(self._declared)
+        named: dict[str, Value] = dict(zip(_NUMBERS, numbers, strict=True))
+        named |= {f'{GROUP}.{name}': value for name, value in (facts or {}).items()}
+        for item in effects:
+            for start, number in zip(_EFFECTS, (item.value, item.std), strict=True):
+                full = start + '.'.join(item.path)
+                named[full], described[full] = number, (Parameter.Type.DOUBLE, f'{item.meaning}, {item.unit}')
+        self._writing = True
+        try:
+            self._remove([full for full in (*self._effects, *self._declared) if full not in named])
+            for full in named:
+                if not self._node.has_parameter(full):
+                    self._declare(full, *described[full])
+            self._effects = [full for full in named if full not in self._declared]
+            self._node.set_parameters_atomically(
+                [Parameter(full, described[full][0], value) for full, value in named.items()]
+            )
+        finally:
+            self._writing = False
+
+    def _remove(self, names: Sequence[str]) -> None:
+        for full in names:
+            if self._node.has_parameter(full):
+                self._node.undeclare_parameter(full)
+
+    def _declare(self, full: str, kind: Parameter.Type, description: str) -> None:
+        descriptor = ParameterDescriptor(
+            description=description, additional_constraints='read-only, the result of ~/calibrate'
+        )
+        self._node.declare_parameter(full, kind, descriptor)
+
+    def _guard(self, parameters: list[Parameter]) -> SetParametersResult:
+        taken = [p.name for p in parameters if p.name in self._declared or p.name.startswith(_EFFECTS)]
+        if taken and not self._writing:
+            return SetParametersResult(
+                successful=False, reason=f'{taken[0]} is read-only, the result of a calibration; call ~/calibrate'
+            )
+        return SetParametersResult(successful=True)

@@ -1,0 +1,255 @@
+"""What the nodes of a cell share: services of one sentence, the status on `/diagnostics`, a calibration followed.
+
+The status is published once a second. Its name begins with the full name of the node, `/left/collector: recording`: two
+cells in two namespaces do not collide, and `rqt_robot_monitor` groups by namespace. Its `hardware_id` is the cell: the
+namespace, `scara_kinetostatic` without one.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from time import time_ns
+from typing import Any, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.timer import Timer
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from scara_kinetostatic.errors import InputError, ParameterError, ScaraKinetostaticError
+from scara_kinetostatic.files.calibration_file import load_calibration, parse_document, read_arm
+from scara_kinetostatic.model.arm import CalibratedArm
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.monitoring.record import check_same_identification
+from scara_kinetostatic.nodes import declare
+from scara_kinetostatic.nodes.streams import LATCHED
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+class Condition(NamedTuple):
+    """The status of a node.
+
+    Attributes:
+        level: `OK`, `WARN` or `ERROR`.
+        message: one line.
+        values: details by name.
+    """
+
+    level: bytes
+    message: str
+    values: dict[str, str]
+
+
+class RefusedError(ScaraKinetostaticError):
+    """A service cannot do what it is asked for now; the text says why."""
+
+
+class CellNode(Node):
+    """A node that says how it is."""
+
+    def close(self) -> None:
+        """Closes files and ends processes; called once, after the last callback has begun."""
+
+    def every(self, period: float, do: Callable[[], None]) -> Timer:
+        """Does something every `period` seconds of wall time, whatever simulated time does."""
+        return self.create_timer(period, do, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def serve(self, name: str, do: Callable[[], str]) -> None:
+        """Answers a Trigger service.
+
+        Args:
+            name: of the service.
+            do: returns the answer; an error of this package says why there is no success. Both are logged.
+        """
+
+        def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            try:
+                response.success, response.message = True, do()
+                self.get_logger().info(response.message)
+            except ScaraKinetostaticError as error:
+                response.success, response.message = False, str(error)
+                self.get_logger().warning(response.message)
+            return response
+
+        self.create_service(Trigger, f'~/{name}', answer)
+
+    def serve_tare(self, tare: Callable[[], Sequence[float]]) -> None:
+        """Answers `~/tare`: the present force becomes zero.
+
+        Args:
+            tare: takes it as zero and returns it, (x, y), N; an error says why it cannot.
+        """
+
+        def do() -> str:
+            try:
+                x, y = tare()
+            except ScaraKinetostaticError as error:
+                raise RefusedError(f'not tared: {error}') from error
+            return f'zero of the force: ({x:.4g}, {y:.4g}) N'
+
+        self.serve('tare', do)
+
+    def say(self, level: bytes, message: str) -> None:
+        """Logs a message at the level of a status."""
+        logger = self.get_logger()
+        if level == ERROR:  # a line of code logs at one level only
+            logger.error(message)
+        elif level == WARN:
+            logger.warning(message)
+        else:
+            logger.info(message)
+
+    def publish_status(self, title: str, examine: Callable[[], Condition]) -> None:
+        """Publishes the status of the node once a second.
+
+        Args:
+            title: of the status, after the node's name.
+            examine: returns the status.
+        """
+        publisher = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        name = f'{self.get_fully_qualified_name()}: {title}'
+        hardware = self.get_namespace().strip('/') or 'scara_kinetostatic'
+
+        def publish() -> None:
+            condition = examine()
+            values = [KeyValue(key=key, value=value) for key, value in condition.values.items()]
+            status = DiagnosticStatus(
+                level=condition.level, name=name, message=condition.message, hardware_id=hardware, values=values
+            )
+            array = DiagnosticArray(status=[status])
+            array.header.stamp = self.get_clock().now().to_msg()
+            publisher.publish(array)
+
+        self.every(1.0, publish)
+
+
+class PersistentComplaints:
+    """Logs once what is wrong for longer than a moment; problems that differ in numbers alone are the same.
+
+    Args:
+        log: called with the text of a problem that three consecutive reports have.
+    """
+
+    def __init__(self, log: Callable[[str], object]) -> None:
+        self._log = log
+        self._lasted: dict[str, int] = {}
+
+    def note(self, complaints: Sequence[str]) -> list[str]:
+        """Notes the problems of one report, once a second, and returns them; empty texts are none."""
+        present = {re.sub(r'[0-9.]+', '#', text): text for text in complaints if text}
+        self._lasted = {kind: self._lasted.get(kind, 0) + 1 for kind in present}
+        for kind, text in present.items():
+            if self._lasted[kind] == 3:
+                self._log(text)
+        return list(present.values())
+
+
+class FollowedCalibration:
+    """Declares the parameters `calibration`, `follow`, `take_unfit` and `cell`, and follows the calibrator.
+
+    Args:
+        node: that uses the calibration.
+        take: called with each calibration to use from now on; what it raises is said, and the former one stays.
+
+    Attributes:
+        cell: of the calibration that the node is started with, or of the parameter `cell`.
+        arm: the calibration in use; None before the first.
+        refused: why the last one was not taken; empty where it was.
+
+    Raises:
+        InputError: a parameter, the cell or the calibration is not valid.
+    """
+
+    def __init__(self, node: Node, take: Callable[[CalibratedArm], None]) -> None:
+        self._logger, self._take, self._began = node.get_logger(), take, time_ns()
+        self.arm: CalibratedArm | None = None
+        self._origin, self.refused = 'none', ''
+        meaning = 'calibration.json or calibration.yaml; empty: from the calibrator'
+        self._path = declare.text(node, 'calibration', '', meaning)
+        follow = declare.switch(node, 'follow', True, 'take each result that the calibrator publishes')
+        self._take_unfit = declare.switch(node, 'take_unfit', False, 'take a calibration that is unfit for use')
+        self._given = load_calibration(declare.place('calibration', self._path)) if self._path else None
+        if self._given is None:
+            self.cell: Cell = declare.cell_or_example(node)
+        else:
+            declare.text(node, 'cell', '', 'cell description; not used where a calibration is given')
+            self.cell = self._given.cell
+        if follow:
+            node.create_subscription(String, 'calibrator/result', self._take_result, LATCHED)
+
+    def start(self) -> None:
+        """Takes the calibration that the node is started with, where there is one."""
+        if self._given is None:
+            self._logger.info('no calibration yet; waiting for the calibrator')
+        else:
+            self._use(self._given, self._path)
+
+    def condition(self, found: Iterable[str], values: Mapping[str, str], good: str) -> Condition:
+        """The status of the node: an error without a calibration, or where one was refused.
+
+        Args:
+            found: what is wrong else; empty texts are nothing.
+            values: details by name.
+            good: what is said where nothing is wrong.
+        """
+        values = {'calibration': self._origin, **values}
+        known = () if self.arm is None else self.arm.reservations
+        listed = tuple(dict.fromkeys(text for text in found if text and text not in known))
+        if self.refused:
+            return Condition(ERROR, '; '.join((f'calibration not taken: {self.refused}', *listed)), values)
+        if self.arm is None:
+            return Condition(ERROR, '; '.join(('no calibration yet', *listed)), values)
+        grade = self.arm.grade or 'not assessed'
+        graded = '' if grade in ('fit', 'unfit') else f'the calibration is {grade}'  # of unfit it is a reservation
+        message = '; '.join(filter(None, (*listed, graded, *known)))
+        return Condition(WARN if message else OK, message or f'{good}: {self._origin}', values)
+
+    def _take_result(self, message: String, info: Mapping[str, Any]) -> None:
+        """A result of the calibrator; not an older one than that of the start, published before it."""
+        try:
+            document = parse_document(message.data, 'calibrator/result')
+            if isinstance(document, dict) and not document.get('published', True):
+                return  # the calibrator keeps the former one, too
+            arm, given = read_arm(document, 'calibrator/result'), self._given
+            is_latched = int(info.get('source_timestamp') or 0) < self._began
+            if is_latched and given is not None and arm.created and arm.created < given.created:
+                self._logger.info(f'calibrator/result: of {arm.created}, older than the calibration given; not taken')
+                return
+            self._use(arm, 'calibrator/result')
+        except ScaraKinetostaticError as error:
+            self._refuse(str(error))
+
+    def _use(self, arm: CalibratedArm, origin: str) -> None:
+        """Takes a calibration; one that may not be used is said."""
+        try:
+            self._check(arm, origin)
+            self._take(arm)
+        except ScaraKinetostaticError as error:
+            self._refuse(str(error))
+            return
+        self.arm, self.refused = arm, ''
+        self._origin = f'{origin}, {arm.grade or "not assessed"}, of {arm.created or "unknown date"}'
+        self._logger.info(f'calibration in use: {self._origin}')
+
+    def _check(self, arm: CalibratedArm, origin: str) -> None:
+        """Check that a calibration may be used here.
+
+        Raises:
+            InputError: it is unfit for use, or of another robot or sensor.
+        """
+        if arm.grade == 'unfit' and not self._take_unfit:
+            problem = 'the calibration is unfit for use'
+            raise ParameterError(origin, problem, 'take_unfit:=true takes it all the same')
+        own, other = self.cell, arm.cell
+        if own.joint_names != other.joint_names or own.sensor[2:] != other.sensor[2:]:
+            problem = f'is of another robot: joints {" ".join(other.joint_names)}, sensor {other.sensor.frame.value}'
+            raise InputError('the calibration', problem, 'give that of this cell')
+        check_same_identification(own, other, 'the cell in use', origin, 'give that of this cell')
+
+    def _refuse(self, problem: str) -> None:
+        self.refused = problem
+        self._logger.error(f'calibration not taken: {problem}')

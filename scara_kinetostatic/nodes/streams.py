@@ -1,0 +1,381 @@
+"""The two topics of a cell as a node hears them: quality of service, reception, frames, and what is wrong with them.
+
+A calibration needs every sample: the simulator offers reliable streams with a deep history, and the collector requests
+the same. Many drivers offer sensor topics as best effort only, which a reliable subscription does not match; the
+subscription then requests best effort.
+
+`tf2_msgs` is not needed: without it a `frame_id` is judged by its name alone, and no force is turned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import Enum
+from time import monotonic
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import WrenchStamped
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_policy_name_from_kind
+from rclpy.timer import Timer
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from sensor_msgs.msg import JointState
+
+from scara_kinetostatic.bags.cdr import decode_transforms
+from scara_kinetostatic.bags.messages import TF_STATIC
+from scara_kinetostatic.model.cell import Cell, SensorFrame
+from scara_kinetostatic.nodes.conversion import Sample, UnusableMessageError, frame_of, joint_sample, wrench_sample
+from scara_kinetostatic.touches.streams import INTERLEAVED, FixedTransform, WrenchFrame, is_interleaved
+
+try:
+    from tf2_msgs.msg import TFMessage as TFMessage
+except ImportError:
+    TFMessage = None
+
+
+def _profile(depth: int, reliability: ReliabilityPolicy, durability: DurabilityPolicy) -> QoSProfile:
+    return QoSProfile(depth=depth, reliability=reliability, durability=durability)
+
+
+RELIABLE_STREAM = _profile(5000, ReliabilityPolicy.RELIABLE, DurabilityPolicy.VOLATILE)
+"""Joint states and wrenches, both ends: 5 s at 1 kHz are kept while the subscriber is busy."""
+BEST_EFFORT_STREAM = _profile(5000, ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE)
+"""The same for a publisher that offers best effort only."""
+LATCHED = _profile(1, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
+"""The last value, delivered to later subscribers, too."""
+LATCHED_TOUCHES = _profile(1000, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
+"""The touches so far, delivered to later subscribers, too."""
+
+
+class Stream(Enum):
+    """The two topics."""
+
+    JOINTS = 'joints'
+    WRENCH = 'wrench'
+
+
+class StreamMonitor:
+    """Counts the messages of one topic.
+
+    Args:
+        topic: its full name.
+        with_joints: whether it carries joint angles, in which two robots can be seen.
+
+    Attributes:
+        topic: its full name.
+        publishers: full names of the nodes that publish it, one for each publisher.
+        count: messages so far.
+        unusable: messages so far that did not hold what is needed.
+        lost: messages so far that were published but not received.
+        problem: of the last unusable message; empty after a usable one. Where good and unusable ones
+            alternate (several drivers publish joint states on one topic), there is none.
+    """
+
+    def __init__(self, topic: str, with_joints: bool = False) -> None:
+        self.topic, self.problem = topic, ''
+        self.publishers: list[str] = []
+        self.count = self.unusable = self.lost = 0
+        self._with_joints = with_joints
+        self._values: list[tuple[float, float]] = []
+        self._interleaved = self._refused = self._others = self._accepted = False
+        self._counted = self._reported = self._number = 0
+        self._since = self._stamped = monotonic()
+        self._stamp = -1
+
+    def accept(self, stamp: int, values: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Notes a usable message with its stamp, ns, and its numbers."""
+        self.count += 1
+        if self._with_joints and len(self._values) < 5000:  # between two reports
+            self._values.append(values)
+        self._accepted = True
+        now = monotonic()
+        if stamp != self._stamp:
+            self._stamp, self._stamped = stamp, now
+        constant = now - self._stamped > 1.0
+        self.problem = 'the header stamps do not change: the times of reception are used' if constant else ''
+
+    def refuse(self, problem: str) -> None:
+        """Notes a message that cannot be used."""
+        self.count += 1
+        self.unusable += 1
+        self._refused = True
+        if not self._accepted:
+            self.problem = problem
+
+    def follow(self, number: int | None, publishers: Callable[[], int]) -> None:
+        """Counts the messages missing before one, also those that newer ones displaced from the queue.
+
+        Args:
+            number: of the message: a publisher numbers its messages without gaps; None or 0 where the middleware does
+                not state it.
+            publishers: returns the number of publishers; with several the number does not tell.
+        """
+        missed = (number or 0) - self._number - 1
+        if self._number and missed > 0 and publishers() <= 1:
+            self.lost += missed
+        self._number = number or 0
+
+    def loss(self) -> str:
+        """The losses since the last call as text; empty if none."""
+        number, self._reported = self.lost - self._reported, self.lost
+        if not number:
+            return ''
+        return f'{self.topic}: {number} messages lost on the way; this machine or the network is too busy'
+
+    def rate(self) -> float:
+        """Messages per second since the last call."""
+        now = monotonic()
+        rate = (self.count - self._counted) / max(now - self._since, 1e-9)
+        self._counted, self._since, self._accepted = self.count, now, False
+        self._interleaved = is_interleaved(np.array(self._values).reshape(-1, 2))
+        self._others, self._refused = self._refused, False
+        self._values.clear()
+        return rate
+
+    def details(self, rate: float) -> dict[str, str]:
+        """The figures of the topic by name."""
+        return {
+            f'{self.topic}: publishers': ', '.join(self.publishers) or 'none',
+            f'{self.topic}: rate [Hz]': f'{rate:.1f}',
+            f'{self.topic}: messages': str(self.count),
+            f'{self.topic}: unusable': str(self.unusable),
+            f'{self.topic}: lost': str(self.lost),
+        }
+
+    def complaint(self, rate: float, expected: bool) -> str:
+        """The problem of the topic; empty if there is none.
+
+        Args:
+            rate: messages per second.
+            expected: whether there ought to be messages.
+        """
+        if self.problem:
+            return f'{self.topic}: {self.problem}'
+        return f'{self.topic}: no messages' if expected and not rate else ''
+
+    def mixture(self) -> str:
+        """That messages of several robots mix, by the publishers or by the numbers; empty if they do not.
+
+        A publisher whose messages cannot be used, of other joints, is no trouble.
+        """
+        if self._interleaved:
+            return f'{self.topic}: {INTERLEAVED}'
+        if len(self.publishers) <= 1 + self._others:
+            return ''
+        several = f'{len(self.publishers)} publishers ({", ".join(sorted(self.publishers))})'
+        return f'{self.topic}: {several}, whose messages mix: give each cell a namespace'
+
+
+class StreamSubscription:
+    """Requests a reliable stream; where a publisher offers best effort only, requests that.
+
+    The middleware reports such a publisher by an "incompatible QoS" event. Best effort matches reliable publishers,
+    too, so one step down is enough. An executor takes one message per round, and a round costs three times as much as a
+    message. So each round empties the queue.
+
+    Args:
+        node: on which to subscribe.
+        kind: of the messages.
+        topic: its name.
+        monitor: of the topic.
+        callback: gets each message as its serialized bytes (CDR), and when the middleware received it, ns of the
+            system's clock; 0 where it does not say.
+    """
+
+    def __init__(
+        self, node: Node, kind: type, topic: str, monitor: StreamMonitor, callback: Callable[[bytes, int], None]
+    ) -> None:
+        self._node, self._kind, self._topic, self._monitor, self._callback = node, kind, topic, monitor, callback
+        self._retry: Timer | None = None
+        self._subscribe(RELIABLE_STREAM, SubscriptionEventCallbacks(incompatible_qos=self._notice))
+
+    def _subscribe(self, profile: QoSProfile, events: SubscriptionEventCallbacks | None = None) -> None:
+        self._subscription = self._node.create_subscription(
+            self._kind, self._topic, self._receive, profile, event_callbacks=events, raw=True
+        )
+
+    def _receive(self, message: bytes, info: dict[str, Any]) -> None:
+        self._take(message, info)
+        with self._subscription.handle:
+            for _ in range(200):  # then services and timers are served
+                taken = self._subscription.handle.take_message(self._kind, True)
+                if taken is None:
+                    return
+                self._take(*taken)
+
+    def _take(self, message: bytes, info: dict[str, Any]) -> None:
+        self._monitor.follow(info.get('publication_sequence_number'), self._subscription.get_publisher_count)
+        self._callback(message, int(info.get('received_timestamp') or 0))
+
+    def _notice(self, event: Any) -> None:
+        policy = qos_policy_name_from_kind(event.last_policy_kind)
+        text = f'{self._monitor.topic}: a publisher offers another {policy}; asking for best effort'
+        self._node.get_logger().info(text)
+        if self._retry is None:  # Not here: the executor still holds the subscription whose event this is.
+            self._retry = self._node.create_timer(0.0, self._step_down)
+
+    def _step_down(self) -> None:
+        if self._retry is not None:
+            self._retry.cancel()
+        self._node.destroy_subscription(self._subscription)
+        self._subscribe(BEST_EFFORT_STREAM)
+
+
+class FrameCheck:
+    """How wrenches are turned into the frame of the cell description, by the fixed transforms on `/tf_static`.
+
+    Args:
+        node: on which to subscribe.
+        stated: frame that the cell description states.
+        changed: called with each message of fixed transforms that says something new, as it came, and whether wrenches
+            like the last one are turned otherwise by it.
+
+    Attributes:
+        last: the last wrench as it came over the wire; empty before the first.
+    """
+
+    def __init__(self, node: Node, stated: SensorFrame, changed: Callable[[bytes, bool], None]) -> None:
+        self.last = b''
+        self._logger, self._stated, self._changed = node.get_logger(), stated, changed
+        self._frame = WrenchFrame(stated)
+        self._known: dict[tuple[str, ...], tuple[list[FixedTransform], bytes]] = {}
+        self._turned: tuple[str, list[list[float]] | None] | None = None
+        self._stated_last = ''
+        if TFMessage is None:
+            text = 'tf2_msgs is not installed: the frame_id of a wrench is judged by its name, and no force is turned'
+            self._logger.info(text)
+        else:  # as every node of ROS subscribes to fixed transforms
+            profile = _profile(100, ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
+            node.create_subscription(TFMessage, TF_STATIC, self.note, profile, raw=True)
+
+    @property
+    def messages(self) -> list[bytes]:
+        """The fixed transforms as they came, one message for each set of frames."""
+        return [message for _, message in self._known.values()]
+
+    def note(self, message: bytes) -> None:
+        """Takes fixed transforms in, a `tf2_msgs/TFMessage` as it came over the wire."""
+        try:
+            transforms = decode_transforms(message)
+        except ValueError as error:
+            self._logger.warning(str(error))
+            return
+        key = tuple(sorted(item.child for item in transforms))
+        former = self._known.get(key)
+        self._known[key] = (transforms, message)
+        if former is not None and former[0] == transforms:
+            return
+        before = self.turn(self.last) if self.last else None
+        for transform in transforms:
+            self._frame.add(transform)
+        self._turned = None
+        self._changed(message, bool(self.last) and self.turn(self.last) != before)
+
+    def turn(self, wrench: bytes) -> list[list[float]] | None:
+        """How a wrench is turned, two rows of three; None where it is taken as it comes.
+
+        Args:
+            wrench: as it came over the wire.
+        """
+        self.last = wrench
+        if not self._known:
+            return None
+        frame_id = frame_of(wrench)
+        if self._turned is None or self._turned[0] != frame_id:
+            turn = self._frame.turn(frame_id)
+            self._turned = frame_id, None if turn is None else turn.tolist()
+        return self._turned[1]
+
+    def news(self) -> str:
+        """How forces are turned, in words, where that has changed since the last call; else empty."""
+        former, self._stated_last = self._stated_last, self._frame.description(frame_of(self.last)) if self.last else ''
+        return (self._stated_last or 'forces are not turned any more') if self._stated_last != former else ''
+
+    def description(self) -> str:
+        """How the last wrench is turned, in words."""
+        if not self.last:
+            return 'no wrench yet'
+        frame_id = frame_of(self.last)
+        return self._frame.description(frame_id) or f'{frame_id or "no frame_id"}: taken as {self._stated.value}'
+
+    def complaint(self) -> str:
+        """How the last wrench contradicts the cell description; empty if it does not."""
+        return self._frame.complaint(frame_of(self.last)) if self.last else ''
+
+
+class CellStreams:
+    """The joint states and wrenches of a cell: their samples, their figures, and what is wrong with them.
+
+    Args:
+        node: that hears them.
+        cell: whose topics they are.
+        turned: called where fixed transforms change, see `FrameCheck`.
+
+    Attributes:
+        monitors: of both topics.
+        frame: how wrenches are turned.
+        endpoints: who publishes each topic, by the last report.
+    """
+
+    def __init__(self, node: Node, cell: Cell, turned: Callable[[bytes, bool], None]) -> None:
+        self._node, self._names, self._topics = node, cell.joint_names, cell.sensor[:2]
+        self.frame = FrameCheck(node, cell.sensor.frame, turned)
+        self.monitors = {
+            stream: StreamMonitor(node.resolve_topic_name(topic), stream is Stream.JOINTS)
+            for stream, topic in zip(Stream, cell.sensor[:2], strict=True)
+        }
+        self.endpoints: dict[Stream, list[TopicEndpointInfo]] = {stream: [] for stream in Stream}
+        self._subscriptions: list[StreamSubscription] = []
+
+    def subscribe(self, take: Callable[[Stream, bytes, int, Sample | None], None]) -> None:
+        """Hears both topics.
+
+        Args:
+            take: called with the stream, each message as its bytes, when it was received (ns, 0 where unknown), and its
+                sample; None where it cannot be used.
+        """
+
+        def receive(stream: Stream) -> Callable[[bytes, int], None]:
+            return lambda message, received: take(stream, message, received, self.sample(stream, message))
+
+        for topic, (stream, monitor) in zip(self._topics, self.monitors.items(), strict=True):
+            kind = JointState if stream is Stream.JOINTS else WrenchStamped
+            self._subscriptions.append(StreamSubscription(self._node, kind, topic, monitor, receive(stream)))
+
+    def sample(self, stream: Stream, message: bytes) -> Sample | None:
+        """The numbers of a message, which is counted; None where it cannot be used."""
+        try:
+            if stream is Stream.JOINTS:
+                sample = joint_sample(message, self._names)
+            else:
+                sample = wrench_sample(message, self.frame.turn(message))
+        except UnusableMessageError as error:
+            self.monitors[stream].refuse(str(error))
+            return None
+        self.monitors[stream].accept(sample.stamp_ns, sample[1:])
+        return sample
+
+    def look_at_publishers(self) -> None:
+        """Notes who publishes the topics."""
+        for stream, monitor in self.monitors.items():
+            self.endpoints[stream] = found = list(self._node.get_publishers_info_by_topic(monitor.topic))
+            monitor.publishers = [f'{item.node_namespace.rstrip("/")}/{item.node_name}' for item in found]
+
+    def mixtures(self) -> list[str]:
+        """That messages of several robots mix; empty texts where they do not."""
+        return [monitor.mixture() for monitor in self.monitors.values()]
+
+    def examine(self, expected: bool = True) -> tuple[list[str], dict[str, str]]:
+        """What is wrong, empty texts for nothing, and the figures by name; once a second.
+
+        Args:
+            expected: whether there ought to be messages.
+        """
+        complaints, values = [self.frame.complaint()], {'wrench frame': self.frame.description()}
+        for monitor in self.monitors.values():
+            rate = monitor.rate()
+            values |= monitor.details(rate)
+            complaints += [monitor.complaint(rate, expected), monitor.mixture()]
+        return complaints, values
