@@ -8,16 +8,13 @@ from studies.hysteresis import SLIP_NEGATIVE, SLIP_POSITIVE, TRUTH, slipping
 
 from scara_kinetostatic.errors import UnsupportedDataError
 from scara_kinetostatic.studies.dial_gauge.readings import DialGaugeReadings
-from scara_kinetostatic.studies.hysteresis.fit import fit, fit_refined, refit, with_std
+from scara_kinetostatic.studies.hysteresis.fit import fit, refit, with_std
 from scara_kinetostatic.studies.hysteresis.laws import (
     BACKLASH,
     CANDIDATES,
-    REFINEMENTS,
     RESET,
     SLIP,
     SLIP_NO_GAP,
-    _Spring,
-    refined,
     simulate_record,
     sine,
 )
@@ -56,32 +53,6 @@ def test_no_gap_is_slip_with_a_gap_of_zero():
     assert SLIP_NO_GAP.force(values, motion) == pytest.approx(with_gap, abs=1e-9)
 
 
-@pytest.mark.parametrize('name', [each.name for each in REFINEMENTS])
-def test_a_refinement_of_size_zero_changes_nothing(name):
-    refinement = next(each for each in REFINEMENTS if each.name == name)
-    motion = slipping()
-    none = {
-        each.name: 1.0 if each.name in ('compliance_ratio', 'breakaway_length') else 0.0
-        for each in refinement.parameters
-    }
-    law = refined(SLIP, refinement)
-    assert law.force({**VALUES, **none}, motion) == pytest.approx(SLIP.force(VALUES, motion), abs=1e-9)
-    some = {
-        key: value + 3e-4 * (1e6 if key.startswith(('slow', 'breakaway_p', 'breakaway_n', 'place')) else 1)
-        for key, value in none.items()
-    }
-    assert not np.allclose(law.force({**VALUES, **some}, motion), SLIP.force(VALUES, motion), atol=0.1)
-
-
-@pytest.mark.parametrize('rounding', [0.0, 3e-4])
-def test_the_spring_turned_round_is_itself(rounding):
-    spring = _Spring(1e-6, 2e-6, 2e-3, rounding)
-    force = np.linspace(10, 1e4, 50)
-    for positive, sign in ((True, 1), (False, -1)):
-        deflection = sign * spring.deflection(force, positive)
-        assert spring.force(deflection) == pytest.approx(sign * force, rel=1e-9)
-
-
 def test_told_the_force_law_6_starts_every_sweep_where_it_was_measured():
     motion = slipping()
     force = RESET.force(TRUTH, motion)
@@ -116,15 +87,6 @@ def test_only_some_parameters_are_fitted_on_request():
     found = refit(wrong, motion, everything(motion), only=('slip_positive',))
     assert found.values['compliance'] == 1.02e-6
     assert found.values['slip_positive'] == pytest.approx(SLIP_POSITIVE, rel=0.1)
-
-
-def test_a_refinement_is_found_from_the_law_without_it():
-    rounding = next(each for each in REFINEMENTS if each.name == 'rounding')
-    motion = simulate_record(refined(SLIP, rounding), {**VALUES, 'rounding': 4e-4}, 10.0, 0)
-    base = fit(SLIP, motion, everything(motion))
-    found = fit_refined(base, rounding, motion, everything(motion))
-    assert found.values['rounding'] == pytest.approx(4e-4, rel=0.05)
-    assert found.rms(everything(motion)) < 0.3 * base.rms(everything(motion))
 
 
 def test_the_motion_is_cut_at_its_reversals_and_its_still_ends_are_left_out():

@@ -15,9 +15,7 @@ from scara_kinetostatic.studies.hysteresis.fit import Fit, fit, with_std
 from scara_kinetostatic.studies.hysteresis.laws import SLIP
 from scara_kinetostatic.studies.hysteresis.leave_one_out import LeaveOneOut, predict_left_out
 from scara_kinetostatic.studies.hysteresis.model_selection import (
-    CrossValidation,
     ModelSelection,
-    apply_refinements,
     effective_count,
     select_model,
 )
@@ -35,9 +33,9 @@ class Record(NamedTuple):
         source: name of its file.
         motion: cut at its reversals.
         selection: the model selection.
-        parameters: of law (6), of the selected and of the refined law, with their standard deviations, by law name.
+        parameters: of law (6) and of the selected law, with their standard deviations, by law name.
         repeatability: of the force where the motion repeats, N; NaN if it never does.
-        independent: effective number of independent samples of the refined law's residual.
+        independent: effective number of independent samples of the final law's residual.
         notes: remarks on the file.
         units: force over displacement, or torque over angle; N and m stand for Nm and rad then.
     """
@@ -59,21 +57,7 @@ class Record(NamedTuple):
     @property
     def compliance(self) -> float:
         """Of the selected law, m/N; converts errors of the force on an elastic branch to errors of the displacement."""
-        return (self.selection.selected or self.selection.before).whole.values['compliance']
-
-
-class TransferredRefinement(NamedTuple):
-    """A record's selected law with the refinements of another record.
-
-    Attributes:
-        record: index of the record.
-        other: index of the record on which the refinements were selected.
-        score: cross-validation on the record.
-    """
-
-    record: int
-    other: int
-    score: CrossValidation
+        return self.selection.final.whole.values['compliance']
 
 
 class HysteresisAnalysis(NamedTuple):
@@ -81,12 +65,10 @@ class HysteresisAnalysis(NamedTuple):
 
     Attributes:
         records: in the order given.
-        transferred: each record with the refinements of every other one with the same selected law.
         leave_one_out: each record predicted from the others; empty without tensions.
     """
 
     records: tuple[Record, ...]
-    transferred: tuple[TransferredRefinement, ...]
     leave_one_out: tuple[LeaveOneOut, ...]
 
     @property
@@ -117,7 +99,7 @@ def analyse_hysteresis(
         before = [record.selection.before.whole for record in records]
         slip = [_slip(record) for record in records]
         predictions = tuple(predict_left_out(k, motions, tensions, before, slip) for k in range(len(records)))
-    return HysteresisAnalysis(records, _transferred(records), predictions)
+    return HysteresisAnalysis(records, predictions)
 
 
 def check_tensions(records: int, tensions: Sequence[float]) -> None:
@@ -147,25 +129,10 @@ def _record(table: DialGaugeReadings, units: Units) -> Record:
     except UnsupportedDataError as error:
         raise UnsupportedDataError(f'{source}: {error.problem}', error.remedy) from error
     selection = select_model(motion)
-    scores = [score for score in (selection.before, selection.selected, selection.refined) if score is not None]
+    scores = [score for score in (selection.before, selection.selected) if score is not None]
     parameters = {score.law.name: with_std(score.whole, motion) for score in scores}
-    independent = effective_count(selection.refined.whole.residual[motion.scored])
+    independent = effective_count(selection.final.whole.residual[motion.scored])
     return Record(source, motion, selection, parameters, repeatability(motion), independent, table.notes, units)
-
-
-def _transferred(records: Sequence[Record]) -> tuple[TransferredRefinement, ...]:
-    found = []
-    for k, record in enumerate(records):
-        own = record.selection.selected
-        for j, other in enumerate(records):
-            theirs = other.selection.selected
-            if j == k or own is None or theirs is None or own.law.name != theirs.law.name:
-                continue
-            if '+' in other.selection.refined.law.name:
-                found.append(
-                    TransferredRefinement(k, j, apply_refinements(own, other.selection.refined, record.motion))
-                )
-    return tuple(found)
 
 
 def _slip(record: Record) -> Fit:

@@ -26,21 +26,13 @@ def hysteresis_document(analysis: HysteresisAnalysis) -> Document:
         'driven': 'motion',
         'units': {'load': analysis.units.si_unit('N'), 'response': analysis.units.si_unit('m')},
         'records': [_record(record) for record in analysis.records],
-        'refined_as_other': [
-            {
-                'source': analysis.records[each.record].source,
-                'as': analysis.records[each.other].source,
-                'force_error': _errors(each.score, analysis.records[each.record]),
-            }
-            for each in analysis.transferred
-        ],
         'leave_one_out': [_leave_one_out(each, analysis) for each in analysis.leave_one_out],
     }
 
 
 def _record(record: Record) -> dict[str, Any]:
     selection, motion = record.selection, record.motion
-    errors = {'before': selection.before, 'after': selection.selected, 'refined': selection.refined}
+    errors = {'before': selection.before, 'after': selection.selected}
     return {
         'source': record.source,
         'sweeps': motion.sweeps,
@@ -51,7 +43,6 @@ def _record(record: Record) -> dict[str, Any]:
         'p_value': selection.p_value,
         'effects': [] if selection.selected is None else [selection.selected.law.name],
         'rivals': [[selection.selected.law.name, *selection.rivals]] if selection.selected and selection.rivals else [],
-        'refinements': selection.refined.law.name.split('+')[1:],
         'force_error': {name: score and _errors(score, record) for name, score in errors.items()},
         'repeatability': _number(record.repeatability),
         'candidates': [
@@ -59,7 +50,6 @@ def _record(record: Record) -> dict[str, Any]:
             {**_candidate(selection.with_reset, record), 'reset_at_reversals': True},
             *(_compared(each, record) for each in selection.candidates),
         ],
-        'refinement_steps': [[_compared(each, record) for each in step] for step in selection.refinements],
         'parameters': {
             law: {name: _estimate(name, estimate, record) for name, estimate in found.items()}
             for law, found in record.parameters.items()
@@ -96,7 +86,7 @@ def _compared(each: Comparison, record: Record) -> dict[str, Any]:
 
 
 def _estimate(name: str, estimate: Estimate, record: Record) -> dict[str, Any]:
-    laws: list[Law] = [record.selection.refined.law, BACKLASH]
+    laws: list[Law] = [record.selection.final.law, BACKLASH]
     unit = next(each.unit for law in laws for each in law.parameters if each.name == name)
     return {'value': estimate.value, 'std': _number(estimate.std), 'unit': record.units.si_unit(unit)}
 

@@ -17,7 +17,7 @@ from scara_kinetostatic.studies.hysteresis.tables import force
 
 WIDTH = 920.0
 _RISING, _FALLING = SERIES[0], SERIES[1]
-_BEFORE, _AFTER, _REFINED = SERIES[1], SERIES[0], SERIES[2]
+_BEFORE, _AFTER = SERIES[1], SERIES[0]
 
 
 def loop_picture(record: Record, name: str) -> Markup:
@@ -32,8 +32,6 @@ def loop_picture(record: Record, name: str) -> Markup:
     rows = ~motion.earlier
     shown = [(selection.before, _BEFORE, 'law (6)')]
     after = [(selection.selected, _AFTER, 'selected law')] if selection.selected is not None else []
-    if selection.selected is not None and selection.refined.law.name != selection.selected.law.name:
-        after.append((selection.refined, _REFINED, 'refined'))
     milli, kilo = _factors(record)
     for axes, laws in zip(panels, (shown, after), strict=True):
         axes.plot(milli * motion.displacement[rows], kilo * motion.force[rows], color=INK, lw=0.8, label='measured')
@@ -48,11 +46,10 @@ def loop_picture(record: Record, name: str) -> Markup:
 
 
 def residual_picture(record: Record, name: str) -> Markup:
-    """Held-out residual over the distance since the reversal: law (6), and the refined law."""
+    """Held-out residual over the distance since the reversal: law (6), and the selected law."""
     figure, panels = _panels(330)
     selection = record.selection
-    names = ('before', 'refined' if '+' in selection.refined.law.name else 'after')
-    for axes, score, label in zip(panels, (selection.before, selection.refined), names, strict=True):
+    for axes, score, label in zip(panels, (selection.before, selection.final), ('before', 'after'), strict=True):
         _residual(axes, record, score)
         axes.axhline(0, color=FAINT, lw=0.9)
         axes.set(xlabel=f'distance since the reversal  [{record.units.unit("mm")}]')

@@ -14,7 +14,7 @@ import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
-from scara_kinetostatic.studies.hysteresis.laws import Law, Parameter, Refinement, Values, refined
+from scara_kinetostatic.studies.hysteresis.laws import Law, Parameter, Values
 from scara_kinetostatic.studies.hysteresis.least_squares import first_least, minimise, out_of_kinks
 from scara_kinetostatic.studies.hysteresis.motion import Motion, Rows
 
@@ -45,13 +45,6 @@ def fit(law: Law, motion: Motion, rows: Rows) -> Fit:
         rows: those in the fit, (n,).
     """
     return _best(law, motion, rows, law.starts(motion))
-
-
-def fit_refined(base: Fit, refinement: Refinement, motion: Motion, rows: Rows) -> Fit:
-    """Adds a refinement to a fitted law and fits all parameters, starting from those of the fitted law."""
-    law = refined(base.law, refinement)
-    extra = Law('', '', refinement.parameters, law.force)
-    return _best(law, motion, rows, [{**base.values, **more} for more in extra.starts(motion)])
 
 
 def _best(law: Law, motion: Motion, rows: Rows, starts: Sequence[Values]) -> Fit:

@@ -14,13 +14,10 @@ F0 being the zero of the force sensor. With u = x - x0 the force depends on the 
 
       u_k = X_k + min(u_0, min over j <= k of (h_j - X_j)),        h: deflection at which it slips,
 
-  and the mirror image in a falling one. This is exact at the samples, without integration, and the bound may depend
-  on displacement, speed and distance.
+  and the mirror image in a falling one. This is exact at the samples, without integration.
 - slip_no_gap: the same with g = 0; F0 is then equivalent to a shift of u and of both bounds, and left out.
 - reset: law (6) with u set by the measured force at every reversal. Not a candidate, since it uses the measured force;
   it shows whether law (6) fails only because of a wrong zero.
-
-Refinements of slip, each with its own parameters: see `REFINEMENTS`.
 
 Simulated records have the motion of the measured loops, a sine whose amplitude increases from cycle to cycle, and noise
 with a correlation r^k over k samples.
@@ -40,10 +37,6 @@ from scara_kinetostatic.studies.hysteresis.motion import Motion, cut_at_reversal
 
 Values = Mapping[str, float]
 
-_SLOW = 0.1
-"""Decay constant of the additional force of slow motion, as a share of the top speed."""
-_BREAKAWAY = 0.1
-"""Distance from a reversal from which the additional breakaway force decays, as a share of the travel."""
 _INSIDE = 0.02
 """Share of the force range below which the first reading may be anywhere in the gap."""
 
@@ -96,7 +89,7 @@ def _size(parameter: Parameter, motion: Motion) -> float:
     """Range of the data in the unit of a parameter."""
     length, force = motion.travel, motion.force_range / 2
     speed = float(np.abs(motion.speed).max())
-    sizes = {'m': length, 'N': force, 'm/N': length / force, 'N/m': force / length, 'Ns/m': force / speed, '': 1.0}
+    sizes = {'m': length, 'N': force, 'm/N': length / force, 'Ns/m': force / speed, '': 1.0}
     return sizes[parameter.unit]
 
 
@@ -132,82 +125,35 @@ def _friction(values: Values, motion: Motion) -> Floats:
     return _backlash(values, motion) + values['friction'] * motion.sense
 
 
-class _Spring(NamedTuple):
-    """The elastic part of slip: compliances for positive and negative force, half gap and rounding r of its edges, m.
-
-    With rounding, |u| - g becomes s(|u|) - s(0) with s = (w + √(w² + 4 r²)) / 2, w = |u| - g.
-    """
-
-    positive: float
-    negative: float
-    half_gap: float
-    rounding: float
-
-    @property
-    def _offset(self) -> float:
-        g, r = self.half_gap, self.rounding
-        return float(np.hypot(g, 2 * r) - g) / 2
-
-    def force(self, deflection: Floats) -> Floats:
-        """Force at deflections, (n,), N."""
-        way = np.abs(deflection) - self.half_gap
-        way = (way + np.hypot(way, 2 * self.rounding)) / 2 - self._offset
-        return np.asarray(np.sign(deflection) * way / np.where(deflection > 0, self.positive, self.negative))
-
-    def deflection(self, force: Floats, positive: bool) -> Floats:
-        """Deflection at forces, (n,), m; the inverse of `force`, both counted positive in the given sense."""
-        way = (self.positive if positive else self.negative) * force + self._offset
-        lift = np.divide(self.rounding**2, way, out=np.zeros_like(way), where=way > 0)
-        return np.asarray(np.maximum(self.half_gap + way - lift, 0.0))
-
-
 def _slip(values: Values, motion: Motion) -> Floats:
-    spring, zero = _spring(values), values.get('force_zero', 0.0)
-    bounds = {sign: sign * spring.deflection(_plateau(values, motion, sign), sign > 0) for sign in (1, -1)}
+    compliance, half_gap, zero = values['compliance'], values.get('half_gap', 0.0), values.get('force_zero', 0.0)
+    bounds = {
+        sign: sign * (half_gap + compliance * values[f'slip_{sense}'])
+        for sign, sense in ((1, 'positive'), (-1, 'negative'))
+    }
     deflection = np.empty(len(motion))
-    here = _state(motion.force[0] - zero, spring, motion) + values['start']
+    here = _state(motion.force[0] - zero, values, motion) + values['start']
     before = motion.displacement[0]
     for k, first in enumerate(motion.edges[:-1]):
         rows = slice(first, motion.edges[k + 1])
         sense = motion.sense[first]
         moved = sense * (motion.displacement[rows] - before)
-        room = np.minimum.accumulate(sense * bounds[int(sense)][rows] - moved)
+        room = np.minimum.accumulate(sense * bounds[int(sense)] - moved)
         deflection[rows] = sense * (moved + np.minimum(sense * here, room))
         here, before = deflection[rows.stop - 1], motion.displacement[rows.stop - 1]
-    return zero + spring.force(deflection)
+    return zero + _dead_zone(deflection, half_gap) / compliance
 
 
 def _reset(values: Values, motion: Motion) -> Floats:
-    spring = _spring(values)
     moved = motion.displacement - motion.displacement[motion.begins][motion.sweep]
-    here = [_state(motion.force[k] - values['force_zero'], spring, motion) for k in motion.begins]
-    return values['force_zero'] + spring.force(np.array(here)[motion.sweep] + moved)
+    here = np.array([_state(motion.force[k] - values['force_zero'], values, motion) for k in motion.begins])
+    return values['force_zero'] + _dead_zone(here[motion.sweep] + moved, values['half_gap']) / values['compliance']
 
 
-def _spring(values: Values) -> _Spring:
-    compliance = values['compliance']
-    other = compliance * values.get('compliance_ratio', 1.0)
-    return _Spring(compliance, other, values.get('half_gap', 0.0), values.get('rounding', 0.0))
-
-
-def _state(force: float, spring: _Spring, motion: Motion) -> float:
+def _state(force: float, values: Values, motion: Motion) -> float:
     """The deflection at a spring force, m; interpolated across the gap where the force is small."""
     place = min(max(force / (_INSIDE * motion.force_range), -1.0), 1.0)
-    return force * (spring.positive if force > 0 else spring.negative) + place * spring.half_gap
-
-
-def _plateau(values: Values, motion: Motion, sign: int) -> Floats:
-    """Slip force in one sense, positive, (n,), N."""
-    name = 'positive' if sign > 0 else 'negative'
-    force = np.full(len(motion), values[f'slip_{name}'])
-    if f'place_{name}' in values:
-        force += sign * values[f'place_{name}'] * (motion.displacement - motion.displacement.mean())
-    if f'slow_{name}' in values:
-        force += values[f'slow_{name}'] * np.exp(-np.abs(motion.speed) / (_SLOW * np.abs(motion.speed).max()))
-    if f'breakaway_{name}' in values:
-        beyond = np.maximum(motion.distance - _BREAKAWAY * motion.travel, 0.0)
-        force += values[f'breakaway_{name}'] * np.exp(-beyond / values['breakaway_length'])
-    return np.maximum(force, 0.0)
+    return force * values['compliance'] + place * values.get('half_gap', 0.0)
 
 
 _LAW6 = (_ZERO, _COMPLIANCE, _HALF_GAP, _SENSOR)
@@ -220,45 +166,6 @@ SLIP = Law('slip', 'slip in series', (_START, _COMPLIANCE, _HALF_GAP, _SENSOR, *
 RESET = Law('reset', 'law (6), reset at every reversal', _LAW6[1:], _reset)
 CANDIDATES = (SOFTENING, VISCOUS, FRICTION, SLIP_NO_GAP, SLIP)
 """Laws that are compared with law (6)."""
-
-
-class Refinement(NamedTuple):
-    """An extension of slip: key, title, parameters."""
-
-    name: str
-    title: str
-    parameters: tuple[Parameter, ...]
-
-
-def _both(name: str, unit: str) -> tuple[Parameter, ...]:
-    return tuple(Parameter(f'{name}_{sense}', unit, -np.inf, (0.0,)) for sense in ('positive', 'negative'))
-
-
-_RATIO = Parameter('compliance_ratio', '', 1e-3, (1.0,))
-_ROUNDING = Parameter('rounding', 'm', 0.0, (0.01,))
-_LENGTH = Parameter('breakaway_length', 'm', 1e-9, (0.03, 0.1, 0.3))
-REFINEMENTS = (
-    Refinement('compliance_ratio', 'two slopes', (_RATIO,)),
-    Refinement('rounding', 'rounded gap', (_ROUNDING,)),
-    Refinement('place', 'slip force by place', _both('place', 'N/m')),
-    Refinement('slow', 'slip force by speed', _both('slow', 'N')),
-    Refinement('breakaway', 'breakaway after the reversal', (*_both('breakaway', 'N'), _LENGTH)),
-)
-"""Extensions of slip in series:
-
-- compliance_ratio: another compliance for negative force;
-- rounding: rounded edges of the gap;
-- place: slip force linear in the displacement;
-- slow: slip force with an additional part exp(-|v| / (`_SLOW` × top speed)), a Stribeck term of either sign;
-- breakaway: slip force with an additional part of either sign up to `_BREAKAWAY` × travel from a reversal, which then
-  decays exponentially.
-"""
-
-
-def refined(law: Law, refinement: Refinement) -> Law:
-    """A law with one refinement more."""
-    name, title = f'{law.name}+{refinement.name}', f'{law.title}, {refinement.title}'
-    return law._replace(name=name, title=title, parameters=(*law.parameters, *refinement.parameters))
 
 
 _AMPLITUDE, _PERIOD = 0.02, 2.0

@@ -8,9 +8,7 @@ squares, which assumes independent sweeps and normal logarithms. BIC uses the ef
 A candidate is accepted if the residual of law (6) depends on any variable, and if the candidate predicts better than
 law (6) in the rms, in BIC and in the test, the level shared among the candidates (Bonferroni). The accepted candidate
 with the smallest held-out error is selected; its rivals are the accepted ones that do not predict worse by the same
-test. Slip with a gap is dropped where it predicts no better than slip without one. Refinements of slip are added one by
-one by the same rule. They are selected by their held-out errors, so that the last of these is slightly optimistic; the
-errors with the refinements of another record (`apply_refinements`) are not.
+test. Slip with a gap is dropped where it predicts no better than slip without one.
 """
 
 from __future__ import annotations
@@ -22,16 +20,14 @@ from scipy import stats
 
 from scara_kinetostatic.model.arrays import Floats, rms
 from scara_kinetostatic.studies.hysteresis.dependence import Dependence, dependences, p_independent
-from scara_kinetostatic.studies.hysteresis.fit import Fit, fit, fit_refined
+from scara_kinetostatic.studies.hysteresis.fit import Fit, fit
 from scara_kinetostatic.studies.hysteresis.laws import (
     BACKLASH,
     CANDIDATES,
-    REFINEMENTS,
     RESET,
     SLIP,
     SLIP_NO_GAP,
     Law,
-    Refinement,
 )
 from scara_kinetostatic.studies.hysteresis.motion import Motion
 
@@ -92,9 +88,7 @@ class ModelSelection(NamedTuple):
         candidates: each compared with law (6).
         selected: the candidate selected; None if none is accepted.
         rivals: names of the accepted candidates that predict as well as the selected one.
-        refinements: for each step the refinements compared with the law before the step; an accepted one comes first.
-        refined: the selected law with its refinements; law (6) if none is selected.
-        dependence_after: dependence of the residual of the refined law.
+        dependence_after: dependence of the residual of the selected law, or of law (6).
         verdict: none (law (6) is sufficient), explained (one law selected), ambiguous (with rivals), unexplained
             (the residual of law (6) depends on a variable, but no candidate is accepted).
     """
@@ -105,10 +99,13 @@ class ModelSelection(NamedTuple):
     candidates: tuple[Comparison, ...]
     selected: CrossValidation | None
     rivals: tuple[str, ...]
-    refinements: tuple[tuple[Comparison, ...], ...]
-    refined: CrossValidation
     dependence_after: tuple[Dependence, ...]
     verdict: str
+
+    @property
+    def final(self) -> CrossValidation:
+        """The selected law, or law (6) if none is selected."""
+        return self.selected or self.before
 
     @property
     def p_value(self) -> float:
@@ -117,7 +114,7 @@ class ModelSelection(NamedTuple):
 
     @property
     def p_after(self) -> float:
-        """p-value of the refined law as a sufficient law."""
+        """p-value of the selected law as a sufficient law."""
         return p_independent(self.dependence_after)
 
 
@@ -138,7 +135,6 @@ def select_model(motion: Motion, candidates: tuple[Law, ...] = CANDIDATES) -> Mo
     accepted = _without_needless_gap([each.score for each in compared if each.accepted], motion)
     selected = min(accepted, key=lambda each: each.held_out_rms, default=None)
     rivals = tuple(each.law.name for each in accepted if selected and _as_good(each, selected, len(accepted), motion))
-    refined, steps = _refine(selected, motion) if selected else (before, ())
     verdict = AMBIGUOUS if rivals else EXPLAINED
     if selected is None:
         verdict = NONE if sufficient else UNEXPLAINED
@@ -149,9 +145,7 @@ def select_model(motion: Motion, candidates: tuple[Law, ...] = CANDIDATES) -> Mo
         candidates=compared,
         selected=selected,
         rivals=rivals,
-        refinements=steps,
-        refined=refined,
-        dependence_after=dependences(motion, refined.whole.residual),
+        dependence_after=dependences(motion, (selected or before).whole.residual),
         verdict=verdict,
     )
 
@@ -165,32 +159,16 @@ def _without_needless_gap(accepted: list[CrossValidation], motion: Motion) -> li
     return [each for each in accepted if each is not larger]
 
 
-def _cross_validate(
-    law: Law, motion: Motion, base: CrossValidation | None = None, refinement: Refinement | None = None
-) -> CrossValidation:
-    """Fits a law to all sweeps and to both halves, and predicts each half from the other.
-
-    Args:
-        law: the law.
-        motion: the record.
-        base: cross-validation of the law, from which a refinement of it starts.
-        refinement: to be added to the law of `base`.
-    """
-    halves = (motion.earlier | ~motion.scored, ~motion.earlier | ~motion.scored)
+def _cross_validate(law: Law, motion: Motion) -> CrossValidation:
+    """Fits a law to all sweeps and to both halves, and predicts each half from the other."""
     everything = np.ones(len(motion), dtype=bool)
-    if base is None or refinement is None:
-        whole, first, last = (fit(law, motion, rows) for rows in (everything, *halves))
-    else:
-        starts = (base.whole, *base.halves)
-        whole, first, last = (
-            fit_refined(start, refinement, motion, rows)
-            for start, rows in zip(starts, (everything, *halves), strict=True)
-        )
+    halves = (everything, motion.earlier | ~motion.scored, ~motion.earlier | ~motion.scored)
+    whole, first, last = (fit(law, motion, rows) for rows in halves)
     held_out = np.where(motion.earlier, last.residual, first.residual)
     earlier, later = motion.earlier & motion.scored, ~motion.earlier
     train = np.where(motion.earlier, first.residual, last.residual)
     return CrossValidation(
-        law=whole.law,
+        law=law,
         whole=whole,
         halves=(first, last),
         held_out=held_out,
@@ -249,31 +227,3 @@ def _bic(each: CrossValidation, motion: Motion, count: float) -> float:
 
 def _as_good(each: CrossValidation, selected: CrossValidation, count: int, motion: Motion) -> bool:
     return each is not selected and p_better(selected, each, motion) >= LEVEL / count
-
-
-def apply_refinements(selected: CrossValidation, other: CrossValidation, motion: Motion) -> CrossValidation:
-    """A record's selected law with the refinements selected on another record.
-
-    Args:
-        selected: cross-validation of the law selected on this record.
-        other: the refined law of the other record.
-        motion: this record.
-    """
-    found = selected
-    for name in other.law.name.split('+')[1:]:
-        found = _cross_validate(found.law, motion, found, next(each for each in REFINEMENTS if each.name == name))
-    return found
-
-
-def _refine(selected: CrossValidation, motion: Motion) -> tuple[CrossValidation, tuple[tuple[Comparison, ...], ...]]:
-    """Adds refinements to a law with slip one by one, as long as one is accepted."""
-    open_ones, steps, now = list(REFINEMENTS), [], selected
-    while open_ones and selected.law.name in (SLIP.name, SLIP_NO_GAP.name):
-        compared = _compare(now, [_cross_validate(now.law, motion, now, each) for each in open_ones], motion)
-        order = sorted(range(len(compared)), key=lambda k: (not compared[k].accepted, compared[k].score.held_out_rms))
-        steps.append(tuple(compared[k] for k in order))
-        if not compared[order[0]].accepted:
-            break
-        now = compared[order[0]].score
-        del open_ones[order[0]]
-    return now, tuple(steps)

@@ -50,7 +50,6 @@ def _record(record: Record, name: str) -> dict[str, Any]:
         'loop': figures.loop_picture(record, f'{name}_record'),
         'residual': figures.residual_picture(record, f'{name}_residual'),
         'candidates': tables.candidate_table(record),
-        'refinements': tables.refinement_table(record) if record.selection.refinements else None,
         'dependences': tables.dependence_table(record),
         'parameters': tables.parameter_table(record),
     }

@@ -8,7 +8,6 @@ from scara_kinetostatic.studies.dial_gauge.statistics import Estimate
 from scara_kinetostatic.studies.dial_gauge.text import with_std
 from scara_kinetostatic.studies.hysteresis.analysis import HysteresisAnalysis, Record
 from scara_kinetostatic.studies.hysteresis.dependence import VARIABLES
-from scara_kinetostatic.studies.hysteresis.laws import Law
 from scara_kinetostatic.studies.hysteresis.model_selection import Comparison, CrossValidation
 from scara_kinetostatic.studies.hysteresis.units import Units
 
@@ -22,28 +21,8 @@ _PARAMETERS = {
     'slip_negative': ('slip {load}, negative', 1.0, 'N'),
     'damping': ('damping', 1e-3, 'Ns/mm'),
     'friction': ('friction', 1.0, 'N'),
-    'compliance_ratio': ('negative / positive compliance', 1.0, ''),
-    'rounding': ('rounding of the gap', 1e3, 'mm'),
-    'place_positive': ('slip {load} per {response}, positive', 1e-3, 'N/mm'),
-    'place_negative': ('slip {load} per {response}, negative', 1e-3, 'N/mm'),
-    'slow_positive': ('added at low speed, positive', 1.0, 'N'),
-    'slow_negative': ('added at low speed, negative', 1.0, 'N'),
-    'breakaway_positive': ('added after a reversal, positive', 1.0, 'N'),
-    'breakaway_negative': ('added after a reversal, negative', 1.0, 'N'),
-    'breakaway_length': ('decay length', 1e3, 'mm'),
 }
 """Name of each parameter, displayed units per SI unit, and the displayed unit, of a force over a displacement."""
-
-
-def refinements(law: Law, units: Units) -> list[str]:
-    """Titles of the refinements of a law."""
-    return [each.replace('force', units.load) for each in law.title.split(', ')[1:]] if '+' in law.name else []
-
-
-def _title(law: Law, units: Units) -> str:
-    """Title of a law, its refinements after a plus."""
-    more = refinements(law, units)
-    return ' + '.join([law.title.split(', ')[0], *more]) if more else law.title
 
 
 def _units(units: Units, *linear: str) -> tuple[str, ...]:
@@ -68,27 +47,13 @@ def share(part: float) -> str:
 def summary_table(analysis: HysteresisAnalysis) -> Table:
     """Before and after, record by record: errors on sweeps not used in the fit."""
     rows = []
-    for number, record in enumerate(analysis.records):
+    for record in analysis.records:
         selection = record.selection
         shown = [('before: law (6)', selection.before)]
-        shown += (
-            [('after: ' + _title(selection.selected.law, record.units), selection.selected)]
-            if selection.selected
-            else []
-        )
-        shown += (
-            [('refined', selection.refined)]
-            if selection.selected and selection.refined.law != selection.selected.law
-            else []
-        )
+        shown += [('after: ' + selection.selected.law.title, selection.selected)] if selection.selected else []
         for label, score in shown:
             first = record.name if score is selection.before else ''
             rows.append((first, label, *_errors(score, record)))
-        rows += [
-            ('', f'refined as {analysis.records[each.other].name}', *_errors(each.score, record))
-            for each in analysis.transferred
-            if each.record == number
-        ]
     heading = (
         'file',
         'law',
@@ -122,7 +87,7 @@ def candidate_table(record: Record) -> Table:
 
 
 def _law_cells(score: CrossValidation, record: Record) -> tuple[str, ...]:
-    return (_title(score.law, record.units), str(len(score.law.parameters)), *_errors(score, record)[:4])
+    return (score.law.title, str(len(score.law.parameters)), *_errors(score, record)[:4])
 
 
 def _candidate_row(each: Comparison, record: Record) -> tuple[str, ...]:
@@ -135,20 +100,8 @@ def _candidate_row(each: Comparison, record: Record) -> tuple[str, ...]:
     return (*_law_cells(each.score, record), chance(each.p_gain), f'{each.bic:.0f}', note)
 
 
-def refinement_table(record: Record) -> Table:
-    """Every step of the refinement: each refinement compared with the law before the step."""
-    rows = []
-    for number, step in enumerate(record.selection.refinements, 1):
-        for place, each in enumerate(step):
-            note = ('added' if place == 0 else 'also better') if each.accepted else 'no better'
-            cells = (refinements(each.score.law, record.units)[-1], *_law_cells(each.score, record)[1:])
-            rows.append((str(number) if place == 0 else '', *cells, chance(each.p_gain), f'{each.bic:.0f}', note))
-    heading = ('step', 'refinement', 'parameters', 'fitted', 'held out', 'later half', 'earlier half', 'p', 'ΔBIC', '')
-    return Table(heading, _units(record.units, '', '', '', 'N', 'N', 'N', 'N', '', '', ''), tuple(rows))
-
-
 def dependence_table(record: Record) -> Table:
-    """Dependence of the residual, law (6) and refined law."""
+    """Dependence of the residual, law (6) and selected law."""
     selection = record.selection
     after = {each.variable: each for each in selection.dependence_after}
     rows = tuple(
@@ -161,10 +114,10 @@ def dependence_table(record: Record) -> Table:
 
 
 def parameter_table(record: Record) -> Table:
-    """Parameters of law (6), of the selected law and of the refined one."""
+    """Parameters of law (6) and of the selected law."""
     laws = list(record.parameters)
     names = [name for name in _PARAMETERS if any(name in record.parameters[law] for law in laws)]
-    headings = ('before', 'after', 'refined')[: len(laws)]
+    headings = ('before', 'after')[: len(laws)]
     rows = tuple(
         (
             _PARAMETERS[name][0].format(load=record.units.load, response=record.units.response),

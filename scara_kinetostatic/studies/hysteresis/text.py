@@ -14,8 +14,6 @@ from scara_kinetostatic.studies.hysteresis.tables import (
     force,
     parameter_table,
     prediction_table,
-    refinement_table,
-    refinements,
     share,
     summary_table,
     variable,
@@ -38,9 +36,7 @@ PREDICTION = (
 )
 ERRORS = (
     'rms of measured less predicted {load}. Held out: sweeps not used in the fit; later half: predicted from the '
-    'earlier half, earlier half: from the later. As {response}: multiplied by the compliance of the selected law. '
-    'Refined: the refinements are selected by the held-out error, which is therefore slightly optimistic; refined as '
-    'another file: with the refinements selected there, without this bias.'
+    'earlier half, earlier half: from the later. As {response}: multiplied by the compliance of the selected law.'
 )
 
 
@@ -85,16 +81,10 @@ def _before_after(record: Record) -> str:
 
 
 def _limits(record: Record) -> list[str]:
-    """Refinements, repeatability and what the residual still contains."""
+    """Repeatability and what the residual still contains."""
     selection, sentences = record.selection, []
-    if selection.selected is not None and selection.refined.law.name != selection.selected.law.name:
-        added = ', '.join(refinements(selection.refined.law, record.units))
-        sentences.append(
-            f'With {added}: {force(selection.refined.held_out_rms)} {record.units.unit("N")}. '
-            'These refinements describe the curves of this record; they are not evidence of a physical cause.'
-        )
     if math.isfinite(record.repeatability):
-        ratio = selection.refined.whole.rms(record.motion.scored) / record.repeatability
+        ratio = selection.final.whole.rms(record.motion.scored) / record.repeatability
         sentences.append(
             f'Repeatability of the {record.units.load} where the motion repeats: {force(record.repeatability)} '
             f'{record.units.unit("N")}; the residual is {ratio:.1f} times as large.'
@@ -110,7 +100,7 @@ def _limits(record: Record) -> list[str]:
 
 
 def is_correlated(record: Record) -> bool:
-    """Whether the residual of the refined law is correlated over many samples."""
+    """Whether the residual of the final law is correlated over many samples."""
     return record.independent < len(record.motion) / _CORRELATED
 
 
@@ -140,7 +130,6 @@ def text(analysis: HysteresisAnalysis) -> str:
     for record in analysis.records:
         headline, sentences = verdict(record)
         parts += [f'{record.source}: {headline}', '\n'.join(sentences), candidate_table(record).text()]
-        parts += [refinement_table(record).text()] if record.selection.refinements else []
         parts += [dependence_table(record).text(), parameter_table(record).text()]
     parts += ['Before and after', summary_table(analysis).text(), in_words(ERRORS, analysis.units)]
     if analysis.leave_one_out:
