@@ -23,7 +23,7 @@ from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.contour.result import Contour
 from scara_kinetostatic.contour.trace import trace_contour as contour_of
 from scara_kinetostatic.errors import InputError, ParameterError, UnsupportedDataError, did_you_mean, expect
-from scara_kinetostatic.files.touch_table import is_touch_table
+from scara_kinetostatic.files.tables import is_touch_table
 from scara_kinetostatic.model.arm import CalibratedArm, JointAngles, Predictor, TipPosition
 from scara_kinetostatic.model.arrays import Floats, Indices
 from scara_kinetostatic.model.cell import Cell, SensorFrame

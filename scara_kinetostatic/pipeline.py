@@ -21,7 +21,7 @@ from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.errors import CellError, InputError, ParameterError, UnsupportedDataError
 from scara_kinetostatic.files.checksum import recording_checksum
-from scara_kinetostatic.files.touch_table import is_touch_table, load_touch_table
+from scara_kinetostatic.files.tables import is_touch_table, load_touch_table
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.touch import Rejection, TouchSet, common_reason
 from scara_kinetostatic.touches.detection import (

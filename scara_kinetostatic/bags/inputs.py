@@ -8,7 +8,7 @@ from pathlib import Path
 
 from scara_kinetostatic.bags.reader import embedded_cell
 from scara_kinetostatic.errors import InputError, RecordingError
-from scara_kinetostatic.files.touch_table import is_touch_table
+from scara_kinetostatic.files.tables import is_touch_table
 from scara_kinetostatic.model.cell import Cell, different_parts
 
 

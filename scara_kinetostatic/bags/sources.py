@@ -20,7 +20,7 @@ import zstandard
 from scara_kinetostatic.bags.mcap_file import MAGIC, McapFile
 from scara_kinetostatic.bags.messages import Batch, Batches, Source, Topic, reading, ros_topic
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.files.yaml_text import parse_strings
+from scara_kinetostatic.files.yaml_file import parse_strings
 
 METADATA = 'metadata.yaml'
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'

@@ -19,26 +19,36 @@ from typing import Any
 import yaml
 
 from scara_kinetostatic.errors import CellError
-from scara_kinetostatic.files.declared_uncertainty import (
-    COMMON,
-    disc_entry,
-    read_optional,
-    read_plates,
-    read_stds,
-    read_tolerance,
-    read_uncertainty,
-    uncertainty_entries,
+from scara_kinetostatic.files.yaml_file import NOT_NEGATIVE, POSITIVE, Section, Within, parse_yaml, read_text, shown
+from scara_kinetostatic.model.cell import (
+    Cell,
+    Disc,
+    GripperSign,
+    Identification,
+    Level,
+    Noise,
+    Plate,
+    Sensor,
+    Uncertainty,
+    layout_problems,
 )
-from scara_kinetostatic.files.noise_section import parse_noise
-from scara_kinetostatic.files.yaml_section import Section, shown
-from scara_kinetostatic.files.yaml_text import parse_yaml, read_text
-from scara_kinetostatic.model.cell import Cell, Disc, GripperSign, Identification, Plate, Sensor, layout_problems
 from scara_kinetostatic.model.parameters import NAMES, UNITS, Parameters
 
 CELL_TOPIC = '/cell_description'
 """Topic of the cell description in a recording, `std_msgs/msg/String`."""
 
 _TOPIC = re.compile(r'/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*\Z')
+
+_COMMON = ('radius', 'force_gain', 'force_rotation')
+"""Keys of the section `uncertainty` beside `nominal`."""
+_LENGTH = Within(0.0, 2e-3, 'it is in m: 1.5e-5 for 15 µm', unit='m')
+"""Standard uncertainties that are accepted: what is known worse than that is not known."""
+_PLATE = _LENGTH._replace(most=0.02)
+"""The same of the place of a plate: it is found by touch."""
+_ANGLE = Within(0.0, 0.2, 'it is in rad: 1.0e-3 for 0.06 deg', unit='rad')
+_PART = Within(0.0, 0.2, 'it is a part of 1: 0.005 for 0.5 %')
+_TOLERANCE = Within(0.0, 5e-3, 'give it in m: 5.0e-5 for 50 µm', positive=True, unit='m')
+"""Tolerances of the tip that are accepted: any calibration meets a larger one."""
 
 
 def load_cell(path: str | Path) -> Cell:
@@ -91,19 +101,19 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
     top = Section(CellError, str(where), '', data, ('robot', 'objects'), optional)
     robot = top.section('robot', ('nominal',), ('joint_names',))
     model = top.section('model', (), ('gripper_sign', 'gripper_excess'))
-    plates = read_plates(top)
+    plates = _plates(top)
     cell = Cell(
         nominal=_nominal(robot),
         discs=_discs(top, plates),
         joint_names=_joint_names(robot),
         sensor=_sensor(top.section('sensor', (), ('joint_states', 'wrench', 'frame', 'sign', 'time_offset'))),
-        noise=parse_noise(top),
+        noise=_noise(top),
         gripper_sign=model.choice('gripper_sign', GripperSign.PHYSICAL),
         gripper_excess=_excess(model),
         plates=plates,
-        uncertainty=read_uncertainty(top.section('uncertainty', (), (*COMMON, 'nominal'))),
-        tolerance=read_tolerance(top),
-        tip_radius=read_optional(top.section('tip', (), ('radius',)), 'radius'),
+        uncertainty=_uncertainty(top.section('uncertainty', (), (*_COMMON, 'nominal'))),
+        tolerance=top.section('tolerance', (), ('tip',)).optional('tip', within=_TOLERANCE),
+        tip_radius=top.section('tip', (), ('radius',)).optional('radius', 'm', POSITIVE),
         identification=_identification(top.section('identification', (), Identification._fields)),
     )
     _check_gravity(top)
@@ -112,40 +122,73 @@ def read_cell(data: Any, where: str | Path, *, check_layout: bool = True) -> Cel
     return cell
 
 
-def dump_cell(cell: Cell) -> str:
-    """The YAML text of a cell; `parse_cell` gives the same cell back."""
-    sensor = cell.sensor
-    lines = [
-        'robot:',
-        f'  joint_names: {_flow(list(cell.joint_names))}',
-        f'  nominal: {_flow(cell.nominal.as_dict())}',
-        'objects:',
-        *(f'  - {_flow(disc_entry(disc))}' for disc in cell.discs),
-        'sensor:',
-        f'  joint_states: {_flow(sensor.joint_states)}',
-        f'  wrench: {_flow(sensor.wrench)}',
-        f'  frame: {sensor.frame.value}',
-        f'  sign: {sensor.sign.value}',
-        *([] if sensor.time_offset is None else [f'  time_offset: {_flow(sensor.time_offset)}']),
-    ]
-    if cell.noise is not None:
-        lines.append(f'noise: {_flow(cell.noise.as_dict(as_stated=True))}')
+def cell_description(cell: Cell) -> dict[str, Any]:
+    """The keys of a cell description; what is not stated is left out."""
+    sensor, u = cell.sensor, cell.uncertainty
     model: dict[str, Any] = {'gripper_sign': cell.gripper_sign.value}
     if not cell.gripper.isotropic:
         model['gripper_excess'] = [list(row) for row in cell.gripper_excess]
-    lines.append(f'model: {_flow(model)}')
-    lines += [f'{key}: {_flow(value)}' for key, value in uncertainty_entries(cell).items()]
-    if given := cell.identification.given():
-        lines.append(f'identification: {_flow(given)}')
+    optional = {
+        'noise': {} if cell.noise is None else cell.noise.as_dict(as_stated=True),
+        'model': model,
+        'plates': [
+            {
+                'name': plate.name,
+                'origin': [plate.x, plate.y],
+                **_stated(center=plate.center_std, angle=plate.angle_std),
+            }
+            for plate in cell.plates
+        ],
+        'uncertainty': {name: getattr(u, name) for name in _COMMON if getattr(u, name)}
+        | ({'nominal': dict(u.nominal)} if u.nominal else {}),
+        'tolerance': {'tip': cell.tolerance} if cell.tolerance else {},
+        'tip': {'radius': cell.tip_radius} if cell.tip_radius else {},
+        'identification': cell.identification.given(),
+    }
+    return {
+        'robot': {'joint_names': list(cell.joint_names), 'nominal': cell.nominal.as_dict()},
+        'objects': [
+            {'name': disc.name, 'center': [disc.x, disc.y], 'radius': disc.radius}
+            | _stated(center=disc.center_std, radius=disc.radius_std)
+            | ({'plate': disc.plate} if disc.plate else {})
+            for disc in cell.discs
+        ],
+        'sensor': {
+            'joint_states': sensor.joint_states,
+            'wrench': sensor.wrench,
+            'frame': sensor.frame.value,
+            'sign': sensor.sign.value,
+            **({} if sensor.time_offset is None else {'time_offset': sensor.time_offset}),
+        },
+        **{key: value for key, value in optional.items() if value},
+    }
+
+
+def _stated(**stds: float) -> dict[str, Any]:
+    """The key `uncertainty` with what is not exactly known; nothing if all is."""
+    stated = {name: std for name, std in stds.items() if std}
+    return {'uncertainty': stated} if stated else {}
+
+
+def dump_cell(cell: Cell) -> str:
+    """The YAML text of a cell; `parse_cell` gives the same cell back."""
+    lines = []
+    for key, value in cell_description(cell).items():
+        if key in ('robot', 'sensor'):
+            lines += [f'{key}:', *(f'  {name}: {_flow(part)}' for name, part in value.items())]
+        elif key == 'objects':
+            lines += [f'{key}:', *(f'  - {_flow(part)}' for part in value)]
+        else:
+            lines.append(f'{key}: {_flow(value)}')
     return '\n'.join(lines) + '\n'
 
 
 def _nominal(robot: Section) -> Parameters:
     section = robot.section('nominal', NAMES)
-    read = dict.fromkeys(NAMES, section.number)
-    read |= dict.fromkeys(('l1', 'l2'), section.positive)
-    read |= dict.fromkeys(('p_ee', 'p1', 'p2', 'g_ee', 'g1', 'g2'), section.not_negative)
-    return Parameters.from_mapping({name: read[name](name, UNITS[name]) for name in NAMES})
+    limits = dict.fromkeys(('l1', 'l2'), POSITIVE)
+    limits |= dict.fromkeys(('p_ee', 'p1', 'p2', 'g_ee', 'g1', 'g2'), NOT_NEGATIVE)
+    values = {name: section.number(name, UNITS[name], limits.get(name, Within())) for name in NAMES}
+    return Parameters.from_mapping(values)
 
 
 def _joint_names(robot: Section) -> tuple[str, str]:
@@ -171,12 +214,12 @@ def _discs(top: Section, plates: tuple[Plate, ...]) -> tuple[Disc, ...]:
         if name in (disc.name for disc in discs):
             raise section.error('name', f'another disc is named {name!r}, too', 'give every disc its own name')
         x, y = section.vector('center', ('x', 'y'), 'm')
-        radius = section.positive('radius', 'm')
+        radius = section.number('radius', 'm', POSITIVE)
         plate = '' if section.data.get('plate') is None else section.word('plate')
         if plate and plate not in known:
             remedy = f'the plates are {", ".join(known)}' if known else 'describe it under plates'
             raise section.error('plate', f'no plate is named {plate!r}', remedy)
-        center_std, radius_std = read_stds(section, {'center': 'm', 'radius': 'm'})
+        center_std, radius_std = _stds(section, center=_LENGTH, radius=_LENGTH)
         discs.append(Disc(name, x, y, radius, center_std, radius_std, plate))
     return tuple(discs)
 
@@ -204,21 +247,73 @@ def _sensor(section: Section) -> Sensor:
             raise section.error(name, f'{CELL_TOPIC} carries the cell description', 'choose another topic')
     if topics['joint_states'].lstrip('/') == topics['wrench'].lstrip('/'):
         raise section.error('wrench', f'both topics are named {topics["wrench"]}', 'they carry different messages')
-    offset = section.number('time_offset') if 'time_offset' in section.data else None
-    if offset is not None and abs(offset) > 4e9:
-        raise section.error('time_offset', f'expected seconds, at most 4e9 in size, got {offset:g}')
     return Sensor(
         topics['joint_states'],
         topics['wrench'],
         section.choice('frame', default.frame),
         section.choice('sign', default.sign),
-        offset,
+        section.optional('time_offset', within=Within(-4e9, 4e9, unit='s')),
     )
 
 
 def _identification(section: Section) -> Identification:
     """The texts that are given; a number must be in quotes, so that no digit of it is lost."""
     return Identification(**{name: section.word(name) for name in section.data if section.data[name] is not None})
+
+
+def _plates(top: Section) -> tuple[Plate, ...]:
+    if top.data.get('plates') is None:
+        return ()
+    plates: list[Plate] = []
+    for section in top.items('plates', 'plates', ('name', 'origin'), ('uncertainty',)):
+        name = section.word('name')
+        if name in (plate.name for plate in plates):
+            raise section.error('name', f'another plate is named {name!r}, too', 'give every plate its own name')
+        x, y = section.vector('origin', ('x', 'y'), 'm')
+        plates.append(Plate(name, x, y, *_stds(section, center=_PLATE, angle=_ANGLE)))
+    return tuple(plates)
+
+
+def _stds(section: Section, **limits: Within) -> list[float]:
+    """Standard uncertainties under the key `uncertainty`, 0 where absent."""
+    inner = section.section('uncertainty', (), limits)
+    return [inner.optional(name, within=limit) or 0.0 for name, limit in limits.items()]
+
+
+def _uncertainty(section: Section) -> Uncertainty:
+    """What is common to all touches."""
+    nominal = section.section('nominal', (), NAMES)
+    limits = zip(_COMMON, (_LENGTH, _PART, _ANGLE), strict=True)
+    radius, gain, rotation = (section.optional(name, within=limit) or 0.0 for name, limit in limits)
+    stated = {name: nominal.number(name, UNITS[name], POSITIVE) for name in nominal.data}
+    return Uncertainty(radius, gain, rotation, stated)
+
+
+def _noise(top: Section) -> Noise | None:
+    """The noise: one number per kind or axis, and a part that grows with the force; None where it gives none."""
+    if top.data.get('noise') is None:
+        return None
+    section = top.section('noise', (), ('joint', 'force', 'force_relative'))
+    missing = [key for key in ('joint', 'force') if section.data.get(key) is None]
+    if missing:
+        problem = f'{" and ".join(missing)} {"is" if len(missing) == 1 else "are"} missing'
+        remedy = 'joint and force are given together or not at all; leave out noise to have both estimated'
+        raise section.error('', problem, f'{remedy}; force_relative may be left out')
+    repeatability = 'give the repeatability of one touch, or leave out noise'
+    return Noise(
+        _level(section, 'joint', ('joint 1', 'joint 2'), Within(1e-15, 1e-2, repeatability, unit='rad')),
+        _level(section, 'force', ('x', 'y'), Within(1e-12, 100.0, repeatability, unit='N')),
+        section.optional('force_relative', within=Within(0.0, 0.2, 'give it as a part of the force: 0.01 for 1 %')),
+    )
+
+
+def _level(section: Section, key: str, axes: tuple[str, str], within: Within) -> Level:
+    """One number, or one per axis."""
+    unit = 'rad' if within.unit == 'rad' else ''
+    if not isinstance(section.data[key], list):
+        return section.number(key, unit, within)
+    first, second = section.vector(key, axes, unit, within)
+    return first, second
 
 
 def _check_layout(cell: Cell, top: Section) -> None:

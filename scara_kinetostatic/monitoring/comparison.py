@@ -52,7 +52,7 @@ from scipy.special import erfc
 
 from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.errors import InputError
-from scara_kinetostatic.files.effect_entry import effect_entry, read_effect
+from scara_kinetostatic.files.calibration_file import effect_entry, read_effect
 from scara_kinetostatic.model.arm import Predictor
 from scara_kinetostatic.model.arrays import Floats, Indices, rms
 from scara_kinetostatic.model.cell import Cell

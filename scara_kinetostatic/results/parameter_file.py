@@ -21,7 +21,7 @@ from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.diagnosis.result import Found
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.files.yaml_text import parse_yaml, read_text
+from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
 from scara_kinetostatic.model.parameters import DESCRIPTIONS, NAMES, UNITS
 from scara_kinetostatic.results.facts import FACTS, GROUP, Value, facts
 

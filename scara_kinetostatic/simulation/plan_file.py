@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 
 from scara_kinetostatic.errors import InputError, ParameterError, did_you_mean
-from scara_kinetostatic.files.yaml_text import parse_yaml, read_text
+from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.simulation.outline import Outline, circle, ellipse, polygon
 from scara_kinetostatic.simulation.plan import LARGEST_PRELOAD, REACH_MARGIN, Plan, within_reach

@@ -26,7 +26,7 @@ from scara_kinetostatic.calibration.declared_errors import DeclaredErrors
 from scara_kinetostatic.effects.base import Effect
 from scara_kinetostatic.effects.registry import find
 from scara_kinetostatic.errors import ParameterError
-from scara_kinetostatic.files.yaml_text import parse_yaml, read_text
+from scara_kinetostatic.files.yaml_file import parse_yaml, read_text
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.extended_model import ExtendedModel, as_model

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scara_kinetostatic.errors import RecordingError
-from scara_kinetostatic.files.touch_table import (
+from scara_kinetostatic.files.tables import (
     dump_touch_table,
     is_touch_table,
     load_touch_table,

@@ -9,7 +9,7 @@ import pytest
 
 import scara_kinetostatic as sk
 from scara_kinetostatic.cli.main import main
-from scara_kinetostatic.files.touch_table import TouchTable, dump_touch_table
+from scara_kinetostatic.files.tables import TouchTable, dump_touch_table
 
 ROOT = Path(__file__).parents[2]
 EFFECT = 'object_radius[disc_2]:radius=6e-5'

@@ -1,0 +1,325 @@
+"""Safe YAML: the one parser of all YAML files, and the one reader of typed keys with their places, `Section`.
+
+Both parsers refuse tags, anchors and aliases (no file here needs them, and nested aliases grow without bound), and
+limit the depth of nesting. `parse_yaml`, for files that a user writes, is also stricter than `yaml.safe_load`:
+
+- a key given twice is an error (`yaml.safe_load` keeps the last one);
+- numbers follow the core schema of YAML 1.2: `1e-5` is a number (YAML 1.1 requires `1.0e-5`), `010` is ten (not
+  eight), `1:30` is a string (not ninety), and so are `on`, `off`, `yes`, `no`;
+- the size is limited.
+
+`parse_strings`, for files that programs write, leaves every scalar as text.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from enum import Enum
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import yaml
+
+from scara_kinetostatic.errors import InputError
+from scara_kinetostatic.model.parameters import implausible_size
+
+_MAX_BYTES = 256 * 1024
+"""Largest file that a user writes, bytes."""
+_MAX_DEPTH = 32
+"""Deepest nesting; a cell description has 4 levels, the metadata of a recording 8."""
+_StringLoader = getattr(yaml, 'CBaseLoader', yaml.BaseLoader)
+"""Leaves scalars as text; in C where PyYAML has been built with it."""
+
+_Problem = type[InputError]
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe loader with the core schema of YAML 1.2 and without repeated keys."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        mapping: dict[Hashable, Any] = {}
+        for key_node, value_node in node.value:
+            if not isinstance(key_node, yaml.ScalarNode):
+                raise yaml.MarkedYAMLError(problem='a key must be a word', problem_mark=key_node.start_mark)
+            key = str(key_node.value)
+            if key in mapping:
+                raise yaml.MarkedYAMLError(problem=f'the key {key!r} is given twice', problem_mark=key_node.start_mark)
+            mapping[key] = self.construct_object(value_node, deep=True)
+        return mapping
+
+    def construct_core_int(self, node: yaml.ScalarNode) -> int | float:
+        text = str(node.value)
+        return int(text) if len(text) < 100 else float(text)
+
+    def construct_core_float(self, node: yaml.ScalarNode) -> float:
+        return float(str(node.value).replace('.inf', 'inf').replace('.nan', 'nan'))
+
+
+_CORE_SCHEMA = (
+    ('null', r'~|null|Null|NULL|', '~nN'),
+    ('bool', r'true|True|TRUE|false|False|FALSE', 'tTfF'),
+    ('int', r'[-+]?[0-9]+', '-+0123456789'),
+    ('float', r'[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.inf|\.nan', '-+.0123456789'),
+)
+_Loader.yaml_implicit_resolvers = {}
+for _name, _pattern, _first in _CORE_SCHEMA:
+    _starts = [*_first, ''] if _name == 'null' else list(_first)
+    _Loader.add_implicit_resolver(f'tag:yaml.org,2002:{_name}', re.compile(rf'(?:{_pattern})\Z'), _starts)
+_Loader.add_constructor('tag:yaml.org,2002:map', _Loader.construct_mapping)
+_Loader.add_constructor('tag:yaml.org,2002:int', _Loader.construct_core_int)
+_Loader.add_constructor('tag:yaml.org,2002:float', _Loader.construct_core_float)
+
+
+def read_text(path: str | Path, problem: _Problem) -> str:
+    """The text of a small file a user wrote.
+
+    Args:
+        path: the file.
+        problem: error class to raise.
+
+    Raises:
+        problem: no such file, no regular file, unreadable, over `_MAX_BYTES` or not UTF-8.
+    """
+    path = Path(path)
+    try:
+        if not path.exists():
+            raise problem(path, 'there is no such file', 'check the path')
+        if not path.is_file():
+            raise problem(path, 'expected a file, got ' + ('a folder' if path.is_dir() else 'something else'))
+        size = path.stat().st_size
+        if size > _MAX_BYTES:
+            raise problem(path, f'expected at most {_MAX_BYTES // 1024} KiB of YAML, got {size} bytes')
+        return path.read_bytes().decode('utf-8-sig')
+    except UnicodeDecodeError as error:
+        raise problem(path, f'not UTF-8 text (byte {error.start})', 'save it as UTF-8') from error
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise problem(path, f'cannot be read: {reason}') from error
+
+
+def parse_yaml(text: str, where: str | Path, problem: _Problem) -> Any:
+    """The one document in a YAML text, as dicts (with string keys), lists, strings, numbers, bools and None.
+
+    Args:
+        text: the YAML.
+        where: its file, for messages.
+        problem: error class to raise.
+
+    Raises:
+        problem: the text is not valid, with the line.
+    """
+    if len(text) > _MAX_BYTES:
+        raise problem(where, f'expected at most {_MAX_BYTES // 1024} KiB of YAML, got {len(text)} characters')
+    loader = None
+    try:
+        _check_events(text, yaml.BaseLoader)
+        loader = _Loader(text)
+        return loader.get_single_data()
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise problem(where, f'not valid YAML: {_reason(error)}') from error
+    finally:
+        if loader is not None:
+            loader.dispose()
+
+
+def parse_strings(text: str) -> Any:
+    """The one document in a YAML text, as dicts, lists and strings.
+
+    Args:
+        text: the YAML.
+
+    Raises:
+        ValueError: the text is not valid, with the line.
+    """
+    try:
+        _check_events(text, _StringLoader)
+        return yaml.load(text, Loader=_StringLoader)
+    except yaml.YAMLError as error:
+        raise ValueError(_reason(error)) from error
+
+
+def _check_events(text: str, loader: Any) -> None:
+    """Refuses tags, anchors, aliases and deep nesting before anything is built: the loaders recurse at every level.
+
+    Raises:
+        yaml.YAMLError: one of these is there, or the text is not valid.
+    """
+    depth = 0
+    for event in yaml.parse(text, Loader=loader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        problem, tag = '', getattr(event, 'tag', None)
+        if isinstance(event, yaml.AliasEvent) or getattr(event, 'anchor', None) is not None:
+            problem = 'anchors and aliases are not allowed'
+        elif tag is not None:
+            problem = f'the tag {tag!r} is not allowed'
+        elif depth > _MAX_DEPTH:
+            problem = f'nested deeper than {_MAX_DEPTH}'
+        if problem:
+            mark: Any = event.start_mark
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
+
+
+def _reason(error: Exception) -> str:
+    """What is wrong, with the line where it is known."""
+    if not isinstance(error, yaml.MarkedYAMLError):
+        return str(error)
+    mark = error.problem_mark or error.context_mark
+    line = f'line {mark.line + 1}: ' if mark else ''
+    return f'{line}{error.problem or error.context}'
+
+
+_LONGEST_WORD = 200
+_LONGEST_SHOWN = 60
+_E = TypeVar('_E', bound=Enum)
+
+
+class Within(NamedTuple):
+    """The limits of a number, and what to do where it is beyond them."""
+
+    least: float = -math.inf
+    most: float = math.inf
+    remedy: str = ''
+    positive: bool = False
+    unit: str = ''
+
+    def __str__(self) -> str:
+        if self.most == math.inf:
+            return 'a number above 0' if self.positive else f'{self.least:g} or more'
+        least = 'above 0, at most' if self.positive else f'{self.least:g} to'
+        return f'{least} {self.most:g} {self.unit}'.rstrip()
+
+
+POSITIVE = Within(positive=True)
+NOT_NEGATIVE = Within(least=0.0)
+
+
+class Section:
+    """A mapping with known keys.
+
+    Args:
+        problem: error class to raise.
+        where: the file, for messages.
+        key: place in the file, such as `robot.nominal`; empty at the top.
+        data: what the file has there.
+        required: keys that must be there.
+        optional: keys that may be there.
+
+    Attributes:
+        data: the values by key.
+
+    Raises:
+        problem: `data` is not a mapping, or has an unknown key, or lacks one. All methods that give a value raise it
+            for a wrong value, with the key.
+    """
+
+    def __init__(
+        self,
+        problem: type[InputError],
+        where: str,
+        key: str,
+        data: Any,
+        required: Iterable[str] = (),
+        optional: Iterable[str] = (),
+    ) -> None:
+        self._problem, self._where, self._key = problem, where, key
+        required, known = tuple(required), (*required, *optional)
+        if data is None and not required:
+            data = {}
+        if not isinstance(data, Mapping):
+            raise self.error('', f'expected a mapping with {", ".join(known)}, got {shown(data)}')
+        self.data = data
+        for name in data:
+            if name not in known:
+                close = difflib.get_close_matches(name, known, 1)
+                remedy = f'did you mean {close[0]!r}?' if close else f'the keys here are {", ".join(known)}'
+                raise self.error('', f'unknown key {name!r}', remedy)
+        for name in required:
+            if data.get(name) is None:
+                raise self.error('', f'the key {name!r} is missing', 'add it')
+
+    def error(self, name: str, problem: str, remedy: str = '') -> InputError:
+        """An error that names the key `name` of this section, or the section itself where it is empty."""
+        key = self._path(name)
+        return self._problem(f'{self._where}: {key}' if key else self._where, problem, remedy)
+
+    def section(self, name: str, required: Iterable[str] = (), optional: Iterable[str] = ()) -> Section:
+        """The mapping under a key; an empty one where it is missing and nothing in it is required."""
+        return self._inside(self._path(name), self.data.get(name), required, optional)
+
+    def items(self, name: str, what: str, required: Iterable[str] = (), optional: Iterable[str] = ()) -> list[Section]:
+        """The mappings in the list under a key, at least one; `what` names them in the message."""
+        items = self.data[name]
+        if not isinstance(items, list) or not items:
+            raise self.error(name, f'expected a list of {what}, got {shown(items)}', 'give at least one')
+        path = self._path(name)
+        return [self._inside(f'{path}[{number}]', item, required, optional) for number, item in enumerate(items)]
+
+    def number(self, name: str, unit: str = '', within: Within = Within()) -> float:  # noqa: B008 - immutable
+        """A finite number of a plausible size (`implausible_size`), and within its limits."""
+        value = self.data[name]
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise self.error(name, f'expected a number, got {shown(value)}')
+        if not math.isfinite(value):
+            raise self.error(name, f'expected a finite number, got {value}')
+        implausible = implausible_size(value, unit)
+        if implausible:
+            raise self.error(name, *implausible)
+        if not within.least <= value <= within.most or (within.positive and value <= 0):
+            raise self.error(name, f'expected {within}, got {value:g}', within.remedy)
+        return float(value)
+
+    def optional(self, name: str, unit: str = '', within: Within = Within()) -> float | None:  # noqa: B008 - immutable
+        """The same; None where the key is missing."""
+        return None if self.data.get(name) is None else self.number(name, unit, within)
+
+    def vector(
+        self,
+        name: str,
+        labels: Sequence[str],
+        unit: str = '',
+        within: Within = Within(),  # noqa: B008 - immutable
+    ) -> tuple[float, ...]:
+        """A list of as many numbers as there are labels, which name them in messages: `[x, y]`."""
+        values = self.data[name]
+        if not isinstance(values, list) or len(values) != len(labels):
+            raise self.error(name, f'expected [{", ".join(labels)}], got {shown(values)}')
+        entries = self.entries(name, dict(zip(labels, values, strict=True)))
+        return tuple(entries.number(label, unit, within) for label in labels)
+
+    def entries(self, name: str, values: Mapping[str, Any]) -> Section:
+        """The entries of a list under a key as a section, by labels that name them in messages."""
+        return self._inside(self._path(name), values, (), values)
+
+    def word(self, name: str, default: str = '') -> str:
+        """A string that can serve as a name."""
+        value = self.data.get(name, default)
+        if not isinstance(value, str):
+            raise self.error(name, f'expected a string, got {shown(value)}', 'put it in quotes')
+        if not value.strip() or value != value.strip() or not value.isprintable():
+            raise self.error(name, f'expected a name, got {shown(value)}')
+        if len(value) > _LONGEST_WORD:
+            raise self.error(name, f'expected at most {_LONGEST_WORD} characters, got {len(value)}')
+        return value
+
+    def choice(self, name: str, default: _E) -> _E:
+        """A value of the enumeration that `default` belongs to."""
+        value = self.word(name, str(default.value))
+        choices = [str(item.value) for item in type(default)]
+        if value not in choices:
+            raise self.error(name, f'expected {" or ".join(choices)}, got {shown(value)}')
+        return type(default)(value)
+
+    def _inside(self, key: str, data: Any, required: Iterable[str], optional: Iterable[str]) -> Section:
+        return Section(self._problem, self._where, key, data, required, optional)
+
+    def _path(self, name: str) -> str:
+        return '.'.join(part for part in (self._key, name) if part)
+
+
+def shown(value: Any) -> str:
+    """A value for a message, shortened."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST_SHOWN else text[: _LONGEST_SHOWN - 3] + '...'
