@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats, Indices
-from scara_kinetostatic.model.kinematics import LoadedJoints, component_by_parameters, stacked
+from scara_kinetostatic.model.kinematics import LoadedJoints, component_by_parameters, quarter_turn, stacked, wrap
 from scara_kinetostatic.model.parameters import (
     G1,
     G2,
@@ -43,18 +43,15 @@ DISTANCE = 2e-4
 """D: distances from the circle of contact of this size are those of ordinary model errors, m."""
 ANGLE = 0.15
 """A: the same of off-normal angles, such as those of friction and noise, rad."""
-_GEOMETRY = 0.015
-"""Standard deviation of the errors of nominal lengths and offsets, m;"""
-_OFFSETS = float(np.deg2rad(2.5))
-"""of nominal angles, rad;"""
-_GRIPPER, _JOINTS = 1e-4, 3e-4
-"""of compliances, m/N and rad/Nm;"""
-_BACKLASH, _RADII = 5e-3, 0.05
-"""of the backlash of joints, rad, and of the gripper, m."""
-_COARSE_DISTANCE, _COARSE_ANGLE = 0.02, 0.3
-"""Scales of the loss in the first step; each step makes them smaller, down to D and A."""
-_STEPS = 12
-_SHRINK = 0.5
+_PRIOR = {
+    **dict.fromkeys((X0, Y0, L1, L2), 0.015),
+    **dict.fromkeys((THETA1, THETA2), float(np.deg2rad(2.5))),
+    **dict.fromkeys((P1, P2), 3e-4),
+    **dict.fromkeys((G1, G2), 5e-3),
+    P_EE: 1e-4,
+    G_EE: 0.05,
+}
+"""Standard deviation of the error of each nominal value, SI units."""
 _LEAST_TORQUE = 1e-2
 """Within this torque the sense of a backlash is not certain, Nm."""
 
@@ -125,26 +122,18 @@ def fit_statements(statements: Statements) -> Agreement:
 
 def _fit_statements(s: Statements) -> Agreement:
     k = len(s.nominal)
-    prior = np.concatenate([_prior() * s.free, s.rotation[:, None]], axis=1)
+    prior = np.concatenate([np.array([_PRIOR[k] for k in range(len(NAMES))]) * s.free, s.rotation[:, None]], axis=1)
     change = np.zeros((k, len(NAMES) + 1))
-    for step in range(_STEPS):
+    for step in range(12):  # the scales of the loss shrink to D and A
         scene = _scene(s, change)
-        by_d = max(DISTANCE, _COARSE_DISTANCE * _SHRINK**step)
-        by_a = max(ANGLE, _COARSE_ANGLE * _SHRINK**step)
+        by_d = max(DISTANCE, 0.02 * 0.5**step)
+        by_a = max(ANGLE, 0.3 * 0.5**step)
         change = _solved(scene, change, prior, by_d, by_a)
     scene = _scene(s, change)
     loss = np.log1p((scene.distance / DISTANCE) ** 2) + np.log1p((scene.angle / ANGLE) ** 2)
     parameters = s.nominal + change[:, :-1]
     misfit = np.nan_to_num(loss.mean(axis=1), nan=np.inf)
     return Agreement(parameters, change[:, -1], scene.disc, scene.distance, scene.angle, misfit)
-
-
-def _prior() -> Floats:
-    prior = np.empty(len(NAMES))
-    prior[[X0, Y0, L1, L2]], prior[[THETA1, THETA2]] = _GEOMETRY, _OFFSETS
-    prior[P_EE], prior[[P1, P2]] = _GRIPPER, _JOINTS
-    prior[G_EE], prior[[G1, G2]] = _RADII, _BACKLASH
-    return prior
 
 
 def _solved(scene: _Scene, change: Floats, prior: Floats, by_d: float, by_a: float) -> Floats:
@@ -190,7 +179,7 @@ def _arm(values: Sequence[Floats], links: Floats, force: Floats) -> _Arm:
     u, v = (np.stack([np.cos(angle), np.sin(angle)], axis=-1) for angle in (first, second))
     link2 = values[L2][..., None] * v
     reach = values[L1][..., None] * u + link2
-    turn1, turn2 = _quarter_turn(reach), _quarter_turn(link2)
+    turn1, turn2 = quarter_turn(reach), quarter_turn(link2)
     tip = reach + np.stack(np.broadcast_arrays(values[X0], values[Y0], first)[:2], axis=-1)
     return _Arm(u, v, turn1, turn2, (turn1 * force).sum(-1), (turn2 * force).sum(-1), tip)
 
@@ -214,30 +203,30 @@ def _scene(s: Statements, change: Floats) -> _Scene:
     to_disc = np.take_along_axis(to_disc, disc[..., None, None], axis=2)[:, :, 0]
     reach = np.take_along_axis(reach, disc[..., None], axis=2)[:, :, 0]
     away = np.maximum(np.hypot(to_disc[..., 0], to_disc[..., 1]), 1e-9)
-    angle = _wrapped(direction - np.arctan2(to_disc[..., 1], to_disc[..., 0]))
+    angle = wrap(direction - np.arctan2(to_disc[..., 1], to_disc[..., 0]))
     return _Scene(disc, away - reach, angle, *_derivatives(arm, size, to_disc / away[..., None], away, s.tool))
 
 
 def _derivatives(arm: _Arm, size: Floats, inward: Floats, away: Floats, tool: Floats) -> tuple[Floats, Floats]:
     """Those of d and a by the twelve parameters and φ, (k, n, 13) each; `size` of the force, (k, n), N."""
     at = LoadedJoints(torque=(arm.torque1, arm.torque2), sense=arm.senses)
+    at = LoadedJoints(torque=(arm.torque1, arm.torque2), sense=arm.senses)
+    rows = [
+        component_by_parameters(
+            (1.0 - k, k),
+            (arm.u[..., k], arm.v[..., k]),
+            (arm.turn1[..., k], arm.turn2[..., k]),
+            (0.0, 0.0),
+            at,
+        )
+        for k in (0, 1)
+    ]
     moves = np.zeros((*size.shape, len(NAMES) + 1, 2))
-    for k in (0, 1):
-        links, turns = (arm.u[..., k], arm.v[..., k]), (arm.turn1[..., k], arm.turn2[..., k])
-        column = component_by_parameters((1.0 - k, k), links, turns, (0.0, 0.0), at)
-        moves[..., :-1, k] = stacked([column], size.shape)[:, 0].transpose(1, 2, 0)
+    moves[..., :-1, :] = np.moveaxis(stacked(rows, size.shape), (0, 1), (-2, -1))
     by_distance = -(moves * inward[:, :, None]).sum(-1)
     by_distance[..., P_EE], by_distance[..., G_EE] = size, 1.0
-    by_angle = (moves * _quarter_turn(inward)[:, :, None]).sum(-1) / away[..., None]
+    by_angle = (moves * quarter_turn(inward)[:, :, None]).sum(-1) / away[..., None]
     by_angle[..., THETA1] += tool[:, None]
     by_angle[..., THETA2] += tool[:, None]
     by_angle[..., -1] = 1.0
     return by_distance, by_angle
-
-
-def _quarter_turn(vectors: Floats) -> Floats:
-    return np.stack([-vectors[..., 1], vectors[..., 0]], axis=-1)
-
-
-def _wrapped(angle: Floats) -> Floats:
-    return np.asarray(np.arctan2(np.sin(angle), np.cos(angle)))

@@ -271,7 +271,7 @@ def _radii(r: Reading, source: Source) -> Iterator[Hypothesis]:
         radii = r.radii[order]
         moved = tuple(d for d in range(m) if abs(radii[d] - r.radii[d]) > _ALIKE)
         if moved and all(order[d] == d for d in range(m) if d not in moved):
-            statement = f'the radii of {listed([names[d] for d in moved])} are {_exchanged(moved)}'
+            statement = exchanged('radii', moved, names)
             yield Hypothesis('objects', statement, 'exchange them', r._replace(radii=radii), discs=moved)
 
 
@@ -285,8 +285,10 @@ def _orders(m: int) -> list[Indices]:
     return orders
 
 
-def _exchanged(moved: Sequence[int]) -> str:
-    return 'swapped' if len(moved) == 2 else 'in the wrong order'
+def exchanged(what: str, discs: Sequence[int], names: Sequence[str]) -> str:
+    """That radii or centers stand at the wrong discs, one clause."""
+    how = 'swapped' if len(discs) == 2 else 'in the wrong order'
+    return f'the {what} of {listed([names[d] for d in discs])} are {how}'
 
 
 def listed(names: Sequence[str]) -> str:

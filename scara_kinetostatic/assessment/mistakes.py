@@ -18,7 +18,15 @@ from typing import NamedTuple
 import numpy as np
 
 from scara_kinetostatic.assessment.mistake_fit import Agreement, Statements, fit_statements
-from scara_kinetostatic.assessment.mistake_hypotheses import Hypothesis, Origin, Reading, Source, hypotheses, listed
+from scara_kinetostatic.assessment.mistake_hypotheses import (
+    Hypothesis,
+    Origin,
+    Reading,
+    Source,
+    exchanged,
+    hypotheses,
+    listed,
+)
 from scara_kinetostatic.calibration.result import Calibration
 from scara_kinetostatic.errors import CellError, InputError
 from scara_kinetostatic.model.arrays import Floats, Indices
@@ -26,44 +34,53 @@ from scara_kinetostatic.model.cell import Cell, SensorFrame, SensorSign, layout_
 from scara_kinetostatic.model.parameters import G_EE, NAMES
 from scara_kinetostatic.model.touch import TouchSet
 
-MOST_TOUCHES = 60
-"""Of more touches so many are taken, spread over all of them."""
 FEWEST_TOUCHES = 8
 """Fewer do not tell one mistake from another."""
-_GROSS = 0.8
-"""Misfit of the stated description above which a mistake is looked for."""
-_SLIGHT = 0.15
-"""Misfit above which another model error may have made the backlash of the gripper what it is."""
-_HOPELESS = 2.5
-"""Misfit of the stated description above which a calibration is not even tried, if a mistake explains it."""
-_PART = 0.3
-"""A mistake is named if without it the misfit is at most this part of the stated one,"""
-_AGREES = 1.2
-"""and at most this."""
-_ALIKE = 0.3
-"""Mistakes without which the misfit is larger by no more than this than without the best are its alternatives."""
-_MOST_NAMED = 3
-"""Of more alternatives none is named: then the touches do not tell."""
-_MISLABELLED = 0.1
-"""Touches of a wrong object are a mistake if they are more than this part of all."""
-_SAME_RADII = 0.1
-"""An error common to all radii that is this near to the half of each, relative, makes them diameters."""
-_SIGMAS = 4.0
-"""A backlash of the gripper below zero by so many standard uncertainties is none,"""
-_COARSE_RADIUS_ERROR = 1e-3
-"""where there is no calibration by so much, m;"""
-_LARGEST_BACKLASH = 3e-3
-"""nor is one above this, m."""
-_LEAST_TIP = 4e-4
-"""Least radius of a tip, m."""
-_LEAST_ROTATION = np.deg2rad(20.0)
-"""A rotation of the sensor below this is an effect, which is fitted, not a mistake, rad."""
-_RIGHT_ANGLE = np.deg2rad(3.0)
-"""A rotation this near to a right angle is one."""
-_FAINT = 0.2
-"""Median force below which the forces may be in kN, N;"""
-_HUGE = 5e3
-"""and above which they may be in mN, N."""
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """From where on something is taken for a mistake."""
+
+    touches: int = 60
+    """Of more touches so many are taken, spread over all of them."""
+    gross: float = 0.8
+    """Misfit of the stated description above which a mistake is looked for."""
+    slight: float = 0.15
+    """Misfit above which another model error may have made the backlash of the gripper what it is."""
+    hopeless: float = 2.5
+    """Misfit of the stated description above which a calibration is not even tried, if a mistake explains it."""
+    part: float = 0.3
+    """A mistake is named only if without it the misfit is at most this part of the stated one."""
+    agrees: float = 1.2
+    """Misfit up to which touches agree with a description; a mistake is named only if without it they do."""
+    alike: float = 0.3
+    """Mistakes without which the misfit is larger by no more than this than without the best are its alternatives."""
+    named: int = 3
+    """Of more alternatives none is named: then the touches do not tell."""
+    mislabelled: float = 0.1
+    """Touches of a wrong object are a mistake if they are more than this part of all."""
+    same_radii: float = 0.1
+    """An error common to all radii that is this near to the half of each, relative, makes them diameters."""
+    sigmas: float = 4.0
+    """A backlash of the gripper below zero by so many standard uncertainties is none."""
+    coarse_radius: float = 1e-3
+    """A backlash of the gripper below zero by so much is none, where there is no calibration, m."""
+    largest_backlash: float = 3e-3
+    """A backlash of the gripper above this is none, m."""
+    least_tip: float = 4e-4
+    """Least radius of a tip, m."""
+    least_rotation: float = float(np.deg2rad(20.0))
+    """A rotation of the sensor below this is an effect, which is fitted, not a mistake, rad."""
+    right_angle: float = float(np.deg2rad(3.0))
+    """A rotation this near to a right angle is one, rad."""
+    faint: float = 0.2
+    """Median force below which the forces may be in kN, N."""
+    huge: float = 5e3
+    """Median force above which the forces may be in mN, N."""
+
+
+_LIMITS = _Limits()
 
 
 @dataclass(frozen=True)
@@ -125,7 +142,7 @@ def find_mistake(
     where = _spread(len(touches))
     reading = _reading(touches.select(where), cell, held)
     stated = _fit([reading])
-    if stated.misfit[0] > _GROSS:
+    if stated.misfit[0] > _LIMITS.gross:
         return _gross(reading, stated, cell, touches.disc[where], origin)
     return (
         _mislabelled(touches.disc[where], stated.disc[0], cell)
@@ -138,11 +155,11 @@ def agree(touches: TouchSet, cell: Cell) -> bool:
     """Whether touches lie on the objects with their forces along the normals, but for what a calibration corrects."""
     if len(touches) < FEWEST_TOUCHES:
         return False
-    return bool(_fit([_reading(touches.select(_spread(len(touches))), cell, {})]).misfit[0] < _AGREES)
+    return bool(_fit([_reading(touches.select(_spread(len(touches))), cell, {})]).misfit[0] < _LIMITS.agrees)
 
 
 def _spread(n: int) -> Indices:
-    return np.unique(np.linspace(0, n - 1, min(n, MOST_TOUCHES)).round().astype(np.intp))
+    return np.unique(np.linspace(0, n - 1, min(n, _LIMITS.touches)).round().astype(np.intp))
 
 
 def _reading(touches: TouchSet, cell: Cell, fixed: Mapping[str, float]) -> Reading:
@@ -179,18 +196,18 @@ def _gross(reading: Reading, stated: Agreement, cell: Cell, named: Indices, orig
         return None
     found = _fit([hypothesis.mended for hypothesis in tried])
     before, best = float(stated.misfit[0]), float(found.misfit.min())
-    if best > min(_AGREES, _PART * before):
+    if best > min(_LIMITS.agrees, _LIMITS.part * before):
         return None
-    bound = min(best + _ALIKE, _PART * before)
+    bound = min(best + _LIMITS.alike, _LIMITS.part * before)
     alike = [
         _Explanation(tried[k], found.misfit[k], found.rotation[k], found.distance[k], found.angle[k], found.disc[k])
         for k in np.flatnonzero(found.misfit <= bound)
     ]
     chosen = _alternatives(alike)
-    if len(chosen) > _MOST_NAMED or any(abs(_turned_by(item)) < _LEAST_ROTATION for item in chosen):
+    if len(chosen) > _LIMITS.named or any(abs(_turned_by(item)) < _LIMITS.least_rotation for item in chosen):
         return None
     mistake = _joined([_named(item, stated, named, names) for item in chosen])
-    return replace(mistake, is_gross=before > _HOPELESS)
+    return replace(mistake, is_gross=before > _LIMITS.hopeless)
 
 
 def _alternatives(alike: Sequence[_Explanation]) -> list[_Explanation]:
@@ -208,15 +225,11 @@ def _named(item: _Explanation, stated: Agreement, named: Indices, names: Sequenc
     if h.rotation is not None:
         angle = _turned_by(item)
         right = round(angle / (np.pi / 2)) * np.pi / 2
-        degrees = f'{np.rad2deg(right if abs(angle - right) < _RIGHT_ANGLE else angle):.0f}°'
+        degrees = f'{np.rad2deg(right if abs(angle - right) < _LIMITS.right_angle else angle):.0f}°'
         statement, action = statement.format(rotation=degrees), action.format(rotation=degrees)
     if h.discs:
-        which = listed([names[d] for d in h.discs])
-        swapped = statement.rpartition(' are ')[2]
-        if np.mean(item.disc != named) > _MISLABELLED:
-            statement = f'the centers of {which} are {swapped}'
-        else:
-            statement = f'the radii, or the centers, of {which} are {swapped}'
+        what = 'centers' if np.mean(item.disc != named) > _LIMITS.mislabelled else 'radii, or the centers,'
+        statement = exchanged(what, h.discs, names)
     in_cell = not h.where.startswith(('force', 'joint', 'fixed'))
     return Mistake(h.where, statement, action, _evidence(stated, item), in_cell)
 
@@ -250,7 +263,7 @@ def _joined(mistakes: Sequence[Mistake]) -> Mistake:
 def _mislabelled(named: Indices, met: Indices, cell: Cell) -> Mistake | None:
     """Touches that name another object than the one they meet."""
     wrong = np.flatnonzero(named != met)
-    if len(wrong) <= _MISLABELLED * len(named):
+    if len(wrong) <= _LIMITS.mislabelled * len(named):
         return None
     pairs = sorted({(int(named[k]), int(met[k])) for k in wrong})
     names = [disc.name for disc in cell.discs]
@@ -268,25 +281,25 @@ def _mislabelled(named: Indices, met: Indices, cell: Cell) -> Mistake | None:
 def _force_unit(touches: TouchSet, stated: Agreement) -> Mistake | None:
     """Forces in kN or mN."""
     size = float(np.median(np.hypot(*touches.force.T)))
-    if _FAINT < size < _HUGE:
+    if _LIMITS.faint < size < _LIMITS.huge:
         return None
-    unit, in_newton = ('kN', 1e3 * size) if size <= _FAINT else ('mN', 1e-3 * size)
+    unit, in_newton = ('kN', 1e3 * size) if size <= _LIMITS.faint else ('mN', 1e-3 * size)
     statement = f'the forces are in {unit}, not in N: the median force would be {size:.2g} N'
     return Mistake('force', statement, f'give them in N (then {in_newton:.2g} N)', in_cell=False)
 
 
 def _common_radius(cell: Cell, stated: Agreement, calibration: Calibration | None) -> Mistake | None:
     """An error of all radii, which is a backlash g_ee that no gripper has."""
-    value, std, least = float(stated.parameters[0, G_EE]), 0.0, _COARSE_RADIUS_ERROR
+    value, std, least = float(stated.parameters[0, G_EE]), 0.0, _LIMITS.coarse_radius
     if calibration is not None and np.isfinite(calibration.std_of('g_ee')):
         value, std, least = calibration.parameters.g_ee, calibration.std_of('g_ee'), 0.0
-    if stated.misfit[0] > _SLIGHT or (calibration is not None and calibration.status['g_ee'] == 'fixed'):
+    if stated.misfit[0] > _LIMITS.slight or (calibration is not None and calibration.status['g_ee'] == 'fixed'):
         return None
     declared = [cell.uncertainty.radius, *(disc.radius_std for disc in cell.discs)]
-    least = max(least, _SIGMAS * float(np.hypot(std, max(declared))))
+    least = max(least, _LIMITS.sigmas * float(np.hypot(std, max(declared))))
     if value < -least:
         return _too_small(cell, -value, _backlash(value, std, 'a backlash is not negative'))
-    if value < max(_LARGEST_BACKLASH, least):
+    if value < max(_LIMITS.largest_backlash, least):
         return None
     return _too_large(cell, value, _backlash(value, std, 'a backlash is not so large'))
 
@@ -300,10 +313,10 @@ def _too_small(cell: Cell, error: float, evidence: str) -> Mistake:
     statement = f'all radii are stated {1e3 * error:.3g} mm too small'
     action = 'measure the discs and the tip again, and add the difference to every radius'
     tip = cell.tip_radius
-    if tip is not None and abs(error - tip) < _SAME_RADII * tip:
+    if tip is not None and abs(error - tip) < _LIMITS.same_radii * tip:
         statement = f'the radii do not contain the radius of the tip, {1e3 * tip:.3g} mm'
         action = 'add it to every radius: it reaches to the centre of the tip'
-    elif error > _LEAST_TIP:
+    elif error > _LIMITS.least_tip:
         statement += ', or the radius of the tip is missing'
         action = 'add the radius of the tip to every radius: it reaches to the centre of the tip'
     return Mistake('objects', statement, action, evidence)
@@ -312,12 +325,12 @@ def _too_small(cell: Cell, error: float, evidence: str) -> Mistake:
 def _too_large(cell: Cell, error: float, evidence: str) -> Mistake:
     halves = np.abs(error / cell.radii - 0.5)
     statement, action = f'all radii are stated {1e3 * error:.3g} mm too large', 'measure the discs and the tip again'
-    if halves.max() <= _SAME_RADII:
+    if halves.max() <= _LIMITS.same_radii:
         word = (
             'every radius is the diameter of its disc' if len(cell.discs) > 1 else 'radius is the diameter of the disc'
         )
         return Mistake('objects', word, 'halve it, and add the radius of the tip if it is not contained', evidence)
-    if halves.max() <= 0.5 and np.ptp(cell.radii) < _LEAST_TIP:
+    if halves.max() <= 0.5 and np.ptp(cell.radii) < _LIMITS.least_tip:
         tip = 1e3 * (float(cell.radii.mean()) / 2 - error)
         statement += f', or they are diameters, without the radius of the tip (then {tip:.2g} mm)' if tip > 0 else ''
     return Mistake('objects', statement, action, evidence)
