@@ -21,8 +21,6 @@ _MOST_POINTS = 1500
 """Points of a curve that are drawn."""
 _LINEAR = 1e-5
 """Errors up to this are on a linear scale, m."""
-_UNIT_CHANGE = 1e-4
-"""A length from this on is shown in millimetres, m."""
 LABELS = ('rigid, nominal', 'rigid, calibrated', 'deformable, calibrated')
 """The models of `Surfaces`."""
 
@@ -156,4 +154,4 @@ def error_picture(surface: Floats, normal: Floats, errors: Sequence[ModelError],
 
 
 def _length(value: float) -> str:
-    return f'{_MILLI * value:.3g} mm' if value >= _UNIT_CHANGE else f'{MICRO * value:.1f} µm'
+    return f'{_MILLI * value:.3g} mm' if value >= 1e-4 else f'{MICRO * value:.1f} µm'

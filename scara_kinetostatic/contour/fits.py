@@ -44,8 +44,6 @@ from scara_kinetostatic.model.tip import DEPENDS
 
 _SLOW = (0.25, 0.5, 1.0, np.inf)
 """Times over which errors that residuals do not show may change, as parts of the time of the points."""
-_GROUPS = 100
-"""Groups of neighbouring points for which these are worked out."""
 
 
 def parameter_stds(contour: Contour, arm: CalibratedArm, points: Mask, design: Floats, residual: Floats) -> Floats:
@@ -68,7 +66,7 @@ def _slow_noise(inverse: Floats, contour: Contour, points: Mask, residual: Float
     hidden = min(max(1.0 - rms(residual) ** 2 / max(float((std**2).mean()), 1e-30), 0.0), 1.0)
     size = np.maximum(np.linalg.norm(by_noise, axis=1), 1e-30)
     loading = by_noise * (std / size)[:, None]
-    group = np.arange(len(time)) * min(_GROUPS, len(time)) // len(time)
+    group = np.arange(len(time)) * min(100, len(time)) // len(time)  # groups of neighbouring points
     count = np.bincount(group)
     terms = (inverse.T[:, :, None] * loading[:, None, :]).reshape(len(time), -1)
     sums = np.add.reduceat(terms, np.searchsorted(group, np.arange(len(count))))
@@ -105,12 +103,6 @@ def _by_fft(values: Floats) -> Floats:
 
 
 FEWEST_POINTS = 10
-LARGEST_MISFIT = 3.0
-"""Residuals of a shape that the points are on, in standard uncertainties, rms: the noise along a slide is slow, so that
-its residuals scatter by more than that of single points."""
-_STEPS = 50
-_ROUNDING = 1e-12
-"""Change of a circle at which it is found, m."""
 
 
 class FittedValue(NamedTuple):
@@ -156,7 +148,8 @@ class ShapeFit(NamedTuple):
     @property
     def fits(self) -> bool:
         """Whether the points are on such a shape, by their uncertainty; where not, its parameters mean little."""
-        return self.misfit < LARGEST_MISFIT
+        # the noise along a slide is slow: its residuals scatter by more than that of single points
+        return self.misfit < 3.0
 
     @property
     def rms(self) -> float:
@@ -272,12 +265,12 @@ def _round(contour: Contour, arm: CalibratedArm, points: Mask, outline: int, sha
     if not np.isfinite(c) or algebraic[2] < 3:
         raise UnsupportedDataError('its points are on no circle', 'ask for a line')
     values = np.array([a, b, np.sqrt(max(c + a * a + b * b, 0.0))])
-    for _ in range(_STEPS):
+    for _ in range(50):
         away = np.hypot(x - values[0], y - values[1])
         design = np.column_stack([(x - values[0]) / away, (y - values[1]) / away, np.ones_like(x)])
         step = np.linalg.lstsq(design, away - values[2], rcond=None)[0]
         values = values + step
-        if not np.abs(step).max() > _ROUNDING:
+        if not np.abs(step).max() > 1e-12:  # m
             break
     away = np.hypot(x - values[0], y - values[1])
     if not np.isfinite(values).all() or values[2] > 1e3:
@@ -336,14 +329,8 @@ LINE_PENALTY, ARC_PENALTY = 30.0, 40.0
 """λ: an arc has one value more, and every line is nearly an arc, too."""
 FEWEST_NODES = 4
 """Of a piece."""
-MOST_NODES = 500
-"""Of an outline; where it has more, several are taken as one."""
-_LARGEST_RADIUS = 10.0
-"""A circle of a larger radius, m, is a line."""
 _MARGIN, _MARGIN_PART = 1.5e-3, 0.2
 """Left out at both ends of a piece, m, but at most this part of its length."""
-_UNKNOWN_STD, _LEAST_STD = 1e-5, 1e-6
-"""Standard uncertainty of a node where none is known, and the least that is taken, m."""
 _CHUNK = 512
 _NORMALS = 5e-3
 """Points with opposite normals are taken to be farther apart by twice this length, m."""
@@ -427,10 +414,10 @@ def _nearest_nodes(contour: Contour, points: Indices, outline: Outline) -> Indic
 def divided(outline: Outline) -> tuple[Piece, ...]:
     """The division of an outline into lines and arcs; of a closed one, it begins at an end of a piece."""
     count = len(outline.points)
-    group = np.arange(count) * min(MOST_NODES, count) // count
+    group = np.arange(count) * min(500, count) // count  # where there are more, several are taken as one
     size = np.bincount(group).astype(np.float64)
     points = np.column_stack([np.bincount(group, column) / size for column in outline.points.T])
-    std = np.bincount(group, np.nan_to_num(outline.std, nan=_UNKNOWN_STD)) / size
+    std = np.bincount(group, np.nan_to_num(outline.std, nan=1e-5)) / size  # m, where none is known
     pieces, shift = _division(points, std), 0
     if outline.closed and len(pieces) > 1:
         shift = pieces[len(pieces) // 2][0]
@@ -463,7 +450,7 @@ def _division(points: Floats, std: Floats) -> list[tuple[int, int, bool]]:
 def _cumulative_moments(points: Floats, std: Floats) -> Floats:
     """Sums of w (1, x, y, x², x y, y², z, x z, y z, z²) over the first k nodes, z = x² + y²: (n + 1, 10)."""
     x, y = points.T
-    z, weight = x * x + y * y, (TOLERANCE * np.maximum(std, _LEAST_STD)) ** -2
+    z, weight = x * x + y * y, (TOLERANCE * np.maximum(std, 1e-6)) ** -2  # m
     terms = weight[:, None] * np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y, z, x * z, y * z, z * z])
     return np.concatenate([np.zeros((1, 10)), np.cumsum(terms, axis=0)])
 
@@ -484,5 +471,5 @@ def _misfits(moments: Floats) -> tuple[Floats, Floats]:
         a, b, c = scale * (vv * uz - uv * vz), scale * (uu * vz - uv * uz), (uu + vv) / w
         radius = c + (a * a + b * b) / 4
         arc = np.maximum(square - a * uz - b * vz - c * (uu + vv), 0.0) / (4 * radius)
-        arc = np.where(np.isfinite(arc) & (radius < _LARGEST_RADIUS**2), arc, np.inf)
+        arc = np.where(np.isfinite(arc) & (radius < 10.0**2), arc, np.inf)  # larger than 10 m: a line
     return line, arc

@@ -19,8 +19,6 @@ from scara_kinetostatic.model.kinematics import quarter_turn
 
 SPACING = 5e-4
 """Least distance of the nodes of an outline, m."""
-_SAME_SIGMAS = 6.0
-"""Two passes are of the same surface where they differ by less than this many standard deviations,"""
 _SAME_DISTANCE = 3e-4
 """and this distance, m."""
 _SAME_NORMAL = 0.8
@@ -255,7 +253,7 @@ def _nearest(part: _Course, course: _Course, period: float) -> Floats:
         best = distance.argmin(axis=1)
         row = np.arange(len(best))
         least = np.sqrt(distance[row, best])
-        limit = np.maximum(_SAME_DISTANCE, _SAME_SIGMAS * np.hypot(course.weighing[rows], part.weighing[best]))
+        limit = np.maximum(_SAME_DISTANCE, 6.0 * np.hypot(course.weighing[rows], part.weighing[best]))
         place = along[best] + inside[row, best] * (along[best + 1] - along[best])
         found[rows] = np.where(least < limit, place, np.nan)
     return found

@@ -16,8 +16,6 @@ from scara_kinetostatic.model.quantity import quantity
 from scara_kinetostatic.report.markers import TEXT, Primitive, Shape, label, object_markers, places
 from scara_kinetostatic.touches.signals import runs
 
-_WIDTH, _THIN = 0.002, 0.0008
-"""Widths of an outline and of the bounds of its uncertainty, m."""
 _BOUND: Colour = (*CALIBRATED_COLOUR[:3], 0.5)
 _FORCE: Colour = (0.84, 0.37, 0.0, 1.0)
 _SHAFT = 0.003
@@ -34,7 +32,7 @@ def outline_markers(outlines: Iterable[Outline], uncertainty_scale: float) -> li
     for outline in outlines:
         ring = outline.ring
         closing = [*range(len(outline.points)), 0][: len(ring)]
-        made.append(Primitive('outlines', Shape.STRIP, places(ring, _ABOVE), CALIBRATED_COLOUR, _WIDTH))
+        made.append(Primitive('outlines', Shape.STRIP, places(ring, _ABOVE), CALIBRATED_COLOUR, 0.002))
         expanded = COVERAGE_FACTOR * outline.std[closing]
         away = uncertainty_scale * expanded[:, None] * outline.normals[closing]
         for side in (1.0, -1.0):
@@ -65,7 +63,7 @@ def _bounds(points: Floats) -> list[Primitive]:
     """A line, left out where it is not known."""
     begins, ends = runs(np.asarray(np.isfinite(points).all(axis=1)))
     parts = [points[begin : end + 1] for begin, end in zip(begins, ends, strict=True) if end > begin]
-    return [Primitive('uncertainty', Shape.STRIP, places(part, _ABOVE), _BOUND, _THIN) for part in parts]
+    return [Primitive('uncertainty', Shape.STRIP, places(part, _ABOVE), _BOUND, 0.0008) for part in parts]
 
 
 def _uncertainty_text(outline: Outline, expanded: float, scale: float) -> Primitive:

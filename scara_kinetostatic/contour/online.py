@@ -36,21 +36,10 @@ SECOND = 1_000_000_000
 _SOURCE = 'the slide'
 _MOST = 300_000
 """Samples of a topic that are kept at most, whatever their stamps."""
-_FREE = 3 * SECOND
-"""Free motion that is kept for the zero of the next contact, ns."""
 _LONGEST = 20 * SECOND
 """Samples in contact are kept at most so long, ns, where the tip creeps or rests."""
-_CLEAR = 0.25
-"""A contact is over when the force has been back at its zero for so long, s."""
 _SETTLED = WINDOWS[0]
 """Farther back along the path than this, m, nothing changes any more."""
-_LEAD = 3 * SECOND // 10
-"""Samples that are kept before the points that are needed, ns: smoothing and the begin of a pass take some."""
-_OVERLAP = 3e-3
-"""Of what is joined already, so much is joined with the next part of a pass, m: by it the two are found to be one."""
-_SAID = 30 * SECOND
-"""So long a jump of the tip is said, ns."""
-_LATE = 'the clocks of the topics seem to differ: nothing is traced until that is sure, for 15 s at most'
 _NEVER = -(1 << 62)
 """Before all stamps, ns."""
 
@@ -131,7 +120,7 @@ class OnlineContour:
         """Why the last poll traced nothing although something is touched; a jump for a while, and until the outlines
         are forgotten that parts of them may be wrong.
         """
-        event = self._event if self.now < self._happened + _SAID else ''
+        event = self._event if self.now < self._happened + 30 * SECOND else ''
         return '; '.join(filter(None, (self._doubt, event, self._problem)))
 
     def _forget_problems(self) -> None:
@@ -170,7 +159,7 @@ class OnlineContour:
             touching = _is_touching(self._last_contact(signals), signals)
             try:
                 self._trace(signals, touching)
-                self._drop(self.now - (_LONGEST if touching else _FREE))
+                self._drop(self.now - (_LONGEST if touching else 3 * SECOND))
             except JumpError as jump:
                 self._event, self._happened = f'{jump.what}; {jump.remedy}', self.now
                 with suppress(JumpError):
@@ -188,7 +177,9 @@ class OnlineContour:
                 self._clock_problem = self._pair.problem
                 self._pair = StreamPair(self._topics, _MOST, self._sensor.time_offset)
             else:
-                self._problem = _LATE
+                self._problem = (
+                    'the clocks of the topics seem to differ: nothing is traced until that is sure, for 15 s at most'
+                )
             return None
         return as_signals(streams, self.arm.cell)
 
@@ -260,7 +251,8 @@ class OnlineContour:
         rest = ~settled & (stamps > self._until)
         if rest.any():
             self._present = self._add(self._shown, contour, rest)
-        keep = int(stamps[last[max(_after(away > 2 * _SETTLED) - 1, 0)]]) - _LEAD
+        # smoothing and the begin of a pass take some
+        keep = int(stamps[last[max(_after(away > 2 * _SETTLED) - 1, 0)]]) - 3 * SECOND // 10
         self._drop(keep if touching else self._until)
 
     def _add(self, joined: JoinedPasses, contour: Contour, which: Mask) -> int:
@@ -270,7 +262,8 @@ class OnlineContour:
             own = np.flatnonzero(contour.passes == number)
             part = own[which[own]]
             before = own[own < part[0]]
-            before = before[np.hypot(*(contour.surface[before] - contour.surface[part[0]]).T) < _OVERLAP]
+            # m: by it two parts of a pass are found to be one
+            before = before[np.hypot(*(contour.surface[before] - contour.surface[part[0]]).T) < 3e-3]
             if len(part) + len(before) > 1:
                 present = joined.add(contour.stretch(np.concatenate([before, part])))
         return present
@@ -294,7 +287,8 @@ def _is_touching(last: float, signals: Signals) -> bool:
         last: end of the last contact, s.
         signals: the samples.
     """
-    return float(signals.wrench.time[-1]) - last < _CLEAR
+    # s: a contact is over when the force has been back at its zero for so long
+    return float(signals.wrench.time[-1]) - last < 0.25
 
 
 def _after(mask: Mask) -> int:

@@ -23,20 +23,10 @@ FEWEST = 4
 _SPARSE = 2
 """Samples on each side of a further window where `FEWEST` samples are farther than the second window: how its direction
 differs tells how far that of the others may be wrong."""
-_MOST = 400
-"""Samples on each side, at most."""
 _AGREE = 3.0
 """Directions agree where they differ by at most this many standard deviations,"""
-_AGREE_ANGLE = 3e-3
-"""and this angle, rad, which covers errors that change slowly along the path."""
-STICK_SPEED = 0.1
-"""The tip sticks where it is slower than this part of its usual speed."""
 _SPEED_TIME = 0.06
 """The speed is that of the distance over so long, s."""
-_SHORTEST_PASS = 2e-3
-"""A shorter motion is no pass, m."""
-_CHUNK = 512
-"""Fits are worked out together at so many places, or as many as a window has."""
 
 
 class Direction(NamedTuple):
@@ -82,7 +72,7 @@ def _bounds(label: Indices) -> tuple[Indices, Indices]:
 def moving(speed: Floats) -> Mask:
     """Where the tip slides rather than sticks, (n,)."""
     usual = float(np.quantile(speed, 0.75))
-    return np.asarray(speed > STICK_SPEED * usual)
+    return np.asarray(speed > 0.1 * usual)
 
 
 def passes_of(places: Floats, contact: Indices, slides: Mask) -> Indices:
@@ -103,7 +93,7 @@ def passes_of(places: Floats, contact: Indices, slides: Mask) -> Indices:
     for k in range(number.max() + 1):
         here = np.flatnonzero(number == k)
         length = np.hypot(*np.diff(places[here], axis=0).T).sum()
-        if length < _SHORTEST_PASS or len(here) < 2 * FEWEST + 1:
+        if length < 2e-3 or len(here) < 2 * FEWEST + 1:  # m
             number[here] = -1
     kept = np.unique(number[number >= 0])
     return np.where(number >= 0, np.searchsorted(kept, number), -1)
@@ -136,7 +126,7 @@ def direction_along(time: Floats, places: Floats) -> Direction:
     for fit in fits[-2::-1]:
         off = np.abs(np.angle(np.exp(1j * (fit.angle - angle))))
         doubt = np.where(agreed, off, doubt)  # the error of a fit to a bend grows with the window
-        agreed &= off <= _AGREE * std + _AGREE_ANGLE
+        agreed &= off <= _AGREE * std + 3e-3  # rad; covers errors that change slowly along the path
         angle, std = np.where(agreed, fit.angle, angle), np.where(agreed, fit.slope_std * noise, std)
         place = np.where(agreed[:, None], fit.place, place)
     along = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -146,7 +136,7 @@ def direction_along(time: Floats, places: Floats) -> Direction:
 
 def _halves(length: float) -> list[int]:
     """Samples on each side of the windows, the longest first, for samples so far apart, m."""
-    halves = [int(np.clip(round(half / max(length, 1e-9)), FEWEST, _MOST)) for half in WINDOWS]
+    halves = [int(np.clip(round(half / max(length, 1e-9)), FEWEST, 400)) for half in WINDOWS]
     sparse = [_SPARSE] if FEWEST * length > WINDOWS[1] else []
     return list(dict.fromkeys(halves + sparse))
 
@@ -185,7 +175,7 @@ class _LocalFit(NamedTuple):
 
 def _local_fit(clock: Floats, places: Floats, half: int) -> _LocalFit:
     """Quadratic fits in windows of `half` samples on each side, moved inwards at the ends."""
-    count, size = len(places), max(2 * half + 1, _CHUNK)
+    count, size = len(places), max(2 * half + 1, 512)  # worked out together at so many places
     parts = [
         _fit_part(clock, places, np.arange(first, min(first + size, count)), half) for first in range(0, count, size)
     ]

@@ -212,8 +212,6 @@ CSV, SVG, DXF = 'contour.csv', 'contour.svg', 'contour.dxf'
 COLUMNS = ('time_s', 'x_m', 'y_m', 'nx', 'ny', 'std_normal_m', 'force_N')
 LAYER = 'CONTOUR'
 _MILLI = 1e3
-_FRAME = 0.05
-"""Blank border of the SVG, as a part of the larger side."""
 
 
 def csv_text(contour: Contour) -> str:
@@ -230,7 +228,7 @@ def svg_text(outlines: Iterable[Outline]) -> str:
     outlines = tuple(outlines)
     points = _MILLI * np.concatenate([outline.points for outline in outlines])
     low, high = points.min(axis=0), points.max(axis=0)
-    frame = _FRAME * float((high - low).max()) or 1.0
+    frame = 0.05 * float((high - low).max()) or 1.0  # blank border
     width, height = high - low + 2 * frame
     corner = (low[0] - frame, high[1] + frame)
     paths = [f'<path d="{_path(_MILLI * outline.points, corner, outline.closed)}"/>' for outline in outlines]

@@ -63,9 +63,6 @@ from scara_kinetostatic.monitoring.hypotheses import Explanation, explanations, 
 from scara_kinetostatic.monitoring.linear import Evidence, State, measure, p_values, same_sources, source_of
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_robot, of_stored_touches
 
-_DETERMINED = 1e-9
-"""Information on a combination of values, in the largest of all, below which it was not determined."""
-
 
 class Fit(NamedTuple):
     """The linearised fit.
@@ -92,7 +89,7 @@ class Fit(NamedTuple):
         free = np.flatnonzero(np.isfinite(prior))
         rows = jacobian[:, free]
         values, vectors = np.linalg.eigh(rows.T @ rows + np.diag(prior[free]))
-        kept = values > _DETERMINED * float(values.max(initial=1e-12))
+        kept = values > 1e-9 * float(values.max(initial=1e-12))  # else not determined
         knowledge = np.zeros((len(prior), len(prior)))
         knowledge[np.ix_(free, free)] = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
         return cls(state, jacobian, knowledge)
@@ -123,8 +120,6 @@ def _prior_information(record: CalibrationRecord, state: State) -> Floats:
 
 _OF_THE_CELL = ('disc', 'discs', 'plate')
 """Fields of an effect that say where in a cell its object is."""
-_SHOWN = 1e-9
-"""Information on a combination of values, in the largest of all, below which the touches do not show it."""
 
 
 def with_common_effects(
@@ -199,7 +194,7 @@ def extended(
     information = columns.T @ (columns + jacobian @ by_new)
     by_new[new] += np.eye(len(new))
     values, vectors = np.linalg.eigh((information + information.T) / 2)
-    shown = values > _SHOWN * float((columns**2).sum(axis=0).max(initial=1e-12))
+    shown = values > 1e-9 * float((columns**2).sum(axis=0).max(initial=1e-12))  # else the touches do not show it
     root = by_new @ (vectors[:, shown] / np.sqrt(values[shown]))
     found = root @ ((vectors[:, shown] / np.sqrt(values[shown])).T @ (columns.T @ residual))
     return _changed(wide, state, found, root, by_new @ vectors[:, ~shown])
@@ -368,8 +363,6 @@ def _common(a: Cell, b: Cell) -> set[str]:
 
 LEVEL = 0.01
 """p-value below which two calibrations differ. Source: the accepted rate of false alarms of the diagnosis."""
-_RANK = 1e-10
-"""Variance of a combination, in the largest of all, below which both calibrations hold it fixed."""
 
 
 class Change(NamedTuple):
@@ -465,7 +458,7 @@ def _whitening(difference: Difference) -> tuple[Floats, bool]:
     """Rows that whiten the determined combinations, (r, p); whether what both hold fixed differs."""
     kept = difference.combinations
     values, vectors = np.linalg.eigh(kept @ difference.covariance @ kept.T)
-    large = values > _RANK * max(float(values.max(initial=0.0)), 1e-30)
+    large = values > 1e-10 * max(float(values.max(initial=0.0)), 1e-30)  # smaller: both hold it fixed
     held = np.abs(vectors[:, ~large].T @ (kept @ difference.change)).max(initial=0.0) > 1e-9
     return (vectors[:, large] / np.sqrt(values[large])).T @ kept, bool(held)
 

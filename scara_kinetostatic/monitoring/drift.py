@@ -75,8 +75,6 @@ touch hardly moves the median.
 """
 BAD = 25.0
 """A touch to which a change leaves so large a chi-square, and so many times the median, has no part in its name."""
-LEAST_USED = 0.8
-"""Part of the touches that are used for a name at least."""
 MEMORY = 500
 """Touches over which the comparison with the calibration itself fades; so many are kept."""
 
@@ -274,7 +272,7 @@ class DriftMonitor:
         fading = 1 - 1 / MEMORY if start is self._from_calibration else 1.0
         latest, since = self._latest[-(self.count - start.touch) :], start.touch
         used = np.ones(len(latest), dtype=bool)
-        fewest = LEAST_USED * len(used)
+        fewest = 0.8 * len(used)
         while True:
             evidence = start.evidence(bounded=False)
             ranking = explanations(evidence, self.state, self.hypotheses)
@@ -314,9 +312,6 @@ def _largest(evidence: Evidence, among: Sequence[Hypothesis]) -> float:
     return float(ratios.max(initial=0.0))
 
 
-SCHEMA = 'scara_kinetostatic/drift/1'
-
-
 class SinceTouch(NamedTuple):
     """The first touch after a change, as estimated.
 
@@ -352,7 +347,7 @@ def alarm_line(alarm: Alarm, since: SinceTouch | None) -> str:
 def drift_document(monitor: DriftMonitor, assumptions: str, alarm: Alarm | None, since: SinceTouch | None) -> Document:
     """The state of a monitor; `alarm` is the one that stands, `since` its first touch."""
     return {
-        'schema': SCHEMA,
+        'schema': 'scara_kinetostatic/drift/1',
         'calibration': monitor.record.source,
         'created': monitor.record.created,
         'touches': monitor.count,

@@ -34,8 +34,6 @@ from scara_kinetostatic.report.json_file import json_text
 APPLICATION = 0x5C4A2A01
 """`application_id` of the file."""
 VERSION = 2
-UNNAMED = 'robot'
-"""Of a robot whose cell description does not identify it, and for which no name is given."""
 _TABLES = (
     """CREATE TABLE calibration (
     id INTEGER PRIMARY KEY, robot TEXT NOT NULL, measured TEXT NOT NULL, created TEXT NOT NULL, source TEXT NOT NULL,
@@ -150,7 +148,7 @@ class History:
             record.check_touches()
         with self._open(write=True) as connection:
             for record in records:
-                name = robot or record.robot or UNNAMED
+                name = robot or record.robot or 'robot'
                 if (last := self._last(connection, name)) is not None:
                     _check_same(last, record, name)
                 added.append(_insert(connection, record, name))

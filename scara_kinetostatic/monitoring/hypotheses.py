@@ -19,10 +19,6 @@ from scara_kinetostatic.report.quantities import shown
 
 PENALTY = 4.0
 """Of each changed value, as Schwarz's criterion log n for about fifty measured numbers."""
-RIVAL = 6.0
-"""Hypotheses whose penalised statistic is within this of the best are rivals: odds of 20 to 1."""
-ALIAS = 0.999
-"""Correlation of two hypotheses from which on no touch of this kind tells them apart."""
 _PARTS = {
     'base': ('x0', 'y0', 'theta1'),
     'tool': ('theta2', 'l2'),
@@ -189,7 +185,7 @@ def rivals(ranking: Sequence[Explanation], evidence: Evidence) -> list[str]:
     best = ranking[0]
     own = set(best.hypothesis.places)
     others = [item for item in ranking[1:] if not own < set(item.hypothesis.places)]  # the part of the best is no rival
-    near = [item for item in others if best.score - item.score <= RIVAL]
+    near = [item for item in others if best.score - item.score <= 6.0]  # odds of 20 to 1
     aliases = [item for item in others if item not in near and _are_aliases(best, item, evidence)]
     return [item.name for item in (*near, *aliases)]
 
@@ -201,4 +197,4 @@ def _are_aliases(one: Explanation, other: Explanation, evidence: Evidence) -> bo
     i, j = one.hypothesis.places[0], other.hypothesis.places[0]
     m = evidence.matrix
     sizes = m[i, i] * m[j, j]
-    return bool(sizes > 0 and m[i, j] ** 2 > ALIAS**2 * sizes)
+    return bool(sizes > 0 and m[i, j] ** 2 > 0.999**2 * sizes)

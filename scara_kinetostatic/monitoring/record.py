@@ -39,8 +39,6 @@ from scara_kinetostatic.results.document import as_document
 _REMEDY = 'calibrate again with this version'
 _ROW = ('joints', 'posture', 'index', 'order', 'time', 'approach', 'press', 'history')
 """Columns of a touch that are stored as they are."""
-_ROUNDED = 1e-6
-"""Of an eigenvalue of a correlation matrix, by rounding."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -230,7 +228,7 @@ def _joint(entry: Mapping[str, Any], arm: CalibratedArm) -> tuple[tuple[str, ...
         raise ValueError('covariance_with_cell: values differ from those of the model')
     scale = np.sqrt(np.diag(covariance))
     scale[scale == 0] = 1.0
-    if np.linalg.eigvalsh(covariance / np.outer(scale, scale))[0] < -_ROUNDED:
+    if np.linalg.eigvalsh(covariance / np.outer(scale, scale))[0] < -1e-6:  # by rounding
         raise ValueError('covariance_with_cell: is no covariance')
     return names, values, covariance
 

@@ -64,8 +64,6 @@ from scara_kinetostatic.touches.table import cell_of_files
 
 POWER = 0.95
 """Probability with which a change of the size that is stated is seen."""
-_NOTHING = 1e-9
-"""Information on a parameter, in the largest of all, below which the touches say nothing of it."""
 
 
 class Detectable(NamedTuple):
@@ -109,7 +107,7 @@ def detectable_changes(
     for place, name in enumerate(NAMES):
         if name in record.fixed:
             continue
-        seen = diagonal[place] > _NOTHING * diagonal.max(initial=1e-12)
+        seen = diagonal[place] > 1e-9 * diagonal.max(initial=1e-12)
         change = float(state.scale[place] * np.sqrt(noncentrality / diagonal[place])) if seen else np.inf
         found.append(Detectable(name, UNITS[name], change, _moved(record, place, change)))
     return sorted(found, key=lambda item: -item.tip)
@@ -134,12 +132,6 @@ MOST_OUTLYING = 0.1
 """Part of the touches that may be outliers in a sound calibration. Source: `assessment.LIMITS.most_rejected`."""
 FEWEST = 6
 """Fewer touches say little: caution. Source: twelve numbers for twelve parameters."""
-MOST_FORCE = 1.5
-"""Force, in the largest of the calibration, from which on its compliances are extrapolated."""
-LARGE = 2.0
-"""Tip error, in what was expected, from which on a contradicted calibration is unfit, where no tolerance is stated.
-Source: the systematic part is then 1.7 times all that is random.
-"""
 
 
 class Outlying(NamedTuple):
@@ -256,7 +248,8 @@ def _contradiction(v: Verification) -> list[Remark]:
     found = []
     if v.others_p_value < LEVEL:
         excess = np.sqrt(max(v.others_tip_error**2 - v.expected**2, 0.0))
-        beyond = 2 * excess > v.tolerance if v.tolerance else v.others_tip_error > LARGE * v.expected
+        # the systematic part is then 1.7 times all that is random
+        beyond = 2 * excess > v.tolerance if v.tolerance else v.others_tip_error > 2.0 * v.expected
         what, action = '', 'calibrate again'
         if v.remaining_p_value < LEVEL:
             what = f'; no single part explains it, the largest is: {v.ranking[0].hypothesis.title}'
@@ -296,21 +289,11 @@ def _limits(v: Verification, largest_force: float) -> list[Remark]:
     if v.p_value > 1 - LEVEL and scatter < LIMITS.noise_overstated:
         reason = f'the residuals are {scatter:.2g} times what is expected: a change may hide below the stated noise'
         found.append(Remark(Grade.CAUTION, reason, 'state noise and uncertainties as they are'))
-    if largest_force > MOST_FORCE * v.record.arm.used.highest_force:
+    if largest_force > 1.5 * v.record.arm.used.highest_force:  # from here on compliances are extrapolated
         highest = v.record.arm.used.highest_force
         reason = f'forces of up to {largest_force:.3g} N, and the calibration had {highest:.3g} N at most'
         found.append(Remark(Grade.CAUTION, reason, 'calibrate with the forces of the use'))
     return found
-
-
-OUTLYING = 1e-3
-"""The same for the largest of all touches (Bonferroni)."""
-_OF_NO_EFFECT = ('noise', 'tolerance')
-"""Parts of a cell description that touches do not depend on: the noise is that of the calibration, the tolerance what
-its use allows.
-"""
-_SAME = 1e-6
-"""Difference of joint angles, rad, and forces, N, by rounding in a table: two touches never agree so well."""
 
 
 def verify_recordings(paths: Sequence[str | Path], record: CalibrationRecord, cell: Cell | None = None) -> Verification:
@@ -346,7 +329,8 @@ def _other_cells(record: CalibrationRecord, cell: Cell, paths: Sequence[str | Pa
     """
     for path in paths:
         check_same_recorded(cell, path, record.source)
-    return other_descriptions(cell, [Path(path) for path in paths], 'the calibration', _OF_NO_EFFECT)
+    # the noise is that of the calibration, the tolerance what its use allows
+    return other_descriptions(cell, [Path(path) for path in paths], 'the calibration', ('noise', 'tolerance'))
 
 
 def _remaining(test: PredictionTest, ranking: Sequence[Explanation], record: CalibrationRecord) -> float:
@@ -392,7 +376,7 @@ def verify(
     state = State.of(record, cell)
     measured = measure(touches, record, state)
     test = PredictionTest.of(measured, state.covariance, record.noise_freedoms)
-    outlying = test.p_values < OUTLYING / len(touches)
+    outlying = test.p_values < 1e-3 / len(touches)  # the same for the largest of all touches (Bonferroni)
     few = 0 < outlying.sum() <= MOST_OUTLYING * len(touches)
     others = measured.select(~outlying) if few else measured
     others_test = PredictionTest.of(others, state.covariance, record.noise_freedoms) if few else test
@@ -446,7 +430,8 @@ def _repeated(touches: TouchSet, record: CalibrationRecord, state: State) -> int
     own, found = cKDTree(np.hstack([record.touches.joints, record.forces])), np.zeros(len(touches), dtype=bool)
     for errors in (state.errors, 0.0 * state.errors):
         force = base_force(observe(touches, state.cell, errors), record.arm.model)
-        found |= np.isfinite(own.query(np.hstack([touches.joints, force]), p=np.inf, distance_upper_bound=_SAME)[0])
+        # by rounding in a table: two touches never agree so well
+        found |= np.isfinite(own.query(np.hstack([touches.joints, force]), p=np.inf, distance_upper_bound=1e-6)[0])
     return int(found.sum())
 
 

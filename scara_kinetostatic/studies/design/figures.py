@@ -110,11 +110,7 @@ def random_picture(design: Design) -> Markup:
     return as_svg(figure, 'random', 'distribution of the largest standard deviation of the tip over random sets')
 
 
-_FINE_GRID = (24, 120)
-"""Radii and angles of a map."""
 COLOURS = 'viridis_r'
-_ARROW = 0.16
-"""Length of the largest force, m."""
 
 
 def tip_picture(design: Design) -> Markup:
@@ -122,7 +118,7 @@ def tip_picture(design: Design) -> Markup:
     figure = Figure(figsize=(WIDTH / 72, 430 / 72), dpi=72, layout='constrained')
     axes = figure.subplots(1, 2, sharey=True)
     robot, q = design.robot, design.requirements
-    workspace = make_workspace(robot, q.region, *_FINE_GRID)
+    workspace = make_workspace(robot, q.region, radii=24, angles=120)
     tip = loaded_tip(robot, workspace, q.load) if q.under_load else free_tip(robot, workspace)
     places = MICRO * tip_std(tip, design.recommended.row.prediction).places
     low, high = float(places.min()), float(places.max())
@@ -159,7 +155,7 @@ def plan_picture(design: Design) -> Markup:
         for k in np.flatnonzero(plan.disc == number):
             aside = 0.005 * plan.posture[k] * np.array([-normal[k, 1], normal[k, 0]])
             head = contact[k] + aside
-            tail = head + _ARROW * plan.force[k] / plan.force.max() * normal[k]
+            tail = head + 0.16 * plan.force[k] / plan.force.max() * normal[k]  # m, of the largest force
             axes.plot(*np.stack([head, tail]).T, color=look.colour, lw=1.1, alpha=0.8)
             fill = look.colour if plan.posture[k] > 0 else PAPER
             axes.plot(*head, look.shape, ms=5.5, mfc=fill, mec=look.colour, mew=1.2, zorder=3)

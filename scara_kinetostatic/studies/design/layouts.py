@@ -37,8 +37,6 @@ from scara_kinetostatic.simulation.plan import BASE_MARGIN, CLEARANCE
 from scara_kinetostatic.studies.design.candidates import LEAST_ARM, PRIOR, pack
 from scara_kinetostatic.studies.design.prediction import Region, Robot, Tip, Where, exact_touches, reach
 
-_POINTS = 24
-"""Touches around a disc from which its information is averaged."""
 LEAST_SHARE = 0.15
 """A disc of which a smaller share of the touches can be made is not placed."""
 
@@ -54,7 +52,7 @@ class TouchPattern(NamedTuple):
 
     levels: Sequence[float] = (10.0, 25.0, 40.0)
     postures: Sequence[int] = (1, -1)
-    points: int = _POINTS
+    points: int = 24
 
 
 class EvenTouches(NamedTuple):
@@ -205,8 +203,6 @@ def _pattern(pattern: TouchPattern) -> tuple[Floats, NDArray[np.intp], Floats]:
 
 INFEASIBLE = 1.0
 """Value of the criterion for a layout that violates a constraint, m, to which the violation is added."""
-_GENERATIONS, _POPULATION = 120, 48
-"""Of the differential evolution."""
 _GRID = 1e-3
 """Centres and radii are rounded to this, m."""
 
@@ -277,7 +273,7 @@ def place_discs(
     number: int = 36,
     region: Region | None = None,
     seed: int = 0,
-    generations: int = _GENERATIONS,
+    generations: int = 120,
 ) -> Layout | None:
     """The best centres and radii found for a number of discs.
 
@@ -311,7 +307,7 @@ def place_discs(
         return evaluate_layouts(robot, layouts(x), tip, pattern, number, region or Region())
 
     found = differential_evolution(
-        objective, bounds, maxiter=generations, popsize=max(5, _POPULATION // (3 * count)), seed=seed, polish=False,
+        objective, bounds, maxiter=generations, popsize=max(5, 48 // (3 * count)), seed=seed, polish=False,
         tol=1e-4, updating='deferred', vectorized=True, init='sobol',
     )  # fmt: skip
     if found.fun >= INFEASIBLE:

@@ -337,13 +337,6 @@ def leverage(derivative: Floats, covariance: Floats) -> Floats:
     return np.asarray(np.linalg.eigvalsh(np.einsum('nik,kl,njl->nij', derivative, covariance, derivative))[:, -1])
 
 
-_RADII, _ANGLES = 8, 36
-"""Radii and angles of the grid on which the reported numbers are evaluated."""
-_DIRECTIONS = 8
-"""Directions of the load, evenly around."""
-_NEGLIGIBLE = 1e-6
-"""Motion of the tip by an unidentifiable direction of L̄, over its plausible range, up to which the tip counts as
-determined, m: well below any accuracy that is asked for."""
 POSTURES = (1, -1)
 
 
@@ -412,7 +405,7 @@ def reach(robot: Robot) -> tuple[float, float]:
     return max(abs(p.l1 - p.l2) + REACH_MARGIN, BASE_MARGIN), p.l1 + p.l2 - REACH_MARGIN
 
 
-def make_workspace(robot: Robot, region: Region | None = None, radii: int = _RADII, angles: int = _ANGLES) -> Workspace:
+def make_workspace(robot: Robot, region: Region | None = None, radii: int = 8, angles: int = 36) -> Workspace:
     """The polar grid over all that is within reach and in the region.
 
     Args:
@@ -448,7 +441,7 @@ def free_tip(robot: Robot, workspace: Workspace) -> Tip:
     return Tip(np.concatenate(blocks)[:, None], np.tile(workspace.area, 2) / 2)
 
 
-def loaded_tip(robot: Robot, workspace: Workspace, load: float, directions: int = _DIRECTIONS) -> Tip:
+def loaded_tip(robot: Robot, workspace: Workspace, load: float, directions: int = 8) -> Tip:
     """The loaded tip: T = dS/dL̄ at given Q and F.
 
     Args:
@@ -473,7 +466,7 @@ def tip_std(tip: Tip, prediction: Prediction) -> TipStd:
     variance = np.einsum('gdik,kl,gdil->gd', tip.derivative, prediction.covariance, tip.derivative, optimize=True)
     if prediction.unidentifiable.size:
         motion = np.abs(tip.derivative @ (SCALES[:, None] * prediction.unidentifiable)).max(axis=(2, 3))
-        variance = np.where(motion > _NEGLIGIBLE, np.inf, variance)
+        variance = np.where(motion > 1e-6, np.inf, variance)  # m, well below any accuracy that is asked for
     places = variance.max(axis=1)
     mean = variance.mean(axis=1) @ tip.weight
     return TipStd(float(np.sqrt(places.max())), float(np.sqrt(mean)), np.sqrt(places).reshape(2, -1))
