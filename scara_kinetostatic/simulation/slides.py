@@ -25,9 +25,9 @@ from scara_kinetostatic.model.parameters import Parameters
 from scara_kinetostatic.simulation.contact_forces import HOLD, minimum_jerk
 from scara_kinetostatic.simulation.outline import Outline, Track
 from scara_kinetostatic.simulation.sensors import SensorModel, sensor_angle
-from scara_kinetostatic.simulation.streams import START
+from scara_kinetostatic.simulation.streams import START, Sensed, recorded
 from scara_kinetostatic.simulation.trajectory import CellState
-from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
+from scara_kinetostatic.touches.streams import Streams
 
 
 @dataclass(frozen=True)
@@ -402,29 +402,16 @@ def simulate_slides(
 
 def sensed(motion: Motion, cell: Cell, sensors: SensorModel, seed: int, start: int = START) -> Streams:
     """What the sensors report of a motion; the arguments are those of `simulate_slides`."""
-    random = np.random.default_rng([seed, 1])
     errors = SlowNoise(np.random.default_rng([seed, 0]), 4, motion.timing.variation_time)
-    joint_stamps = sensors.stamps(motion.duration, sensors.joint_rate, 0.0, random)
-    wrench_stamps = sensors.stamps(motion.duration, sensors.wrench_rate, sensors.offset, random)
-    state, joint_errors, _ = _disturbed(motion, cell, sensors, errors, 1e-9 * joint_stamps.astype(np.float64))
-    position = sensors.read_joints(state, joint_errors, random)
-    state, _, force_errors = _disturbed(motion, cell, sensors, errors, 1e-9 * wrench_stamps.astype(np.float64))
-    force = sensors.read_force(cell, motion.model, state, force_errors, random)
-    return Streams(
-        source='simulation',
-        joints=JointStream(joint_stamps + start, position),
-        wrench=WrenchStream(wrench_stamps + start, force),
-    )
 
+    def at(time: Floats) -> Sensed:
+        """The state at times, each instant as a touch of its own, and its errors."""
+        state, unit = motion.state_at(time), errors.at(time)
+        angle = sensor_angle(cell, motion.model.parameters, state.joints)
+        joint_errors, force_errors = sensors.scaled_errors(cell, unit[:, :2], unit[:, 2:], state.force, angle)
+        return _as_holds(motion, state), joint_errors, force_errors
 
-def _disturbed(
-    motion: Motion, cell: Cell, sensors: SensorModel, errors: SlowNoise, time: Floats
-) -> tuple[CellState, Floats, Floats]:
-    """The state at times, each instant as a touch of its own, and its errors."""
-    state, unit = motion.state_at(time), errors.at(time)
-    angle = sensor_angle(cell, as_model(motion.model).parameters, state.joints)
-    joint_errors, force_errors = sensors.scaled_errors(cell, unit[:, :2], unit[:, 2:], state.force, angle)
-    return _as_holds(motion, state), joint_errors, force_errors
+    return recorded('simulation', cell, motion.model, sensors, motion.duration, at, seed, start)
 
 
 def _as_holds(motion: Motion, state: SlideState) -> CellState:

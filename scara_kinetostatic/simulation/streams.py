@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from scara_kinetostatic.model.arrays import Floats
@@ -12,11 +14,13 @@ from scara_kinetostatic.model.touch import TouchSet
 from scara_kinetostatic.simulation.contact_forces import PlannedLoads, Timing, load_histories
 from scara_kinetostatic.simulation.plan import Plan
 from scara_kinetostatic.simulation.sensors import SensorModel, reported_force, sensor_angle
-from scara_kinetostatic.simulation.trajectory import Trajectory
+from scara_kinetostatic.simulation.trajectory import CellState, Trajectory
 from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
 
 START = 1_700_000_000_000_000_000
 """Stamp of the start of a simulated recording, ns."""
+Sensed = tuple[CellState, Floats, Floats]
+"""A state, and the errors of joint angles, rad, and of the force, N."""
 
 
 def simulate_streams(
@@ -48,16 +52,43 @@ def simulate_streams(
     sensors = sensors or SensorModel()
     trajectory = Trajectory(cell, truth, plan, timing, repeated)
     joint_errors, force_errors = _touch_errors(sensors, cell, truth, trajectory, seed)
+
+    def at(time: Floats) -> Sensed:
+        return trajectory.state_at(time), joint_errors, force_errors
+
+    return recorded('simulation', cell, truth, sensors, trajectory.duration, at, seed, start)
+
+
+def recorded(
+    source: str,
+    cell: Cell,
+    truth: ExtendedModel | Parameters,
+    sensors: SensorModel,
+    duration: float,
+    at: Callable[[Floats], Sensed],
+    seed: int,
+    start: int,
+) -> Streams:
+    """Both streams of any motion as the sensors report them.
+
+    Args:
+        source: for messages.
+        cell: frame and sign of the sensor.
+        truth: the simulated robot.
+        sensors: noise, bias and rates.
+        duration: of the motion, s.
+        at: the state at times in s, (k,), and the errors of joint angles and force, base frame, that it numbers.
+        seed: of white noise and stamps.
+        start: stamp of the start, ns.
+    """
     random = np.random.default_rng([seed, 1])
-    joint_stamps = sensors.stamps(trajectory.duration, sensors.joint_rate, 0.0, random)
-    wrench_stamps = sensors.stamps(trajectory.duration, sensors.wrench_rate, sensors.offset, random)
-    position = sensors.read_joints(trajectory.state_at(1e-9 * joint_stamps), joint_errors, random)
-    force = sensors.read_force(cell, truth, trajectory.state_at(1e-9 * wrench_stamps), force_errors, random)
-    return Streams(
-        source='simulation',
-        joints=JointStream(joint_stamps + start, position),
-        wrench=WrenchStream(wrench_stamps + start, force),
-    )
+    joint_stamps = sensors.stamps(duration, sensors.joint_rate, 0.0, random)
+    wrench_stamps = sensors.stamps(duration, sensors.wrench_rate, sensors.offset, random)
+    state, joint_errors, _ = at(1e-9 * joint_stamps.astype(np.float64))
+    position = sensors.read_joints(state, joint_errors, random)
+    state, _, force_errors = at(1e-9 * wrench_stamps.astype(np.float64))
+    force = sensors.read_force(cell, truth, state, force_errors, random)
+    return Streams(source, JointStream(joint_stamps + start, position), WrenchStream(wrench_stamps + start, force))
 
 
 def simulate_touches(

@@ -38,7 +38,9 @@ class ClockRule:
         fewest: intervals in which a drift is looked for.
         straight: clocks drift where half of the differences lie within this part of their change off a line.
         fastest: by this factor stamps may be faster or slower than real time where clocks differ.
-        sure: of running streams, a difference is believed after this time, ns: at first messages may be late.
+        sure: of running streams, a difference is believed after this time, ns: at first messages may be late;
+        soon: after this time, ns, where nothing is late,
+        on_time: that is, the usual lags are the best ones within this, ns.
     """
 
     tolerance: int = 250_000_000
@@ -48,6 +50,8 @@ class ClockRule:
     straight: float = 0.1
     fastest: float = 2.0
     sure: int = 15_000_000_000
+    soon: int = 3_000_000_000
+    on_time: int = 20_000_000
 
 
 class Samples(NamedTuple):
@@ -219,8 +223,9 @@ class ClockComparison:
                 raise self._refusal(f'{what}, or messages came late, and time is simulated or a bag was played')
         if abs(best - usual) >= rule.tolerance:
             raise self._refusal(f'{what}, or messages of one topic came late')
+        wait = rule.soon if abs(best - usual) < rule.on_time else rule.sure
         observed = max(now, one.last[1]) - max(one.first[1], other.first[1])
-        return Clock(False, -best, f'{what}: the stamps of {other.name} were shifted', observed > rule.sure)
+        return Clock(False, -best, f'{what}: the stamps of {other.name} were shifted', observed > wait)
 
     def _drift(self, number: NDArray[np.float64], apart: NDArray[np.float64]) -> float:
         """How far clocks drift apart, ns, whose differences lie on a line; 0 if they do not."""

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from scara_kinetostatic.model.arrays import Floats
 from scara_kinetostatic.model.cell import Cell, Noise, SensorFrame
@@ -20,9 +19,9 @@ from scara_kinetostatic.simulation.mujoco.engine import load_engine
 from scara_kinetostatic.simulation.mujoco.scene import Scene
 from scara_kinetostatic.simulation.plan import Plan, default_plan
 from scara_kinetostatic.simulation.sensors import SensorModel
-from scara_kinetostatic.simulation.streams import START
+from scara_kinetostatic.simulation.streams import START, Sensed, recorded
 from scara_kinetostatic.simulation.trajectory import CellState
-from scara_kinetostatic.touches.streams import JointStream, Streams, WrenchStream
+from scara_kinetostatic.touches.streams import Streams
 
 PRELOAD = 1.0
 """Preload of every other touch of `preload_plan`: it is pressed to twice its force first."""
@@ -107,19 +106,13 @@ def as_streams(
     sensors = sensors or SensorModel()
     held = _as_sensed(motion, cell)[motion.holds]
     joint_errors, force_errors = sensors.touch_errors(cell, len(held), np.random.default_rng([seed, 0]), held)
-    random = np.random.default_rng([seed, 1])
+    turned = replace(cell, sensor=cell.sensor._replace(frame=SensorFrame.BASE))  # `_state_at` has turned the force
+
+    def at(time: Floats) -> Sensed:
+        return _state_at(motion, cell, time), joint_errors, force_errors
+
     duration = float(motion.time[-1])
-    joint_stamps = sensors.stamps(duration, sensors.joint_rate, 0.0, random)
-    wrench_stamps = sensors.stamps(duration, sensors.wrench_rate, sensors.offset, random)
-    position = sensors.read_joints(_state_at(motion, cell, joint_stamps), joint_errors, random)
-    turned = replace(cell, sensor=cell.sensor._replace(frame=SensorFrame.BASE))  # `_instant` has turned the force
-    state = _state_at(motion, cell, wrench_stamps)
-    force = sensors.read_force(turned, scene.parameters, state, force_errors, random)
-    return Streams(
-        source=f'physics: {scene.name}',
-        joints=JointStream(joint_stamps + start, position),
-        wrench=WrenchStream(wrench_stamps + start, force),
-    )
+    return recorded(f'physics: {scene.name}', turned, scene.parameters, sensors, duration, at, seed, start)
 
 
 def as_touches(motion: SimulatedMotion, cell: Cell, plan: Plan) -> TouchSet:
@@ -150,9 +143,8 @@ def _as_sensed(motion: SimulatedMotion, cell: Cell) -> Floats:
     return rotate(motion.force, -motion.link2_angle)
 
 
-def _state_at(motion: SimulatedMotion, cell: Cell, stamps: NDArray[np.int64]) -> CellState:
-    """The motion at stamps in ns, force in the frame of the sensor."""
-    time = 1e-9 * np.asarray(stamps, dtype=float)
+def _state_at(motion: SimulatedMotion, cell: Cell, time: Floats) -> CellState:
+    """The motion at times in s, force in the frame of the sensor."""
     tick = np.clip(np.searchsorted(motion.time, time), 0, len(motion.time) - 1)
     magnitude = np.linalg.norm(motion.force, axis=1)
     held = np.maximum(magnitude[motion.holds], 1e-9)
