@@ -23,7 +23,7 @@ import numpy as np
 from benchmark.common import parser, save
 from benchmark.diagnosis.cells import NOISE, PRELOAD, SETUPS, SimulatedEffects
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.off_normal_force import OffNormalForce
+from scara_kinetostatic.effects.contact_friction import OffNormalForce
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.errors import ScaraKinetostaticError, UnsupportedDataError
 from scara_kinetostatic.model.cell import Cell

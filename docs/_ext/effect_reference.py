@@ -13,8 +13,8 @@ from docutils import nodes
 from sphinx.application import Sphinx
 
 from scara_kinetostatic.effects.base import Effect, Parameter
-from scara_kinetostatic.effects.off_normal_force import OffNormalForce
-from scara_kinetostatic.effects.plate_position import PlatePosition
+from scara_kinetostatic.effects.contact_friction import OffNormalForce
+from scara_kinetostatic.effects.objects import PlatePosition
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.variables import VARIABLES
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate

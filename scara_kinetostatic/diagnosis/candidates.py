@@ -179,7 +179,7 @@ def _distinct(trials: Sequence[ScannedTrial]) -> list[ScannedTrial]:
 def as_fitted(problem: Problem, effect: Effect, values: Floats, tried: int) -> Candidate:
     """A nonlinear effect linearised at fitted values."""
     at, reported = problem.touch_state, problem.force
-    errors = effect.sensor_error_of_touches_derivative(reported, values, at.metadata)
+    errors = effect.sensor_error_derivative(reported, values, at.metadata)
     trial = Trial(effect.derivative(at, values), errors, lambda _: values)
     return Candidate(effect, trial, independent_part(problem, problem.columns(trial))[0], tried)
 

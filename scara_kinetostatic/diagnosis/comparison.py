@@ -397,7 +397,7 @@ def _first_order(item: Found, at: TouchState, force: Floats, values: Floats) -> 
     parts: list[Sequence[Floats | None]] = [
         [shift.joints for shift in shifts],
         [shift.place for shift in shifts],
-        item.effect.sensor_error_of_touches_derivative(force, values, at.metadata),
+        item.effect.sensor_error_derivative(force, values, at.metadata),
     ]
     return [_sum(amplitudes, part) for part in parts]
 

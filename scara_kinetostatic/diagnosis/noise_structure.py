@@ -45,7 +45,7 @@ from scara_kinetostatic.diagnosis.lack_of_fit import (
 from scara_kinetostatic.diagnosis.refit import Effort, fit_again, penalised_deviance, with_rejections_of
 from scara_kinetostatic.diagnosis.result import Diagnosis
 from scara_kinetostatic.diagnosis.thresholds import CREDIBLE, STRICT_SIGNIFICANCE
-from scara_kinetostatic.effects.off_normal_force import OffNormalForce
+from scara_kinetostatic.effects.contact_friction import OffNormalForce
 from scara_kinetostatic.model.cell import Noise
 
 _PENALTY = 6.0

@@ -1,12 +1,11 @@
-"""A gripper whose compliance couples along and across link 2."""
+"""A gripper whose compliance or backlash depends on the direction of the force."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from scara_kinetostatic.effects.base import LinearEffect, Parameter
-from scara_kinetostatic.model.effect_law import Shift, TouchState
+from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchState
 from scara_kinetostatic.model.kinematics import quarter_turn
 
 
@@ -19,24 +18,54 @@ class AnisotropicGripper(LinearEffect):
     one link angle only. The lever arms' change, of second order, is left out.
     """
 
-    name: ClassVar[str] = 'anisotropic_gripper'
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = 'anisotropic_gripper'
+    parameters = (
         Parameter(
             'coupling', 'm/N', 1e-5, 'p12 in the frame of link 2: yield across it per force along it', typical=1e-6
         ),
     )
-    statement: ClassVar[str] = 'the gripper also yields across the force'
-    short_statement: ClassVar[str] = 'gripper yields across the force'
-    confounded_with: ClassVar[str] = (
+    statement = 'the gripper also yields across the force'
+    short_statement = 'gripper yields across the force'
+    confounded_with = (
         'p_ee, p1 and p2, if the forces come from few directions relative to link 2; '
         'the difference p11 - p22 is always part of p_ee and p2'
     )
-    identified_by: ClassVar[str] = 'forces from all directions relative to link 2, in both elbow postures'
-    plot_variable: ClassVar[str] = 'direction_from_link2'
-    order: ClassVar[int] = 10
+    identified_by = 'forces from all directions relative to link 2, in both elbow postures'
+    plot_variable = 'direction_from_link2'
+    order = 10
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         along = at.link2
         across = quarter_turn(along)
         f_along, f_across = ((at.force * axis).sum(axis=1)[:, None] for axis in (along, across))
         return (Shift(place=-(f_along * across + f_across * along)),)
+
+
+@dataclass(frozen=True)
+class AnisotropicBacklash(LinearEffect):
+    """The gripper has more backlash in one direction than in another: d = -(a cos 2χ + b sin 2χ) n.
+
+    χ is the angle of the force from link 2. That the tip slides aside in a gap that is not round only turns the
+    force by some milliradians; it is left out.
+    """
+
+    name = 'anisotropic_backlash'
+    parameters = (
+        Parameter('a', 'm', 1e-3, 'backlash along link 2 beyond the mean; as much less across it', typical=4e-5),
+        Parameter('b', 'm', 1e-3, 'backlash at 45° to link 2 beyond the mean', typical=-3e-5),
+    )
+    statement = 'the backlash of the gripper depends on the direction of the force'
+    short_statement = 'backlash of the gripper depends on the direction'
+    confounded_with = (
+        'an anisotropic compliance of the gripper, and g_ee and g2, if there is one force level or few directions'
+    )
+    identified_by = 'forces from all directions relative to link 2, at several levels, small ones too'
+    plot_variable = 'direction_from_link2'
+    order = 11
+    force_dependence = ForceDependence.DIRECTION
+
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
+        along = (at.normal * at.link2).sum(axis=1)
+        across = at.normal[:, 1] * at.link2[:, 0] - at.normal[:, 0] * at.link2[:, 1]
+        waves = along**2 - across**2, 2 * along * across
+        return tuple(Shift(place=-wave[:, None] * at.normal) for wave in waves)

@@ -154,10 +154,11 @@ class Effect(ABC):
     declared_as: ClassVar[str] = ''
     order: ClassVar[int] = LAST
 
-    def __init_subclass__(cls, **options: Any) -> None:
+    def __init_subclass__(cls, part_of_another: bool = False, **options: Any) -> None:
+        """Check the class; one that is only `part_of_another` effect needs no name and no texts."""
         super().__init_subclass__(**options)
         missing = [name for name in dir(cls) if getattr(getattr(cls, name, None), '__isabstractmethod__', False)]
-        if 'name' in vars(cls) or not missing:
+        if 'name' in vars(cls) or not (missing or part_of_another):
             _check_class(cls, missing)
 
     @classmethod
@@ -238,23 +239,18 @@ class Effect(ABC):
     def derivative(self, at: TouchState, values: Floats) -> tuple[Shift, ...]:
         """The derivatives of `shift`, one per parameter."""
 
-    def sensor_error(self, force: Floats, values: Floats) -> Floats | None:
-        """The error e for true forces (n, 2) in the sensor's frame, N; None unless the effect is one of the sensor."""
+    def sensor_error(self, force: Floats, values: Floats, metadata: TouchMetadata | None = None) -> Floats | None:
+        """The error e for true forces (n, 2) in the sensor's frame, N; None unless the effect is one of the sensor.
+
+        `metadata` is that of the touches; None where nothing is known of them.
+        """
         return None
 
-    def sensor_error_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
-        """The derivatives of `sensor_error`, one per parameter."""
-        return ()
-
-    def sensor_error_of_touches(self, force: Floats, values: Floats, metadata: TouchMetadata | None) -> Floats | None:
-        """`sensor_error`, for an effect by which it is not the same in all touches; `metadata` is theirs, or None."""
-        return self.sensor_error(force, values)
-
-    def sensor_error_of_touches_derivative(
-        self, force: Floats, values: Floats, metadata: TouchMetadata | None
+    def sensor_error_derivative(
+        self, force: Floats, values: Floats, metadata: TouchMetadata | None = None
     ) -> tuple[Floats, ...]:
-        """The derivatives of `sensor_error_of_touches`, one per parameter."""
-        return self.sensor_error_derivative(force, values)
+        """The derivatives of `sensor_error`, one per parameter; empty for effects that do not change it."""
+        return ()
 
     def amplitudes(self, values: Floats) -> Floats:
         """The values (k,), zero where they are the form of the effect, such as a phase, rather than its size: what its
@@ -281,7 +277,7 @@ class Effect(ABC):
     def trials(self, at: TouchState, force: Floats) -> Sequence[Trial]:
         """The ways in which it may be present in these touches; `force` is in the sensor's frame, (n, 2), N."""
         values = np.array(self.start)
-        errors = self.sensor_error_of_touches_derivative(force, values, at.metadata)
+        errors = self.sensor_error_derivative(force, values, at.metadata)
         return (Trial(self.derivative(at, values), errors),)
 
     def finer(self, at: TouchState, trial: Trial, width: float) -> Sequence[Trial]:
@@ -396,12 +392,14 @@ class SensorEffect(Effect):
         return tuple(Shift() for _ in self.parameters)
 
     @abstractmethod
-    def sensor_error(self, force: Floats, values: Floats) -> Floats:
+    def sensor_error(self, force: Floats, values: Floats, metadata: TouchMetadata | None = None) -> Floats:
         """The error e for true forces (n, 2) in the sensor's frame, N."""
 
-    @abstractmethod
-    def sensor_error_derivative(self, force: Floats, values: Floats) -> tuple[Floats, ...]:
-        """The derivatives of `sensor_error`, one per parameter."""
+    def sensor_error_derivative(
+        self, force: Floats, values: Floats, metadata: TouchMetadata | None = None
+    ) -> tuple[Floats, ...]:
+        """The derivatives of `sensor_error`, one per parameter; this is for an error that is linear in them."""
+        return tuple(self.sensor_error(force, unit, metadata) for unit in np.eye(len(values)))
 
 
 @dataclass(frozen=True)
@@ -461,12 +459,6 @@ class DiscEffect(LinearEffect):
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         touched = (at.metadata.disc == self.disc)[:, None]
         return tuple(Shift(place=place * touched) for place in self.places(at))
-
-    def correction(self, values: Mapping[str, float]) -> str:
-        """What is to be corrected in the cell description where it is found with values by name, in the imperative;
-        empty if that says nothing of it.
-        """
-        return ''
 
     def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
         return np.asarray((at.metadata.disc == self.disc) | (self.plot_variable == 'disc'))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -19,22 +18,22 @@ class BaseCompliance(LinearEffect):
     all directions is another p_ee, what turns the base about joint 1 another p1.
     """
 
-    name: ClassVar[str] = 'base_compliance'
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = 'base_compliance'
+    parameters = (
         Parameter(
             'excess', 'm/N', 1e-5, 'yield along x beyond the mean of x and y; as much less along y', typical=1e-6
         ),
         Parameter('coupling', 'm/N', 1e-5, 'yield along y per force along x', typical=-2e-6),
     )
-    statement: ClassVar[str] = 'the base yields under the force'
-    short_statement: ClassVar[str] = 'base yields'
-    confounded_with: ClassVar[str] = (
+    statement = 'the base yields under the force'
+    short_statement = 'base yields'
+    confounded_with = (
         'the compliances of gripper and joints, if the arm hardly turns; '
         'its mean over all directions is always part of p_ee'
     )
-    identified_by: ClassVar[str] = 'forces in all directions of the base frame, with the arm turned many ways'
-    plot_variable: ClassVar[str] = 'direction'
-    order: ClassVar[int] = 13
+    identified_by = 'forces in all directions of the base frame, with the arm turned many ways'
+    plot_variable = 'direction'
+    order = 13
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         x, y = at.force.T

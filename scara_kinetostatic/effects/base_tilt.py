@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -27,26 +26,24 @@ class BaseTilt(LinearEffect):
     taken as independent of each other, though both point downhill.
     """
 
-    name: ClassVar[str] = 'base_tilt'
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = 'base_tilt'
+    parameters = (
         Parameter('m1_x', 'Nm', 10.0, 'static moment along link 1 times gravity along x', typical=2.0),
         Parameter('m1_y', 'Nm', 10.0, 'static moment along link 1 times gravity along y', typical=-1.0),
         Parameter('m2_x', 'Nm', 10.0, 'static moment along link 2 times gravity along x', typical=0.8),
         Parameter('m2_y', 'Nm', 10.0, 'static moment along link 2 times gravity along y', typical=-0.4),
     )
-    statement: ClassVar[str] = 'the base is tilted, so that gravity loads the joints'
-    short_statement: ClassVar[str] = 'base tilted'
-    confounded_with: ClassVar[str] = (
+    statement = 'the base is tilted, so that gravity loads the joints'
+    short_statement = 'base tilted'
+    confounded_with = (
         'a transmission error of joint 1 of one cycle per turn, which m1 alone exactly is; the base position and the '
         'offsets, if there is one elbow posture'
     )
-    identified_by: ClassVar[str] = (
-        'touches all over the workspace in both elbow postures; a level shows the tilt itself'
-    )
-    plot_variable: ClassVar[str] = 'angle'
-    order: ClassVar[int] = 14
-    force_dependence: ClassVar[ForceDependence] = ForceDependence.NONE
-    scaled_by: ClassVar[tuple[str, ...]] = ('p1', 'p2')
+    identified_by = 'touches all over the workspace in both elbow postures; a level shows the tilt itself'
+    plot_variable = 'angle'
+    order = 14
+    force_dependence = ForceDependence.NONE
+    scaled_by = ('p1', 'p2')
 
     def random_values(self, random: np.random.Generator) -> Floats:
         """Of plausible size, both moments pointing downhill."""

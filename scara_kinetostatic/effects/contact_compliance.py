@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,20 +32,20 @@ class ContactCompliance(LinearEffect):
     disc: int | None = None
     exponent: float = HERTZ
 
-    name: ClassVar[str] = 'contact_compliance'
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = 'contact_compliance'
+    parameters = (
         Parameter('yield', 'm/N^(2/3)', 1e-3, 'depth of the tip in the disc under 1 N', typical=1e-5, sign=1),
     )
-    statement: ClassVar[str] = '{target} yields under the force'
-    short_statement: ClassVar[str] = '{target} yields'
-    confounded_with: ClassVar[str] = (
+    statement = '{target} yields under the force'
+    short_statement = '{target} yields'
+    confounded_with = (
         'p_ee and g_ee together, if all discs are soft and the force levels few: f^(2/3) is nearly a straight line; '
         'the radius of a soft disc, if it is touched with one force only'
     )
-    identified_by: ClassVar[str] = 'touches of every disc at many force levels, very small ones above all'
-    plot_variable: ClassVar[str] = 'magnitude'
-    order: ClassVar[int] = 15
-    on_object: ClassVar[bool] = True
+    identified_by = 'touches of every disc at many force levels, very small ones above all'
+    plot_variable = 'magnitude'
+    order = 15
+    on_object = True
 
     @classmethod
     def of(cls, disc: int, name: str) -> ContactCompliance:

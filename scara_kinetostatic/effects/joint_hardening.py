@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -28,13 +27,13 @@ class JointHardening(JointEffect):
 
     power: float = 3
 
-    name: ClassVar[str] = 'joint_hardening'
-    statement: ClassVar[str] = 'the compliance of {target} depends on the torque'
-    short_statement: ClassVar[str] = 'compliance of {target} depends on the torque'
-    confounded_with: ClassVar[str] = 'compliance and backlash of the joint, if its torques are alike in size'
-    identified_by: ClassVar[str] = 'touches with torques on the joint from small to large, in three or more steps'
-    plot_variable: ClassVar[str] = 'torque'
-    order: ClassVar[int] = 7
+    name = 'joint_hardening'
+    statement = 'the compliance of {target} depends on the torque'
+    short_statement = 'compliance of {target} depends on the torque'
+    confounded_with = 'compliance and backlash of the joint, if its torques are alike in size'
+    identified_by = 'touches with torques on the joint from small to large, in three or more steps'
+    plot_variable = 'torque'
+    order = 7
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -19,17 +18,15 @@ class JointHysteresis(JointEffect):
     The friction torque τ acts on the spring beside the load, so that width = p τ.
     """
 
-    name: ClassVar[str] = 'joint_hysteresis'
-    parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('width', 'rad', 1e-3, 'lag of the link, half the width of the loop', typical=1e-4, sign=1),
-    )
-    statement: ClassVar[str] = '{target} has hysteresis beyond its backlash'
-    short_statement: ClassVar[str] = 'hysteresis in {target}'
-    confounded_with: ClassVar[str] = 'the backlash of the joint, if it always moves on in the direction of its torque'
-    identified_by: ClassVar[str] = 'touches reached from both sides: preload every other touch'
-    plot_variable: ClassVar[str] = 'approach'
-    order: ClassVar[int] = 8
-    force_dependence: ClassVar[ForceDependence] = ForceDependence.NONE
+    name = 'joint_hysteresis'
+    parameters = (Parameter('width', 'rad', 1e-3, 'lag of the link, half the width of the loop', typical=1e-4, sign=1),)
+    statement = '{target} has hysteresis beyond its backlash'
+    short_statement = 'hysteresis in {target}'
+    confounded_with = 'the backlash of the joint, if it always moves on in the direction of its torque'
+    identified_by = 'touches reached from both sides: preload every other touch'
+    plot_variable = 'approach'
+    order = 8
+    force_dependence = ForceDependence.NONE
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (np.sign(at.metadata.approach[:, self.joint]),)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import ClassVar
 
 import numpy as np
 
@@ -40,27 +39,27 @@ class JointSlip(Effect):
 
     joint: int = 0
 
-    name: ClassVar[str] = 'joint_slip'
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = 'joint_slip'
+    parameters = (
         Parameter('compliance', 'rad/Nm', 3e-4, 'of the part that slips', typical=1e-5, sign=1),
         Parameter('slip_torque', 'Nm', 3.0, 'up to which friction holds it', 1.0, typical=2.0, sign=1),
     )
-    statement: ClassVar[str] = '{target} slips under load and keeps a part of its deflection'
-    short_statement: ClassVar[str] = 'slip in {target}'
-    confounded_with: ClassVar[str] = (
+    statement = '{target} slips under load and keeps a part of its deflection'
+    short_statement = 'slip in {target}'
+    confounded_with = (
         'compliance and backlash of the joint, if every touch is loaded from zero beyond twice the slip torque; '
         'joint_hysteresis, if every torque that turns round changes by more than that'
     )
-    identified_by: ClassVar[str] = (
+    identified_by = (
         'recorded touches, preloaded and partly unloaded, with torques of both signs from below the slip torque '
         'to far above it'
     )
-    plot_variable: ClassVar[str] = 'torque'
-    order: ClassVar[int] = 9
-    grid_parameter: ClassVar[str] = 'slip_torque'
-    diverges_with_alias: ClassVar[bool] = True
-    is_smooth: ClassVar[bool] = False
-    premise: ClassVar[str] = (
+    plot_variable = 'torque'
+    order = 9
+    grid_parameter = 'slip_torque'
+    diverges_with_alias = True
+    is_smooth = False
+    premise = (
         'the arm travels and approaches so slowly that the torques of its inertia stay far below the slip torque: they '
         'move the friction, too, and no force sensor shows them'
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -46,18 +45,18 @@ class LinkBending(LinearEffect):
     link: int = 0
     hinge: float | None = None
 
-    name: ClassVar[str] = 'link_bending'
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = 'link_bending'
+    parameters = (
         Parameter('compliance', 'rad/Nm', 1e-3, 'length over bending stiffness, l / EI', typical=1e-5, sign=1),
     )
-    statement: ClassVar[str] = '{target} bends'
-    short_statement: ClassVar[str] = '{target} bends'
-    confounded_with: ClassVar[str] = (
+    statement = '{target} bends'
+    short_statement = '{target} bends'
+    confounded_with = (
         'p1 and p2, if the torques of the joints are nearly in proportion; bending of link 2 is always part of p2'
     )
-    identified_by: ClassVar[str] = 'touches in which the torques of the two joints differ much, also in sign'
-    plot_variable: ClassVar[str] = 'link1_torque'
-    order: ClassVar[int] = 12
+    identified_by = 'touches in which the torques of the two joints differ much, also in sign'
+    plot_variable = 'link1_torque'
+    order = 12
 
     @classmethod
     def of(cls, link: int) -> LinkBending:

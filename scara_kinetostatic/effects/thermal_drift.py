@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from scara_kinetostatic.effects.base import JointEffect, LinearEffect, Parameter
 from scara_kinetostatic.model.arrays import Floats
@@ -17,17 +16,15 @@ class LinkGrowth(LinearEffect):
     u and v are the directions of the links; l1 and l2 are the lengths at the start.
     """
 
-    name: ClassVar[str] = 'thermal_drift'
-    parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('rate', '1/s', 1e-5, 'growth of the links, per length', typical=1e-6),
-    )
-    statement: ClassVar[str] = 'the links grow with time'
-    short_statement: ClassVar[str] = 'links grow with time'
-    confounded_with: ClassVar[str] = 'places, postures or forces that change in the same order as time goes on'
-    identified_by: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
-    plot_variable: ClassVar[str] = 'time'
-    order: ClassVar[int] = 18
-    force_dependence: ClassVar[ForceDependence] = ForceDependence.NONE
+    name = 'thermal_drift'
+    parameters = (Parameter('rate', '1/s', 1e-5, 'growth of the links, per length', typical=1e-6),)
+    statement = 'the links grow with time'
+    short_statement = 'links grow with time'
+    confounded_with = 'places, postures or forces that change in the same order as time goes on'
+    identified_by = 'the same touches again later, after a warm-up and after a rest'
+    plot_variable = 'time'
+    order = 18
+    force_dependence = ForceDependence.NONE
 
     def basis(self, at: TouchState) -> tuple[Shift, ...]:
         reach = at.parameters.l1 * at.link1 + at.parameters.l2 * at.link2
@@ -41,17 +38,15 @@ class ZeroDrift(JointEffect):
     The true angle is q + rate t: it is as if the offset theta of the joint grew.
     """
 
-    name: ClassVar[str] = 'thermal_drift'
-    parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter('rate', 'rad/s', 1e-5, 'growth of the true angle', typical=1e-6),
-    )
-    statement: ClassVar[str] = 'the zero of {target} drifts with time'
-    short_statement: ClassVar[str] = 'zero of {target} drifts'
-    confounded_with: ClassVar[str] = 'places, postures or forces that change in the same order as time goes on'
-    identified_by: ClassVar[str] = 'the same touches again later, after a warm-up and after a rest'
-    plot_variable: ClassVar[str] = 'time'
-    order: ClassVar[int] = 19
-    force_dependence: ClassVar[ForceDependence] = ForceDependence.NONE
+    name = 'thermal_drift'
+    parameters = (Parameter('rate', 'rad/s', 1e-5, 'growth of the true angle', typical=1e-6),)
+    statement = 'the zero of {target} drifts with time'
+    short_statement = 'zero of {target} drifts'
+    confounded_with = 'places, postures or forces that change in the same order as time goes on'
+    identified_by = 'the same touches again later, after a warm-up and after a rest'
+    plot_variable = 'time'
+    order = 19
+    force_dependence = ForceDependence.NONE
 
     def angles(self, at: TouchState) -> tuple[Floats, ...]:
         return (-at.metadata.time,)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import ClassVar
 
 import numpy as np
 
@@ -40,26 +39,24 @@ class TransmissionError(Effect):
 
     joint: int = 0
 
-    name: ClassVar[str] = 'transmission_error'
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = 'transmission_error'
+    parameters = (
         Parameter('amplitude', 'rad', 1e-3, 'largest error of the angle', typical=1e-4),
         Parameter('phase', 'rad', 1.0, 'cycles times the angle at which the error is largest', typical=0.7),
         Parameter('cycles', '1/turn', 1.0, 'waves per turn of the joint', LOWEST, 7.3),
     )
-    statement: ClassVar[str] = 'the transmission of {target} has a periodic error'
-    short_statement: ClassVar[str] = 'periodic error in the transmission of {target}'
-    confounded_with: ClassVar[str] = (
+    statement = 'the transmission of {target} has a periodic error'
+    short_statement = 'periodic error in the transmission of {target}'
+    confounded_with = (
         'x0, y0, the offsets and the link lengths, if there are few cycles per turn and one elbow posture only; '
         'other frequencies, if the angles are evenly spaced'
     )
-    identified_by: ClassVar[str] = (
-        'touches at many different angles of the joint, unevenly spaced, in both elbow postures'
-    )
-    plot_variable: ClassVar[str] = 'angle'
-    order: ClassVar[int] = 6
-    force_dependence: ClassVar[ForceDependence] = ForceDependence.NONE
-    grid_parameter: ClassVar[str] = 'cycles'
-    diverges_with_alias: ClassVar[bool] = True
+    identified_by = 'touches at many different angles of the joint, unevenly spaced, in both elbow postures'
+    plot_variable = 'angle'
+    order = 6
+    force_dependence = ForceDependence.NONE
+    grid_parameter = 'cycles'
+    diverges_with_alias = True
 
     @classmethod
     def of(cls, joint: int) -> TransmissionError:

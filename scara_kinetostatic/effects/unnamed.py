@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, repeat
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +57,6 @@ CHANNELS = {
     'joint2': 'joint 2 deviates by an angle',
     'along': 'the tip deviates along the force',
     'across': 'the tip deviates across the force',
-    'reading': 'the sensor deviates by a force',
 }
 """Where a curve may act, in words."""
 CONSTANT = {'joint1': 'theta1', 'joint2': 'theta2', 'along': 'g_ee'}
@@ -85,13 +83,13 @@ class Unnamed(LinearEffect):
     disc: int = -1
     powers: int = 0
 
-    name: ClassVar[str] = 'unnamed'
-    statement: ClassVar[str] = 'the model deviates, cause unknown'
-    confounded_with: ClassVar[str] = 'anything that depends on the same variable'
-    identified_by: ClassVar[str] = 'touches in which this variable changes while all others stay'
-    plot_variable: ClassVar[str] = 'angle'
-    diverges_with_alias: ClassVar[bool] = True
-    is_physical: ClassVar[bool] = False
+    name = 'unnamed'
+    statement = 'the model deviates, cause unknown'
+    confounded_with = 'anything that depends on the same variable'
+    identified_by = 'touches in which this variable changes while all others stay'
+    plot_variable = 'angle'
+    diverges_with_alias = True
+    is_physical = False
 
     @classmethod
     def instances(cls, cell: Cell) -> Iterable[Effect]:
@@ -133,13 +131,8 @@ class Unnamed(LinearEffect):
     @property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
         """One coefficient per function."""
-        unit, scale = {'along': ('m', 1e-3), 'across': ('m', 1e-3), 'reading': ('N', 1.0)}.get(
-            self.channel, ('rad', 1e-3)
-        )
-        sides = ('x_', 'y_') if self.channel == 'reading' else ('',)
-        return tuple(
-            Parameter(f'{side}{name}', unit, scale, 'coefficient') for side in sides for name in self._function_names()
-        )
+        unit = 'rad' if self.channel in JOINT_CHANNELS else 'm'
+        return tuple(Parameter(name, unit, 1e-3, 'coefficient') for name in self._function_names())
 
     def _function_names(self) -> list[str]:
         if self.waves:

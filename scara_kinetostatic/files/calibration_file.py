@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.off_normal_force import OffNormalForce
+from scara_kinetostatic.effects.contact_friction import OffNormalForce
 from scara_kinetostatic.effects.registry import catalogue
 from scara_kinetostatic.effects.unnamed import Unnamed
 from scara_kinetostatic.errors import CalibrationFileError, CellError, ParameterError

@@ -262,13 +262,13 @@ class EffectLaw(Protocol):
     def amplitudes(self, values: Floats) -> Floats:
         """The values (k,), with zeros for those that describe the form of the effect rather than its size."""
 
-    def sensor_error_of_touches(self, force: Floats, values: Floats, metadata: TouchMetadata | None) -> Floats | None:
+    def sensor_error(self, force: Floats, values: Floats, metadata: TouchMetadata | None) -> Floats | None:
         """The error e for true forces (n, 2) in the sensor's frame, N; None for effects that do not change it.
 
         `metadata` is that of the touches; None where nothing is known of them.
         """
 
-    def sensor_error_of_touches_derivative(
+    def sensor_error_derivative(
         self, force: Floats, values: Floats, metadata: TouchMetadata | None
     ) -> tuple[Floats, ...]:
         """The derivatives of e, one per parameter; empty for effects that do not change it."""

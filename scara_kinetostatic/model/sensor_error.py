@@ -28,13 +28,13 @@ def has_sensor_error(model: ExtendedModel) -> bool:
     """Whether any effect of a model is an error of the sensor."""
     probe = np.ones((1, 2))
     pairs = zip(model.effects, model.effect_arrays, strict=True)
-    return any(effect.sensor_error_of_touches(probe, values, None) is not None for effect, values in pairs)
+    return any(effect.sensor_error(probe, values, None) is not None for effect, values in pairs)
 
 
 def reported_force(model: ExtendedModel, force: Floats, metadata: TouchMetadata | None = None) -> Floats:
     """F + e(F) for true forces (n, 2) in the sensor's frame, N; `metadata` is that of the touches."""
     parts = (
-        effect.sensor_error_of_touches(force, values, metadata)
+        effect.sensor_error(force, values, metadata)
         for effect, values in zip(model.effects, model.effect_arrays, strict=True)
     )
     return sum((part for part in parts if part is not None), force)
@@ -91,7 +91,7 @@ def sensor_error_columns(
     columns = np.zeros((len(model.effect_scales), 2, len(true)))
     first = 0
     for effect, values in zip(model.effects, model.effect_arrays, strict=True):
-        for k, error in enumerate(effect.sensor_error_of_touches_derivative(true, values, metadata), first):
+        for k, error in enumerate(effect.sensor_error_derivative(true, values, metadata), first):
             columns[k] = -_times(by_reported, along_and_across(error, reported)).T
         first += len(values)
     return columns.transpose(2, 1, 0)

@@ -14,8 +14,7 @@ from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.assessment.rejections import find_moved_object
 from scara_kinetostatic.calibration.calibrate import calibrate
 from scara_kinetostatic.diagnosis.result import Diagnosis, Found
-from scara_kinetostatic.effects.object_position import ObjectPosition
-from scara_kinetostatic.effects.object_radius import ObjectRadius
+from scara_kinetostatic.effects.objects import ObjectPosition, ObjectRadius
 from scara_kinetostatic.model.cell import PAPER_CELL, Cell, Plate
 from scara_kinetostatic.model.extended_model import ExtendedModel
 from scara_kinetostatic.model.parameters import PAPER_ACTUAL

@@ -13,7 +13,7 @@ from scara_kinetostatic.diagnosis.alternatives import fit_alternative_frequencie
 from scara_kinetostatic.diagnosis.diagnose import diagnose
 from scara_kinetostatic.diagnosis.refit import Effort
 from scara_kinetostatic.effects.base import JointEffect, Parameter
-from scara_kinetostatic.effects.off_normal_force import OffNormalForce
+from scara_kinetostatic.effects.contact_friction import OffNormalForce
 from scara_kinetostatic.model.extended_model import ExtendedModel
 
 WAVE = 'transmission_error[joint2]'

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from scara_kinetostatic.effects.plate_position import PlatePosition
+from scara_kinetostatic.effects.objects import PlatePosition
 from scara_kinetostatic.effects.registry import catalogue, find
 from scara_kinetostatic.model.cell import PAPER_DISCS, Cell, Noise, Plate
 from scara_kinetostatic.model.extended_model import ExtendedModel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from diagnosis.simulated import CELL, NOISE, calibrate, deviations, diagnose, effect, simulate
 
-from scara_kinetostatic.effects.off_normal_force import OffNormalForce
+from scara_kinetostatic.effects.contact_friction import OffNormalForce
 from scara_kinetostatic.model.contact import contact
 from scara_kinetostatic.model.effect_law import TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel

@@ -77,10 +77,13 @@ def test_a_wrong_attribute_is_named_with_the_class(changes, message):
 
 
 def test_all_built_in_ones_are_found_in_their_order():
-    assert len(built_in()) == 28
-    assert [kind.order for kind in built_in()[:-2]] == list(range(1, 27))
-    first = [effect.label for effect in catalogue(CELL)][:4]
-    assert first == ['contact_friction', 'sensor_rotation', 'sensor_bias', 'sensor_nonlinearity']
+    assert len(built_in()) == 24
+    assert [kind.order for kind in built_in()[:-2]] == [*range(1, 22), 26]
+    labels = [effect.label for effect in catalogue(CELL)]
+    assert labels[:4] == ['contact_friction', 'sensor_rotation', 'sensor_bias', 'sensor_nonlinearity']
+    shifts = [label for label in labels if label.startswith('shift')]
+    targets = ['base', 'tool', *(disc.name for disc in CELL.discs), 'joint1', 'joint2', 'sensor']
+    assert shifts == [f'shift[{target}]' for target in targets]
 
 
 @pytest.mark.parametrize('effect', catalogue(CELL), ids=lambda effect: effect.label)

@@ -8,8 +8,7 @@ from effects.scenes import EFFECTS, LABELS, plausible, random_scene, with_effect
 from model.helpers import ROBOTS, assert_derivative
 
 from scara_kinetostatic.effects.base import Effect
-from scara_kinetostatic.effects.contact_friction import ContactFriction
-from scara_kinetostatic.effects.off_normal_force import OffNormalForce
+from scara_kinetostatic.effects.contact_friction import ContactFriction, OffNormalForce
 from scara_kinetostatic.effects.unnamed import empirical_effects
 from scara_kinetostatic.model.contact import (
     ContactProblem,

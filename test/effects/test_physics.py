@@ -17,10 +17,8 @@ from scara_kinetostatic.effects.encoder_gain import EncoderGain
 from scara_kinetostatic.effects.joint_hardening import JointHardening
 from scara_kinetostatic.effects.joint_hysteresis import JointHysteresis
 from scara_kinetostatic.effects.link_bending import LinkBending
-from scara_kinetostatic.effects.object_position import ObjectPosition
-from scara_kinetostatic.effects.object_radius import ObjectRadius
-from scara_kinetostatic.effects.sensor_bias import SensorBias
-from scara_kinetostatic.effects.sensor_rotation import SensorRotation
+from scara_kinetostatic.effects.objects import ObjectPosition, ObjectRadius
+from scara_kinetostatic.effects.sensor import SensorBias, SensorRotation
 from scara_kinetostatic.effects.thermal_drift import LinkGrowth, ZeroDrift
 from scara_kinetostatic.effects.variables import STICKING, slide
 from scara_kinetostatic.model.contact import Contact, contact

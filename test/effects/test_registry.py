@@ -10,10 +10,9 @@ from calibration.studies import CELL
 from effects.scenes import EFFECTS, LABELS, random_scene
 
 from scara_kinetostatic.effects.encoder_gain import EncoderGain
-from scara_kinetostatic.effects.evaluation import evaluate_once
 from scara_kinetostatic.effects.joint_hardening import JointHardening
-from scara_kinetostatic.effects.object_radius import ObjectRadius
-from scara_kinetostatic.effects.registry import catalogue, find, register, unregister
+from scara_kinetostatic.effects.objects import ObjectRadius
+from scara_kinetostatic.effects.registry import catalogue, evaluate_once, find, register, unregister
 from scara_kinetostatic.effects.variables import VARIABLES
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.effect_law import ForceDependence

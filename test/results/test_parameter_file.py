@@ -12,7 +12,7 @@ import yaml
 
 from scara_kinetostatic.assessment.outcome import Outcome
 from scara_kinetostatic.diagnosis.result import Found, Value
-from scara_kinetostatic.effects.object_radius import ObjectRadius
+from scara_kinetostatic.effects.objects import ObjectRadius
 from scara_kinetostatic.errors import ParameterError
 from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.results.facts import facts

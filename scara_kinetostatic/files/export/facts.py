@@ -97,7 +97,7 @@ def _as_comment(line: str) -> str:
 def _is_of_robot(effect: EffectLaw) -> bool:
     no_force = np.ones((1, 2))
     start = np.array([p.start for p in effect.parameters])
-    return not effect.on_object and effect.sensor_error_of_touches(no_force, start, None) is None
+    return not effect.on_object and effect.sensor_error(no_force, start, None) is None
 
 
 def _stds(arm: CalibratedArm) -> tuple[str, ...]:

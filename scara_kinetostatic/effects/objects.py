@@ -1,0 +1,129 @@
+"""Objects that are not as the cell description says: a disc displaced or of another radius, a plate displaced."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scara_kinetostatic.effects.base import DiscEffect, Effect, LinearEffect, Parameter, unit_vectors
+from scara_kinetostatic.model.arrays import Floats
+from scara_kinetostatic.model.cell import Cell
+from scara_kinetostatic.model.effect_law import ForceDependence, Shift, TouchState
+from scara_kinetostatic.model.quantity import displacement, quantity
+
+
+@dataclass(frozen=True)
+class ObjectPosition(DiscEffect):
+    """The centre of the disc is displaced by (x, y): d = -(x, y).
+
+    What the touches show are the distances between the discs, as x0, y0 and theta1 are free. With three discs a move
+    that changes only the distance of two of them may be that of either.
+
+    Attributes:
+        plate: name of the plate that carries this disc alone, which may be what is displaced; empty if there is none.
+    """
+
+    plate: str = ''
+
+    name = 'object_position'
+    parameters = (
+        Parameter('x', 'm', 1e-3, 'true place of the centre less the stated one, x', typical=1e-4),
+        Parameter('y', 'm', 1e-3, 'true place of the centre less the stated one, y', typical=-2e-4),
+    )
+    statement = '{target} is not where the cell description says'
+    short_statement = '{target} displaced'
+    confounded_with = (
+        'x0, y0 and theta1, if there is one disc; another disc, if the move changes the distance to that one only'
+    )
+    identified_by = 'touches all round three or more discs, in both elbow postures'
+    plot_variable = 'place'
+    order = 16
+    force_dependence = ForceDependence.NONE
+
+    @classmethod
+    def instances(cls, cell: Cell) -> Iterable[Effect]:
+        plates = [disc.plate for disc in cell.discs]
+        return [
+            cls(disc.name, number, disc.plate if plates.count(disc.plate) == 1 else '')
+            for number, disc in enumerate(cell.discs)
+        ]
+
+    def _about(self, text: str) -> str:
+        return super()._about(text.replace('{target}', f'{{target}} or its plate {self.plate}') if self.plate else text)
+
+    def correction(self, values: Mapping[str, float]) -> str:
+        return f'measure {self.target} again: it stands {displacement(values["x"], values["y"])}'
+
+    def places(self, at: TouchState) -> tuple[Floats, ...]:
+        return tuple(-unit for unit in unit_vectors(len(at.normal)))
+
+
+@dataclass(frozen=True)
+class ObjectRadius(DiscEffect):
+    """The disc is larger by `radius` than stated: d = radius · n."""
+
+    name = 'object_radius'
+    parameters = (Parameter('radius', 'm', 1e-3, 'true radius less the stated one', typical=1e-4),)
+    statement = '{target} has another radius than the cell description says'
+    short_statement = '{target} of another radius'
+    confounded_with = 'g_ee, if there is one disc: all radii larger is a smaller backlash of the gripper'
+    identified_by = 'touches of two or more discs, all round each'
+    plot_variable = 'disc'
+    order = 17
+    force_dependence = ForceDependence.DIRECTION
+
+    def correction(self, values: Mapping[str, float]) -> str:
+        error = values['radius']
+        size = f'{quantity(abs(error), "m")} {"larger" if error > 0 else "smaller"}'
+        return f'measure the radius of {self.target} again: it is {size}'
+
+    def places(self, at: TouchState) -> tuple[Floats, ...]:
+        return (at.normal,)
+
+
+@dataclass(frozen=True)
+class PlatePosition(LinearEffect):
+    """All discs of the plate are displaced by (x, y): d = -(x, y) in their touches.
+
+    A cell has it for each of its plates that carries several discs, but not all: a plate of one disc is that disc, and
+    one of all discs is the base the other way.
+
+    Attributes:
+        discs: their numbers in the cell.
+    """
+
+    discs: tuple[int, ...] = ()
+
+    name = 'plate_position'
+    parameters = (
+        Parameter('x', 'm', 1e-3, 'true place of the plate less the stated one, x', typical=1e-4),
+        Parameter('y', 'm', 1e-3, 'true place of the plate less the stated one, y', typical=-2e-4),
+    )
+    statement = 'the plate {target} is not where the cell description says'
+    short_statement = 'plate {target} displaced'
+    confounded_with = 'the only disc, or the only plate, that is not on it, displaced the other way'
+    identified_by = 'touches all round its discs and two or more others that are not mounted together'
+    plot_variable = 'place'
+    on_object = True
+    order = 26
+    force_dependence = ForceDependence.NONE
+
+    @classmethod
+    def instances(cls, cell: Cell) -> Iterable[Effect]:
+        for plate in cell.plates:
+            discs = tuple(number for number, disc in enumerate(cell.discs) if disc.plate == plate.name)
+            if 1 < len(discs) < len(cell.discs):
+                yield cls(target=plate.name, discs=discs)
+
+    def correction(self, values: Mapping[str, float]) -> str:
+        return f'measure the place of plate {self.target} again: it stands {displacement(values["x"], values["y"])}'
+
+    def basis(self, at: TouchState) -> tuple[Shift, ...]:
+        touched = self.acts_on(at)[:, None]
+        return tuple(Shift(place=touched * -unit) for unit in unit_vectors(len(touched)))
+
+    def acts_on(self, at: TouchState) -> NDArray[np.bool_]:
+        return np.asarray(np.isin(at.metadata.disc, self.discs))
