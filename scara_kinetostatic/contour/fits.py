@@ -1,6 +1,9 @@
-"""Standard uncertainties of the parameters of a shape through measured points.
+"""Circle, arc and line through the surface points of an outline, with residuals and uncertainty.
 
-With e = A a for the residuals e along the normal and the parameters a, the covariance of a has three parts:
+The residual e of a point is its distance along the normal; least squares over the parameters a, e = A a.
+
+**Uncertainty.** With e = A a for the residuals e along the normal and the parameters a, the covariance of a has three
+parts:
 
 - by the calibration, A⁺ D Σ Dᵀ A⁺ᵀ, common to all points;
 - by noise that changes along the slide, τ σ² (AᵀA)⁻¹ with σ the noise of a point and τ the number of neighbouring
@@ -10,13 +13,8 @@ With e = A a for the residuals e along the normal and the parameters a, the cova
   the shape does, which then takes it up: κ Σ A⁺ (b bᵀ ∘ R) A⁺ᵀ over the measured quantities, with b the change of the
   points by one standard deviation and R = exp(-(Δt / T)² / 2), T the one of `_SLOW` for which it is largest.
 
-Circle, arc and line through the surface points of an outline, with residuals and uncertainty.
-
-The residual e of a point is its distance along the normal; least squares over the parameters a, e = A a.
-
-An outline split into straight lines and arcs of circles, each fitted on its own.
-
-The nodes of the outline, in their order, are divided so that
+**Pieces.** An outline is split into straight lines and arcs of circles, each fitted on its own. The nodes of the
+outline, in their order, are divided so that
 
     Σ over pieces (λ + Σ (e / (m u))²)
 
@@ -24,7 +22,7 @@ is least, with e the distance of a node from the line or the circle of its piece
 `TOLERANCE` and λ the penalty of a piece. The least sum for the first k nodes follows from those for fewer nodes
 (dynamic programming, Bellman 1961); the sums of a stretch are differences of cumulative moments, about its own mean,
 for a circle with the algebraic distance (‖p - c‖² - R²) / (2 R) (Kåsa 1976). The division says which points belong
-together; the shapes and their uncertainties are those of `fits` through these points, without those close to the
+together; the shapes and their uncertainties are those of the fits through these points, without those close to the
 ends of a piece, which may belong to the next.
 """
 

@@ -1,18 +1,13 @@
-"""Contact friction of a slide: the angle from the normal of the surface to the force, in the direction of travel.
+"""A measured contour: points of the surface with their normals and uncertainties, and the outlines that they make.
 
-With Coulomb friction the tip pushes the object along its travel with μ N, so that the angle is atan μ whatever the
-direction. A force sensor that is turned by ρ, counter-clockwise, adds ρ where travel is clockwise about the object, -ρ
-else: travel in both directions separates the two, travel in one direction does not.
+**Friction** is the angle from the normal of the surface to the force, in the direction of travel. With Coulomb friction
+the tip pushes the object along its travel with μ N, so that the angle is atan μ whatever the direction. A force sensor
+that is turned by ρ, counter-clockwise, adds ρ where travel is clockwise about the object, -ρ else: travel in both
+directions separates the two, travel in one direction does not.
 
-A measured contour: points of the surface with their normals and uncertainties, and the outlines that they make.
-
-What is to be known of a contour: poses beyond the calibration, uncertainties that are not known, assumptions.
-
-The files of a contour: `contour.csv`, `contour.svg`, `contour.dxf`.
-
-The CSV holds every point in the order of time, the drawings hold the passes joined to outlines. A DXF of release 12
-with POLYLINE entities is read by every CAD program; it has no entry for the unit, which is the millimetre here, as in
-the SVG.
+**Files.** The CSV holds every point in the order of time, the drawings hold the passes joined to outlines. A DXF of
+release 12 with POLYLINE entities is read by every CAD program; it has no entry for the unit, which is the millimetre
+here, as in the SVG.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""The centre of the tip in contact, by H̄ of a calibrated arm, with what its place depends on.
-
-From a recording of slides to the outline of the surface.
+"""From a recording of slides to the outline of the surface.
 
 The centre of the tip is at S = H̄(Q, F) of the calibrated arm, and moves along the surface at the distance of the tip's
 radius r: the normal n of its path is that of the surface, and the surface is at P = S - r n. So friction, which turns
@@ -13,10 +11,6 @@ An error along the surface by the noise of joint angles and force counts there i
 The standard uncertainty of P along n has three parts: the calibration's, nᵀ D Σ Dᵀ n with D = ∂S/∂L̄; the noise of a
 touch, which does not average out along a slide, to which that of the smoothed force is added, and the white noise of
 the places; that of the normal and the tip's radius.
-
-The same slide seen with less of the model: what the calibration and the compensation of the deflection are worth.
-
-The joint angles, the normals and the radius of the tip are the same; what differs is the place of the tip's centre.
 """
 
 from __future__ import annotations

@@ -1,25 +1,4 @@
-"""The fit of a calibration again, linearised: how its estimates answer to its touches and to errors of the cell.
-
-The joint covariance of a record also holds what the choice among credible models contributes. The estimates themselves
-are those of one model, and follow their data by that model alone: x = Ĉ Jᵀ r, with Ĉ = (JᵀJ + Λ)⁻¹ and Λ the prior
-information of declared errors and trusted nominal values.
-
-A calibration extended by effects that another one has found, by its own touches and to first order.
-
-With r and J the whitened residuals and the derivatives of `linear` at the calibrated values, K those by the values θ
-of the further effects, and Ĉ the covariance of all that was free in the fit,
-
-    θ = (Kᵀ W K)⁻¹ Kᵀ r,    W = I - J Ĉ Jᵀ,    cov θ = (Kᵀ W K)⁻¹,
-
-and the values that the calibration has change by -M θ, M = Ĉ Jᵀ K, with the further covariance M cov θ Mᵀ. r contains
-what the declared errors have been estimated at; at the optimum it is orthogonal to all of J but their prior.
-
-K is taken at the values that the other calibration has found: the direction of a periodic effect, say, has no
-derivative where its amplitude is zero. What the touches do not show of θ is undetermined.
-
-The difference of two calibrations with its covariance, errors that both suffer from counted once.
-
-What changed between two calibrations of one robot, in its uncertainty.
+"""What changed between two calibrations of one robot, in its uncertainty.
 
 Both estimates are moved by the same errors of the cell description: the discs stand where they stood. With G the change
 of an estimate by an error of one standard uncertainty, its column of the joint covariance, the difference has the
@@ -32,12 +11,27 @@ and declared errors cancel. Sources are common where both cells describe the sam
 name, place, radius and uncertainty, the same sensor, the same trusted nominal value.
 
 Where one calibration found an effect that the other lacks, the other is extended by it, by its own touches
-(`extension`): a disc that moved since is then a difference of its place, instead of one that only one model knows.
+(`extended`): a disc that moved since is then a difference of its place, instead of one that only one model knows.
 
 Directions that either calibration does not determine are left out: only combinations of values that both determine are
 compared. The global test is Δᵀ S⁺ Δ ~ χ²; where the noise was estimated, the F distribution takes its place. Which part
 moved says the likelihood ratio of each hypothesis (`hypotheses`). An object that moved shows by what its move does to
 the second estimate, C Jᵀ J_e.
+
+**The fit again, linearised** (`Fit`). The joint covariance of a record also holds what the choice among credible models
+contributes. The estimates themselves are those of one model, and follow their data by that model alone: x = Ĉ Jᵀ r,
+with Ĉ = (JᵀJ + Λ)⁻¹ and Λ the prior information of declared errors and trusted nominal values.
+
+**Further effects** (`extended`). With r and J the whitened residuals and the derivatives of `linear` at the calibrated
+values, K those by the values θ of the further effects, and Ĉ the covariance of all that was free in the fit,
+
+    θ = (Kᵀ W K)⁻¹ Kᵀ r,    W = I - J Ĉ Jᵀ,    cov θ = (Kᵀ W K)⁻¹,
+
+and the values that the calibration has change by -M θ, M = Ĉ Jᵀ K, with the further covariance M cov θ Mᵀ. r contains
+what the declared errors have been estimated at; at the optimum it is orthogonal to all of J but their prior.
+
+K is taken at the values that the other calibration has found: the direction of a periodic effect, say, has no
+derivative where its amplitude is zero. What the touches do not show of θ is undetermined.
 """
 
 from __future__ import annotations
@@ -58,7 +52,7 @@ from scara_kinetostatic.model.arrays import Floats, Indices, rms
 from scara_kinetostatic.model.cell import Cell
 from scara_kinetostatic.model.effect_law import EffectLaw, TouchMetadata
 from scara_kinetostatic.model.extended_model import ExtendedModel
-from scara_kinetostatic.model.parameters import NAMES, UNITS
+from scara_kinetostatic.model.parameters import NAMES
 from scara_kinetostatic.monitoring.hypotheses import Explanation, explanations, hypotheses_of, rivals
 from scara_kinetostatic.monitoring.linear import Evidence, State, measure, p_values, same_sources, source_of
 from scara_kinetostatic.monitoring.record import CalibrationRecord, check_same_robot, of_stored_touches
@@ -292,7 +286,8 @@ class Difference(NamedTuple):
         places = [[record.place(name) for name in names] for record in (before, after)]
         values = [record.values[where] for record, where in zip((before, after), places, strict=True)]
         s, independent = _covariances(before, after, places)
-        scale = State.of(after).scale[places[1]]
+        state = State.of(after)
+        scale = state.scale[places[1]]
         undetermined = np.concatenate(
             [r.arm.undetermined[[r.arm.model.names.index(n) for n in names]] for r in (before, after)], axis=1
         )
@@ -300,17 +295,10 @@ class Difference(NamedTuple):
         stds = [np.sqrt(np.clip(np.diag(matrix), 0.0, None)) for matrix in (s, independent)]
         hidden = np.linalg.norm(undetermined, axis=1) > stds[1]
         stds = [np.where(hidden, np.nan, std) for std in stds]
-        units = _units(after)
-        rows = zip(names, *(part.tolist() for part in (*values, *stds)), strict=True)
-        parameters = tuple(ParameterChange(row[0], units[row[0]], *row[1:]) for row in rows)
+        units = [state.units[place] for place in places[1]]
+        rows = zip(names, units, *(part.tolist() for part in (*values, *stds)), strict=True)
+        parameters = tuple(ParameterChange(*row) for row in rows)
         return cls((values[1] - values[0]) / scale, s / np.outer(scale, scale), combinations, parameters)
-
-
-def _units(record: CalibrationRecord) -> dict[str, str]:
-    units = dict(UNITS)
-    for effect in record.arm.model.effects:
-        units |= {f'{effect.label}.{p.name}': p.unit for p in effect.parameters}
-    return units
 
 
 def _null_space(rows: Floats, size: int) -> Floats:

@@ -18,8 +18,6 @@ with at most `LARGEST_RESIDUAL`, and fewer than `FEWEST` touches raise no alarm.
 
 Sources: Page, Biometrika 41 (1954) 100 (CUSUM); Willsky and Jones (1976); Lorden, Ann. Math. Statist. 42 (1971) 1897;
 Basseville and Nikiforov, Detection of Abrupt Changes (1993), section 7.2.4; Huber (1964), on bounded residuals.
-
-The state of the drift monitor as one line and as plain JSON values.
 """
 
 from __future__ import annotations

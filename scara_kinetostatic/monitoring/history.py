@@ -10,8 +10,6 @@ its checksum is that of its document. One that was calculated again from the sam
 in lists, which stays in the file.
 
 Several processes may use the file at a time; what is written is written whole or not at all.
-
-How the calibrations of a robot changed, one after the other, and slowly over many of them.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""p-values and quantiles of a chi-square whose noise is known, or was estimated with some degrees of freedom.
-
-Touches as linear measurements of what may have changed since a calibration.
+"""Touches as linear measurements of what may have changed since a calibration.
 
 At the calibrated model a touch leaves the whitened residual r (two numbers, of variance one each without any error):
 
@@ -23,10 +21,8 @@ Numbers are scaled by plausible sizes of each value, so that matrices are well c
 Sources: Willsky and Jones, IEEE Trans. Automatic Control 21 (1976) 108 (generalised likelihood ratio of a jump); Kalman
 filter in information form, Bar-Shalom, Li and Kirubarajan (2001).
 
-The chi-square of touches that a calibration has not seen.
-
-With r and J of `linear`, r ~ N(0, I + J C₀ Jᵀ). C₀ is the joint covariance with the errors of the cell, so that touches
-on the objects of the calibration are predicted better than touches on new ones.
+Touches that a calibration has not seen are tested by r ~ N(0, I + J C₀ Jᵀ). C₀ is the joint covariance with the errors
+of the cell, so that touches on the objects of the calibration are predicted better than touches on new ones.
 """
 
 from __future__ import annotations
@@ -303,9 +299,11 @@ class PredictionTest(NamedTuple):
     @classmethod
     def of(cls, measured: Measured, covariance: Floats, noise: float) -> PredictionTest:
         """With noise that is known with so many degrees of freedom."""
-        spread = _spread(measured, covariance)
-        chi_square, freedoms = _chi_square(measured, covariance), measured.residual.size
-        distances = _distances(measured, spread)
+        r, found = measured.residual, Information.of(measured)
+        gained = np.linalg.solve(np.eye(len(covariance)) + covariance @ found.matrix, covariance @ found.score)
+        chi_square, freedoms = float((r**2).sum() - found.score @ gained), r.size  # rᵀr - uᵀ (I + C P)⁻¹ C u
+        spread = np.eye(2) + measured.jacobian @ covariance @ measured.jacobian.swapaxes(1, 2)
+        distances = np.sqrt((r * np.linalg.solve(spread, r[:, :, None])[:, :, 0]).sum(axis=1))
         return cls(
             chi_square=chi_square,
             freedoms=freedoms,
@@ -315,21 +313,3 @@ class PredictionTest(NamedTuple):
             p_values=p_values(distances**2, 2, noise),
             expected=np.sqrt(np.einsum('ni,nij,nj->n', measured.normal, spread, measured.normal)),
         )
-
-
-def _spread(measured: Measured, covariance: Floats) -> Floats:
-    """I + J C Jᵀ touch by touch, (n, 2, 2)."""
-    return np.eye(2) + measured.jacobian @ covariance @ measured.jacobian.swapaxes(1, 2)
-
-
-def _chi_square(measured: Measured, covariance: Floats) -> float:
-    """rᵀ (I + J C Jᵀ)⁻¹ r of all touches together, by rᵀr - uᵀ (I + C P)⁻¹ C u."""
-    found = Information.of(measured)
-    gained = np.linalg.solve(np.eye(len(covariance)) + covariance @ found.matrix, covariance @ found.score)
-    return float((measured.residual**2).sum() - found.score @ gained)
-
-
-def _distances(measured: Measured, spread: Floats) -> Floats:
-    """Distance of each touch from its prediction, in standard deviations, (n,)."""
-    solved = np.linalg.solve(spread, measured.residual[:, :, None])[:, :, 0]
-    return np.sqrt((measured.residual * solved).sum(axis=1))

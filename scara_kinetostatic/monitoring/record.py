@@ -1,9 +1,4 @@
-"""What monitoring needs of a calibration: the arm, and its joint covariance with the errors of the cell description.
-
-Whether calibrations are of one robot in one cell.
-
-What is assumed of touches where effects of a calibration depend on what nobody recorded; one clause each.
-"""
+"""What monitoring needs of a calibration: the arm, and its joint covariance with the errors of the cell description."""
 
 from __future__ import annotations
 

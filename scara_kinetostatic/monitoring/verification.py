@@ -1,16 +1,12 @@
-"""What touches would have shown: for each parameter the smallest change that contradicts a calibration.
+"""Acceptance of a calibration: touches that it has not seen, held against its prediction.
 
-A change d of one parameter gives the chi-square of all touches the noncentrality λ = d² Λ_jj (`linear.Evidence`). It is
-seen with the probability `POWER` where λ lifts the noncentral chi-square beyond the quantile of the test.
+All touches together are tested by a chi-square that contains the uncertainty of the calibration
+(`linear.PredictionTest`). The error of the tip, the root mean square distance of the predicted tip from the circle that
+it touches, is compared with what noise and uncertainty let expect.
 
-The outcome of a verification and its grade: what its touches have against the calibration, and why agreement would
-say little.
-
-Acceptance of a calibration: touches that it has not seen, held against its prediction.
-
-All touches together are tested by a chi-square that contains the uncertainty of the calibration (`prediction_test`).
-The error of the tip, the root mean square distance of the predicted tip from the circle that it touches, is compared
-with what noise and uncertainty let expect.
+**What the touches would have shown**, for each parameter the smallest change that contradicts the calibration: a change
+d of one parameter gives the chi-square of all touches the noncentrality λ = d² Λ_jj (`linear.Evidence`). It is seen
+with the probability `POWER` where λ lifts the noncentral chi-square beyond the quantile of the test.
 """
 
 from __future__ import annotations
@@ -162,7 +158,7 @@ class Verification(NamedTuple):
         rejected: touches that the detection rejected.
         chi_square: of all touches.
         degrees_of_freedom: two per touch.
-        quantile: of the distribution of `chi_square` at `prediction_test.QUANTILE`.
+        quantile: of the distribution of `chi_square` at `linear.QUANTILE`.
         p_value: of the calibration being right.
         tip_error: rms distance of the predicted tip from the circle of contact, m.
         expected: the same expected from noise and the uncertainty of the calibration, m.

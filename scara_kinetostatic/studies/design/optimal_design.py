@@ -181,7 +181,7 @@ class Design:
         tip: of which the accuracy is required, over the workspace.
         plate: in whose frame the tip is, because it carries all discs; None for the base frame.
         discs: how the recommended set uses the discs of the cell.
-        least_possible: largest standard deviation of the tip that very many touches leave (`attainable`), m; 0 where
+        least_possible: largest standard deviation of the tip that very many touches leave (`limit`), m; 0 where
             the cell declares no uncertainties.
         in_base_frame: that of the recommended set in the base frame, m; None where no plate stands between.
     """
